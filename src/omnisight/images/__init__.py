@@ -1,1 +1,20 @@
+"""Picture files in and out, of any depth and with hostile bytes; knows no cameras and no boards."""
 
+from .collect import EXTENSIONS, collect_images
+from .gray import to_gray8
+from .headers import exif_orientation
+from .read import UnreadableImage, decode_image, read_bytes, read_image
+from .write import write_bytes, write_image
+
+__all__ = [
+    "EXTENSIONS",
+    "UnreadableImage",
+    "collect_images",
+    "decode_image",
+    "exif_orientation",
+    "read_bytes",
+    "read_image",
+    "to_gray8",
+    "write_bytes",
+    "write_image",
+]

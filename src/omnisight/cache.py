@@ -1,0 +1,16 @@
+"""Where omnisight keeps what it can make again: compiled code and detections."""
+
+import os
+import sys
+from pathlib import Path
+
+
+def cache_folder() -> Path:
+    """Give the user's cache folder of omnisight; `OMNISIGHT_CACHE` overrides it. It need not exist yet."""
+    if chosen := os.environ.get("OMNISIGHT_CACHE"):
+        return Path(chosen)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "omnisight" / "cache"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "omnisight"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "omnisight"

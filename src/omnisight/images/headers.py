@@ -1,0 +1,131 @@
+"""What can be told from a picture file's bytes before a decoder sees them.
+
+Decoders are lenient where a measurement must not be: a JPEG that stops half way is handed back full-size with
+a gray bottom. These checks read structure only, never pixels, and they never look past the end of the data.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+
+JPEG_MAGIC = b"\xff\xd8\xff"
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+
+_SOI_LENGTH = 2
+_EOI, _SOS = 0xD9, 0xDA
+_STANDALONE = frozenset({0x01, *range(0xD0, 0xD8)})
+_FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
+# Inside the coded data 0xff is followed by 0 (a stuffed byte), a restart marker or fill bytes; anything else
+# is the next segment.
+_NEXT_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
+
+
+def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield (marker, payload) of each JPEG segment, coded data skipped, up to the end-of-image marker.
+
+    That one is yielded too, so its absence says that the data ended early.
+    """
+    at = _SOI_LENGTH
+    while at + 2 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xFF:
+            at += 1
+            continue
+        at += 2
+        if marker == _EOI:
+            yield marker, b""
+            return
+        if marker in _STANDALONE:
+            continue
+        length = int.from_bytes(data[at : at + 2], "big")
+        if length < 2 or at + length > len(data):
+            return
+        yield marker, data[at + 2 : at + length]
+        at += length
+        if marker == _SOS:
+            following = _NEXT_MARKER.search(data, at)
+            if following is None:
+                return
+            at = following.start()
+
+
+def jpeg_fault(data: bytes) -> str | None:
+    """Say what is wrong with the structure of a JPEG file, or None."""
+    markers = [marker for marker, _ in jpeg_segments(data)]
+    if _EOI not in markers:
+        return "truncated JPEG (no end-of-image marker)"
+    if _SOS not in markers:
+        return "JPEG without picture data"
+    return None
+
+
+def png_fault(data: bytes) -> str | None:
+    """Say what is wrong with the structure of a PNG file (chunk lengths, checksums, IEND), or None."""
+    at = len(PNG_MAGIC)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        end = at + 12 + length
+        kind = data[at + 4 : at + 8]
+        if end > len(data):
+            break
+        if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+            return f"damaged PNG (checksum of chunk {kind!r} at byte {at})"
+        if kind == b"IEND":
+            return None
+        at = end
+    return "truncated PNG (no IEND chunk)"
+
+
+def declared_size(data: bytes) -> tuple[int, int] | None:
+    """Read the (width, height) in pixels that a JPEG or PNG header declares; None for other formats."""
+    if data.startswith(PNG_MAGIC) and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+        return width, height
+    if data.startswith(JPEG_MAGIC):
+        for marker, payload in jpeg_segments(data):
+            if marker in _FRAME_HEADERS and len(payload) >= 5:
+                height, width = struct.unpack_from(">HH", payload, 1)
+                return width, height
+    return None
+
+
+def exif_orientation(data: bytes) -> int:
+    """Read the EXIF orientation of a JPEG file.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or at least its first 64 KiB.
+
+    Returns
+    -------
+    int
+        1 to 8 as in the EXIF standard; 1 (upright) where there is none, or none that makes sense.
+    """
+    if not data.startswith(JPEG_MAGIC):
+        return 1
+    for marker, payload in jpeg_segments(data):
+        if marker == 0xE1 and payload.startswith(b"Exif\0\0"):
+            return _tiff_orientation(payload[6:])
+        if marker == _SOS:
+            break
+    return 1
+
+
+def _tiff_orientation(tiff: bytes) -> int:
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    if order is None or len(tiff) < 8:
+        return 1
+    (at,) = struct.unpack_from(order + "I", tiff, 4)
+    if at + 2 > len(tiff):
+        return 1
+    (entries,) = struct.unpack_from(order + "H", tiff, at)
+    for entry in range(at + 2, min(at + 2 + 12 * entries, len(tiff) - 11), 12):
+        tag, kind, count = struct.unpack_from(order + "HHI", tiff, entry)
+        if tag == 0x0112 and kind == 3 and count == 1:
+            (value,) = struct.unpack_from(order + "H", tiff, entry + 8)
+            return value if 1 <= value <= 8 else 1
+    return 1

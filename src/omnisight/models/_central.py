@@ -1,0 +1,163 @@
+"""A central camera with an axis: a profile r(theta), a distortion of the plane, an affine map to pixels."""
+
+from collections.abc import Iterator
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.models._elementwise import distort, gain, undistort, ungain
+from omnisight.models._planar import Undistorted
+from omnisight.models._protocol import Array, CameraModel
+
+
+class Central(Undistorted, CameraModel):
+    """The base of all cameras that are r(theta), then a planar map, then K.
+
+    The profile is written as its gain g = r(theta)/sin(theta), elementwise from s = sin(theta) = rho/n and
+    c = cos(theta) = z/n, so that the point of the plane is g (x, y)/n: no trigonometry where the model has none, and
+    nothing singular on the axis. A model writes `gain`, its inverse `ungain`, and `gain_derivatives`.
+    """
+
+    SHAPES: ClassVar[tuple[dict[str, Any], ...]] = ({},)
+
+    @staticmethod
+    def gain(m: Any, s: Any, c: Any) -> Any:
+        """Give r(theta)/sin(theta)."""
+        raise NotImplementedError
+
+    @staticmethod
+    def ungain(m: Any, r: Any) -> Any:
+        """Give (sin(theta)/r, cos(theta)) from the radius."""
+        raise NotImplementedError
+
+    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+        """Give dg/d cos(theta) along the sphere, and dg/d parameter by name."""
+        raise NotImplementedError
+
+    def radius_max(self) -> float:
+        """Give the radius, before the planar map, of the rim of the valid cone."""
+        return np.inf
+
+    # -- the affine map; a model with another one (a stretch matrix) overrides these two ------------------------
+
+    def affine(self) -> tuple[float, float, float, float, float, float]:
+        """Give (a11, a12, a21, a22, u0, v0): pixel = A plane + centre."""
+        m: Any = self
+        return m.fx, getattr(m, "skew", 0.0), 0.0, m.fy, m.cx, m.cy
+
+    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+        """Give the derivatives of the pixel by the parameters of the affine map."""
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        return {"fx": (x, zero), "fy": (zero, y), "skew": (y, zero), "cx": (one, zero), "cy": (zero, one)}
+
+    # -- the protocol -----------------------------------------------------------------------------------------
+
+    def derived(self) -> dict[str, Any]:
+        a11, a12, a21, a22, u0, v0 = self.affine()
+        determinant = a11 * a22 - a12 * a21
+        theta_max = self.theta_max
+        radius_max = min(self.plane_radius_max(), self.radius_max())
+        return {
+            "c_min": -1.0 if theta_max >= np.pi else float(np.cos(theta_max)),
+            "r2_max": radius_max**2,
+            **{"a11": a11, "a12": a12, "a21": a21, "a22": a22, "u0": u0, "v0": v0},
+            "b11": a22 / determinant if determinant else np.nan,
+            "b12": -a12 / determinant if determinant else np.nan,
+            "b21": -a21 / determinant if determinant else np.nan,
+            "b22": a11 / determinant if determinant else np.nan,
+        }
+
+    @staticmethod
+    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+        rho2 = x * x + y * y
+        inverse_n = 1.0 / np.sqrt(rho2 + z * z)
+        c = z * inverse_n
+        g = gain(m, np.sqrt(rho2) * inverse_n, c) * inverse_n
+        px, py = g * x, g * y
+        valid = (c > m.c_min) & (px * px + py * py <= m.r2_max)
+        px, py = distort(m, px, py)
+        return m.a11 * px + m.a12 * py + m.u0, m.a21 * px + m.a22 * py + m.v0, valid
+
+    @staticmethod
+    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+        du, dv = u - m.u0, v - m.v0
+        px, py, converged = undistort(m, m.b11 * du + m.b12 * dv, m.b21 * du + m.b22 * dv)
+        r2 = px * px + py * py
+        h, c = ungain(m, np.sqrt(r2))
+        return h * px, h * py, c, converged & (r2 <= m.r2_max) & (c > m.c_min)
+
+    def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        n = np.sqrt((points**2).sum(-1))
+        b = points / n[:, None]
+        x, y, c = b[:, 0], b[:, 1], b[:, 2]
+        s = np.sqrt(x * x + y * y)
+        g = self.gains(s, c)
+        px, py = g * x, g * y
+        qx, qy = self.distort(self.kernel, px, py)
+        a11, a12, a21, a22, u0, v0 = self.affine()
+        pixels = np.stack([a11 * qx + a12 * qy + u0, a21 * qx + a22 * qy + v0], -1)
+        valid = (c > self.kernel.c_min) & (px * px + py * py <= self.kernel.r2_max)
+        # With p = g(c) b_xy:  dp/db_xy = g (I - b_xy b^T) and dc/dpoint = (e_z - c b)/n.
+        xx, xy, yx, yy = self.distort_jacobian(self.kernel, px, py)
+        j11, j12 = a11 * xx + a12 * yx, a11 * xy + a12 * yy
+        j21, j22 = a21 * xx + a22 * yx, a21 * xy + a22 * yy
+        dg_dc, dg_dparams = self.gain_derivatives(s, c, g)
+        along = np.stack([j11 * x + j12 * y, j21 * x + j22 * y], -1)  # d pixel / d g
+        d_point = np.zeros((len(points), 2, 3))
+        d_point[:, 0, 0], d_point[:, 0, 1] = g * j11, g * j12
+        d_point[:, 1, 0], d_point[:, 1, 1] = g * j21, g * j22
+        d_point[:, :, 2] = dg_dc[:, None] * along
+        d_point -= ((g + dg_dc * c)[:, None] * along)[:, :, None] * b[:, None, :]
+        d_point /= n[:, None, None]
+
+        partials = self.affine_partials(qx, qy)
+        for name, (dx, dy) in self.distort_partials(px, py).items():
+            partials[name] = (a11 * dx + a12 * dy, a21 * dx + a22 * dy)
+        for name, dg in dg_dparams.items():
+            partials[name] = (dg * along[:, 0], dg * along[:, 1])
+        d_params = np.empty((len(points), 2, self.params.size))
+        for i, name in enumerate(self.param_names):
+            d_params[:, 0, i], d_params[:, 1, i] = partials[name]
+        return pixels, valid, d_point, d_params
+
+    def gains(self, s: Array, c: Array) -> Array:
+        """Give the gain of many directions."""
+        return self.gain(self.kernel, s, c)
+
+    @classmethod
+    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """For each shape of `SHAPES`, the affine map that fits best (linear least squares)."""
+        example = cls.example()
+        x, y, c = bearings.T / np.linalg.norm(bearings, axis=1)
+        s = np.hypot(x, y)
+        for shape in cls.SHAPES:
+            zeros = {p.name: 0.0 for p in example.parameters if p.name not in {"fx", "fy", "cx", "cy"}}
+            values = zeros | {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0} | shape
+            model = cls(**values)
+            with np.errstate(all="ignore"):
+                g = model.gains(s, c)
+                use = (c > model.kernel.c_min) & np.isfinite(g)
+            if use.sum() < 6 or use.sum() < 0.5 * len(use):
+                continue
+            # Weighted down where the gain is steep: there the shape, not the focal length, decides.
+            weight = 1 / (1 + np.abs(g[use]))
+            focal_centre = []
+            for plane, seen in ((g * x, pixels[:, 0]), (g * y, pixels[:, 1])):
+                design = np.stack([plane[use], np.ones(use.sum())], -1) * weight[:, None]
+                focal_centre.append(np.linalg.lstsq(design, seen[use] * weight, rcond=None)[0])
+            (fx, cx), (fy, cy) = focal_centre
+            yield cls(**(values | {"fx": float(fx), "fy": float(fy), "cx": float(cx), "cy": float(cy)}))
+
+
+def along_the_sphere(s: Array, c: Array, g: Array, slope: Array, at_axis: float) -> Array:
+    """Give dg/dc of g = r(theta)/sin(theta) from the slope dr/dtheta; `at_axis` is its limit at theta = 0."""
+    near = s < 1e-4
+    s2 = np.where(near, 1.0, s * s)
+    return np.where(near & (c > 0), at_axis, -(slope - g * c) / s2)
+
+
+def per_sine(value: Array, s: Array, c: Array, at_axis: float = 0.0) -> Array:
+    """Give value/sin(theta), with its limit on the axis."""
+    near = (s < 1e-9) & (c > 0)
+    return np.where(near, at_axis, value / np.where(near, 1.0, s))

@@ -1,0 +1,176 @@
+"""Distortions of the normalised plane, between a profile and the pixels (mixins of camera models)."""
+
+from typing import Any
+
+import numpy as np
+
+from omnisight.models._elementwise import distort, distort_jacobian
+from omnisight.models._protocol import Array
+
+NEWTON_STEPS = 20
+# The inverse is singular where the plane folds over: the valid disc ends this share before it.
+FOLD_MARGIN = 1e-6
+# A plane that never folds is followed to this radius (89.94 degrees of a pinhole).
+FARTHEST = 1e3
+
+
+class Undistorted:
+    """The plane as it is."""
+
+    @staticmethod
+    def distort(m: Any, x: Any, y: Any) -> Any:
+        return x, y
+
+    @staticmethod
+    def undistort(m: Any, x: Any, y: Any) -> Any:
+        return x, y, True
+
+    @staticmethod
+    def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
+        return 1.0, 0.0, 0.0, 1.0
+
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+        """Give the derivatives of the distorted point by each coefficient."""
+        return {}
+
+    def plane_radius_max(self) -> float:
+        """Give the radius of the disc of the plane on which the distortion is one-to-one."""
+        return np.inf
+
+
+class Distorted(Undistorted):
+    """A distortion inverted by Newton's method; a subclass writes `distort` and its derivatives."""
+
+    @staticmethod
+    def undistort(m: Any, x: Any, y: Any) -> Any:
+        p, q = x, y
+        error = np.inf
+        for _ in range(NEWTON_STEPS):
+            dx, dy = distort(m, p, q)
+            dx, dy = dx - x, dy - y
+            error = np.abs(dx) + np.abs(dy)
+            if error < 1e-14:
+                break
+            xx, xy, yx, yy = distort_jacobian(m, p, q)
+            determinant = xx * yy - xy * yx
+            p = p - (yy * dx - xy * dy) / determinant
+            q = q - (xx * dy - yx * dx) / determinant
+        return p, q, error < 1e-11 * (1.0 + np.abs(x) + np.abs(y))
+
+    def radial_fold(self) -> float:
+        """Give the radius at which the radial part alone stops growing."""
+        return np.inf
+
+    def plane_radius_max(self) -> float:
+        radius = min(self.radial_fold() * (1 - FOLD_MARGIN), FARTHEST)
+        azimuth = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+        x, y = np.cos(azimuth), np.sin(azimuth)
+        # Where the parts that are not radial are strong, the plane folds before the radial part does.
+        while radius > 1e-3:
+            xx, xy, yx, yy = self.distort_jacobian(self, radius * x, radius * y)
+            if np.all(xx * yy - xy * yx > 0):
+                break
+            radius *= 0.95
+        return float(radius)
+
+
+def first_positive_root(coefficients: list[float]) -> float:
+    """Give the smallest positive root of a polynomial, coefficients from the constant up; inf if none."""
+    while coefficients and coefficients[-1] == 0:
+        coefficients = coefficients[:-1]
+    if len(coefficients) < 2:
+        return np.inf
+    roots = np.polynomial.polynomial.polyroots(coefficients)
+    real = roots.real[(np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))) & (roots.real > 0)]
+    return float(real.min(initial=np.inf))
+
+
+class RadialTangential(Distorted):
+    """Brown's distortion with coefficients k1, k2 (radial) and p1, p2 (decentring).
+
+    x' = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)
+    y' = y (1 + k1 r^2 + k2 r^4) + p1 (r^2 + 2 y^2) + 2 p2 x y
+    """
+
+    k1: float
+    k2: float
+
+    @staticmethod
+    def distort(m: Any, x: Any, y: Any) -> Any:
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (m.k1 + r2 * m.k2)
+        dx = 2.0 * m.p1 * x * y + m.p2 * (r2 + 2.0 * x * x)
+        dy = m.p1 * (r2 + 2.0 * y * y) + 2.0 * m.p2 * x * y
+        return x * radial + dx, y * radial + dy
+
+    @staticmethod
+    def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (m.k1 + r2 * m.k2)
+        slope = 2.0 * (m.k1 + 2.0 * r2 * m.k2)  # d radial / d r2, doubled
+        cross = x * y * slope + 2.0 * (m.p1 * x + m.p2 * y)
+        xx = radial + x * x * slope + 2.0 * m.p1 * y + 6.0 * m.p2 * x
+        yy = radial + y * y * slope + 6.0 * m.p1 * y + 2.0 * m.p2 * x
+        return xx, cross, cross, yy
+
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+        r2 = x * x + y * y
+        return {"k1": (x * r2, y * r2), "k2": (x * r2**2, y * r2**2)} | decentring_partials(x, y)
+
+    def radial_fold(self) -> float:
+        return first_positive_root([1.0, 3 * self.k1, 5 * self.k2]) ** 0.5
+
+
+def decentring_partials(x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    """Give the derivatives by p1 and p2."""
+    r2 = x * x + y * y
+    return {"p1": (2 * x * y, r2 + 2 * y * y), "p2": (r2 + 2 * x * x, 2 * x * y)}
+
+
+class Rational(Distorted):
+    """OpenCV's rational distortion with k1 ... k6 and p1, p2; coefficients that a model lacks are 0."""
+
+    k1: float
+    k2: float
+    k3: float
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+
+    @staticmethod
+    def distort(m: Any, x: Any, y: Any) -> Any:
+        r2 = x * x + y * y
+        radial = (1.0 + r2 * (m.k1 + r2 * (m.k2 + r2 * m.k3))) / (1.0 + r2 * (m.k4 + r2 * (m.k5 + r2 * m.k6)))
+        dx = 2.0 * m.p1 * x * y + m.p2 * (r2 + 2.0 * x * x)
+        dy = m.p1 * (r2 + 2.0 * y * y) + 2.0 * m.p2 * x * y
+        return x * radial + dx, y * radial + dy
+
+    @staticmethod
+    def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
+        r2 = x * x + y * y
+        over = 1.0 / (1.0 + r2 * (m.k4 + r2 * (m.k5 + r2 * m.k6)))
+        radial = (1.0 + r2 * (m.k1 + r2 * (m.k2 + r2 * m.k3))) * over
+        slope = m.k1 + r2 * (2.0 * m.k2 + r2 * 3.0 * m.k3)
+        slope = 2.0 * over * (slope - radial * (m.k4 + r2 * (2.0 * m.k5 + r2 * 3.0 * m.k6)))
+        cross = x * y * slope + 2.0 * (m.p1 * x + m.p2 * y)
+        xx = radial + x * x * slope + 2.0 * m.p1 * y + 6.0 * m.p2 * x
+        yy = radial + y * y * slope + 6.0 * m.p1 * y + 2.0 * m.p2 * x
+        return xx, cross, cross, yy
+
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+        r2 = x * x + y * y
+        over = 1.0 / (1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6)))
+        radial = (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))) * over
+        above = {f"k{i}": r2**i * over for i in (1, 2, 3)}
+        below = {f"k{i + 3}": -radial * r2**i * over for i in (1, 2, 3)}
+        partials = {name: (x * d, y * d) for name, d in (above | below).items()}
+        return partials | decentring_partials(x, y)
+
+    def radial_fold(self) -> float:
+        # d/dr [r N/D] = 0 with N, D polynomials in q = r^2:  (N + 2 q N') D - 2 q N D' = 0, and before D = 0.
+        polynomial = np.polynomial.Polynomial
+        q = polynomial([0.0, 1.0])
+        n = polynomial([1.0, self.k1, self.k2, self.k3])
+        d = polynomial([1.0, self.k4, self.k5, self.k6])
+        slope = (n + 2 * q * n.deriv()) * d - 2 * q * n * d.deriv()
+        return min(first_positive_root(list(slope.coef)), first_positive_root(list(d.coef))) ** 0.5

@@ -1,0 +1,343 @@
+"""The protocol of a camera model: what every model gives, and what it inherits."""
+
+import dataclasses
+from collections import namedtuple
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Self, dataclass_transform
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of a parameter beside its value.
+
+    Attributes
+    ----------
+    name
+        Its name; coefficients of a tuple have one each (a0, a2, a3).
+    doc
+        What it is, in a few words.
+    unit
+        "px", or empty for a ratio.
+    low, high
+        Bounds that every valid camera keeps.
+    free
+        Whether a calibration estimates it unless told otherwise.
+    """
+
+    name: str
+    doc: str
+    unit: str = ""
+    low: float = -np.inf
+    high: float = np.inf
+    free: bool = True
+
+
+def parameter(
+    doc: str,
+    *,
+    unit: str = "",
+    low: float = -np.inf,
+    high: float = np.inf,
+    default: Any = dataclasses.MISSING,
+    free: bool = True,
+) -> Any:
+    """Declare a parameter of a camera model (a dataclass field): its meaning, unit and bounds."""
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "free": free}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+class _KernelType:
+    """The named tuple type of a model's kernel, made once per class at first sight.
+
+    numba's cache on disk pickles these types by name, so a class gives its own also before it has an instance.
+    """
+
+    def __get__(self, _: object, cls: type["CameraModel"]) -> Any:
+        if "_kernel_type" not in cls.__dict__:
+            # numba takes two named tuples of one name and the same fields for one type.
+            made: Any = namedtuple(f"{cls.name}_kernel", cls.example()._kernel_values())  # noqa: PYI024
+            made.__module__, made.__qualname__ = cls.__module__, f"{cls.__qualname__}.kernel_type"
+            made.model = cls
+            cls._kernel_type = made
+        return cls._kernel_type
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(parameter,))
+class CameraModel:
+    """A central camera: bearings to pixels and back.
+
+    A subclass is a frozen dataclass whose fields, in order, are its parameters. It writes two elementwise functions,
+    `project_point` and `unproject_pixel`, and their derivatives in `point_jacobian`, and gives `example` and `fit`.
+    `valid` means inside the model's one-to-one domain, and nothing else; what is not valid is NaN.
+    """
+
+    name: ClassVar[str]
+    kernel_type = _KernelType()
+
+    def __init_subclass__(cls) -> None:
+        """Name the model after its file."""
+        cls.name = cls.__module__.rpartition(".")[2]
+
+    # -- what a model writes ----------------------------------------------------------------------------------
+
+    @staticmethod
+    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+        """Give (u, v, valid) of a point, elementwise; `m` holds the parameters and `derived` by name."""
+        raise NotImplementedError
+
+    @staticmethod
+    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+        """Give (x, y, z, valid) of a pixel, elementwise: a unit bearing."""
+        raise NotImplementedError
+
+    def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        """Give pixels (N, 2), valid (N,), d pixel/d point (N, 2, 3) and d pixel/d params (N, 2, P)."""
+        raise NotImplementedError
+
+    def derived(self) -> dict[str, Any]:
+        """Give the constants that the elementwise functions need beside the parameters."""
+        return {}
+
+    @property
+    def theta_max(self) -> float:
+        """The angle from the axis (radians) that bounds the valid cone."""
+        return np.pi
+
+    @property
+    def period(self) -> float | None:
+        """The width in px after which the picture repeats (360 degrees), if it does."""
+        return None
+
+    @classmethod
+    def example(cls) -> Self:
+        """Give a typical camera of this model, for tests and docs."""
+        raise NotImplementedError
+
+    @classmethod
+    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """Give rough cameras to refine from, for bearings (N, 3) seen at pixels (N, 2)."""
+        raise NotImplementedError
+
+    # -- parameters -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """What is known of each parameter, in the order of `params`."""
+        found: list[Parameter] = []
+        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, field.name)
+            names = self.coefficient_names(len(value)) if isinstance(value, tuple) else (field.name,)
+            found += [Parameter(name, **field.metadata) for name in names]
+        return tuple(found)
+
+    @staticmethod
+    def coefficient_names(count: int) -> tuple[str, ...]:
+        """Name the coefficients of a parameter that is a tuple."""
+        raise NotImplementedError
+
+    @cached_property
+    def param_names(self) -> tuple[str, ...]:
+        """The names of the parameters, in the order of `params`."""
+        return tuple(p.name for p in self.parameters)
+
+    @cached_property
+    def params(self) -> Array:
+        """The parameters (P,) as one flat, read-only vector."""
+        values = [getattr(self, f.name) for f in dataclasses.fields(self)]  # pyright: ignore[reportArgumentType]
+        flat = np.hstack([np.asarray(v, float).ravel() for v in values])
+        flat.flags.writeable = False
+        return flat
+
+    def with_params(self, params: ArrayLike) -> Self:
+        """Give the camera of this model with other parameters (P,)."""
+        vector = np.asarray(params, float)
+        if vector.shape != self.params.shape:
+            raise ValueError(f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}")
+        values, start = {}, 0
+        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
+            old = getattr(self, field.name)
+            count = len(old) if isinstance(old, tuple) else 1
+            part = tuple(float(p) for p in vector[start : start + count])
+            values[field.name] = part if isinstance(old, tuple) else part[0]
+            start += count
+        return dataclasses.replace(self, **values)  # pyright: ignore[reportArgumentType]
+
+    def to_dict(self) -> dict[str, float]:
+        """Give the parameters by name."""
+        return dict(zip(self.param_names, map(float, self.params), strict=True))
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, float]) -> Self:
+        """Make the model from its parameters by name.
+
+        Raises
+        ------
+        ValueError
+            If a name is missing or unknown, or a value is no finite number.
+        """
+        fields = {f.name: f for f in dataclasses.fields(cls)}  # pyright: ignore[reportArgumentType]
+        known = set(fields)
+        needed = {n for n, f in fields.items() if f.default is dataclasses.MISSING}
+        if missing := sorted(needed - set(values)):
+            raise ValueError(f"model {cls.name}: missing {', '.join(missing)}")
+        if unknown := sorted(set(values) - known):
+            raise ValueError(f"model {cls.name} has no {', '.join(unknown)}; it has {', '.join(fields)}")
+        return cls(**{n: finite(v, f"{cls.name}.{n}") for n, v in values.items()})
+
+    # -- bearings and pixels ----------------------------------------------------------------------------------
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points of the camera frame; only their direction matters.
+
+        Parameters
+        ----------
+        points
+            (..., 3), x right, y down, z forward.
+
+        Returns
+        -------
+        pixels
+            (..., 2), NaN where not valid.
+        valid
+            (...), whether the point lies inside the model's one-to-one domain.
+
+        Raises
+        ------
+        ValueError
+            If the shape is not (..., 3).
+        """
+        flat, lead = rows(points, 3, "points")
+        pixels, valid = np.empty((len(flat), 2)), np.empty(len(flat), np.bool_)
+        run("project", self.kernel, flat, pixels, valid)
+        return pixels.reshape(*lead, 2), valid.reshape(lead)
+
+    def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Give the unit bearings of pixels.
+
+        Parameters
+        ----------
+        pixels
+            (..., 2); integers are pixel centres, the top-left pixel is (0, 0).
+
+        Returns
+        -------
+        bearings
+            (..., 3) unit vectors of the camera frame, NaN where not valid.
+        valid
+            (...), whether the pixel lies in the image of the model's domain.
+
+        Raises
+        ------
+        ValueError
+            If the shape is not (..., 2).
+        """
+        flat, lead = rows(pixels, 2, "pixels")
+        bearings, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
+        run("unproject", self.kernel, flat, bearings, valid)
+        return bearings.reshape(*lead, 3), valid.reshape(lead)
+
+    def project_with_jacobians(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        """Project points and differentiate.
+
+        Returns
+        -------
+        pixels, valid
+            As `project`.
+        d_point
+            (..., 2, 3), d pixel / d point. It maps the point itself to zero: scale does not matter.
+        d_params
+            (..., 2, P), d pixel / d params.
+        """
+        flat, lead = rows(points, 3, "points")
+        with np.errstate(all="ignore"):
+            pixels, valid, d_point, d_params = self.derivatives(flat)
+        for array in (pixels, d_point, d_params):
+            array[~valid] = np.nan
+        count = self.params.size
+        return (
+            pixels.reshape(*lead, 2),
+            valid.reshape(lead),
+            d_point.reshape(*lead, 2, 3),
+            d_params.reshape(*lead, 2, count),
+        )
+
+    def unproject_with_jacobians(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        """Give bearings, their validity, d bearing/d pixel (..., 3, 2) and d bearing/d params (..., 3, P).
+
+        By the implicit function theorem: the first is the pseudo-inverse of d pixel/d point at the unit bearing, the
+        second minus that times d pixel/d params.
+        """
+        bearings, valid = self.unproject(pixels)
+        _, _, d_point, d_params = self.project_with_jacobians(bearings)
+        gram = d_point @ np.swapaxes(d_point, -1, -2)
+        with np.errstate(all="ignore"):
+            determinant = gram[..., 0, 0] * gram[..., 1, 1] - gram[..., 0, 1] ** 2
+            inverse = np.stack(
+                [gram[..., 1, 1], -gram[..., 0, 1], -gram[..., 1, 0], gram[..., 0, 0]], axis=-1
+            ).reshape(*gram.shape[:-2], 2, 2)
+            inverse /= determinant[..., None, None]
+        d_pixel = np.swapaxes(d_point, -1, -2) @ inverse
+        return bearings, valid, d_pixel, -d_pixel @ d_params
+
+    @cached_property
+    def kernel(self) -> Any:
+        """The parameters and derived constants as the named tuple that compiled code takes."""
+        return type(self).kernel_type(**self._kernel_values())
+
+    def _kernel_values(self) -> dict[str, Any]:
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # pyright: ignore[reportArgumentType]
+        values = {n: np.array(v, float) if isinstance(v, tuple) else float(v) for n, v in values.items()}
+        return values | self.derived()
+
+    @classmethod
+    def fit(cls, bearings: ArrayLike, pixels: ArrayLike) -> Self:
+        """Fit the model to bearings and the pixels they are seen at: starts calibrations, converts between models.
+
+        Parameters
+        ----------
+        bearings
+            (N, 3) directions of the camera frame.
+        pixels
+            (N, 2) where they are seen.
+
+        Returns
+        -------
+        The camera of this model with the least squared distance in pixels.
+        """
+        from omnisight.models._fit import fit
+
+        directions, _ = rows(bearings, 3, "bearings")
+        seen, _ = rows(pixels, 2, "pixels")
+        return fit(cls, directions, seen)
+
+
+def rows(values: ArrayLike, width: int, what: str) -> tuple[Array, tuple[int, ...]]:
+    """Give values as contiguous (N, width) float64 and their leading shape, or say which shape came."""
+    array = np.asarray(values)
+    if array.ndim == 0 or array.shape[-1] != width or array.dtype.kind not in "fiub":
+        raise ValueError(
+            f"{what} must be real numbers of shape (..., {width}), got shape {array.shape} of {array.dtype}"
+        )
+    flat = np.ascontiguousarray(array.reshape(-1, width), dtype=np.float64)
+    return flat, array.shape[:-1]
+
+
+def finite(value: Any, what: str) -> float:
+    """Give the value as a float, or say that it is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise ValueError(f"{what} must be a finite number, got {value!r}")
+    return float(value)
+
+
+def run(driver: str, *arguments: Any) -> None:
+    from omnisight.models import _kernels
+
+    with _kernels.LOCK:
+        getattr(_kernels, driver)(*arguments)

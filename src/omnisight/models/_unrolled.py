@@ -1,0 +1,92 @@
+"""Views unrolled from the cylinder around the y axis: the column is the longitude, the row a height."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.models._elementwise import atan2, height, sine_cosine, unheight, where
+from omnisight.models._protocol import Array, CameraModel, parameter
+
+
+@dataclass(frozen=True)
+class Unrolled(CameraModel):
+    """u = fx lon + cx with lon = atan2(x, z), and v = fy h(t) + cy with t = y/hypot(x, z); a subclass writes h."""
+
+    fx: float = parameter("pixels per radian of longitude", unit="px")
+    fy: float = parameter("pixels per unit of height", unit="px")
+    cx: float = parameter("column of longitude 0", unit="px")
+    cy: float = parameter("row of the horizon", unit="px")
+
+    @staticmethod
+    def height(m: Any, t: Any) -> Any:
+        """Give the height of t = y/hypot(x, z), down."""
+        raise NotImplementedError
+
+    @staticmethod
+    def unheight(m: Any, h: Any) -> Any:
+        """Give (cosine, sine) of the angle below the horizon, and whether the height exists."""
+        raise NotImplementedError
+
+    @staticmethod
+    def height_slope(t: Array) -> Array:
+        """Give dh/dt."""
+        raise NotImplementedError
+
+    @staticmethod
+    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+        longitude = atan2(np.abs(x), z)
+        longitude = where(x < 0.0, -longitude, longitude)
+        h = height(m, y / np.sqrt(x * x + z * z))
+        return m.fx * longitude + m.cx, m.fy * h + m.cy, (x * x + y * y + z * z > 0.0) & (np.abs(h) < np.inf)
+
+    @staticmethod
+    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+        longitude = (u - m.cx) / m.fx
+        around = np.abs(longitude)
+        # Half a pixel past 180 degrees is the other side of the seam.
+        valid = around <= 3.141592653589793 * (1.0 + 1e-12)
+        s, c = sine_cosine(where(around < 3.141592653589793, around, 3.141592653589793))
+        level, down, exists = unheight(m, (v - m.cy) / m.fy)
+        return where(longitude < 0.0, -s, s) * level, down, c * level, valid & exists
+
+    def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        x, y, z = points.T
+        q2 = x * x + z * z
+        q = np.sqrt(q2)
+        t = y / q
+        longitude = np.arctan2(x, z)
+        h = self.height(self, t)
+        pixels = np.stack([self.fx * longitude + self.cx, self.fy * h + self.cy], -1)
+        valid = (q2 + y * y > 0) & np.isfinite(h)
+        slope = self.fy * self.height_slope(t)
+        d_point = np.zeros((len(points), 2, 3))
+        d_point[:, 0, 0], d_point[:, 0, 2] = self.fx * z / q2, -self.fx * x / q2
+        d_point[:, 1, 0], d_point[:, 1, 1], d_point[:, 1, 2] = -slope * t * x / q2, slope / q, -slope * t * z / q2
+        d_params = np.zeros((len(points), 2, 4))
+        d_params[:, 0, 0], d_params[:, 0, 2] = longitude, 1.0
+        d_params[:, 1, 1], d_params[:, 1, 3] = h, 1.0
+        return pixels, valid, d_point, d_params
+
+    @property
+    def period(self) -> float:
+        return 2 * np.pi * self.fx
+
+    @classmethod
+    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """Fit both axes linearly, from the directions far from the seam."""
+        x, y, z = bearings.T
+        longitude = np.arctan2(x, z)
+        with np.errstate(all="ignore"):
+            h = cls.height(None, y / np.hypot(x, z))
+        use = np.isfinite(h) & (np.abs(longitude) < 3.0)
+        one = np.ones(use.sum())
+        fx, cx = np.linalg.lstsq(np.stack([longitude[use], one], -1), pixels[use, 0], rcond=None)[0]
+        fy, cy = np.linalg.lstsq(np.stack([h[use], one], -1), pixels[use, 1], rcond=None)[0]
+        yield cls(float(fx), float(fy), float(cx), float(cy))
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(fx=1024 / (2 * np.pi), fy=1024 / (2 * np.pi), cx=511.5, cy=255.5)

@@ -1,0 +1,30 @@
+"""The cylindrical panorama."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnisight.models._protocol import Array
+from omnisight.models._unrolled import Unrolled
+
+
+@dataclass(frozen=True)
+class Cylindrical(Unrolled):
+    """The picture on a cylinder around the y axis: u = fx atan2(x, z) + cx, v = fy y/hypot(x, z) + cy.
+
+    Upright lines stay straight. Valid everywhere but straight up and down.
+    """
+
+    @staticmethod
+    def height(m: Any, t: Any) -> Any:
+        return t
+
+    @staticmethod
+    def unheight(m: Any, h: Any) -> Any:
+        level = 1.0 / np.sqrt(1.0 + h * h)
+        return level, h * level, True
+
+    @staticmethod
+    def height_slope(t: Array) -> Array:
+        return np.ones_like(t)

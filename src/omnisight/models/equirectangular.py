@@ -1,0 +1,34 @@
+"""The equirectangular 360 picture."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnisight.models._elementwise import atan2, sine_cosine, where
+from omnisight.models._protocol import Array
+from omnisight.models._unrolled import Unrolled
+
+
+@dataclass(frozen=True)
+class Equirectangular(Unrolled):
+    """Longitude and latitude as they are: u = fx atan2(x, z) + cx, v = fy atan(y/hypot(x, z)) + cy.
+
+    Forward (z) is in the middle, right is to the right, down is below. A picture W x H of the whole sphere has
+    fx = W/(2 pi), fy = H/pi, cx = (W - 1)/2, cy = (H - 1)/2: column W would be column 0. Valid everywhere.
+    """
+
+    @staticmethod
+    def height(m: Any, t: Any) -> Any:
+        down = atan2(np.abs(t), 1.0)
+        return where(t < 0.0, -down, where(np.abs(t) < np.inf, down, np.sign(t) * 1.5707963267948966))
+
+    @staticmethod
+    def unheight(m: Any, h: Any) -> Any:
+        around = np.abs(h)
+        s, c = sine_cosine(where(around < 1.5707963267948966, around, 1.5707963267948966))
+        return c, where(h < 0.0, -s, s), around <= 1.5707963267948966 * (1.0 + 1e-12)
+
+    @staticmethod
+    def height_slope(t: Array) -> Array:
+        return 1 / (1 + t * t)

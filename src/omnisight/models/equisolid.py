@@ -1,0 +1,43 @@
+"""The equisolid (equal-area) fisheye."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from omnisight.models._central import Central
+from omnisight.models._elementwise import where
+from omnisight.models._protocol import Array, parameter
+
+
+@dataclass(frozen=True)
+class Equisolid(Central):
+    """Equisolid-angle fisheye: r = 2 sin(theta/2). Valid for theta < 180 degrees.
+
+    Equal solid angles have equal areas in the picture: the projection of sky cameras.
+    """
+
+    fx: float = parameter("focal length along x", unit="px")
+    fy: float = parameter("focal length along y", unit="px")
+    cx: float = parameter("principal point", unit="px")
+    cy: float = parameter("principal point", unit="px")
+
+    @staticmethod
+    def gain(m: Any, s: Any, c: Any) -> Any:
+        # 1 + c = s^2/(1 - c) keeps its digits near theta = pi.
+        return np.sqrt(2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c))
+
+    @staticmethod
+    def ungain(m: Any, r: Any) -> Any:
+        half = 0.5 * r
+        return np.sqrt(where(half < 1.0, (1.0 - half) * (1.0 + half), 0.0)), 1.0 - 2.0 * half * half
+
+    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+        return -0.25 * g**3, {}
+
+    def radius_max(self) -> float:
+        return 2.0
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(fx=281.0, fy=280.0, cx=479.5, cy=481.0)

@@ -1,0 +1,174 @@
+"""Scaramuzza's polynomial model."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from omnisight.models._central import Central
+from omnisight.models._planar import FOLD_MARGIN, first_positive_root
+from omnisight.models._protocol import Array, finite, parameter, run
+
+START_TERMS = 12
+# A polynomial that never folds would be followed to this many focal lengths from the centre.
+FARTHEST = 8.0
+
+
+@dataclass(frozen=True)
+class Ocam(Central):
+    """Scaramuzza's omnidirectional camera: a pixel at (x, y) from the centre has the bearing (x, y, f(r)).
+
+    f(r) = a0 + a2 r^2 + a3 r^3 + ...,  a1 = 0, r in pixels.
+
+    The pixel is the stretched plane point: row = c y + d x + cy, column = e y + x + cx. In OCamCalib's own frame x points
+    down, y right and z back, so that its coefficients have the other sign. a0 in pixels and the one in the stretch matrix
+    fix the scale that eq. (7) of the chapter leaves open.
+
+    The projection is the exact inverse: the first root of sin(theta) f(r) = cos(theta) r, by Newton's method kept inside a
+    bracket. Valid up to the radius where theta(r) stops growing (`fold`). Scaramuzza, Martinelli and Siegwart, A flexible
+    technique for accurate omnidirectional camera calibration and structure from motion, ICVS 2006.
+    """
+
+    cx: float = parameter("distortion centre", unit="px")
+    cy: float = parameter("distortion centre", unit="px")
+    c: float = parameter("stretch: rows per y")
+    d: float = parameter("stretch: rows per x")
+    e: float = parameter("stretch: columns per y")
+    a: tuple[float, ...] = parameter("polynomial f(r), coefficients of r^0, r^2, r^3, ... in px^(1-i)")
+
+    @staticmethod
+    def coefficient_names(count: int) -> tuple[str, ...]:
+        return tuple(f"a{i}" for i in (0, *range(2, count + 1)))
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, float]) -> Self:
+        count = sum(1 for name in values if name[0] == "a")
+        names = ("cx", "cy", "c", "d", "e", *cls.coefficient_names(max(count, 1)))
+        if missing := sorted(set(names) - set(values)):
+            raise ValueError(f"model ocam: missing {', '.join(missing)}")
+        if unknown := sorted(set(values) - set(names)):
+            raise ValueError(f"model ocam has no {', '.join(unknown)}; it has {', '.join(names)}")
+        numbers = [finite(values[name], f"ocam.{name}") for name in names]
+        return cls(*numbers[:5], a=tuple(numbers[5:]))
+
+    @property
+    def polynomial(self) -> Array:
+        """f(r) as coefficients from r^0 up, a1 = 0 included."""
+        return np.insert(np.array(self.a), 1, 0.0)
+
+    @property
+    def fold(self) -> float:
+        """The radius (px) where theta(r) stops growing and the picture folds over; inf if it never does."""
+        # d theta/dr has the sign of f - r f' = a0 - a2 r^2 - 2 a3 r^3 - ...
+        f = self.polynomial
+        return first_positive_root([float((1 - i) * value) for i, value in enumerate(f)])
+
+    def radius_max(self) -> float:
+        return min(self.fold * (1 - FOLD_MARGIN), FARTHEST * abs(self.a[0]))
+
+    @property
+    def theta_max(self) -> float:
+        radius = self.radius_max()
+        return float(np.arctan2(radius, np.polynomial.polynomial.polyval(radius, self.polynomial)))
+
+    @staticmethod
+    def gain(m: Any, s: Any, c: Any) -> Any:
+        t = s / (1.0 + c)  # tan(theta/2)
+        q = min(t * m.t_scale, 1.0)
+        start = 0.0
+        for i in range(len(m.start) - 1, -1, -1):
+            start = start * q + m.start[i]
+        low, high = 0.0, m.r_max * (1.0 + 1e-9)
+        r = min(max(start * q, low), high)
+        for _ in range(60):
+            f, slope = 0.0, 0.0
+            for i in range(len(m.a) - 1, 0, -1):
+                slope = slope * r + f
+                f = f * r + m.a[i]
+            slope, f = slope * r * r + 2.0 * r * f, f * r * r + m.a[0]
+            value = s * f - c * r  # positive before the root
+            if value > 0.0:
+                low = r
+            else:
+                high = r
+            step = value / (c - s * slope)
+            better = r + step
+            if not (low <= better <= high):
+                better = 0.5 * (low + high)
+            step = better - r
+            r = better
+            if np.abs(step) <= 1e-14 * m.r_max + 1e-15 * r:
+                break
+        if s > 1e-9:
+            return r / s
+        return m.a[0]
+
+    @staticmethod
+    def ungain(m: Any, r: Any) -> Any:
+        f = 0.0
+        for i in range(len(m.a) - 1, 0, -1):
+            f = f * r + m.a[i]
+        f = f * r * r + m.a[0]
+        h = 1.0 / np.sqrt(r * r + f * f)
+        return h, h * f
+
+    def gains(self, s: Array, c: Array) -> Array:
+        result = np.empty(len(s))
+        run("gains", self.kernel, np.ascontiguousarray(s), np.ascontiguousarray(c), result)
+        return result
+
+    def derived(self) -> dict[str, Any]:
+        radius = self.radius_max()
+        r = radius * 0.5 * (1 - np.cos(np.pi * np.arange(1, 97) / 96))
+        f = np.polynomial.polynomial.polyval(r, self.polynomial)
+        t = r / (np.hypot(r, f) + f)  # tan(theta/2)
+        q = t / t[-1]
+        start = np.linalg.lstsq(q[:, None] ** np.arange(START_TERMS), r / q, rcond=None)[0]
+        return {**super().derived(), "r_max": radius, "t_scale": 1 / float(t[-1]), "start": start}
+
+    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+        # From F = s f(r) - c r = 0 with r = s g:  dr/da_i = s r^i/(c - s f'),  dr/dtheta = (c f + s r)/(c - s f').
+        f = np.polynomial.Polynomial(self.polynomial)
+        r = s * g
+        below = c - s * f.deriv()(r)
+        on_axis = (s < 1e-4) & (c > 0)
+        slope = (c * f(r) + s * r) / below
+        # Near the axis r = a0 tan(theta) + a2 a0^2 theta^3 + ...:  dg/dc = -a0 - 2 a2 a0^2 + O(theta).
+        limit = -self.a[0] - 2 * (self.a[1] * self.a[0] ** 2 if len(self.a) > 1 else 0.0)
+        dg_dc = np.where(on_axis, limit, -(slope - g * c) / np.where(on_axis, 1.0, s * s))
+        powers = (0, *range(2, len(self.a) + 1))
+        return dg_dc, {f"a{i}": r**i / below for i in powers}
+
+    def affine(self) -> tuple[float, float, float, float, float, float]:
+        return 1.0, self.e, self.d, self.c, self.cx, self.cy
+
+    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        return {"cx": (one, zero), "cy": (zero, one), "c": (zero, y), "d": (zero, x), "e": (y, zero)}
+
+    @classmethod
+    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """Fit a polynomial of degree 4, as OCamCalib does unless told otherwise."""
+        yield cls.start_of_degree(bearings, pixels, 4)
+
+    @classmethod
+    def start_of_degree(cls, bearings: Array, pixels: Array, degree: int) -> Self:
+        """Fit a polynomial of that degree linearly, about the centre and aspect that an equidistant lens would have."""
+        from omnisight.models.equidistant import Equidistant
+
+        lens = Equidistant.fit(bearings, pixels)
+        x, y, z = bearings.T / np.linalg.norm(bearings, axis=1)
+        plane = (pixels - (lens.cx, lens.cy)) / (1.0, lens.fy / lens.fx)
+        r = np.hypot(plane[:, 0], plane[:, 1])
+        s = np.hypot(x, y)
+        scale = r.max()
+        powers = np.array((0, *range(2, degree + 1)))
+        # s f(r) = z r, in the unit of the largest radius.
+        design = s[:, None] * (r[:, None] / scale) ** powers
+        a = np.linalg.lstsq(design, z * r / scale, rcond=None)[0] * scale / scale**powers
+        return cls(lens.cx, lens.cy, lens.fy / lens.fx, 0.0, 0.0, a=tuple(map(float, a)))
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(cx=512.3, cy=383.1, c=1.0008, d=4e-4, e=-3e-4, a=(211.0, -1.71e-3, 1.1e-6, -3.9e-9))

@@ -1,0 +1,42 @@
+"""The orthographic fisheye."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from omnisight.models._central import Central
+from omnisight.models._elementwise import where
+from omnisight.models._protocol import Array, parameter
+
+
+@dataclass(frozen=True)
+class Orthographic(Central):
+    """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, where the picture folds over."""
+
+    fx: float = parameter("focal length along x", unit="px")
+    fy: float = parameter("focal length along y", unit="px")
+    cx: float = parameter("principal point", unit="px")
+    cy: float = parameter("principal point", unit="px")
+
+    @staticmethod
+    def gain(m: Any, s: Any, c: Any) -> Any:
+        return 1.0 + 0.0 * c
+
+    @staticmethod
+    def ungain(m: Any, r: Any) -> Any:
+        return 1.0 + 0.0 * r, np.sqrt(where(r < 1.0, (1.0 - r) * (1.0 + r), 0.0))
+
+    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+        return np.zeros_like(c), {}
+
+    @property
+    def theta_max(self) -> float:
+        return np.pi / 2
+
+    def radius_max(self) -> float:
+        return 1.0
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(fx=431.0, fy=430.0, cx=479.5, cy=481.0)

@@ -1,0 +1,43 @@
+"""The pinhole camera with a rational radial distortion, eight coefficients."""
+
+from dataclasses import dataclass
+from typing import Self
+
+from omnisight.models._planar import Rational
+from omnisight.models._protocol import parameter
+from omnisight.models.pinhole import PinholeProfile
+
+
+@dataclass(frozen=True)
+class RationalPinhole(Rational, PinholeProfile):
+    """Pinhole camera with OpenCV's eight coefficients; ROS `rational_polynomial`, COLMAP FULL_OPENCV.
+
+    On the plane x/z, y/z, with r^2 = x^2 + y^2 and d = (1 + k1 r^2 + k2 r^4 + k3 r^6)/(1 + k4 r^2 + k5 r^4 + k6 r^6):
+
+    x' = x d + 2 p1 x y + p2 (r^2 + 2 x^2)
+    y' = y d + p1 (r^2 + 2 y^2) + 2 p2 x y
+
+    Valid for theta < 90 degrees and up to the radius where x' stops growing. Claus and Fitzgibbon, A rational function
+    lens distortion model, CVPR 2005, as OpenCV writes it.
+    """
+
+    fx: float = parameter("focal length along x", unit="px")
+    fy: float = parameter("focal length along y", unit="px")
+    cx: float = parameter("principal point", unit="px")
+    cy: float = parameter("principal point", unit="px")
+    k1: float = parameter("radial distortion, numerator")
+    k2: float = parameter("radial distortion, numerator")
+    p1: float = parameter("tangential distortion")
+    p2: float = parameter("tangential distortion")
+    k3: float = parameter("radial distortion, numerator")
+    k4: float = parameter("radial distortion, denominator")
+    k5: float = parameter("radial distortion, denominator")
+    k6: float = parameter("radial distortion, denominator")
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(
+            **{"fx": 610.0, "fy": 612.0, "cx": 639.5, "cy": 362.0},
+            **{"k1": 0.31, "k2": 0.05, "p1": 4e-4, "p2": -3e-4, "k3": 0.002},
+            **{"k4": 0.62, "k5": 0.12, "k6": 0.011},
+        )

@@ -1,0 +1,79 @@
+"""The equidistant fisheye with radial, tangential and thin-prism distortion of its plane, eight coefficients."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from omnisight.models._planar import Distorted, decentring_partials, first_positive_root
+from omnisight.models._protocol import Array, parameter
+from omnisight.models.equidistant import EquidistantProfile
+
+
+class RadialTangentialPrism(Distorted):
+    """x' = x (1 + k1 r^2 + ... + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2, and alike in y with s2."""
+
+    k1: float
+    k2: float
+    k3: float
+    k4: float
+
+    @staticmethod
+    def distort(m: Any, x: Any, y: Any) -> Any:
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (m.k1 + r2 * (m.k2 + r2 * (m.k3 + r2 * m.k4)))
+        dx = 2.0 * m.p1 * x * y + m.p2 * (r2 + 2.0 * x * x) + m.s1 * r2
+        dy = m.p1 * (r2 + 2.0 * y * y) + 2.0 * m.p2 * x * y + m.s2 * r2
+        return x * radial + dx, y * radial + dy
+
+    @staticmethod
+    def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (m.k1 + r2 * (m.k2 + r2 * (m.k3 + r2 * m.k4)))
+        slope = 2.0 * (m.k1 + r2 * (2.0 * m.k2 + r2 * (3.0 * m.k3 + r2 * 4.0 * m.k4)))
+        cross = x * y * slope + 2.0 * (m.p1 * x + m.p2 * y)
+        xx = radial + x * x * slope + 2.0 * m.p1 * y + 6.0 * m.p2 * x + 2.0 * m.s1 * x
+        yy = radial + y * y * slope + 6.0 * m.p1 * y + 2.0 * m.p2 * x + 2.0 * m.s2 * y
+        return xx, cross + 2.0 * m.s1 * y, cross + 2.0 * m.s2 * x, yy
+
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+        r2 = x * x + y * y
+        zero = np.zeros_like(x)
+        radial = {f"k{i}": (x * r2**i, y * r2**i) for i in (1, 2, 3, 4)}
+        return radial | decentring_partials(x, y) | {"s1": (r2, zero), "s2": (zero, r2)}
+
+    def radial_fold(self) -> float:
+        return first_positive_root([1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3, 9 * self.k4]) ** 0.5
+
+
+@dataclass(frozen=True)
+class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
+    """Equidistant fisheye, then eight coefficients on its plane: COLMAP's THIN_PRISM_FISHEYE.
+
+    With (x, y) = theta (cos phi, sin phi) and r = theta:
+    x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2
+    y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + p1 (r^2 + 2 y^2) + 2 p2 x y + s2 r^2
+
+    Valid up to the angle where the plane folds over, below 180 degrees. As COLMAP writes Weng, Cohen and Herniou's
+    distortion (Camera calibration with distortion models and accuracy evaluation, PAMI 1992) for fisheyes.
+    """
+
+    fx: float = parameter("focal length along x", unit="px")
+    fy: float = parameter("focal length along y", unit="px")
+    cx: float = parameter("principal point", unit="px")
+    cy: float = parameter("principal point", unit="px")
+    k1: float = parameter("coefficient of theta^3")
+    k2: float = parameter("coefficient of theta^5")
+    p1: float = parameter("tangential distortion")
+    p2: float = parameter("tangential distortion")
+    k3: float = parameter("coefficient of theta^7")
+    k4: float = parameter("coefficient of theta^9")
+    s1: float = parameter("thin-prism distortion in x")
+    s2: float = parameter("thin-prism distortion in y")
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(
+            **{"fx": 281.0, "fy": 280.0, "cx": 479.5, "cy": 481.0},
+            **{"k1": 0.03, "k2": -0.011, "p1": 3e-4, "p2": -5e-4, "k3": 0.0021, "k4": -0.00019, "s1": 4e-4, "s2": -2e-4},
+        )

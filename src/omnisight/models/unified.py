@@ -1,0 +1,125 @@
+"""The unified model of central catadioptric cameras."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from omnisight.models._central import Central
+from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._protocol import Array, parameter
+
+
+class UnifiedProfile(Central):
+    """r = sin(theta) / (cos(theta) + xi)."""
+
+    SHAPES: ClassVar = ({"xi": 0.0}, {"xi": 0.5}, {"xi": 1.0}, {"xi": 1.8})
+    xi: float
+
+    @staticmethod
+    def gain(m: Any, s: Any, c: Any) -> Any:
+        return 1.0 / (c + m.xi)
+
+    @staticmethod
+    def ungain(m: Any, r: Any) -> Any:
+        r2 = r * r
+        h = (m.xi + np.sqrt(1.0 + (1.0 - m.xi * m.xi) * r2)) / (1.0 + r2)
+        return h, h - m.xi
+
+    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+        return -g * g, {"xi": -g * g}
+
+    @property
+    def theta_max(self) -> float:
+        return float(np.arccos(-self.xi if self.xi <= 1 else -1 / self.xi)) * (1 - FOLD_MARGIN)
+
+    def radius_max(self) -> float:
+        return np.inf if self.xi <= 1 else (self.xi**2 - 1) ** -0.5
+
+
+@dataclass(frozen=True)
+class Unified(UnifiedProfile):
+    """Geyer and Daniilidis' unified model: the unit sphere, seen from a point xi behind its centre.
+
+    m = (x, y)/(z + xi |X|),  pixel = K m
+
+    Back, with r = |m|:  z_s = (xi + sqrt(1 + (1 - xi^2) r^2))/(1 + r^2) - xi.
+
+    xi = 0 is a pinhole, 1 a parabolic mirror, between them hyperbolic and elliptical mirrors; xi > 1 and xi < 0 describe
+    lenses. Valid where z_s > -xi, and for xi > 1 where z_s > -1/xi and r^2 <= 1/(xi^2 - 1). Geyer and Daniilidis, A
+    unifying theory for central panoramic systems, ECCV 2000. The chapter names xi epsilon. A mirror flips handedness: the
+    camera's frame looks into the mirror, so that the image is the world's mirror image only if fx and fy differ in sign.
+    """
+
+    fx: float = parameter("focal length along x (gamma)", unit="px")
+    fy: float = parameter("focal length along y (gamma)", unit="px")
+    cx: float = parameter("principal point", unit="px")
+    cy: float = parameter("principal point", unit="px")
+    xi: float = parameter("distance of the second viewpoint from the sphere's centre", low=-0.999)
+    skew: float = parameter("skew of the pixel axes", unit="px", default=0.0, free=False)
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(fx=255.0, fy=254.0, cx=512.3, cy=383.1, xi=0.93, skew=0.2)
+
+    @classmethod
+    def from_parabola(cls, latus_rectum: float, scale: float, centre: tuple[float, float]) -> Self:
+        """Make the camera of a parabolic mirror under an orthographic camera.
+
+        Parameters
+        ----------
+        latus_rectum
+            4 p of the parabola z = (x^2 + y^2)/(4 p) - p, any length.
+        scale
+            Pixels per that length.
+        centre
+            Principal point, px.
+        """
+        positive(latus_rectum=latus_rectum, scale=scale)
+        # A ray at theta leaves the mirror at the radius 2 p sin(theta)/(1 + cos(theta)).
+        gamma = 0.5 * latus_rectum * scale
+        return cls(fx=gamma, fy=gamma, cx=centre[0], cy=centre[1], xi=1.0)
+
+    @classmethod
+    def from_hyperbola(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
+        """Make the camera of a hyperbolic mirror seen by a pinhole in its second focus.
+
+        Parameters
+        ----------
+        a, c
+            Semi-major axis and half the distance between the foci, c > a, in the same length.
+        focal
+            Focal length of the pinhole, px.
+        centre
+            Principal point, px.
+
+        Notes
+        -----
+        xi = 2 e/(1 + e^2) with e = c/a: Table 1 of the chapter with L = 2 b^2/a the latus rectum and
+        epsilon = d/sqrt(d^2 + L^2/4); as printed it would hold only for a quarter of the latus rectum.
+        """
+        positive(a=a, c=c, focal=focal)
+        if c <= a:
+            raise ValueError(f"a hyperbola has c > a, got a = {a}, c = {c}")
+        return cls._from_conic(c / a, focal, centre)
+
+    @classmethod
+    def from_ellipse(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
+        """Make the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a."""
+        positive(a=a, c=c, focal=focal)
+        if c >= a:
+            raise ValueError(f"an ellipse has c < a, got a = {a}, c = {c}")
+        return cls._from_conic(c / a, focal, centre)
+
+    @classmethod
+    def _from_conic(cls, e: float, focal: float, centre: tuple[float, float]) -> Self:
+        # Reflected from focus to focus, a ray at theta has the direction (1 - e^2) sin : 2 e + (1 + e^2) cos at the pinhole.
+        gamma = focal * abs(1 - e * e) / (1 + e * e)
+        return cls(fx=gamma, fy=gamma, cx=centre[0], cy=centre[1], xi=2 * e / (1 + e * e))
+
+
+def positive(**lengths: float) -> None:
+    """Refuse a length that is not positive, by name."""
+    for name, value in lengths.items():
+        if not value > 0:
+            raise ValueError(f"{name} must be positive, got {value}")

@@ -1,0 +1,59 @@
+"""Remembers detections between runs, by the content of the picture file.
+
+One small JSON file per picture in the user's cache folder. The key covers the file's bytes, the board and the
+detector's version, so an entry never has to be declared stale; an entry that cannot be read is as good as none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from omnisight.images import write_bytes
+
+
+def cache_folder() -> Path:
+    """Folder of cached results: $OMNISIGHT_CACHE, else the platform's place for caches."""
+    own = os.environ.get("OMNISIGHT_CACHE")
+    if own:
+        return Path(own)
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = str(Path.home() / "Library" / "Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "omnisight"
+
+
+def cache_key(data: bytes, *parameters: object) -> str:
+    """Digest of a file's bytes and of everything else that its result depends on."""
+    digest = hashlib.sha256(data)
+    digest.update(repr(parameters).encode())
+    return digest.hexdigest()
+
+
+def load_entry(key: str) -> dict[str, Any] | None:
+    """Read an entry; None if there is none, or none that can be read."""
+    try:
+        entry = json.loads(_path(key).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return entry if isinstance(entry, dict) else None
+
+
+def save_entry(key: str, entry: dict[str, Any]) -> None:
+    """Write an entry. A cache that cannot be written costs time, never a run."""
+    with suppress(OSError):
+        path = _path(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, json.dumps(entry).encode())
+
+
+def _path(key: str) -> Path:
+    return cache_folder() / "detections" / key[:2] / f"{key}.json"

@@ -1,0 +1,168 @@
+"""Finds checkerboards of unknown size: saddle points of the brightness, joined into grids neighbour by neighbour.
+
+After Geiger, Moosmann, Car, Schuster: Automatic camera and range sensor calibration using a single shot (ICRA
+2012): a board is grown from a seed by local prediction, so a lens may bend it as it likes. Here neighbours must
+also be negatives of each other, as two corners on one edge of a checkerboard are.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from .lattice import Lattice
+
+_SIGMA = 1.2
+_RADIUS = 4.0
+_SAMPLES = 32
+_STRONGEST = 3000
+_FAINTEST = 3.0
+"""Amplitude in gray levels around a saddle point below which it is noise."""
+
+
+class Saddles(NamedTuple):
+    """Points where dark and bright cross.
+
+    Attributes
+    ----------
+    pixels : (N, 2) array
+        Positions, strongest first.
+    rings : (N, S) array
+        Brightness on a small circle around each, from direction +u towards +v, mean 0 and length 1.
+    edges : (N, 2) array
+        Directions in radians, mod pi, of the two edges that cross there.
+    """
+
+    pixels: NDArray[np.float64]
+    rings: NDArray[np.float64]
+    edges: NDArray[np.float64]
+
+
+def find_saddles(gray: NDArray[np.uint8]) -> Saddles:
+    """Find the points of an (H, W) picture around which dark, bright, dark, bright follow each other."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), _SIGMA)
+    uu, vv, uv = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3) for order in ((2, 0), (0, 2), (1, 1)))
+    strength = uv * uv * 4 - uu * vv  # Sobel's mixed kernel weighs half of its straight ones
+    peak = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > _FAINTEST**2)
+    edge = int(_RADIUS) + 1
+    peak[:edge] = peak[-edge:] = False
+    peak[:, :edge] = peak[:, -edge:] = False
+    v, u = np.nonzero(peak)
+    order = np.argsort(-strength[v, u])[:_STRONGEST]
+    pixels = np.stack([u[order], v[order]], axis=1).astype(np.float64)
+    return _crossings(smooth, pixels)
+
+
+def _crossings(smooth: NDArray[np.float32], pixels: NDArray[np.float64]) -> Saddles:
+    import cv2
+
+    angle = np.arange(_SAMPLES) * (2 * np.pi / _SAMPLES)
+    circle = _RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    at = (pixels[:, None] + circle).astype(np.float32)
+    seen = cv2.remap(smooth, at, None, cv2.INTER_LINEAR) if len(at) else np.zeros((0, _SAMPLES))
+    ring = seen.astype(np.float64) - seen.mean(axis=1, keepdims=True)
+    energy = np.linalg.norm(ring, axis=1)
+    ring /= np.maximum(energy, 1e-9)[:, None]
+    half = _SAMPLES // 2
+    opposite = (ring[:, :half] * ring[:, half:]).sum(axis=1) * 2  # 1 where the ring repeats after half a turn
+    even = (ring[:, :half] + ring[:, half:]) / 2
+    following = np.concatenate([even[:, 1:], even[:, :1]], axis=1)
+    flips = (even > 0) != (following > 0)
+    good = (flips.sum(axis=1) == 2) & (opposite > 0.5) & (energy > _FAINTEST * np.sqrt(_SAMPLES))
+    ring, even, following, flips = ring[good], even[good], following[good], flips[good]
+    row, k = np.nonzero(flips)
+    crossing = k + even[row, k] / (even[row, k] - following[row, k])
+    edges = (crossing * (2 * np.pi / _SAMPLES)).reshape(-1, 2)
+    return Saddles(pixels[good], ring, edges)
+
+
+def grow_lattices(saddles: Saddles, smallest: int = 9) -> Iterator[Lattice]:
+    """Join saddle points into grids; yield those of at least `smallest` corners, NaN where one is missing."""
+    if len(saddles.pixels) < smallest:
+        return
+    tree = cKDTree(saddles.pixels)
+    free = np.ones(len(saddles.pixels), bool)
+    for seed in range(len(saddles.pixels)):
+        if not free[seed]:
+            continue
+        cells = _grow(saddles, tree, free, seed)
+        if len(cells) >= smallest:
+            free[list(cells.values())] = False
+            yield _as_lattice(saddles, cells)
+
+
+def _grow(saddles: Saddles, tree: cKDTree, free: NDArray[np.bool_], seed: int) -> dict[tuple[int, int], int]:
+    pixels = saddles.pixels
+    cells = _first_cells(saddles, tree, free, seed)
+    taken = set(cells.values())
+    queue = deque(cells)
+    while queue:
+        i, j = queue.popleft()
+        here = cells[i, j]
+        for di, dj in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+            new = (i + di, j + dj)
+            if new in cells:
+                continue
+            guess = _predict(pixels, cells, i, j, di, dj)
+            if guess is None:
+                continue
+            step = float(np.linalg.norm(guess - pixels[here]))
+            near = tree.query_ball_point(guess, 0.3 * step)
+            near = [c for c in near if free[c] and c not in taken and saddles.rings[c] @ saddles.rings[here] < -0.3]
+            if not near:
+                continue
+            best = min(near, key=lambda c: float(np.linalg.norm(pixels[c] - guess)))
+            cells[new] = best
+            taken.add(best)
+            queue.append(new)
+    return cells
+
+
+def _first_cells(saddles: Saddles, tree: cKDTree, free: NDArray[np.bool_], seed: int) -> dict[tuple[int, int], int]:
+    """Give the seed the cell (0, 0) and its nearest negatives along both edges the cells around it."""
+    centre, ring = saddles.pixels[seed], saddles.rings[seed]
+    distance, near = tree.query(centre, k=min(40, len(saddles.pixels)))
+    near = near[(distance > 2) & free[near]]
+    near = near[saddles.rings[near] @ ring < -0.3]
+    toward = saddles.pixels[near] - centre
+    bearing = np.arctan2(toward[:, 1], toward[:, 0])
+    cells = {(0, 0): seed}
+    for edge, (di, dj) in zip(saddles.edges[seed], ((0, 1), (1, 0)), strict=True):
+        for sign, turn in ((1, 0.0), (-1, np.pi)):
+            off = np.abs((bearing - edge - turn + np.pi) % (2 * np.pi) - np.pi)
+            ahead = near[off < 0.35]
+            if len(ahead):
+                cells[sign * di, sign * dj] = int(ahead[0])
+    return cells
+
+
+def _predict(
+    pixels: NDArray[np.float64], cells: dict[tuple[int, int], int], i: int, j: int, di: int, dj: int
+) -> NDArray[np.float64] | None:
+    """Guess the next corner: continue this line, or copy the step from the lines beside it."""
+    here = pixels[cells[i, j]]
+    behind = cells.get((i - di, j - dj))
+    if behind is not None:
+        further = cells.get((i - 2 * di, j - 2 * dj))
+        step = here - pixels[behind]
+        return here + step if further is None else here + 2 * step - (pixels[behind] - pixels[further])
+    for side in (1, -1):
+        a, b = cells.get((i + side * dj, j + side * di)), cells.get((i + side * dj + di, j + side * di + dj))
+        if a is not None and b is not None:
+            return here + pixels[b] - pixels[a]
+    return None
+
+
+def _as_lattice(saddles: Saddles, cells: dict[tuple[int, int], int]) -> Lattice:
+    where = np.array(list(cells))
+    where -= where.min(axis=0)
+    lattice = np.full((*(where.max(axis=0) + 1), 2), np.nan)
+    lattice[where[:, 0], where[:, 1]] = saddles.pixels[list(cells.values())]
+    return lattice

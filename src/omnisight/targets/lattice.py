@@ -1,0 +1,84 @@
+"""Grids of corners in the picture: local steps, what neighbours predict, one more line.
+
+A lattice is an array (rows, columns, 2) of pixels, NaN where a corner is missing. Nothing here assumes that
+straight lines stay straight, only that a lens or a mirror bends them smoothly.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+Lattice = NDArray[np.float64]
+
+
+def steps(lattice: Lattice) -> tuple[Lattice, Lattice]:
+    """Local steps (rows, columns, 2) in pixels to the next column and to the next row, NaN where unknown."""
+    along: list[Lattice] = []
+    for i, j in ((0, 1), (1, 0)):
+        ahead = shifted(lattice, i, j) - lattice
+        behind = lattice - shifted(lattice, -i, -j)
+        along.append(_nan(np.nanmean, np.stack([ahead, behind])))
+    return along[0], along[1]
+
+
+def spacing(lattice: Lattice) -> NDArray[np.float64]:
+    """Distance (rows, columns) in pixels to the nearest neighbour along the row or the column."""
+    others = [shifted(lattice, i, j) for i, j in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+    return _nan(np.nanmin, np.stack([np.linalg.norm(other - lattice, axis=-1) for other in others]))
+
+
+def orientation(lattice: Lattice) -> NDArray[np.float64]:
+    """Signed area (rows, columns) in px^2 of the local step parallelogram; positive is clockwise as seen."""
+    column, row = steps(lattice)
+    return column[..., 0] * row[..., 1] - column[..., 1] * row[..., 0]
+
+
+def predictions(lattice: Lattice) -> Lattice:
+    """Where each corner should be (rows, columns, 2), judged by its neighbours alone.
+
+    The median of several predictors, each a smooth curve through other corners of the row or the column, or a
+    parallelogram: the median, because any one of those corners may be wrong itself.
+    """
+    guesses: list[Lattice] = []
+    for i, j in ((0, 1), (1, 0)):
+        p = {k: shifted(lattice, k * i, k * j) for k in range(-3, 4)}
+        line = (p[-1] + p[1]) / 2
+        cubic = (4 * (p[-1] + p[1]) - p[-2] - p[2]) / 6
+        guesses.append(np.where(np.isfinite(cubic), cubic, line))
+        guesses += [3 * p[k] - 3 * p[2 * k] + p[3 * k] for k in (-1, 1)]
+    for i in (-1, 1):
+        for j in (-1, 1):
+            guesses.append(shifted(lattice, i, 0) + shifted(lattice, 0, j) - shifted(lattice, i, j))
+    return _nan(np.nanmedian, np.stack(guesses))
+
+
+def line_beyond(lattice: Lattice, side: int) -> Lattice:
+    """Extrapolate one more line of corners past a side: 0 the last row, 1 the last column, 2 and 3 the first.
+
+    Returns
+    -------
+    (n, 2) array
+        On the quadratic through the last three corners of each column or row.
+    """
+    rows = np.rot90(lattice, side)
+    return 3 * rows[-1] - 3 * rows[-2] + rows[-3]
+
+
+def shifted(lattice: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]:
+    """Lattice whose [r, c] is the given one's [r + i, c + j], NaN past its ends."""
+    rows, columns = lattice.shape[:2]
+    out = np.full_like(lattice, np.nan)
+    if abs(i) < rows and abs(j) < columns:
+        out[max(-i, 0) : rows - max(i, 0), max(-j, 0) : columns - max(j, 0)] = lattice[
+            max(i, 0) : rows - max(-i, 0), max(j, 0) : columns - max(-j, 0)
+        ]
+    return out
+
+
+def _nan(reduce: object, stack: NDArray[np.float64]) -> NDArray[np.float64]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN: a corner without neighbours
+        return reduce(stack, axis=0)  # type: ignore[operator]
