@@ -34,7 +34,7 @@ class Board:
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < _SMALLEST:
             raise ValueError(
-                f"a board needs at least {_SMALLEST} x {_SMALLEST} inner corners, got {self.columns}x{self.rows}"
+                f"a board needs {_SMALLEST} x {_SMALLEST} inner corners or more, got {self.columns}x{self.rows}"
             )
         if self.square is not None and not 0 < self.square < np.inf:
             raise ValueError(f"a square needs a positive side in metres, got {self.square}")
@@ -58,7 +58,9 @@ class Board:
         """
         match = re.fullmatch(r"\s*([0-9]{1,4})\s*[xX×,]\s*([0-9]{1,4})\s*", pattern)
         if match is None:
-            raise ValueError(f"cannot read the pattern {pattern!r}: give inner corners as COLUMNSxROWS, such as 8x6")
+            raise ValueError(
+                f"cannot read the pattern {pattern!r}: give inner corners as COLUMNSxROWS, such as 8x6"
+            )
         side = None if square is None else parse_length(square)
         return cls(int(match[1]), int(match[2]), side)
 
@@ -69,7 +71,7 @@ class Board:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the board looks the same upside-down, so that its origin is one of two (of four if square)."""
+        """Whether the board looks the same upside-down: its origin may be either of two corners."""
         return (self.columns + self.rows) % 2 == 0
 
     @property
@@ -88,10 +90,14 @@ def parse_length(text: str) -> float:
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Z\"]*)\s*", text)
     units = ", ".join(_METRES)
     if match is None:
-        raise ValueError(f"cannot read the length {text!r}: give a number with its unit ({units}), such as 32.5mm")
+        raise ValueError(
+            f"cannot read the length {text!r}: give a number with its unit ({units}), such as 32.5mm"
+        )
     number, unit = match[1], match[2].lower()
     if not unit:
-        raise ValueError(f"the length {text.strip()!r} has no unit: write {number}mm if millimetres are meant ({units})")
+        raise ValueError(
+            f"the length {text.strip()!r} has no unit: write {number}mm if millimetres are meant ({units})"
+        )
     if unit not in _METRES:
         raise ValueError(f"the length {text.strip()!r} has an unknown unit {match[2]!r}: use one of {units}")
     metres = float(number) * _METRES[unit]

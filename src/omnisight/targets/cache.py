@@ -1,7 +1,7 @@
 """Remembers detections between runs, by the content of the picture file.
 
 One small JSON file per picture in the user's cache folder. The key covers the file's bytes, the board and the
-detector's version, so an entry never has to be declared stale; an entry that cannot be read is as good as none.
+detector's version, so no entry ever goes stale; one that cannot be read is as good as none.
 """
 
 from __future__ import annotations

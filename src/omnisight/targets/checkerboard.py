@@ -29,6 +29,10 @@ _LEAST_SEEN = 0.6
 """Part of the board's corners below which it counts as not found."""
 
 
+_CLEAR = 0.9
+"""Part of a grid's corners that must be there to take its size for the board's."""
+
+
 def detect_checkerboard(gray: NDArray[np.uint8], board: Board) -> Detection | None:
     """Find a checkerboard and its corners to sub-pixel accuracy.
 
@@ -52,27 +56,37 @@ def detect_checkerboard(gray: NDArray[np.uint8], board: Board) -> Detection | No
     ValueError
         If `gray` is not an 8-bit gray picture.
     """
+    return search_checkerboard(gray, board)[0]
+
+
+def search_checkerboard(
+    gray: NDArray[np.uint8], board: Board
+) -> tuple[Detection | None, tuple[int, int] | None]:
+    """Do what `detect_checkerboard` does; without success, tell the (columns, rows) of another board seen."""
     best: Lattice | None = None
+    other: tuple[int, int] | None = None
     for lattice in find_lattices(gray, smallest=max(9, board.size // 3)):
-        fits = sorted(lattice.shape[:2]) == sorted((board.columns, board.rows))
-        if fits and (best is None or seen(lattice) > seen(best)):
+        if sorted(lattice.shape[:2]) != sorted((board.columns, board.rows)):
+            other = other or _clear_pattern(lattice)
+        elif best is None or seen(lattice) > seen(best):
             best = lattice
             if seen(best) == board.size:
                 break
     if best is None or seen(best) < _LEAST_SEEN * board.size:
-        return None
+        return None, other
     corners = canonical(gray, best, board).reshape(-1, 2)
     ids = np.flatnonzero(np.isfinite(corners[:, 0]))
-    return Detection(ids, corners[ids])
+    return Detection(ids, corners[ids]), None
 
 
 def guess_pattern(gray: NDArray[np.uint8]) -> tuple[int, int] | None:
-    """Find the largest checkerboard of any size; (columns, rows) of its inner corners, columns >= rows, or None."""
-    for lattice in find_lattices(gray, smallest=9):
-        rows, columns = sorted(lattice.shape[:2])
-        if rows >= 3 and seen(lattice) > 0.9 * rows * columns:
-            return columns, rows
-    return None
+    """Find a checkerboard of any size; (columns, rows) of its inner corners, columns >= rows, or None."""
+    return next(filter(None, map(_clear_pattern, find_lattices(gray, smallest=9))), None)
+
+
+def _clear_pattern(lattice: Lattice) -> tuple[int, int] | None:
+    rows, columns = sorted(lattice.shape[:2])
+    return (columns, rows) if rows >= 3 and seen(lattice) > _CLEAR * rows * columns else None
 
 
 def find_lattices(gray: NDArray[np.uint8], smallest: int) -> Iterator[Lattice]:
@@ -106,9 +120,9 @@ def find_lattices(gray: NDArray[np.uint8], smallest: int) -> Iterator[Lattice]:
 def canonical(gray: NDArray[np.uint8], lattice: Lattice, board: Board) -> Lattice:
     """Turn a lattice of the board's size, or of its transpose, into the order of the board's ids.
 
-    The step to the next row is always clockwise of the step to the next column as seen, x right and y down: one
-    handedness for all pictures. A mirror in the light path mirrors every picture of a camera alike, so this
-    gives them all one board frame.
+    The step to the next row is always clockwise of the step to the next column as seen, x right and y down:
+    one handedness for all pictures. A mirror in the light path mirrors every picture of a camera alike, so
+    this gives them all one board frame.
 
     Of the two turns that are left (four for a square grid) an asymmetric board decides by colour: the square
     between ids 0, 1, columns and columns + 1 is dark. A symmetric one starts nearest the top left of the

@@ -1,4 +1,4 @@
-"""What the picture says about a lattice of corners: where they are exactly, and whether they are corners at all."""
+"""What the picture says about a lattice: where its corners are exactly, and whether they are corners at all."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .lattice import Lattice, orientation, predictions, spacing, steps
+from .sampling import bilinear
 
 _WINDOW = 0.4
-"""Half side of the sub-pixel window over the distance to the nearest neighbour: no neighbour comes into it."""
+"""Half side of the sub-pixel window over the distance to the nearest neighbour, which stays outside."""
 
 _HALF_SIZES = (2, 12)
 """Bounds of that half side in px: below there are no gradients to fit, above the edges of a board bend."""
@@ -59,22 +60,19 @@ def refined(gray: NDArray[np.uint8], lattice: Lattice) -> Lattice:
 def contrast(gray: NDArray[np.uint8], lattice: Lattice) -> NDArray[np.float64]:
     """Signed contrast (rows, columns) in gray levels of the four squares that meet in each corner.
 
-    Positive where the squares ahead and behind along the diagonal of the steps are brighter than the other two;
-    on a checkerboard the sign alternates from corner to corner. The weaker of the four differences counts, so
-    that an edge or a line gives none.
+    Positive where the squares ahead and behind along the diagonal of the steps are brighter than the other
+    two; on a checkerboard the sign alternates from corner to corner. The weakest of the four differences
+    counts, so that an edge or a line gives none.
     """
-    import cv2
-
     column, row = steps(lattice)
     reach = 0.28
-    where = np.stack([lattice + reach * (s * column + t * row) for s, t in ((1, 1), (-1, -1), (1, -1), (-1, 1))])
-    at = np.nan_to_num(where, nan=-1.0).astype(np.float32).reshape(-1, lattice.shape[1], 2)
-    seen = cv2.remap(gray, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    a, b, c, d = seen.reshape(4, *lattice.shape[:2]).astype(np.float64)
+    where = np.stack(
+        [lattice + reach * (s * column + t * row) for s, t in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
+    )
+    a, b, c, d = bilinear(gray, where)
     ahead = np.minimum(a, b) - np.maximum(c, d)
     aside = np.minimum(c, d) - np.maximum(a, b)
-    signed = np.where(ahead > 0, ahead, np.where(aside > 0, -aside, 0.0))
-    return np.where(np.isfinite(where).all(axis=(0, -1)), signed, np.nan)
+    return np.maximum(ahead, 0) - np.maximum(aside, 0)
 
 
 def parity(shape: tuple[int, ...]) -> NDArray[np.float64]:
@@ -86,11 +84,16 @@ def parity(shape: tuple[int, ...]) -> NDArray[np.float64]:
 def sound(gray: NDArray[np.uint8], lattice: Lattice) -> NDArray[np.bool_]:
     """Whether each corner (rows, columns) is where its neighbours put it, and is one by its colours."""
     alternating = contrast(gray, lattice) * parity(lattice.shape)
-    level = np.nanmedian(alternating) if np.isfinite(alternating).any() else np.nan
     facing = orientation(lattice)
-    with np.errstate(invalid="ignore"):
-        off = np.linalg.norm(lattice - predictions(lattice), axis=-1) / spacing(lattice)
-        return (off < _TOLERANCE) & (alternating / level > _FAINT) & (facing * np.nanmedian(facing) > 0)
+    if not np.isfinite(alternating).any():
+        return np.zeros(lattice.shape[:2], bool)
+    level, side = np.nanmedian(alternating), np.nanmedian(facing)
+    off = np.linalg.norm(lattice - predictions(lattice), axis=-1)
+    return (
+        (off < _TOLERANCE * spacing(lattice))
+        & (alternating * np.sign(level) > _FAINT * abs(level))
+        & (facing * side > 0)
+    )
 
 
 def repaired(gray: NDArray[np.uint8], lattice: Lattice, rounds: int = 4) -> Lattice:

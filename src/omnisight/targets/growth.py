@@ -1,28 +1,47 @@
-"""Finds checkerboards of unknown size: saddle points of the brightness, joined into grids neighbour by neighbour.
+"""Finds checkerboards of unknown size: saddle points of the brightness, joined into grids.
 
-After Geiger, Moosmann, Car, Schuster: Automatic camera and range sensor calibration using a single shot (ICRA
-2012): a board is grown from a seed by local prediction, so a lens may bend it as it likes. Here neighbours must
-also be negatives of each other, as two corners on one edge of a checkerboard are.
+After A. Geiger, F. Moosmann, O. Car, B. Schuster: Automatic camera and range sensor calibration using a single
+shot (ICRA 2012): a board is grown from a seed by local prediction, so a lens may bend it as it likes. Here
+neighbours must also be negatives of each other, as two corners on one edge of a checkerboard are.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .lattice import Lattice
+from .sampling import bilinear
+
+Cells = dict[tuple[int, int], int]
+"""(row, column) of a growing grid, counted from its seed, to the index of the saddle point there."""
 
 _SIGMA = 1.2
+"""Smoothing in px before derivatives are taken."""
+
 _RADIUS = 4.0
 _SAMPLES = 32
+"""Radius in px and number of samples of the ring around a saddle point."""
+
 _STRONGEST = 3000
+"""How many saddle points are kept, the strongest first."""
+
 _FAINTEST = 3.0
 """Amplitude in gray levels around a saddle point below which it is noise."""
+
+_NEGATIVE = -0.3
+"""Neighbours on a checkerboard are negatives of each other: their rings correlate below this."""
+
+_REACH = 0.3
+"""How far from its predicted place the next corner is looked for, over the step to there."""
+
+_CONE = 0.35
+"""How far in radians off an edge of the seed its first neighbours may lie."""
 
 
 class Saddles(NamedTuple):
@@ -61,13 +80,10 @@ def find_saddles(gray: NDArray[np.uint8]) -> Saddles:
 
 
 def _crossings(smooth: NDArray[np.float32], pixels: NDArray[np.float64]) -> Saddles:
-    import cv2
-
     angle = np.arange(_SAMPLES) * (2 * np.pi / _SAMPLES)
     circle = _RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    at = (pixels[:, None] + circle).astype(np.float32)
-    seen = cv2.remap(smooth, at, None, cv2.INTER_LINEAR) if len(at) else np.zeros((0, _SAMPLES))
-    ring = seen.astype(np.float64) - seen.mean(axis=1, keepdims=True)
+    ring = bilinear(smooth, pixels[:, None] + circle)
+    ring -= ring.mean(axis=1, keepdims=True)
     energy = np.linalg.norm(ring, axis=1)
     ring /= np.maximum(energy, 1e-9)[:, None]
     half = _SAMPLES // 2
@@ -98,7 +114,7 @@ def grow_lattices(saddles: Saddles, smallest: int = 9) -> Iterator[Lattice]:
             yield _as_lattice(saddles, cells)
 
 
-def _grow(saddles: Saddles, tree: cKDTree, free: NDArray[np.bool_], seed: int) -> dict[tuple[int, int], int]:
+def _grow(saddles: Saddles, tree: Any, free: NDArray[np.bool_], seed: int) -> Cells:
     pixels = saddles.pixels
     cells = _first_cells(saddles, tree, free, seed)
     taken = set(cells.values())
@@ -107,44 +123,40 @@ def _grow(saddles: Saddles, tree: cKDTree, free: NDArray[np.bool_], seed: int) -
         i, j = queue.popleft()
         here = cells[i, j]
         for di, dj in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-            new = (i + di, j + dj)
-            if new in cells:
-                continue
-            guess = _predict(pixels, cells, i, j, di, dj)
+            guess = None if (i + di, j + dj) in cells else _predict(pixels, cells, i, j, di, dj)
             if guess is None:
                 continue
-            step = float(np.linalg.norm(guess - pixels[here]))
-            near = tree.query_ball_point(guess, 0.3 * step)
-            near = [c for c in near if free[c] and c not in taken and saddles.rings[c] @ saddles.rings[here] < -0.3]
-            if not near:
-                continue
-            best = min(near, key=lambda c: float(np.linalg.norm(pixels[c] - guess)))
-            cells[new] = best
-            taken.add(best)
-            queue.append(new)
+            reach = _REACH * float(np.linalg.norm(guess - pixels[here]))
+            near = [k for k in tree.query_ball_point(guess, reach) if free[k] and k not in taken]
+            near = [k for k in near if saddles.rings[k] @ saddles.rings[here] < _NEGATIVE]
+            if near:
+                nearest = near[int(np.argmin(np.linalg.norm(pixels[near] - guess, axis=1)))]
+                cells[i + di, j + dj] = nearest
+                taken.add(nearest)
+                queue.append((i + di, j + dj))
     return cells
 
 
-def _first_cells(saddles: Saddles, tree: cKDTree, free: NDArray[np.bool_], seed: int) -> dict[tuple[int, int], int]:
+def _first_cells(saddles: Saddles, tree: Any, free: NDArray[np.bool_], seed: int) -> Cells:
     """Give the seed the cell (0, 0) and its nearest negatives along both edges the cells around it."""
     centre, ring = saddles.pixels[seed], saddles.rings[seed]
     distance, near = tree.query(centre, k=min(40, len(saddles.pixels)))
     near = near[(distance > 2) & free[near]]
-    near = near[saddles.rings[near] @ ring < -0.3]
+    near = near[saddles.rings[near] @ ring < _NEGATIVE]
     toward = saddles.pixels[near] - centre
     bearing = np.arctan2(toward[:, 1], toward[:, 0])
     cells = {(0, 0): seed}
     for edge, (di, dj) in zip(saddles.edges[seed], ((0, 1), (1, 0)), strict=True):
         for sign, turn in ((1, 0.0), (-1, np.pi)):
             off = np.abs((bearing - edge - turn + np.pi) % (2 * np.pi) - np.pi)
-            ahead = near[off < 0.35]
+            ahead = near[off < _CONE]
             if len(ahead):
                 cells[sign * di, sign * dj] = int(ahead[0])
     return cells
 
 
 def _predict(
-    pixels: NDArray[np.float64], cells: dict[tuple[int, int], int], i: int, j: int, di: int, dj: int
+    pixels: NDArray[np.float64], cells: Cells, i: int, j: int, di: int, dj: int
 ) -> NDArray[np.float64] | None:
     """Guess the next corner: continue this line, or copy the step from the lines beside it."""
     here = pixels[cells[i, j]]
@@ -152,15 +164,17 @@ def _predict(
     if behind is not None:
         further = cells.get((i - 2 * di, j - 2 * dj))
         step = here - pixels[behind]
-        return here + step if further is None else here + 2 * step - (pixels[behind] - pixels[further])
+        bend = 0.0 if further is None else step - (pixels[behind] - pixels[further])
+        return here + step + bend
     for side in (1, -1):
-        a, b = cells.get((i + side * dj, j + side * di)), cells.get((i + side * dj + di, j + side * di + dj))
+        beside = (i + side * dj, j + side * di)
+        a, b = cells.get(beside), cells.get((beside[0] + di, beside[1] + dj))
         if a is not None and b is not None:
             return here + pixels[b] - pixels[a]
     return None
 
 
-def _as_lattice(saddles: Saddles, cells: dict[tuple[int, int], int]) -> Lattice:
+def _as_lattice(saddles: Saddles, cells: Cells) -> Lattice:
     where = np.array(list(cells))
     where -= where.min(axis=0)
     lattice = np.full((*(where.max(axis=0) + 1), 2), np.nan)

@@ -1,4 +1,4 @@
-"""Grids of corners in the picture: local steps, what neighbours predict, one more line.
+"""Grids of corners in the picture: local steps, and what neighbours predict.
 
 A lattice is an array (rows, columns, 2) of pixels, NaN where a corner is missing. Nothing here assumes that
 straight lines stay straight, only that a lens or a mirror bends them smoothly.
@@ -7,6 +7,8 @@ straight lines stay straight, only that a lens or a mirror bends them smoothly.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,18 +57,6 @@ def predictions(lattice: Lattice) -> Lattice:
     return _nan(np.nanmedian, np.stack(guesses))
 
 
-def line_beyond(lattice: Lattice, side: int) -> Lattice:
-    """Extrapolate one more line of corners past a side: 0 the last row, 1 the last column, 2 and 3 the first.
-
-    Returns
-    -------
-    (n, 2) array
-        On the quadratic through the last three corners of each column or row.
-    """
-    rows = np.rot90(lattice, side)
-    return 3 * rows[-1] - 3 * rows[-2] + rows[-3]
-
-
 def shifted(lattice: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]:
     """Lattice whose [r, c] is the given one's [r + i, c + j], NaN past its ends."""
     rows, columns = lattice.shape[:2]
@@ -78,7 +68,7 @@ def shifted(lattice: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]
     return out
 
 
-def _nan(reduce: object, stack: NDArray[np.float64]) -> NDArray[np.float64]:
+def _nan(reduce: Callable[..., Any], stack: NDArray[np.float64]) -> NDArray[np.float64]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN: a corner without neighbours
-        return reduce(stack, axis=0)  # type: ignore[operator]
+        return reduce(stack, axis=0)

@@ -1,0 +1,116 @@
+"""A camera: a model, the size of its pictures, and what is known of how it was calibrated."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnisight.models import CameraModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera model with its picture.
+
+    Attributes
+    ----------
+    model
+        Bearings to pixels and back.
+    size
+        (width, height) of the picture, px; (0, 0) where a file does not say.
+    theta_max
+        The angle from the axis (radians) up to which corners were seen in calibration: past it the model extrapolates. None
+        where it is not known.
+    calibration
+        Figures of the calibration (rms, held_out_rms, views, corners ...), by name.
+    covariance
+        (P, P) of the parameters, or None.
+    provenance
+        Where it came from: file, format, tool, date.
+    extra
+        What its file held beside that, kept for the next writer.
+    """
+
+    model: CameraModel
+    size: tuple[int, int]
+    theta_max: float | None = None
+    calibration: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    covariance: Array | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    def __post_init__(self) -> None:
+        """Refuse a size that is none."""
+        if len(self.size) != 2 or min(self.size) < 0:
+            raise ValueError(f"size must be (width, height), got {self.size!r}")
+
+    @property
+    def width(self) -> int:
+        """Pixels per row."""
+        return self.size[0]
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.size[1]
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points (..., 3) to pixels (..., 2) and their validity; see `CameraModel.project`."""
+        return self.model.project(points)
+
+    def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Give the bearings (..., 3) of pixels (..., 2) and their validity; see `CameraModel.unproject`."""
+        return self.model.unproject(pixels)
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
+        p = np.asarray(pixels, float)
+        with np.errstate(invalid="ignore"):
+            return np.all((p >= -0.5) & (p < np.array(self.size) - 0.5), axis=-1)
+
+    def angle_of(self, pixels: ArrayLike) -> Array:
+        """Give the angle from the axis (radians) of pixels (..., 2), NaN where not valid."""
+        bearings, _ = self.unproject(pixels)
+        return np.arctan2(np.hypot(bearings[..., 0], bearings[..., 1]), bearings[..., 2])
+
+    def border(self, count: int = 64) -> Array:
+        """Give pixels (N, 2) around the picture's edge."""
+        t = np.linspace(0, 1, count, endpoint=False)
+        corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * (np.array(self.size) - 1.0)
+        return np.concatenate([corners[i] + t[:, None] * (corners[i + 1] - corners[i]) for i in range(4)])
+
+    def image_theta_max(self) -> float:
+        """Give the largest angle from the axis (radians) that the picture's edge shows."""
+        angles = self.angle_of(self.border())
+        return float(np.nanmax(angles)) if np.isfinite(angles).any() else self.model.theta_max
+
+    def scaled(self, factor: float) -> "Camera":
+        """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
+        size = (round(self.width * factor), round(self.height * factor))
+        params = self.model.params.copy()
+        for i, name in enumerate(self.model.param_names):
+            if name in ("cx", "cy"):
+                params[i] = (params[i] + 0.5) * factor - 0.5
+            elif name in ("fx", "fy", "skew"):
+                params[i] *= factor
+            elif name[0] == "a" and name[1:].isdigit():  # f(r) = a0 + a2 r^2 ... with r in pixels
+                params[i] *= factor ** (1 - int(name[1:]))
+        return dataclasses.replace(self, model=self.model.with_params(params), size=size, covariance=None)
+
+    def samples(self, theta_max: float | None = None, count: int = 41) -> tuple[Array, Array]:
+        """Give bearings (N, 3) and their pixels (N, 2) over the picture, up to an angle from the axis (radians).
+
+        The angle is the calibrated cone unless told otherwise, or all of the picture where that is not known.
+        """
+        limit = theta_max or self.theta_max or self.model.theta_max
+        u, v = np.meshgrid(np.linspace(0, self.width - 1, count), np.linspace(0, self.height - 1, count))
+        pixels = np.stack([u.ravel(), v.ravel()], -1)
+        bearings, valid = self.unproject(pixels)
+        with np.errstate(invalid="ignore"):
+            use = valid & (bearings[:, 2] >= np.cos(limit))
+        return bearings[use], pixels[use]

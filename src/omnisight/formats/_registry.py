@@ -1,0 +1,148 @@
+"""Finding a format, reading and writing files."""
+
+import dataclasses
+import importlib
+import os
+import pkgutil
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from omnisight.camera import Camera
+from omnisight.formats._protocol import Format, FormatError, Written
+
+LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
+
+
+@cache
+def format_names() -> tuple[str, ...]:
+    """Give the names of all formats, sorted: the names of the files here."""
+    folder = [str(Path(__file__).parent)]
+    return tuple(sorted(m.name for m in pkgutil.iter_modules(folder) if not m.name.startswith("_")))
+
+
+def format_named(name: str) -> Format:
+    """Give the format of that name, or say which there are."""
+    if name not in format_names():
+        raise ValueError(f"unknown format {name!r}; there are: {', '.join(format_names())}")
+    return cast(Format, importlib.import_module(f"omnisight.formats.{name}"))
+
+
+def load(path: str | Path, *, name: str | None = None) -> Camera:
+    """Read a camera from a calibration file of any format, told by what it holds.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        Which camera, where the file holds several.
+
+    Raises
+    ------
+    FormatError
+        If it is no calibration file, is damaged, or holds several cameras and none was named.
+    """
+    cameras = load_all(path)
+    if name is not None:
+        if name not in cameras:
+            raise FormatError(f"{path}: no camera {name!r}; it holds {', '.join(cameras)}")
+        return cameras[name]
+    if len(cameras) > 1:
+        raise FormatError(f"{path}: holds {len(cameras)} cameras: {', '.join(cameras)}; say which one")
+    return next(iter(cameras.values()))
+
+
+def load_all(path: str | Path) -> dict[str, Camera]:
+    """Read every camera of a calibration file of any format, by name."""
+    text = _read(Path(path))
+    for name in format_names():
+        candidate = format_named(name)
+        if not candidate.matches(text):
+            continue
+        try:
+            cameras = candidate.parse(text)
+        except (ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError) as error:
+            said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
+            raise FormatError(f"{path}: {candidate.TITLE}: {said}") from error
+        source = {"file": Path(path).name, "format": name}
+        return {
+            key: dataclasses.replace(camera, provenance=dict(camera.provenance) or source)
+            for key, camera in cameras.items()
+        }
+    start = text.strip()[:40]
+    raise FormatError(
+        f"{path}: no calibration file that is known (begins with {start!r}); known are: {', '.join(format_names())}"
+    )
+
+
+def save(camera: Camera, path: str | Path, *, format: str = "native") -> Written:
+    """Write a camera, read it again, and report the difference.
+
+    The file appears whole or not at all.
+
+    Parameters
+    ----------
+    camera
+        What to write.
+    path
+        Where to; its folder must exist.
+    format
+        One of `format_names()`.
+
+    Raises
+    ------
+    FormatError
+        If the format cannot hold the camera's model, or the file cannot be written.
+    """
+    chosen = format_named(format)
+    try:
+        text, notes = chosen.render(camera)
+    except ValueError as error:
+        raise FormatError(f"{path}: {chosen.TITLE}: {error}") from error
+    again = next(iter(chosen.parse(text).values()))
+    write_text(Path(path), text)
+    return Written(Path(path), difference_px(camera, again), notes)
+
+
+def difference_px(camera: Camera, other: Camera) -> float:
+    """Give the largest distance (px) between the pixels of two cameras, over the first one's picture."""
+    bearings, pixels = camera.samples()
+    if not len(bearings):
+        return 0.0
+    seen, valid = other.project(bearings)
+    return float(np.linalg.norm(seen - pixels, axis=1).max()) if valid.all() else float("inf")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be written: {error.strerror} ({path.parent})") from error
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        Path(temporary).unlink(missing_ok=True)
+        raise FormatError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _read(path: Path) -> str:
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise FormatError(f"{path}: is a folder, not a calibration file")
+        if size > LARGEST:
+            raise FormatError(f"{path}: {size} bytes; a calibration file has at most {LARGEST}")
+        text = path.read_bytes().decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise FormatError(f"{path}: {error.strerror}") from error
+    if not text.strip():
+        raise FormatError(f"{path}: empty file")
+    return text

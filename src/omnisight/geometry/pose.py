@@ -1,0 +1,46 @@
+"""Rigid motions, named by what they map: `x_b = b_from_a @ x_a`."""
+
+from dataclasses import dataclass, field
+from typing import Self, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnisight.geometry import rotation as so3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A rigid motion b_from_a.
+
+    Attributes
+    ----------
+    rotation
+        (3, 3).
+    translation
+        (3,), in the unit of the points.
+    """
+
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    translation: Array = field(default_factory=lambda: np.zeros(3))
+
+    @overload
+    def __matmul__(self, other: "Pose") -> "Pose": ...
+    @overload
+    def __matmul__(self, other: ArrayLike) -> Array: ...
+    def __matmul__(self, other: "Pose | ArrayLike") -> "Pose | Array":
+        """Compose with a pose, or map points (..., 3)."""
+        if isinstance(other, Pose):
+            return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+        return np.asarray(other, float) @ self.rotation.T + self.translation
+
+    def inverse(self) -> Self:
+        """Give a_from_b."""
+        return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def moved(self, step: ArrayLike) -> Self:
+        """Give the pose moved by (rotation vector, translation) (6,): x_b = exp(w) R x_a + t + v."""
+        s = np.asarray(step, float)
+        return type(self)(so3.exp(s[:3]) @ self.rotation, self.translation + s[3:])

@@ -1,0 +1,86 @@
+"""Rotations of 3-space as matrices and rotation vectors."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def hat(vectors: ArrayLike) -> Array:
+    """Give the cross-product matrices (..., 3, 3) of vectors (..., 3): hat(v) w = v x w."""
+    v = np.asarray(vectors, float)
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*v.shape[:-1], 3, 3)
+
+
+def exp(vectors: ArrayLike) -> Array:
+    """Give the rotations (..., 3, 3) of rotation vectors (..., 3), radians (Rodrigues' formula)."""
+    v = np.asarray(vectors, float)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    k = hat(v)
+    half = np.sinc(angle / (2 * np.pi))  # sin(angle/2)/(angle/2), regular at zero
+    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * half**2 * k @ k
+
+
+def log(rotations: ArrayLike) -> Array:
+    """Give the rotation vectors (..., 3), at most pi long, of rotations (..., 3, 3)."""
+    r = np.asarray(rotations, float)
+    axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
+    sine = np.linalg.norm(axis, axis=-1)
+    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1) - 1) / 2)
+    # Near pi the antisymmetric part vanishes: the axis is then the largest column of (R + R^T)/2 + I.
+    symmetric = (r + np.swapaxes(r, -1, -2)) / 2 + np.eye(3)
+    largest = np.argmax(np.diagonal(symmetric, axis1=-2, axis2=-1), -1)
+    column = np.take_along_axis(symmetric, largest[..., None, None], -1)[..., 0]
+    column = column / np.linalg.norm(column, axis=-1, keepdims=True)
+    column *= np.where((column * axis).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    safe = np.where(sine > 1e-7, sine, 1.0)[..., None]
+    direction = np.where((sine > 1e-7)[..., None], axis / safe, np.where((angle > 1)[..., None], column, 0.0))
+    small = ((sine <= 1e-7) & (angle <= 1))[..., None]
+    return np.where(small, axis, direction * angle[..., None])
+
+
+def nearest(matrices: ArrayLike) -> Array:
+    """Give the rotations nearest to matrices (..., 3, 3), by the singular value decomposition."""
+    u, _, vt = np.linalg.svd(np.asarray(matrices, float))
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
+    return u @ vt
+
+
+# What is down, and what is ahead, in the camera frame, by where the world's up is.
+_LEVEL = {
+    "top": np.eye(3),
+    "back": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "front": np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]),
+}
+
+
+def look(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, *, up: str = "top", flip: bool = False) -> Array:
+    """Give target_from_source (3, 3) of a view that looks elsewhere than the camera does.
+
+    Parameters
+    ----------
+    yaw, pitch, roll
+        Degrees. The view turns right with yaw, up with pitch, and clockwise, as seen from behind it, with roll.
+    up
+        Where the world's up lies: "top" for a camera held level (up is the picture's top), "back" for a camera that looks
+        down or into a mirror above it (the picture's middle is the nadir), "front" for a camera that looks up.
+    flip
+        Exchange left and right: a camera that looks into one mirror sees the world so.
+
+    Raises
+    ------
+    ValueError
+        If `up` is none of the three.
+    """
+    if up not in _LEVEL:
+        raise ValueError(f"up must be one of {', '.join(_LEVEL)}, got {up!r}")
+    y, p, r = np.radians([yaw, pitch, roll])
+    turn = (
+        np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+        @ np.array([[1, 0, 0], [0, np.cos(p), -np.sin(p)], [0, np.sin(p), np.cos(p)]])
+        @ np.array([[np.cos(r), -np.sin(r), 0], [np.sin(r), np.cos(r), 0], [0, 0, 1]])
+    )
+    source_from_level = _LEVEL[up] @ np.diag([-1.0 if flip else 1.0, 1.0, 1.0])
+    return (source_from_level @ turn).T
