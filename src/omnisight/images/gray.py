@@ -48,12 +48,12 @@ def _luma(rgb: NDArray[Any]) -> NDArray[Any]:
 
 
 def _stretch(gray: NDArray[Any], visible: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    gray = gray.astype(np.float32)
+    gray = gray.astype(np.result_type(gray.dtype, np.float32))
     usable = np.isfinite(gray) if visible is None else np.isfinite(gray) & visible
     values = gray[usable]
     if values.size == 0:
         return np.zeros(gray.shape, np.uint8)
     low, high = np.percentile(values[:: max(1, values.size // _SAMPLES)], (1, 99))
-    scale = 255.0 / max(high - low, np.finfo(np.float32).tiny)
+    scale = 255.0 / (high - low) if high > low else 0.0
     scaled = np.clip((np.where(usable, gray, low) - low) * scale, 0, 255)
     return np.where(usable, np.rint(scaled), 0).astype(np.uint8)

@@ -110,9 +110,9 @@ def _decode(data: bytes) -> NDArray[Any] | None:
         # Of the other formats nothing was checked above. OpenCV logs what it dislikes to the terminal, at a
         # level that belongs to the whole process: change it for one picture at a time, and put it back.
         with _quiet:
-            log = cv2.utils.logging
+            log: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, OpenCV 5
             level = log.getLogLevel()
-            log.setLogLevel(log.LOG_LEVEL_SILENT)
+            log.setLogLevel(0)
             try:
                 return cv2.imdecode(buffer, flag)
             finally:

@@ -1,5 +1,6 @@
 """Profiles written in the angle itself: r(theta) = theta (1 + k1 theta^2 + ...)."""
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ class AnglePolynomial(Central):
             theta**2, [1.0, self.k1, self.k2, self.k3, self.k4, self.k5, self.k6]
         )
 
-    @property
+    @cached_property
     def fold(self) -> float:
         """The angle (radians) where r(theta) stops growing, 180 degrees at most."""
         k = (self.k1, self.k2, self.k3, self.k4, self.k5, self.k6)

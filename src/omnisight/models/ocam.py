@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -57,7 +58,7 @@ class Ocam(Central):
         """f(r) as coefficients from r^0 up, a1 = 0 included."""
         return np.insert(np.array(self.a), 1, 0.0)
 
-    @property
+    @cached_property
     def fold(self) -> float:
         """The radius (px) where theta(r) stops growing and the picture folds over; inf if it never does."""
         # d theta/dr has the sign of f - r f' = a0 - a2 r^2 - 2 a3 r^3 - ...

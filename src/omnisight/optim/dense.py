@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from omnisight.optim.levenberg_marquardt import Array, Solution, minimise
 
-Residuals = Callable[[Array], tuple[Array, Array]]
+Residuals = Callable[[Array], Array]
+Derivatives = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -38,19 +39,20 @@ class DenseNormal:
 
 @dataclass(frozen=True)
 class DenseProblem:
-    """Half the sum of squares of `residuals(x) -> (r (N,), J (N, P))`, x kept between bounds."""
+    """Half the sum of squares of r(x) (N,), x kept between bounds; `derivatives` gives r and its Jacobian (N, P)."""
 
     residuals: Residuals
+    derivatives: Derivatives
     low: Array
     high: Array
     free: NDArray[np.bool_]
 
     def cost(self, state: Array) -> float:
-        r, _ = self.residuals(state)
+        r = self.residuals(state)
         return float(0.5 * r @ r) if np.all(np.isfinite(r)) else np.inf
 
     def linearise(self, state: Array) -> DenseNormal:
-        r, jacobian = self.residuals(state)
+        r, jacobian = self.derivatives(state)
         jacobian = jacobian[:, self.free]
         return DenseNormal(jacobian.T @ jacobian, jacobian.T @ r)
 
@@ -62,6 +64,7 @@ class DenseProblem:
 
 def least_squares(
     residuals: Residuals,
+    derivatives: Derivatives,
     start: Array,
     *,
     low: Array | float = -np.inf,
@@ -75,6 +78,8 @@ def least_squares(
     Parameters
     ----------
     residuals
+        x (P,) -> residuals (N,); not finite where x is not possible.
+    derivatives
         x (P,) -> residuals (N,) and their Jacobian (N, P).
     start
         Where to begin, (P,).
@@ -86,6 +91,7 @@ def least_squares(
     size = start.shape
     problem = DenseProblem(
         residuals,
+        derivatives,
         np.broadcast_to(np.asarray(low, float), size),
         np.broadcast_to(np.asarray(high, float), size),
         np.ones(size, np.bool_) if free is None else free,

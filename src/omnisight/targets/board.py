@@ -34,7 +34,7 @@ class Board:
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < _SMALLEST:
             raise ValueError(
-                f"a board needs {_SMALLEST} x {_SMALLEST} inner corners or more, got {self.columns}x{self.rows}"
+                f"a board needs {_SMALLEST}x{_SMALLEST} inner corners or more, got {self.columns}x{self.rows}"
             )
         if self.square is not None and not 0 < self.square < np.inf:
             raise ValueError(f"a square needs a positive side in metres, got {self.square}")

@@ -1,4 +1,4 @@
-"""What the picture says about a lattice: where its corners are exactly, and whether they are corners at all."""
+"""What the picture says about a lattice: where its corners are, and whether they are corners at all."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from .lattice import Lattice, orientation, predictions, spacing, steps
 from .sampling import bilinear
 
-_WINDOW = 0.4
+_WINDOW = 0.33
 """Half side of the sub-pixel window over the distance to the nearest neighbour, which stays outside."""
 
-_HALF_SIZES = (2, 12)
+_HALF_SIZES = (3, 10)
 """Bounds of that half side in px: below there are no gradients to fit, above the edges of a board bend."""
 
 _TOLERANCE = 0.2
@@ -19,6 +19,9 @@ _TOLERANCE = 0.2
 
 _MOST_LINES = 4
 """How many lines a lattice may grow on each side."""
+
+_REACHES = (0.18, 0.28)
+"""Where the squares around a corner are looked at, over their diagonals."""
 
 _FAINT = 0.2
 """Contrast across a corner below this part of the board's median is none."""
@@ -65,14 +68,15 @@ def contrast(gray: NDArray[np.uint8], lattice: Lattice) -> NDArray[np.float64]:
     counts, so that an edge or a line gives none.
     """
     column, row = steps(lattice)
-    reach = 0.28
-    where = np.stack(
-        [lattice + reach * (s * column + t * row) for s, t in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
-    )
-    a, b, c, d = bilinear(gray, where)
-    ahead = np.minimum(a, b) - np.maximum(c, d)
-    aside = np.minimum(c, d) - np.maximum(a, b)
-    return np.maximum(ahead, 0) - np.maximum(aside, 0)
+    sides = [(1, 1), (-1, -1), (1, -1), (-1, 1)]
+    offsets = np.stack([s * column + t * row for s, t in sides])
+    # Near the corner and amid the squares: both tell, and the border of the paper passes for one at most.
+    near, amid = (bilinear(gray, lattice + reach * offsets) for reach in _REACHES)
+    ahead = np.minimum(near[:2], amid[:2]), np.maximum(near[:2], amid[:2])
+    aside = np.minimum(near[2:], amid[2:]), np.maximum(near[2:], amid[2:])
+    brighter = ahead[0].min(axis=0) - aside[1].max(axis=0)
+    darker = aside[0].min(axis=0) - ahead[1].max(axis=0)
+    return np.maximum(brighter, 0) - np.maximum(darker, 0)
 
 
 def parity(shape: tuple[int, ...]) -> NDArray[np.float64]:

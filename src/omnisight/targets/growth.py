@@ -1,8 +1,8 @@
 """Finds checkerboards of unknown size: saddle points of the brightness, joined into grids.
 
-After A. Geiger, F. Moosmann, O. Car, B. Schuster: Automatic camera and range sensor calibration using a single
-shot (ICRA 2012): a board is grown from a seed by local prediction, so a lens may bend it as it likes. Here
-neighbours must also be negatives of each other, as two corners on one edge of a checkerboard are.
+After A. Geiger, F. Moosmann, O. Car, B. Schuster: Automatic camera and range sensor calibration using a
+single shot (ICRA 2012): a board is grown from a seed by local prediction, so a lens may bend it as it likes.
+Here neighbours must also be negatives of each other, as two corners on one edge of a checkerboard are.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .lattice import Lattice
 from .sampling import bilinear
@@ -62,7 +62,7 @@ class Saddles(NamedTuple):
     edges: NDArray[np.float64]
 
 
-def find_saddles(gray: NDArray[np.uint8]) -> Saddles:
+def find_saddles(gray: NDArray[Any]) -> Saddles:
     """Find the points of an (H, W) picture around which dark, bright, dark, bright follow each other."""
     import cv2
 
@@ -79,7 +79,7 @@ def find_saddles(gray: NDArray[np.uint8]) -> Saddles:
     return _crossings(smooth, pixels)
 
 
-def _crossings(smooth: NDArray[np.float32], pixels: NDArray[np.float64]) -> Saddles:
+def _crossings(smooth: NDArray[Any], pixels: NDArray[np.float64]) -> Saddles:
     angle = np.arange(_SAMPLES) * (2 * np.pi / _SAMPLES)
     circle = _RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     ring = bilinear(smooth, pixels[:, None] + circle)
@@ -103,7 +103,7 @@ def grow_lattices(saddles: Saddles, smallest: int = 9) -> Iterator[Lattice]:
     """Join saddle points into grids; yield those of at least `smallest` corners, NaN where one is missing."""
     if len(saddles.pixels) < smallest:
         return
-    tree = cKDTree(saddles.pixels)
+    tree = KDTree(saddles.pixels)
     free = np.ones(len(saddles.pixels), bool)
     for seed in range(len(saddles.pixels)):
         if not free[seed]:

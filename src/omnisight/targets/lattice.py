@@ -6,7 +6,6 @@ straight lines stay straight, only that a lens or a mirror bends them smoothly.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -22,14 +21,14 @@ def steps(lattice: Lattice) -> tuple[Lattice, Lattice]:
     for i, j in ((0, 1), (1, 0)):
         ahead = shifted(lattice, i, j) - lattice
         behind = lattice - shifted(lattice, -i, -j)
-        along.append(_nan(np.nanmean, np.stack([ahead, behind])))
+        along.append(_reduced(np.nanmean, np.stack([ahead, behind])))
     return along[0], along[1]
 
 
 def spacing(lattice: Lattice) -> NDArray[np.float64]:
     """Distance (rows, columns) in pixels to the nearest neighbour along the row or the column."""
     others = [shifted(lattice, i, j) for i, j in ((0, 1), (0, -1), (1, 0), (-1, 0))]
-    return _nan(np.nanmin, np.stack([np.linalg.norm(other - lattice, axis=-1) for other in others]))
+    return _reduced(np.nanmin, np.stack([np.linalg.norm(other - lattice, axis=-1) for other in others]))
 
 
 def orientation(lattice: Lattice) -> NDArray[np.float64]:
@@ -54,7 +53,7 @@ def predictions(lattice: Lattice) -> Lattice:
     for i in (-1, 1):
         for j in (-1, 1):
             guesses.append(shifted(lattice, i, 0) + shifted(lattice, 0, j) - shifted(lattice, i, j))
-    return _nan(np.nanmedian, np.stack(guesses))
+    return _median(np.stack(guesses))
 
 
 def shifted(lattice: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]:
@@ -68,7 +67,18 @@ def shifted(lattice: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]
     return out
 
 
-def _nan(reduce: Callable[..., Any], stack: NDArray[np.float64]) -> NDArray[np.float64]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # nothing but NaN: a corner without neighbours
-        return reduce(stack, axis=0)
+def _reduced(reduce: Callable[..., Any], stack: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Apply a NaN-skipping reduction along axis 0; NaN, without numpy's warning, where there is only NaN."""
+    # Not warnings.catch_warnings: it changes the whole process, and pictures are searched in threads.
+    empty = ~np.isfinite(stack).any(axis=0)
+    return np.where(empty, np.nan, reduce(np.where(empty, 0.0, stack), axis=0))
+
+
+def _median(stack: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Median along axis 0 of what is finite; several times faster than `np.nanmedian` on short columns."""
+    ordered = np.sort(stack, axis=0)  # NaN last
+    count = np.isfinite(stack).sum(axis=0, keepdims=True)
+    middle = [
+        np.take_along_axis(ordered, np.maximum(k, 0), axis=0)[0] for k in ((count - 1) // 2, count // 2)
+    ]
+    return np.where(count[0] > 0, (middle[0] + middle[1]) / 2, np.nan)

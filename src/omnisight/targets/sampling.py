@@ -16,7 +16,7 @@ def bilinear(image: NDArray[Any], pixels: NDArray[np.float64]) -> NDArray[np.flo
     last = np.array(image.shape[::-1]) - 1
     at = np.clip(pixels, 0, last)
     known = np.isfinite(at).all(axis=-1)
-    at = np.where(known[..., None], at, 0.0)
+    at = np.where(np.expand_dims(known, -1), at, 0.0)
     u, v = np.moveaxis(np.minimum(at.astype(np.intp), last - 1), -1, 0)
     a, b = at[..., 0] - u, at[..., 1] - v
     top = (1 - a) * image[v, u] + a * image[v, u + 1]

@@ -1,0 +1,151 @@
+"""Refining a camera and the poses of its boards together (bundle adjustment)."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.views import BoardViews
+from omnisight.geometry import rotation as so3
+from omnisight.models import CameraModel
+from omnisight.optim.levenberg_marquardt import Solution, minimise
+from omnisight.optim.loss import Huber, robust_sigma
+from omnisight.optim.schur import GroupedNormal
+
+Array = NDArray[np.float64]
+
+HUBER_SIGMAS = 5.0
+# What a corner outside the model's domain costs, px: a large miss, but no reason to stop.
+OUTSIDE = 100.0
+
+
+@dataclass(frozen=True)
+class State:
+    """A camera model and where each board stands.
+
+    Attributes
+    ----------
+    model
+        The camera.
+    rotations, translations
+        cam_from_board (V, 3, 3) and (V, 3).
+    """
+
+    model: CameraModel
+    rotations: Array
+    translations: Array
+
+    def points(self, views: BoardViews) -> tuple[Array, Array]:
+        """Give the corners in the camera frame (N, 3), and only turned into it (N, 3)."""
+        turned = np.empty_like(views.points)
+        for rotation, rows in zip(self.rotations, views.groups, strict=True):
+            turned[rows] = views.points[rows] @ rotation.T
+        return turned + self.translations[views.view_of_row], turned
+
+    def residuals(self, views: BoardViews) -> Array:
+        """Give projected minus seen pixels (N, 2), NaN where a corner lies outside the model's domain."""
+        pixels, _ = self.model.project(self.points(views)[0])
+        return pixels - views.pixels
+
+    def lengths(self, views: BoardViews) -> Array:
+        """Give the length (px) of each corner's residual (N,); `OUTSIDE` outside the model's domain."""
+        length = np.linalg.norm(self.residuals(views), axis=1)
+        return np.where(np.isfinite(length), length, OUTSIDE)
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The least-squares problem over `State`; `free` names the camera's parameters that move."""
+
+    views: BoardViews
+    loss: Huber
+    free: NDArray[np.bool_]
+
+    def cost(self, state: State) -> float:
+        return self.loss.cost(state.lengths(self.views))
+
+    def linearise(self, state: State) -> GroupedNormal:
+        points, turned = state.points(self.views)
+        pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
+        residuals = pixels - self.views.pixels
+        outside = ~valid | ~np.isfinite(d_params).all((1, 2))
+        residuals[outside], d_point[outside], d_params[outside] = 0.0, 0.0, 0.0
+        root = np.sqrt(self.loss.weight(np.linalg.norm(residuals, axis=1)))[:, None]
+        d_point *= root[..., None]
+        # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
+        d_local = np.concatenate([np.cross(turned[:, None, :], d_point), d_point], -1)
+        return GroupedNormal.assemble(
+            d_params[..., self.free] * root[..., None], d_local, residuals * root, self.views.groups
+        )
+
+    def move(self, state: State, step: Array) -> State:
+        count = int(self.free.sum())
+        params = state.model.params.copy()
+        params[self.free] += step[:count]
+        low = np.array([p.low for p in state.model.parameters])
+        high = np.array([p.high for p in state.model.parameters])
+        poses = step[count:].reshape(-1, 6)
+        return State(
+            state.model.with_params(np.clip(params, low, high)) if count else state.model,
+            so3.exp(poses[:, :3]) @ state.rotations,
+            state.translations + poses[:, 3:],
+        )
+
+
+def free_params(model: CameraModel, fixed: Sequence[str] = ()) -> NDArray[np.bool_]:
+    """Say which parameters a calibration estimates (P,): those free by default and not named as fixed.
+
+    Raises
+    ------
+    ValueError
+        If a name is none of the model's.
+    """
+    if unknown := sorted(set(fixed) - set(model.param_names)):
+        raise ValueError(f"{model.name} has no {', '.join(unknown)}; it has {', '.join(model.param_names)}")
+    return np.array([p.free and p.name not in fixed for p in model.parameters])
+
+
+def refine(
+    state: State,
+    views: BoardViews,
+    *,
+    free: NDArray[np.bool_] | None = None,
+    loss: str = "huber",
+    iterations: int = 100,
+    tolerance: float = 1e-10,
+    watch: Callable[[int, float], None] | None = None,
+) -> Solution[State]:
+    """Refine camera and poses to the least robust reprojection error.
+
+    Parameters
+    ----------
+    state
+        Where to begin.
+    views
+        The corners.
+    free
+        Which of the camera's parameters move (P,); `free_params` unless told otherwise. None of them: only the poses move.
+    loss
+        "huber", its threshold three robust standard deviations, estimated anew until it settles; or "squared".
+    iterations, tolerance, watch
+        As in `minimise`.
+    """
+    free = free_params(state.model) if free is None else free
+    if loss == "squared":
+        return minimise(Bundle(views, Huber(), free), state, iterations=iterations, tolerance=tolerance, watch=watch)
+    if loss != "huber":
+        raise ValueError(f"loss must be 'huber' or 'squared', got {loss!r}")
+    used, threshold = 0, robust_threshold(state, views)
+    while True:
+        problem = Bundle(views, Huber(threshold), free)
+        solution = minimise(problem, state, iterations=iterations, tolerance=tolerance, watch=watch)
+        used += solution.iterations
+        state, before, threshold = solution.state, threshold, robust_threshold(solution.state, views)
+        if abs(threshold - before) <= 0.02 * before or used >= 4 * iterations:
+            return replace(solution, iterations=used)
+
+
+def robust_threshold(state: State, views: BoardViews) -> float:
+    """Give the residual length (px) past which a corner counts as doubtful."""
+    return max(HUBER_SIGMAS * robust_sigma(state.lengths(views)), 1e-6)

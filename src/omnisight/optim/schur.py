@@ -1,0 +1,102 @@
+"""Normal equations of shared parameters and many independent groups of local ones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GroupedNormal:
+    """H x = -g with H = [A B; B^T C], C block diagonal: one block per group.
+
+    Boards and a camera, or points and cameras: what is shared couples the groups, which do not see each other. The Schur
+    complement of C makes the cost linear in the groups (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+
+    Attributes
+    ----------
+    shared
+        A (P, P).
+    cross
+        B (G, P, L), by group.
+    local
+        C (G, L, L).
+    shared_gradient, local_gradient
+        g: (P,) and (G, L).
+    """
+
+    shared: Array
+    cross: Array
+    local: Array
+    shared_gradient: Array
+    local_gradient: Array
+
+    @classmethod
+    def assemble(cls, d_shared: Array, d_local: Array, residuals: Array, groups: Sequence[slice]) -> Self:
+        """Sum up residuals (N, R) with Jacobians (N, R, P) and (N, R, L); each group's rows are one slice."""
+        count, size = d_shared.shape[-1], d_local.shape[-1]
+        shared, shared_gradient = np.zeros((count, count)), np.zeros(count)
+        cross = np.zeros((len(groups), count, size))
+        local = np.zeros((len(groups), size, size))
+        local_gradient = np.zeros((len(groups), size))
+        for i, rows in enumerate(groups):
+            a, b, r = d_shared[rows].reshape(-1, count), d_local[rows].reshape(-1, size), residuals[rows].ravel()
+            shared += a.T @ a
+            shared_gradient += a.T @ r
+            cross[i] = a.T @ b
+            local[i] = b.T @ b
+            local_gradient[i] = b.T @ r
+        return cls(shared, cross, local, shared_gradient, local_gradient)
+
+    def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array, Array]:
+        """Give the Schur complement (P, P) of the damped system, its right side (P,), C^-1 (G, L, L) and B C^-1."""
+        local = self.local.copy()
+        index = np.arange(local.shape[-1])
+        diagonal = local[:, index, index]
+        # A parameter that nothing depends on stays where it is.
+        local[:, index, index] += (damping + 1e-15) * diagonal + np.where(diagonal > 0, 0.0, 1.0)
+        inverse = np.linalg.inv(local)
+        gain = self.cross @ inverse
+        count = len(self.shared)
+        flat = gain.transpose(1, 0, 2).reshape(count, -1)
+        schur = self.shared - flat @ self.cross.transpose(1, 0, 2).reshape(count, -1).T
+        diagonal = np.diagonal(self.shared)
+        schur[np.diag_indices(count)] += damping * diagonal + np.where(diagonal > 0, 0.0, 1.0)
+        return schur, self.shared_gradient - flat @ self.local_gradient.ravel(), inverse, gain
+
+    def solve(self, damping: float) -> Array:
+        """Give the step (P + G L,): the shared part, then each group's."""
+        try:
+            schur, right, inverse, gain = self.reduced(damping)
+            shared = -_solve_scaled(schur, right)
+        except np.linalg.LinAlgError:
+            return np.full(self.shared_gradient.size + self.local_gradient.size, np.nan)
+        local = -np.einsum("gij,gj->gi", inverse, self.local_gradient) - np.einsum("gpl,p->gl", gain, shared)
+        return np.concatenate([shared, local.ravel()])
+
+    def decrease(self, step: Array) -> float:
+        """Give the fall of the linearised cost along a step."""
+        count = len(self.shared)
+        a, b = step[:count], step[count:].reshape(self.local_gradient.shape)
+        linear = self.shared_gradient @ a + (self.local_gradient * b).sum()
+        along = a @ self.shared @ a + 2 * np.einsum("p,gpl,gl->", a, self.cross, b, optimize=True)
+        along += np.einsum("gi,gij,gj->", b, self.local, b, optimize=True)
+        return float(-linear - 0.5 * along)
+
+    def shared_covariance(self) -> Array:
+        """Give the covariance (P, P) of the shared parameters for residuals of unit variance."""
+        schur, _, _, _ = self.reduced()
+        scale = 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300))
+        return scale[:, None] * np.linalg.pinv(schur * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale
+
+
+def _solve_scaled(matrix: Array, right: Array) -> Array:
+    # Parameters of very different size (px, px^-3): unit diagonal first.
+    if not len(right):
+        return right
+    scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    return scale * np.linalg.solve(matrix * scale[:, None] * scale, scale * right)

@@ -1,0 +1,226 @@
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from omnisight.images import collect_images, read_image, to_gray8
+from omnisight.targets import Board, Detection, detect_checkerboard, guess_pattern, parse_length
+
+SIZE = (640, 480)
+FOCAL = 190.0  # px per radian: 640 px across are 190 degrees
+CENTRE = np.array([322.3, 236.8])
+
+DATA = Path(os.environ.get("OMNISIGHT_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+REAL = [
+    # folder, pattern of names, board, corners to compare with, least boards, least corners
+    ("fisheye1_urban", "*.jpg", "8x6", "fish1", 15, 720),
+    ("kaidan_catadioptric", "*.jpg", "11x7", "kaidan", 17, 1295),
+    ("mei_paracatadioptric", "*.png", "8x6", "mei", 10, 468),
+    ("camodocal_fisheye", "*.png", "9x6", "camo", 21, 1125),
+    ("stereo_fisheye_sourishg", "left*", "9x6", "fstereo_left", 20, 1080),
+    ("stereo_fisheye_sourishg", "right*", "9x6", "fstereo_right", 20, 1080),
+    ("ai360_lens_a", "*.jpg", "11x8", "ai360_a", 5, 440),
+    ("gopro_derlunz_static_board", "*.JPG", "15x9", "derlunz", 24, 3230),
+]
+
+
+def project(points):
+    theta = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
+    phi = np.arctan2(points[..., 1], points[..., 0])
+    return CENTRE + FOCAL * theta[..., None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
+
+
+def render(board, cam_from_board, position, noise=2.0, mirrored=False):
+    """Draw a board with squares of side 1 through an equidistant fisheye; give picture and true corners."""
+    fine = (np.arange(3) - 1) / 3
+    v, u = np.meshgrid(
+        (np.arange(SIZE[1])[:, None] + fine).ravel(),
+        (np.arange(SIZE[0])[:, None] + fine).ravel(),
+        indexing="ij",
+    )
+    away = np.stack([u, v], axis=-1) - CENTRE
+    radius = np.linalg.norm(away, axis=-1)
+    theta = radius / FOCAL
+    sine = np.sin(theta) / np.maximum(radius, 1e-9)
+    rays = np.concatenate([away * sine[..., None], np.cos(theta)[..., None]], axis=-1)
+    rays, start = rays @ cam_from_board, -cam_from_board.T @ position
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = -start[2] / rays[..., 2]
+        x, y = (start[k] + distance * rays[..., k] for k in (0, 1))
+        on_board = (distance > 0) & (theta < np.pi)
+        squares = on_board & (x > -1) & (x < board.columns) & (y > -1) & (y < board.rows)
+        paper = on_board & (x > -2) & (x < board.columns + 1) & (y > -2) & (y < board.rows + 1)
+        odd = (np.floor(x) + np.floor(y)) % 2 == 1
+    fine_picture = np.where(squares, np.where(odd, 200.0, 40.0), np.where(paper, 200.0, 110.0))
+    picture = fine_picture.reshape(SIZE[1], 3, SIZE[0], 3).mean(axis=(1, 3))
+    picture = gaussian_filter(picture, 0.7) + np.random.default_rng(0).normal(0, noise, picture.shape)
+    corners = project(board.points @ cam_from_board.T + position)
+    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    if mirrored:
+        return np.ascontiguousarray(picture[:, ::-1]), np.stack(
+            [SIZE[0] - 1 - corners[:, 0], corners[:, 1]], 1
+        )
+    return picture, corners
+
+
+def pose(board, yaw, pitch, roll, distance):
+    """Turn a board towards a direction (degrees) at a distance in squares, tilted by 20 degrees."""
+    facing = Rotation.from_euler("YXZ", [yaw, -pitch, roll], degrees=True)
+    tilt = Rotation.from_euler("XY", [20, -15], degrees=True)
+    middle = np.array([(board.columns - 1) / 2, (board.rows - 1) / 2, 0])
+    cam_from_board = (facing * tilt).as_matrix()
+    return cam_from_board, facing.apply([0, 0, distance]) - cam_from_board @ middle
+
+
+POSES = [
+    (0, 0, 0, 9),
+    (5, -10, 25, 5),
+    (50, 10, 80, 6),
+    (-60, -15, -120, 5.5),
+    (0, 45, 170, 7),
+    (60, 0, 10, 8),
+]
+
+
+@pytest.mark.parametrize("view", POSES)
+def test_corners_of_a_fisheye_picture_are_where_they_are(view):
+    board = Board(9, 6)
+    picture, truth = render(board, *pose(board, *view))
+    found = detect_checkerboard(picture, board)
+    assert found is not None
+    assert len(found) >= 52
+    # 9 + 6 is odd, so the colours fix which corner is which.
+    error = np.linalg.norm(found.pixels - truth[found.ids], axis=1)
+    assert np.sqrt((error**2).mean()) < 0.1
+    assert error.max() < 0.35
+
+
+@pytest.mark.parametrize("board", [Board(8, 6), Board(7, 7), Board(9, 6)])
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("roll", [0, 100, 200, 290])
+def test_the_order_has_one_handedness_in_every_picture(board, mirrored, roll):
+    picture, truth = render(board, *pose(board, 20, 10, roll, 7), mirrored=mirrored)
+    found = detect_checkerboard(picture, board)
+    assert found is not None
+    assert len(found) == board.size
+    grid = found.pixels.reshape(board.rows, board.columns, 2)
+    column, row = grid[:-1, 1:] - grid[:-1, :-1], grid[1:, :-1] - grid[:-1, :-1]
+    assert (column[..., 0] * row[..., 1] - column[..., 1] * row[..., 0] > 0).all()
+    # The same set of corners as the truth, only ordered anew.
+    nearest = np.linalg.norm(found.pixels[:, None] - truth, axis=2).min(axis=1)
+    assert nearest.max() < 0.35
+
+
+def test_a_swapped_pattern_works_and_keeps_its_own_order():
+    board = Board(9, 6)
+    picture, _ = render(board, *pose(board, *POSES[1]))
+    as_given, swapped = detect_checkerboard(picture, board), detect_checkerboard(picture, Board(6, 9))
+    assert len(swapped) == 54
+    assert {tuple(p) for p in np.round(as_given.pixels, 3)} == {tuple(p) for p in np.round(swapped.pixels, 3)}
+
+
+@pytest.mark.parametrize("asked", [(8, 6), (9, 5), (8, 5), (10, 6), (10, 7)])
+def test_another_board_is_not_accepted_and_its_pattern_is_told(asked):
+    board = Board(9, 6)
+    picture, _ = render(board, *pose(board, *POSES[0]))
+    assert detect_checkerboard(picture, Board(*asked)) is None
+    assert guess_pattern(picture) == (9, 6)
+
+
+def test_covered_corners_are_left_out():
+    board = Board(9, 6)
+    picture, truth = render(board, *pose(board, *POSES[1]))
+    u, v = truth[20].astype(int)
+    picture[v - 18 : v + 19, u - 18 : u + 19] = 120
+    found = detect_checkerboard(picture, board)
+    assert found is not None
+    assert 20 not in found.ids
+    assert len(found) >= 48
+    assert np.linalg.norm(found.pixels - truth[found.ids], axis=1).max() < 0.4
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "noise", "ramp", "tiny", "empty"])
+def test_pictures_without_a_board_give_none_fast(kind):
+    size = {"tiny": (3, 5), "empty": (0, 0)}.get(kind, (3000, 4000))
+    picture = {
+        "noise": lambda: np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8),
+        "ramp": lambda: np.broadcast_to(np.linspace(0, 255, size[1]).astype(np.uint8), size),
+    }.get(kind, lambda: np.full(size, 255 if kind == "white" else 0, np.uint8))()
+    start = time.perf_counter()
+    assert detect_checkerboard(picture, Board(9, 6)) is None
+    assert time.perf_counter() - start < 5  # on a busy machine; a tenth of it on an idle one
+
+
+def test_the_wrong_kind_of_picture_is_an_error():
+    with pytest.raises(ValueError, match=r"expected a gray picture .* got shape \(40, 40, 3\) of uint8"):
+        detect_checkerboard(np.zeros((40, 40, 3), np.uint8), Board(9, 6))
+
+
+@pytest.mark.parametrize("pattern", ["8x6", "8,6", "8X6", " 8 x 6 ", "8×6"])
+def test_a_pattern_is_read_as_people_write_it(pattern):
+    board = Board.parse(pattern, square="32.5mm")
+    assert (board.columns, board.rows, board.unit) == (8, 6, "m")
+    assert board.square == pytest.approx(0.0325)
+    assert str(board) == "8x6"
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"), [("30mm", 0.03), ("3 cm", 0.03), (".03m", 0.03), ("1in", 0.0254)]
+)
+def test_a_length_is_read_in_metres(text, metres):
+    assert parse_length(text) == pytest.approx(metres)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "square", "message"),
+    [
+        ("8", None, "cannot read the pattern '8'"),
+        ("8x", None, "COLUMNSxROWS"),
+        ("2x6", None, "3x3 inner corners or more, got 2x6"),
+        ("8x6", "30", "has no unit: write 30mm"),
+        ("8x6", "30 parsec", "unknown unit 'parsec'"),
+        ("8x6", "0mm", "must be positive"),
+        ("8x6", "wide", "cannot read the length 'wide'"),
+    ],
+)
+def test_a_pattern_that_cannot_be_read_says_why(pattern, square, message):
+    with pytest.raises(ValueError, match=message):
+        Board.parse(pattern, square)
+
+
+def test_points_run_along_columns_first():
+    points = Board(4, 3, 0.5).points
+    np.testing.assert_array_equal(points[[0, 1, 4, 11]], [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [1.5, 1, 0]])
+    assert Board(8, 6).symmetric
+    assert not Board(9, 6).symmetric
+
+
+def test_a_detection_checks_its_shapes():
+    with pytest.raises(ValueError, match=r"shapes \(2,\) and \(3, 2\)"):
+        Detection(np.arange(2), np.zeros((3, 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("folder", "names", "pattern", "corners", "boards", "points"), REAL)
+def test_real_boards_are_found(folder, names, pattern, corners, boards, points):
+    if not (DATA / folder).is_dir():
+        pytest.skip(f"needs the picture set {folder}")
+    board = Board.parse(pattern)
+    given = np.load(DATA / "corners" / f"{corners}.npz")
+    given = {Path(str(f)).stem: c for f, c in zip(given["files"], given["corners"], strict=True)}
+    found, apart = {}, []
+    for path in collect_images([str(DATA / folder / names)]):
+        detection = detect_checkerboard(to_gray8(read_image(path)), board)
+        if detection is not None:
+            found[path.stem] = detection
+        if detection is not None and path.stem in given:
+            distances = np.linalg.norm(given[path.stem][:, None] - detection.pixels, axis=2)
+            apart.append(np.median(distances.min(axis=0)))
+    assert len(found) >= boards
+    assert sum(map(len, found.values())) >= points
+    # OpenCV's corners hold gross errors, and small windows bias them where black bleeds out: medians only.
+    assert np.median(apart) < 0.5

@@ -1,0 +1,136 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from omnisight.images import write_image
+from omnisight.targets import Board, find, find_boards, pattern_hint
+from test_checkerboard import POSES, pose, render
+from test_images import jpeg
+
+BOARD = Board(9, 6)
+
+
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path, monkeypatch):
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("OMNISIGHT_CACHE", str(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return render(BOARD, *pose(BOARD, *POSES[1]))[0]
+
+
+def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
+    write_image(tmp_path / "a.png", picture)
+    (tmp_path / "b.jpg").write_bytes(jpeg(picture)[:-100])
+    (tmp_path / "c.jpg").write_bytes(b"")
+    write_image(tmp_path / "d.png", np.zeros_like(picture))
+    names = ["a.png", "b.jpg", "c.jpg", "d.png", "e.png"]
+    done = []
+    found = find_boards([tmp_path / n for n in names], BOARD, progress=lambda *state: done.append(state))
+    assert [p.path.name for p in found] == names
+    assert [p.note for p in found[:4]] == [
+        "",
+        "b.jpg: truncated JPEG (no end-of-image marker)",
+        "c.jpg: empty file",
+        "no 9x6 board found",
+    ]
+    assert found[4].note.endswith("e.png: no such file")
+    assert [p.detection is not None for p in found] == [True, False, False, False, False]
+    assert [p.size for p in found] == [(640, 480), None, None, (640, 480), None]
+    assert found[0].sharpness > 0
+    assert done == [(i, 5) for i in range(1, 6)]
+
+
+def test_sizes_must_agree(tmp_path, picture):
+    for name, image in [
+        ("a.png", picture),
+        ("b.png", picture),
+        ("small.png", picture[::2, ::2]),
+        ("portrait.png", np.rot90(picture)),
+    ]:
+        write_image(tmp_path / name, image)
+    with pytest.raises(
+        ValueError,
+        match=r"3 sizes: 2 of 640x480; 1 of 320x240 \(small.png\); "
+        r"1 of 480x640 \(portrait.png\), rotated 90 degrees\?\. Calibrate one size at a time",
+    ):
+        find_boards([tmp_path / n for n in ("a.png", "b.png", "small.png", "portrait.png")], BOARD)
+
+
+def test_exif_rotation_is_told_once_and_applied_on_request(tmp_path, picture):
+    for name in ("a.jpg", "b.jpg"):
+        (tmp_path / name).write_bytes(jpeg(picture, orientation=6))
+    paths = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
+    found = find_boards(paths, BOARD)
+    assert [p.size for p in found] == [(640, 480)] * 2
+    assert "EXIF orientation 6 ignored" in found[0].note
+    assert found[1].note == ""
+    turned = find_boards(paths, BOARD, apply_exif=True)
+    assert [p.size for p in turned] == [(480, 640)] * 2
+    assert [p.note for p in turned] == ["", ""]
+
+
+def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypatch):
+    write_image(tmp_path / "a.png", picture)
+    first = find_boards([tmp_path / "a.png"], BOARD)
+    (tmp_path / "a.png").rename(tmp_path / "renamed.png")
+    monkeypatch.setattr(find, "search_checkerboard", None)
+    second = find_boards([tmp_path / "renamed.png"], BOARD)
+    np.testing.assert_array_equal(first[0].detection.pixels, second[0].detection.pixels)
+    np.testing.assert_array_equal(first[0].detection.ids, second[0].detection.ids)
+    assert first[0].sharpness == second[0].sharpness
+    with pytest.raises(TypeError):
+        find_boards([tmp_path / "renamed.png"], BOARD, cache=False)
+    with pytest.raises(TypeError):
+        find_boards([tmp_path / "renamed.png"], Board(8, 6))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xff\xfe",
+        b"[1]",
+        b"{}",
+        json.dumps(
+            {"size": [640, 480], "ids": [99], "pixels": [[1, 2]], "sharpness": 1, "other_pattern": None}
+        ),
+        json.dumps({"size": [640, 480], "ids": [1], "pixels": [1, 2], "sharpness": 1, "other_pattern": None}),
+        "[" * 100_000,
+    ],
+)
+def test_a_damaged_cache_entry_is_ignored(tmp_path, picture, cache_folder, content):
+    write_image(tmp_path / "a.png", picture)
+    find_boards([tmp_path / "a.png"], BOARD)
+    (entry,) = cache_folder.rglob("*.json")
+    entry.write_bytes(content if isinstance(content, bytes) else content.encode())
+    assert len(find_boards([tmp_path / "a.png"], BOARD)[0].detection) == BOARD.size
+    assert json.loads(entry.read_bytes())["size"] == [640, 480]
+
+
+def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, picture, monkeypatch):
+    (tmp_path / "file").write_bytes(b"")
+    monkeypatch.setenv("OMNISIGHT_CACHE", str(tmp_path / "file"))
+    write_image(tmp_path / "a.png", picture)
+    assert find_boards([tmp_path / "a.png"], BOARD)[0].detection is not None
+
+
+def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
+    for name in ("a.png", "b.png"):
+        write_image(tmp_path / name, cv2.convertScaleAbs(picture, alpha=0.9 if name == "a.png" else 1.0))
+    write_image(tmp_path / "c.png", np.zeros_like(picture))
+    paths = [tmp_path / n for n in ("a.png", "b.png", "c.png")]
+    found = find_boards(paths, Board(8, 6))
+    assert found[0].note == "no 8x6 board found, but one of 9x6"
+    assert pattern_hint(found, Board(8, 6)) == (
+        "found a 9x6 grid of inner corners in 2/3 pictures but --pattern is 8x6 "
+        "(did you count squares?). Use --pattern 9x6."
+    )
+    squares = Board(10, 7)
+    assert "10x7 squares have 9x6 inner corners" in pattern_hint(find_boards(paths, squares), squares)
+    assert pattern_hint(find_boards(paths, BOARD), BOARD) is None
