@@ -1,3 +1,82 @@
 """Calibrate any camera that sees more than a pinhole can, and turn its pictures into views."""
 
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from omnisight.calibrate import BoardViews, Calibration, calibrate_camera
+    from omnisight.camera import Camera
+    from omnisight.formats import load, save
+    from omnisight.geometry.pose import Pose
+    from omnisight.geometry.rotation import look
+    from omnisight.images import read_image, write_image
+    from omnisight.models import CameraModel, model_class, model_names
+    from omnisight.targets import Board, Detection, find_boards
+    from omnisight.views import (
+        Remapper,
+        cube_face,
+        cylinder,
+        fisheye,
+        mercator,
+        panini,
+        perspective,
+        planet,
+        remap,
+        sphere,
+    )
+
+# Where each name lives: imported when it is first used, so that a fresh process starts fast.
+_HOME = {
+    "calibrate": ("BoardViews", "Calibration", "calibrate_camera"),
+    "camera": ("Camera",),
+    "formats": ("load", "save"),
+    "geometry.pose": ("Pose",),
+    "geometry.rotation": ("look",),
+    "images": ("read_image", "write_image"),
+    "models": ("CameraModel", "model_class", "model_names"),
+    "targets": ("Board", "Detection", "find_boards"),
+    "views": (
+        *("Remapper", "cube_face", "cylinder", "fisheye", "mercator"),
+        *("panini", "perspective", "planet", "remap", "sphere"),
+    ),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [
+    "Board",
+    "BoardViews",
+    "Calibration",
+    "Camera",
+    "CameraModel",
+    "Detection",
+    "Pose",
+    "Remapper",
+    "calibrate_camera",
+    "cube_face",
+    "cylinder",
+    "find_boards",
+    "fisheye",
+    "load",
+    "look",
+    "mercator",
+    "model_class",
+    "model_names",
+    "panini",
+    "perspective",
+    "planet",
+    "read_image",
+    "remap",
+    "save",
+    "sphere",
+    "write_image",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name at its first use."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'omnisight' has no attribute {name!r}")
+    import importlib
+
+    return getattr(importlib.import_module(f"omnisight.{_MODULE_OF[name]}"), name)

@@ -74,7 +74,9 @@ class AnglePolynomial(Central):
     def fold(self) -> float:
         """The angle (radians) where r(theta) stops growing, 180 degrees at most."""
         k = (self.k1, self.k2, self.k3, self.k4, self.k5, self.k6)
-        return float(min(np.pi, first_positive_root([1.0] + [(2 * i + 3) * v for i, v in enumerate(k)]) ** 0.5))
+        return float(
+            min(np.pi, first_positive_root([1.0] + [(2 * i + 3) * v for i, v in enumerate(k)]) ** 0.5)
+        )
 
     @property
     def theta_max(self) -> float:

@@ -61,7 +61,12 @@ class Central(Undistorted, CameraModel):
         return {
             "c_min": -1.0 if theta_max >= np.pi else float(np.cos(theta_max)),
             "r2_max": radius_max**2,
-            **{"a11": a11, "a12": a12, "a21": a21, "a22": a22, "u0": u0, "v0": v0},
+            "a11": a11,
+            "a12": a12,
+            "a21": a21,
+            "a22": a22,
+            "u0": u0,
+            "v0": v0,
             "b11": a22 / determinant if determinant else np.nan,
             "b12": -a12 / determinant if determinant else np.nan,
             "b21": -a21 / determinant if determinant else np.nan,

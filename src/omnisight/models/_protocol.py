@@ -62,7 +62,7 @@ class _KernelType:
     def __get__(self, _: object, cls: type["CameraModel"]) -> Any:
         if "_kernel_type" not in cls.__dict__:
             # numba takes two named tuples of one name and the same fields for one type.
-            made: Any = namedtuple(f"{cls.name}_kernel", cls.example()._kernel_values())  # noqa: PYI024
+            made: Any = namedtuple(f"{cls.name}_kernel", cls.example()._kernel_values())
             made.__module__, made.__qualname__ = cls.__module__, f"{cls.__qualname__}.kernel_type"
             made.model = cls
             cls._kernel_type = made
@@ -159,7 +159,9 @@ class CameraModel:
         """Give the camera of this model with other parameters (P,)."""
         vector = np.asarray(params, float)
         if vector.shape != self.params.shape:
-            raise ValueError(f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}")
+            raise ValueError(
+                f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}"
+            )
         values, start = {}, 0
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             old = getattr(self, field.name)

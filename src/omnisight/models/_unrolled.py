@@ -64,7 +64,11 @@ class Unrolled(CameraModel):
         slope = self.fy * self.height_slope(t)
         d_point = np.zeros((len(points), 2, 3))
         d_point[:, 0, 0], d_point[:, 0, 2] = self.fx * z / q2, -self.fx * x / q2
-        d_point[:, 1, 0], d_point[:, 1, 1], d_point[:, 1, 2] = -slope * t * x / q2, slope / q, -slope * t * z / q2
+        d_point[:, 1, 0], d_point[:, 1, 1], d_point[:, 1, 2] = (
+            -slope * t * x / q2,
+            slope / q,
+            -slope * t * z / q2,
+        )
         d_params = np.zeros((len(points), 2, 4))
         d_params[:, 0, 0], d_params[:, 0, 2] = longitude, 1.0
         d_params[:, 1, 1], d_params[:, 1, 3] = h, 1.0

@@ -42,8 +42,12 @@ class ThinPrism(Distorted):
         zero = np.zeros_like(x)
         by = decentring_partials(x, y)
         return {
-            **{"p1": by["p2"], "p2": by["p1"]},
-            **{"s1": (r2, zero), "s2": (r2**2, zero), "s3": (zero, r2), "s4": (zero, r2**2)},
+            "p1": by["p2"],
+            "p2": by["p1"],
+            "s1": (r2, zero),
+            "s2": (r2**2, zero),
+            "s3": (zero, r2),
+            "s4": (zero, r2**2),
         }
 
 
@@ -80,7 +84,20 @@ class Fisheye624(ThinPrism, AnglePolynomial):
     @classmethod
     def example(cls) -> Self:
         return cls(
-            **{"fx": 281.0, "fy": 280.0, "cx": 479.5, "cy": 481.0},
-            **{"k1": 0.03, "k2": -0.011, "k3": 0.0021, "k4": -0.00019, "k5": 2e-5, "k6": -3e-6},
-            **{"p1": 3e-4, "p2": -5e-4, "s1": 4e-4, "s2": -3e-5, "s3": -2e-4, "s4": 2e-5},
+            fx=281.0,
+            fy=280.0,
+            cx=479.5,
+            cy=481.0,
+            k1=0.03,
+            k2=-0.011,
+            k3=0.0021,
+            k4=-0.00019,
+            k5=2e-5,
+            k6=-3e-6,
+            p1=3e-4,
+            p2=-5e-4,
+            s1=4e-4,
+            s2=-3e-5,
+            s3=-2e-4,
+            s4=2e-5,
         )

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central, along_the_sphere, per_sine
+from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, sine_cosine, where
 from omnisight.models._protocol import Array, parameter
 

@@ -33,6 +33,14 @@ class Mei(RadialTangential, UnifiedProfile):
     @classmethod
     def example(cls) -> Self:
         return cls(
-            **{"fx": 478.0, "fy": 476.0, "cx": 512.3, "cy": 383.1, "xi": 1.07},
-            **{"k1": -0.11, "k2": 0.03, "p1": 3e-4, "p2": -2e-4, "skew": 0.4},
+            fx=478.0,
+            fy=476.0,
+            cx=512.3,
+            cy=383.1,
+            xi=1.07,
+            k1=-0.11,
+            k2=0.03,
+            p1=3e-4,
+            p2=-2e-4,
+            skew=0.4,
         )

@@ -37,7 +37,16 @@ class RationalPinhole(Rational, PinholeProfile):
     @classmethod
     def example(cls) -> Self:
         return cls(
-            **{"fx": 610.0, "fy": 612.0, "cx": 639.5, "cy": 362.0},
-            **{"k1": 0.31, "k2": 0.05, "p1": 4e-4, "p2": -3e-4, "k3": 0.002},
-            **{"k4": 0.62, "k5": 0.12, "k6": 0.011},
+            fx=610.0,
+            fy=612.0,
+            cx=639.5,
+            cy=362.0,
+            k1=0.31,
+            k2=0.05,
+            p1=4e-4,
+            p2=-3e-4,
+            k3=0.002,
+            k4=0.62,
+            k5=0.12,
+            k6=0.011,
         )

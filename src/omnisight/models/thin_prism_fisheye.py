@@ -74,6 +74,16 @@ class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
     @classmethod
     def example(cls) -> Self:
         return cls(
-            **{"fx": 281.0, "fy": 280.0, "cx": 479.5, "cy": 481.0},
-            **{"k1": 0.03, "k2": -0.011, "p1": 3e-4, "p2": -5e-4, "k3": 0.0021, "k4": -0.00019, "s1": 4e-4, "s2": -2e-4},
+            fx=281.0,
+            fy=280.0,
+            cx=479.5,
+            cy=481.0,
+            k1=0.03,
+            k2=-0.011,
+            p1=3e-4,
+            p2=-5e-4,
+            k3=0.0021,
+            k4=-0.00019,
+            s1=4e-4,
+            s2=-2e-4,
         )

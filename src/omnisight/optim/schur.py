@@ -44,7 +44,8 @@ class GroupedNormal:
         local = np.zeros((len(groups), size, size))
         local_gradient = np.zeros((len(groups), size))
         for i, rows in enumerate(groups):
-            a, b, r = d_shared[rows].reshape(-1, count), d_local[rows].reshape(-1, size), residuals[rows].ravel()
+            r = residuals[rows].ravel()
+            a, b = d_shared[rows].reshape(len(r), count), d_local[rows].reshape(len(r), size)
             shared += a.T @ a
             shared_gradient += a.T @ r
             cross[i] = a.T @ b
@@ -62,8 +63,9 @@ class GroupedNormal:
         inverse = np.linalg.inv(local)
         gain = self.cross @ inverse
         count = len(self.shared)
-        flat = gain.transpose(1, 0, 2).reshape(count, -1)
-        schur = self.shared - flat @ self.cross.transpose(1, 0, 2).reshape(count, -1).T
+        wide = (count, self.local_gradient.size)
+        flat = gain.transpose(1, 0, 2).reshape(wide)
+        schur = self.shared - flat @ self.cross.transpose(1, 0, 2).reshape(wide).T
         diagonal = np.diagonal(self.shared)
         schur[np.diag_indices(count)] += damping * diagonal + np.where(diagonal > 0, 0.0, 1.0)
         return schur, self.shared_gradient - flat @ self.local_gradient.ravel(), inverse, gain
@@ -91,7 +93,11 @@ class GroupedNormal:
         """Give the covariance (P, P) of the shared parameters for residuals of unit variance."""
         schur, _, _, _ = self.reduced()
         scale = 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300))
-        return scale[:, None] * np.linalg.pinv(schur * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale
+        return (
+            scale[:, None]
+            * np.linalg.pinv(schur * scale[:, None] * scale, rcond=1e-14, hermitian=True)
+            * scale
+        )
 
 
 def _solve_scaled(matrix: Array, right: Array) -> Array:

@@ -1,0 +1,216 @@
+"""The one remap: from any camera's picture to any view."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnisight.camera import Camera
+from omnisight.views.maps import map_scale, view_map
+
+Image = NDArray[Any]
+Interpolation = Literal["nearest", "bilinear", "bicubic", "lanczos"]
+Border = float | Sequence[float] | Literal["edge", "reflect"]
+
+# Columns that a picture which goes around is continued by on each side.
+AROUND = 8
+# A view this little smaller than its source needs no prefilter (log2 of the scale).
+SHARP_ENOUGH = 0.35
+COARSE = 8
+OUTSIDE = -9999.0
+
+
+def remap(
+    image: Image,
+    source: Camera,
+    target: Camera,
+    target_from_source: ArrayLike | None = None,
+    *,
+    interpolation: Interpolation = "bilinear",
+    border: Border = 0.0,
+    antialias: bool = True,
+) -> Image:
+    """Turn a picture into a view.
+
+    Parameters
+    ----------
+    image
+        (H, W) or (H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
+    source, target
+        The camera that took the picture, and the view: a camera too.
+    target_from_source
+        (3, 3) that turns the source's bearings into the view's (`look`); the identity unless told otherwise.
+    interpolation
+        Between the source's pixels.
+    border
+        What the source does not show: a value (or one per channel), or "edge" or "reflect" to continue the picture half a
+        pixel past its edge and leave the rest 0.
+    antialias
+        Average source pixels where the view is smaller than the source.
+
+    Returns
+    -------
+    The view, of the image's type and channels.
+
+    Raises
+    ------
+    ValueError
+        If the picture's size is not its camera's; the message says how to scale the camera.
+    """
+    return Remapper(
+        source, target, target_from_source, interpolation=interpolation, border=border, antialias=antialias
+    )(image)
+
+
+class Remapper:
+    """A remap whose map is kept: for video and folders of pictures.
+
+    Attributes
+    ----------
+    mask
+        (H, W) bool: which pixels of the view the source shows.
+    scale
+        (min, max) of how many source pixels a pixel of the view spans.
+    """
+
+    def __init__(
+        self,
+        source: Camera,
+        target: Camera,
+        target_from_source: ArrayLike | None = None,
+        *,
+        interpolation: Interpolation = "bilinear",
+        border: Border = 0.0,
+        antialias: bool = True,
+    ) -> None:
+        import cv2
+
+        flags = {
+            "nearest": cv2.INTER_NEAREST,
+            "bilinear": cv2.INTER_LINEAR,
+            "bicubic": cv2.INTER_CUBIC,
+            "lanczos": cv2.INTER_LANCZOS4,
+        }
+        if interpolation not in flags:
+            raise ValueError(f"interpolation must be one of {', '.join(flags)}, got {interpolation!r}")
+        if isinstance(border, str) and border not in ("edge", "reflect"):
+            raise ValueError(f"border must be a value, 'edge' or 'reflect', got {border!r}")
+        rotation = np.eye(3) if target_from_source is None else np.asarray(target_from_source, float)
+        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+            raise ValueError(
+                f"target_from_source must be an orthogonal (3, 3) matrix, got shape {rotation.shape}"
+            )
+        self.source, self.target, self.border = source, target, border
+        self._flag = flags[interpolation]
+        u, v = view_map(source, target, rotation)
+        self._around = AROUND if _goes_around(source) else 0
+        with np.errstate(invalid="ignore"):
+            self.mask = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
+            if self._around:  # what rounds over the seam is still there
+                self.mask |= (u >= -1.0) & (u <= source.width) & (v >= -0.5) & (v < source.height - 0.5)
+        scale = map_scale(u, v, source.model.period, COARSE)
+        finite = scale[np.isfinite(scale)]
+        self.scale = (float(finite.min()), float(finite.max())) if finite.size else (1.0, 1.0)
+        u, v = np.where(self.mask, u, OUTSIDE), np.where(self.mask, v, OUTSIDE)
+        self._levels = self._build(u, v, scale if antialias and interpolation != "nearest" else None)
+
+    def __call__(self, image: Image) -> Image:
+        """Remap a picture of the source; see `remap`."""
+        import cv2
+
+        picture = self._check(image)
+        if self._around:
+            picture = cv2.copyMakeBorder(picture, 0, 0, self._around, self._around, cv2.BORDER_WRAP)
+            picture = cv2.copyMakeBorder(picture, self._around, self._around, 0, 0, cv2.BORDER_REPLICATE)
+        mode, value = self._border_mode(cv2)
+        if len(self._levels) == 1 and self._levels[0][1] is None:
+            _, _, first, second, _ = self._levels[0]
+            result = cv2.remap(picture, first, second, self._flag, borderMode=mode, borderValue=value)
+            return self._finish(result, image)
+        channels = picture.shape[2:]
+        total = np.zeros((self.target.height, self.target.width, *channels), np.float32)
+        current, reached = picture, 0
+        for level, weight, first, second, rows in self._levels:
+            while reached < level:
+                current, reached = cv2.pyrDown(current), reached + 1
+            part = cv2.remap(current, first, second, self._flag, borderMode=mode, borderValue=value)
+            part = part.reshape(*part.shape[:2], *channels).astype(np.float32)
+            total[rows] += part * (weight[..., None] if channels else weight)
+        if np.issubdtype(image.dtype, np.integer):
+            limits = np.iinfo(image.dtype)
+            total = np.clip(np.rint(total), limits.min, limits.max)
+        return self._finish(total.astype(image.dtype), image)
+
+    def _build(
+        self, u: NDArray[np.float32], v: NDArray[np.float32], scale: NDArray[np.float32] | None
+    ) -> list[Any]:
+        import cv2
+
+        around = float(self._around)
+        depth = (
+            np.zeros_like(scale)
+            if scale is None
+            else np.log2(np.fmax(np.nan_to_num(scale, nan=1.0, posinf=1.0), 1))
+        )
+        deepest = int(np.log2(max(min(self.source.size), 1)))
+        if scale is None or depth.max() < SHARP_ENOUGH:
+            first, second = cv2.convertMaps(u + around, v + around, cv2.CV_16SC2)
+            return [(0, None, first, second, slice(None))]
+        depth = cv2.resize(depth.astype(np.float32), (u.shape[1], u.shape[0]), interpolation=cv2.INTER_LINEAR)
+        depth = np.clip(depth, 0, deepest)
+        levels: list[Any] = []
+        for level in range(int(np.floor(depth.min())), int(np.ceil(depth.max())) + 1):
+            weight = np.maximum(1 - np.abs(depth - level), 0)
+            used = np.flatnonzero(weight.any(1))
+            if not used.size:
+                continue
+            rows = slice(int(used[0]), int(used[-1]) + 1)
+            # A pyramid's pixel lies on every second one: coordinates halve without a shift.
+            part = [
+                (np.where(self.mask[rows], m[rows] + around, OUTSIDE) / 2**level).astype(np.float32)
+                for m in (u, v)
+            ]
+            part = [np.where(self.mask[rows], p, OUTSIDE).astype(np.float32) for p in part]
+            first, second = cv2.convertMaps(part[0], part[1], cv2.CV_16SC2)
+            levels.append((level, weight[rows], first, second, rows))
+        return levels
+
+    def _check(self, image: Image) -> Image:
+        if image.ndim not in (2, 3) or (image.ndim == 3 and not 1 <= image.shape[2] <= 4):
+            raise ValueError(f"a picture is (H, W) or (H, W, 1 to 4), got shape {image.shape}")
+        if image.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+            raise ValueError(f"a picture is uint8, uint16, float32 or float64, got {image.dtype}")
+        height, width = image.shape[:2]
+        if (width, height) != self.source.size:
+            raise ValueError(size_mismatch((width, height), self.source.size))
+        if max(image.shape[:2]) > 32767:
+            raise ValueError(f"a picture of {width}x{height} is too large: 32767 px a side at most")
+        return np.ascontiguousarray(image)
+
+    def _border_mode(self, cv2: Any) -> tuple[int, tuple[float, ...]]:
+        if isinstance(self.border, str):
+            return (cv2.BORDER_REPLICATE if self.border == "edge" else cv2.BORDER_REFLECT_101), (0.0,) * 4
+        value = (self.border,) * 4 if isinstance(self.border, int | float) else tuple(self.border)
+        return cv2.BORDER_CONSTANT, tuple(float(x) for x in (*value, 0, 0, 0, 0)[:4])
+
+    def _finish(self, result: Image, image: Image) -> Image:
+        if isinstance(self.border, str):
+            result[~self.mask] = 0
+        return result.reshape(*result.shape[:2], *image.shape[2:])
+
+
+def _goes_around(source: Camera) -> bool:
+    period = source.model.period
+    return period is not None and abs(period - source.width) < 0.5
+
+
+def size_mismatch(found: tuple[int, int], expected: tuple[int, int]) -> str:
+    """Say that a picture is not of its camera's size, and what to do."""
+    ratios = found[0] / expected[0] if expected[0] else 0.0, found[1] / expected[1] if expected[1] else 0.0
+    said = f"the picture is {found[0]}x{found[1]}, the camera {expected[0]}x{expected[1]}"
+    if ratios[0] and abs(ratios[0] - ratios[1]) < 0.01 * ratios[0]:
+        return f"{said}: the same shape, {ratios[0]:.4g} times as large; if it was resized, scale the camera (--scale-camera)"
+    if found == expected[::-1]:
+        return f"{said}: turned by 90 degrees; was its EXIF rotation applied?"
+    return f"{said}: another shape; a camera is only valid for the pictures that it was calibrated with"
