@@ -128,9 +128,7 @@ def calibrate_camera(
         report("fit", i, len(started))
         fitted.append(fit_candidate(name, state, views, loss=loss, fixed=fixed, free=free))
     if not fitted:
-        raise ValueError(
-            f"{model} cannot describe this camera: its corners reach {_degrees(start, views):.0f} degrees"
-        )
+        raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(start, views):.0f} degrees")
     judged = _hold_out(fitted, views, loss, report)
     best, reason = choose(judged)
     ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))

@@ -116,9 +116,7 @@ def held_out_rms(candidate: Candidate, views: BoardViews, usable: NDArray[np.boo
         ).state
         seen = views.subset(test)
         part = _part(candidate.state, test)
-        posed = refine(
-            State(trained.model, part.rotations, part.translations), seen, free=none, loss=loss
-        ).state
+        posed = refine(State(trained.model, part.rotations, part.translations), seen, free=none, loss=loss).state
         use = np.concatenate([usable[views.groups[i]] for i in test])
         lengths = posed.lengths(seen)[use]
         squares, corners = squares + float((lengths**2).sum()), corners + len(lengths)

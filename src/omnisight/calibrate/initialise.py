@@ -42,9 +42,7 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     ranked = sorted(_ideal_starts(views, size), key=lambda start: _score(start, views))
     if not ranked:
         raise ValueError("no camera explains these corners: are they corners of one flat board, in order?")
-    settled = [
-        refine(start, views, iterations=8, tolerance=1e-3, loss="squared").state for start in ranked[:SETTLED]
-    ]
+    settled = [refine(start, views, iterations=8, tolerance=1e-3, loss="squared").state for start in ranked[:SETTLED]]
     best: State | None = None
     for start in sorted(settled, key=lambda state: _score(state, views))[:SCOUTED]:
         for name in SCOUTS:
@@ -92,9 +90,7 @@ def repose(state: State, views: BoardViews) -> State:
 def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
     centre = (np.array(size, float) - 1) / 2
     reach = np.linalg.norm(views.pixels - centre, axis=1).max()
-    for family, degrees in [(f, d) for f in FAMILIES for d in REACH_DEG] + [
-        ("pinhole", d) for d in NARROW_DEG
-    ]:
+    for family, degrees in [(f, d) for f in FAMILIES for d in REACH_DEG] + [("pinhole", d) for d in NARROW_DEG]:
         cls = model_class(family)
         theta = np.radians(degrees)
         radius, _ = cls.from_dict({"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0}).project(

@@ -133,9 +133,7 @@ def refine(
     """
     free = free_params(state.model) if free is None else free
     if loss == "squared":
-        return minimise(
-            Bundle(views, Huber(), free), state, iterations=iterations, tolerance=tolerance, watch=watch
-        )
+        return minimise(Bundle(views, Huber(), free), state, iterations=iterations, tolerance=tolerance, watch=watch)
     if loss != "huber":
         raise ValueError(f"loss must be 'huber' or 'squared', got {loss!r}")
     used, threshold = 0, robust_threshold(state, views)

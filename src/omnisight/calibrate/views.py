@@ -31,9 +31,7 @@ class BoardViews:
     names: tuple[str, ...]
 
     @classmethod
-    def of(
-        cls, views: Sequence[tuple[ArrayLike, ArrayLike]], names: Sequence[str] | None = None
-    ) -> "BoardViews":
+    def of(cls, views: Sequence[tuple[ArrayLike, ArrayLike]], names: Sequence[str] | None = None) -> "BoardViews":
         """Join pictures, each (points (n, 3), pixels (n, 2)).
 
         Raises
@@ -46,9 +44,7 @@ class BoardViews:
         for name, (view_points, view_pixels) in zip(names, views, strict=True):
             x, p = np.asarray(view_points, float), np.asarray(view_pixels, float)
             if x.ndim != 2 or x.shape[1] != 3 or p.shape != (len(x), 2):
-                raise ValueError(
-                    f"{name}: needs points (n, 3) and pixels (n, 2), got {x.shape} and {p.shape}"
-                )
+                raise ValueError(f"{name}: needs points (n, 3) and pixels (n, 2), got {x.shape} and {p.shape}")
             if not (np.isfinite(x).all() and np.isfinite(p).all()):
                 raise ValueError(f"{name}: a corner is not a finite number")
             points.append(x)

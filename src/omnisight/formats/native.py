@@ -13,9 +13,7 @@ from omnisight.models import model_class, model_names
 TITLE = "omnisight JSON"
 SUFFIX = ".json"
 MODELS = model_names()
-CONVENTION = (
-    "x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0); size is [width, height]"
-)
+CONVENTION = "x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0); size is [width, height]"
 VERSION = 1
 KEYS = {"format", "version", "model", "params", "units", "size", "convention", "theta_max_deg"}
 KEYS |= {"calibration", "covariance", "provenance", "rms_definition"}
@@ -37,9 +35,7 @@ def parse(text: str) -> Mapping[str, Camera]:
     if missing := sorted({"model", "params", "size"} - set(data)):
         raise ValueError(f"missing {', '.join(missing)}")
     size = data["size"]
-    if not (
-        isinstance(size, list) and len(size) == 2 and all(isinstance(s, int) and 0 <= s < 10**6 for s in size)
-    ):
+    if not (isinstance(size, list) and len(size) == 2 and all(isinstance(s, int) and 0 <= s < 10**6 for s in size)):
         raise ValueError(f'"size" must be [width, height], got {size!r}')
     theta = data.get("theta_max_deg")
     covariance = data.get("covariance")

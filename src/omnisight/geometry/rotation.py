@@ -26,10 +26,7 @@ def exp(vectors: ArrayLike) -> Array:
 def log(rotations: ArrayLike) -> Array:
     """Give the rotation vectors (..., 3), at most pi long, of rotations (..., 3, 3)."""
     r = np.asarray(rotations, float)
-    axis = (
-        np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
-        / 2
-    )
+    axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
     sine = np.linalg.norm(axis, axis=-1)
     angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1) - 1) / 2)
     # Near pi the antisymmetric part vanishes: the axis is then the largest column of (R + R^T)/2 + I.
@@ -59,9 +56,7 @@ _LEVEL = {
 }
 
 
-def look(
-    yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, *, up: str = "top", flip: bool = False
-) -> Array:
+def look(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, *, up: str = "top", flip: bool = False) -> Array:
     """Give target_from_source (3, 3) of a view that looks elsewhere than the camera does.
 
     Parameters

@@ -65,18 +65,14 @@ class AnglePolynomial(Central):
         inverse = {"over_fold": 1 / float(r[-1]), "theta_max": self.theta_max * (1 + 1e-12)}
         return super().derived() | lacking | terms | inverse
 
-    def _polynomial(self, theta: Array) -> Array:
-        return np.polynomial.polynomial.polyval(
-            theta**2, [1.0, self.k1, self.k2, self.k3, self.k4, self.k5, self.k6]
-        )
+    def _polynomial(self, theta: Any) -> Any:
+        return np.polynomial.polynomial.polyval(theta**2, [1.0, self.k1, self.k2, self.k3, self.k4, self.k5, self.k6])
 
     @cached_property
     def fold(self) -> float:
         """The angle (radians) where r(theta) stops growing, 180 degrees at most."""
         k = (self.k1, self.k2, self.k3, self.k4, self.k5, self.k6)
-        return float(
-            min(np.pi, first_positive_root([1.0] + [(2 * i + 3) * v for i, v in enumerate(k)]) ** 0.5)
-        )
+        return float(min(np.pi, first_positive_root([1.0] + [(2 * i + 3) * v for i, v in enumerate(k)]) ** 0.5))
 
     @property
     def theta_max(self) -> float:
@@ -89,8 +85,6 @@ class AnglePolynomial(Central):
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         theta = atan2(s, c)
         k = (self.k1, self.k2, self.k3, self.k4, self.k5, self.k6)
-        slope = np.polynomial.polynomial.polyval(
-            theta**2, [1.0] + [(2 * i + 3) * value for i, value in enumerate(k)]
-        )
+        slope = np.polynomial.polynomial.polyval(theta**2, [1.0] + [(2 * i + 3) * value for i, value in enumerate(k)])
         dg_dc = along_the_sphere(s, c, g, slope, at_axis=-2 * (self.k1 + 1 / 6))
         return dg_dc, {f"k{i + 1}": per_sine(theta ** (2 * i + 3), s, c) for i in range(6)}

@@ -113,6 +113,5 @@ def unheight(m: Any, h: Any) -> Any:
 
 
 HOOKS = {
-    hook.__name__: hook
-    for hook in (project_point, unproject_pixel, gain, ungain, distort, undistort, distort_jacobian)
+    hook.__name__: hook for hook in (project_point, unproject_pixel, gain, ungain, distort, undistort, distort_jacobian)
 } | {"height": height, "unheight": unheight}

@@ -20,9 +20,7 @@ def fit(cls: type[Model], bearings: Array, pixels: Array) -> Model:
     tried = [refine(start, *sketch, iterations=10) for start in cls.starts(bearings, pixels)]
     if not tried:
         farthest = np.degrees(np.arccos((bearings[:, 2] / np.linalg.norm(bearings, axis=1)).min()))
-        raise ValueError(
-            f"{cls.name} cannot be fitted to bearings up to {farthest:.0f} degrees from the axis"
-        )
+        raise ValueError(f"{cls.name} cannot be fitted to bearings up to {farthest:.0f} degrees from the axis")
     best, _ = min(tried, key=lambda found: found[1])
     return refine(best, bearings, pixels)[0]
 
@@ -43,13 +41,9 @@ def refine(start: Model, bearings: Array, pixels: Array, *, iterations: int = 60
 
     def derivatives(params: Array) -> tuple[Array, Array]:
         seen, _, _, d_params = start.with_params(params).project_with_jacobians(bearings)
-        return difference(seen).ravel(), np.where(np.isfinite(d_params), d_params, 0.0).reshape(
-            -1, params.size
-        )
+        return difference(seen).ravel(), np.where(np.isfinite(d_params), d_params, 0.0).reshape(-1, params.size)
 
     low = np.array([p.low for p in start.parameters])
     high = np.array([p.high for p in start.parameters])
-    solution = least_squares(
-        residuals, derivatives, start.params.copy(), low=low, high=high, iterations=iterations
-    )
+    solution = least_squares(residuals, derivatives, start.params.copy(), low=low, high=high, iterations=iterations)
     return start.with_params(solution.state), solution.cost

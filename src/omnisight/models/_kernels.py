@@ -12,6 +12,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import config
 from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
@@ -19,7 +20,7 @@ from omnisight.models import _elementwise
 from omnisight.models._elementwise import gain, project_point, unproject_pixel
 
 # Divisions by zero give inf, as in numpy; a fused multiply-add may round once instead of twice.
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
+OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
 # numba's portable threading layer must not be entered by two Python threads at once.
 LOCK = threading.Lock()
 
@@ -55,7 +56,7 @@ def _resolver(name: str, hook: Any) -> Any:
 
 
 _register_hooks()
-numba.config.CACHE_DIR = str(cache_folder() / f"compiled-{_sources()}")  # pyright: ignore[reportAttributeAccessIssue]
+config.CACHE_DIR = str(cache_folder() / f"compiled-{_sources()}")  # pyright: ignore[reportAttributeAccessIssue]
 
 
 @numba.njit(parallel=True, cache=True, **OPTIONS)
@@ -110,4 +111,4 @@ def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any) ->
             map_v[row, column] = v if ok else np.nan
 
 
-numba.config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]
+config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,11 +1,10 @@
 """The protocol of a camera model: what every model gives, and what it inherits."""
 
 import dataclasses
-from collections import namedtuple
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self, dataclass_transform
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,17 +58,19 @@ class _KernelType:
     numba's cache on disk pickles these types by name, so a class gives its own also before it has an instance.
     """
 
+    made: ClassVar[dict[type["CameraModel"], Any]] = {}
+
     def __get__(self, _: object, cls: type["CameraModel"]) -> Any:
-        if "_kernel_type" not in cls.__dict__:
+        if cls not in self.made:
             # numba takes two named tuples of one name and the same fields for one type.
-            made: Any = namedtuple(f"{cls.name}_kernel", cls.example()._kernel_values())
+            fields = [(name, Any) for name in cls.example().kernel_values()]
+            made: Any = NamedTuple(f"{cls.name}_kernel", fields)  # pyright: ignore[reportArgumentType]
             made.__module__, made.__qualname__ = cls.__module__, f"{cls.__qualname__}.kernel_type"
             made.model = cls
-            cls._kernel_type = made
-        return cls._kernel_type
+            self.made[cls] = made
+        return self.made[cls]
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(parameter,))
 class CameraModel:
     """A central camera: bearings to pixels and back.
 
@@ -159,9 +160,7 @@ class CameraModel:
         """Give the camera of this model with other parameters (P,)."""
         vector = np.asarray(params, float)
         if vector.shape != self.params.shape:
-            raise ValueError(
-                f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}"
-            )
+            raise ValueError(f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}")
         values, start = {}, 0
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             old = getattr(self, field.name)
@@ -281,9 +280,9 @@ class CameraModel:
         gram = d_point @ np.swapaxes(d_point, -1, -2)
         with np.errstate(all="ignore"):
             determinant = gram[..., 0, 0] * gram[..., 1, 1] - gram[..., 0, 1] ** 2
-            inverse = np.stack(
-                [gram[..., 1, 1], -gram[..., 0, 1], -gram[..., 1, 0], gram[..., 0, 0]], axis=-1
-            ).reshape(*gram.shape[:-2], 2, 2)
+            inverse = np.stack([gram[..., 1, 1], -gram[..., 0, 1], -gram[..., 1, 0], gram[..., 0, 0]], axis=-1).reshape(
+                *gram.shape[:-2], 2, 2
+            )
             inverse /= determinant[..., None, None]
         d_pixel = np.swapaxes(d_point, -1, -2) @ inverse
         return bearings, valid, d_pixel, -d_pixel @ d_params
@@ -291,9 +290,10 @@ class CameraModel:
     @cached_property
     def kernel(self) -> Any:
         """The parameters and derived constants as the named tuple that compiled code takes."""
-        return type(self).kernel_type(**self._kernel_values())
+        return type(self).kernel_type(**self.kernel_values())
 
-    def _kernel_values(self) -> dict[str, Any]:
+    def kernel_values(self) -> dict[str, Any]:
+        """Give the parameters and derived constants by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # pyright: ignore[reportArgumentType]
         values = {n: np.array(v, float) if isinstance(v, tuple) else float(v) for n, v in values.items()}
         return values | self.derived()

@@ -60,7 +60,7 @@ class GroupedNormal:
         diagonal = local[:, index, index]
         # A parameter that nothing depends on stays where it is.
         local[:, index, index] += (damping + 1e-15) * diagonal + np.where(diagonal > 0, 0.0, 1.0)
-        inverse = np.linalg.inv(local)
+        inverse = np.asarray(np.linalg.inv(local), float)
         gain = self.cross @ inverse
         count = len(self.shared)
         wide = (count, self.local_gradient.size)
@@ -93,11 +93,7 @@ class GroupedNormal:
         """Give the covariance (P, P) of the shared parameters for residuals of unit variance."""
         schur, _, _, _ = self.reduced()
         scale = 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300))
-        return (
-            scale[:, None]
-            * np.linalg.pinv(schur * scale[:, None] * scale, rcond=1e-14, hermitian=True)
-            * scale
-        )
+        return scale[:, None] * np.linalg.pinv(schur * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale
 
 
 def _solve_scaled(matrix: Array, right: Array) -> Array:

@@ -58,9 +58,7 @@ class Board:
         """
         match = re.fullmatch(r"\s*([0-9]{1,4})\s*[xX×,]\s*([0-9]{1,4})\s*", pattern)
         if match is None:
-            raise ValueError(
-                f"cannot read the pattern {pattern!r}: give inner corners as COLUMNSxROWS, such as 8x6"
-            )
+            raise ValueError(f"cannot read the pattern {pattern!r}: give inner corners as COLUMNSxROWS, such as 8x6")
         side = None if square is None else parse_length(square)
         return cls(int(match[1]), int(match[2]), side)
 
@@ -90,9 +88,7 @@ def parse_length(text: str) -> float:
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Z\"]*)\s*", text)
     units = ", ".join(_METRES)
     if match is None:
-        raise ValueError(
-            f"cannot read the length {text!r}: give a number with its unit ({units}), such as 32.5mm"
-        )
+        raise ValueError(f"cannot read the length {text!r}: give a number with its unit ({units}), such as 32.5mm")
     number, unit = match[1], match[2].lower()
     if not unit:
         raise ValueError(

@@ -4,31 +4,14 @@ One small JSON file per picture in the user's cache folder. The key covers the f
 detector's version, so no entry ever goes stale; one that cannot be read is as good as none.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
-import os
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from omnisight.cache import cache_folder
 from omnisight.images import write_bytes
-
-
-def cache_folder() -> Path:
-    """Folder of cached results: $OMNISIGHT_CACHE, else the platform's place for caches."""
-    own = os.environ.get("OMNISIGHT_CACHE")
-    if own:
-        return Path(own)
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = str(Path.home() / "Library" / "Caches")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "omnisight"
 
 
 def cache_key(data: bytes, *parameters: object) -> str:

@@ -59,9 +59,7 @@ def detect_checkerboard(gray: NDArray[np.uint8], board: Board) -> Detection | No
     return search_checkerboard(gray, board)[0]
 
 
-def search_checkerboard(
-    gray: NDArray[np.uint8], board: Board
-) -> tuple[Detection | None, tuple[int, int] | None]:
+def search_checkerboard(gray: NDArray[np.uint8], board: Board) -> tuple[Detection | None, tuple[int, int] | None]:
     """Do what `detect_checkerboard` does; without success, tell the (columns, rows) of another board seen."""
     best: Lattice | None = None
     other: tuple[int, int] | None = None

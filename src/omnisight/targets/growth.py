@@ -155,9 +155,7 @@ def _first_cells(saddles: Saddles, tree: Any, free: NDArray[np.bool_], seed: int
     return cells
 
 
-def _predict(
-    pixels: NDArray[np.float64], cells: Cells, i: int, j: int, di: int, dj: int
-) -> NDArray[np.float64] | None:
+def _predict(pixels: NDArray[np.float64], cells: Cells, i: int, j: int, di: int, dj: int) -> NDArray[np.float64] | None:
     """Guess the next corner: continue this line, or copy the step from the lines beside it."""
     here = pixels[cells[i, j]]
     behind = cells.get((i - di, j - dj))

@@ -98,9 +98,7 @@ class Remapper:
             raise ValueError(f"border must be a value, 'edge' or 'reflect', got {border!r}")
         rotation = np.eye(3) if target_from_source is None else np.asarray(target_from_source, float)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
-            raise ValueError(
-                f"target_from_source must be an orthogonal (3, 3) matrix, got shape {rotation.shape}"
-            )
+            raise ValueError(f"target_from_source must be an orthogonal (3, 3) matrix, got shape {rotation.shape}")
         self.source, self.target, self.border = source, target, border
         self._flag = flags[interpolation]
         u, v = view_map(source, target, rotation)
@@ -142,16 +140,12 @@ class Remapper:
             total = np.clip(np.rint(total), limits.min, limits.max)
         return self._finish(total.astype(image.dtype), image)
 
-    def _build(
-        self, u: NDArray[np.float32], v: NDArray[np.float32], scale: NDArray[np.float32] | None
-    ) -> list[Any]:
+    def _build(self, u: NDArray[np.float32], v: NDArray[np.float32], scale: NDArray[np.float32] | None) -> list[Any]:
         import cv2
 
         around = float(self._around)
         depth = (
-            np.zeros_like(scale)
-            if scale is None
-            else np.log2(np.fmax(np.nan_to_num(scale, nan=1.0, posinf=1.0), 1))
+            np.zeros_like(scale) if scale is None else np.log2(np.fmax(np.nan_to_num(scale, nan=1.0, posinf=1.0), 1))
         )
         deepest = int(np.log2(max(min(self.source.size), 1)))
         if scale is None or depth.max() < SHARP_ENOUGH:
@@ -168,8 +162,7 @@ class Remapper:
             rows = slice(int(used[0]), int(used[-1]) + 1)
             # A pyramid's pixel lies on every second one: coordinates halve without a shift.
             part = [
-                (np.where(self.mask[rows], m[rows] + around, OUTSIDE) / 2**level).astype(np.float32)
-                for m in (u, v)
+                (np.where(self.mask[rows], m[rows] + around, OUTSIDE) / 2**level).astype(np.float32) for m in (u, v)
             ]
             part = [np.where(self.mask[rows], p, OUTSIDE).astype(np.float32) for p in part]
             first, second = cv2.convertMaps(part[0], part[1], cv2.CV_16SC2)
@@ -179,7 +172,7 @@ class Remapper:
     def _check(self, image: Image) -> Image:
         if image.ndim not in (2, 3) or (image.ndim == 3 and not 1 <= image.shape[2] <= 4):
             raise ValueError(f"a picture is (H, W) or (H, W, 1 to 4), got shape {image.shape}")
-        if image.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+        if image.dtype.name not in ("uint8", "uint16", "float32", "float64"):
             raise ValueError(f"a picture is uint8, uint16, float32 or float64, got {image.dtype}")
         height, width = image.shape[:2]
         if (width, height) != self.source.size:

@@ -169,9 +169,7 @@ def _unrolled(
     low, high = elevation
     left, right = azimuth
     if not -limit <= low < high <= limit:
-        raise ValueError(
-            f"elevation must be (low, high) within -{limit:g} to {limit:g} degrees, got {elevation}"
-        )
+        raise ValueError(f"elevation must be (low, high) within -{limit:g} to {limit:g} degrees, got {elevation}")
     if not (-180 <= left < right <= 180):
         raise ValueError(f"azimuth must be (left, right) within -180 to 180 degrees, got {azimuth}")
     focal = width / np.radians(right - left)
