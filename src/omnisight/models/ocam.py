@@ -150,8 +150,9 @@ class Ocam(Central):
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Fit a polynomial of degree 4, as OCamCalib does unless told otherwise."""
-        yield cls.start_of_degree(bearings, pixels, 4)
+        """Fit polynomials of three degrees linearly; 4 is what OCamCalib takes unless told otherwise."""
+        for degree in (4, 6, 8):
+            yield cls.start_of_degree(bearings, pixels, degree)
 
     @classmethod
     def start_of_degree(cls, bearings: Array, pixels: Array, degree: int) -> Self:

@@ -1,0 +1,5 @@
+"""`python -m omnisight` is the command line."""
+
+from omnisight.cli import main
+
+main()

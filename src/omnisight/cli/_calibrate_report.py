@@ -1,0 +1,125 @@
+"""What `omnisight calibrate` says when it is done."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from omnisight.calibrate import Calibration
+from omnisight.camera import Camera
+from omnisight.formats import Written
+from omnisight.formats.native import to_json
+from omnisight.targets import Board, PictureDetection
+
+
+def rows(found: Sequence[PictureDetection], calibration: Calibration) -> list[dict[str, Any]]:
+    """Give one row per picture: name, found, corners, rms and worst residual (px), note."""
+    lengths = calibration.residual_lengths
+    of = {name: lengths[rows] for name, rows in zip(calibration.views.names, calibration.views.groups, strict=True)}
+    table: list[dict[str, Any]] = []
+    for picture in found:
+        residual = of.get(picture.path.name) if picture.detection is not None else None
+        table.append(
+            {
+                "name": picture.path.name,
+                "found": residual is not None,
+                "corners": 0 if residual is None else len(residual),
+                "rms": None if residual is None else float(np.sqrt((residual**2).mean())),
+                "worst": None if residual is None else float(residual.max()),
+                "note": picture.note or "",
+            }
+        )
+    return table
+
+
+def as_json(
+    found: Sequence[PictureDetection],
+    board: Board,
+    calibration: Calibration,
+    camera: Camera,
+    seconds: Mapping[str, float],
+    hint: str | None,
+) -> None:
+    """Print one object on stdout, and nothing else."""
+    result = {
+        "pictures": rows(found, calibration),
+        "pattern": f"{board.columns}x{board.rows}",
+        "model": camera.model.name,
+        "rms": calibration.rms,
+        "mean": calibration.mean,
+        "held_out_rms": calibration.held_out_rms,
+        "reason": calibration.reason,
+        "warnings": [*([hint] if hint else []), *calibration.warnings],
+        "candidates": [c.as_dict() for c in calibration.candidates],
+        "seconds": dict(seconds),
+        "camera": to_json(camera),
+    }
+    print(json.dumps(result, indent=2, allow_nan=False))
+
+
+def print_report(
+    found: Sequence[PictureDetection],
+    board: Board,
+    calibration: Calibration,
+    seconds: Mapping[str, float],
+    hint: str | None,
+    written: Written | None,
+) -> None:
+    """Print the tables and what to make of them."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    table = Table("picture", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
+    for column in table.columns[2:5]:
+        column.justify = "right"
+    for row in rows(found, calibration):
+        table.add_row(
+            row["name"],
+            "yes" if row["found"] else "no",
+            str(row["corners"] or ""),
+            _figure(row["rms"]),
+            _figure(row["worst"]),
+            row["note"],
+        )
+    console.print(table)
+    models = Table("model", "parameters", "rms px", "held out px", box=None, pad_edge=False)
+    for column in models.columns[1:]:
+        column.justify = "right"
+    for candidate in calibration.candidates:
+        models.add_row(
+            candidate.name, str(candidate.parameters), _figure(candidate.rms), _figure(candidate.held_out_rms)
+        )
+    console.print()
+    console.print(models)
+    camera = calibration.camera
+    pictures = sum(1 for p in found if p.detection is not None)
+    console.print()
+    console.print(calibration.reason, soft_wrap=True)
+    console.print(
+        f"{pictures} of {len(found)} pictures, {len(calibration.views.pixels)} corners,"
+        f" {int(calibration.outliers.sum())} doubtful; rms {calibration.rms:.3f} px, mean {calibration.mean:.3f} px;"
+        f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
+        soft_wrap=True,
+    )
+    for warning in [*([hint] if hint else []), *calibration.warnings, *_symmetric(board)]:
+        console.print(f"note: {warning}", soft_wrap=True)
+    console.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
+    if written is not None:
+        console.print(f"written: {written.path}", soft_wrap=True)
+    else:
+        console.print("nothing written: give -o camera.json")
+
+
+def _symmetric(board: Board) -> list[str]:
+    if not board.symmetric:
+        return []
+    return [
+        f"a {board.columns}x{board.rows} board looks the same upside-down: fine for one camera, unsafe for several;"
+        f" {board.columns}x{board.rows - 1} would not."
+    ]
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"

@@ -1,0 +1,151 @@
+"""omnisight calibrate."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+
+
+def calibrate(
+    pictures: list[str],
+    /,
+    *,
+    pattern: Annotated[str | None, Parameter(alias="--size")] = None,
+    square: str | None = None,
+    model: str = "auto",
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    draw: Path | None = None,
+    loss: str = "huber",
+    force: bool = False,
+    apply_exif: bool = False,
+    cache: bool = True,
+    json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Calibrate a camera from pictures of a checkerboard.
+
+    No guess is needed, of focal length, field of view or centre: lenses and mirrors from 60 to 280 degrees start alone.
+
+    Parameters
+    ----------
+    pictures
+        Folders, files or patterns such as 'left*.jpg'.
+    pattern
+        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the pictures if absent.
+    square
+        Side of a square with its unit: 32.5mm. Without it lengths are in squares; the camera is the same.
+    model
+        A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and the
+        one that explains best what it was not calibrated on is taken.
+    output
+        Where the camera goes: a JSON file.
+    draw
+        A folder for the pictures with their corners and residuals drawn in.
+    loss
+        huber, or squared for plain least squares.
+    force
+        Calibrate from fewer than three pictures.
+    apply_exif
+        Turn pictures as their EXIF orientation says; a calibration needs them as the sensor read them.
+    cache
+        Remember found boards, by the content of the pictures.
+    json
+        Print one JSON object and nothing else.
+    quiet
+        Show no progress.
+    """
+    begun = time.perf_counter()
+    from omnisight.calibrate import BoardViews, calibrate_camera
+    from omnisight.cli._calibrate_report import as_json, print_report
+    from omnisight.formats import save
+    from omnisight.images import collect_images
+    from omnisight.targets import Board, find_boards, pattern_hint
+
+    if output is not None and not output.parent.is_dir():
+        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
+    paths = collect_images(pictures)
+    with progress(quiet or json) as report:
+        asked = pattern if pattern is not None else _inferred(paths, report)
+        board = Board.parse(asked, square=square)
+        found = find_boards(
+            paths, board, apply_exif=apply_exif, cache=cache, progress=lambda done, all_: report("find boards", done, all_)
+        )
+        detected = time.perf_counter()
+        hint = pattern_hint(found, board)
+        seen = [p for p in found if p.detection is not None and p.size is not None]
+        if not seen or (hint and len(seen) < 3):
+            raise ValueError(_nothing_found(found, board, hint))
+        views = BoardViews.of(
+            [(board.points[p.detection.ids], p.detection.pixels) for p in seen if p.detection], [p.path.name for p in seen]
+        )
+        size = seen[0].size or (0, 0)
+        calibration = calibrate_camera(views, size, model=model, loss=loss, force=force, progress=report)
+    solved = time.perf_counter()
+    camera = _with_provenance(calibration.camera, board, seen, len(paths))
+    # The result first: what is drawn afterwards cannot lose it.
+    written = save(camera, output) if output is not None else None
+    seconds = {"detect": detected - begun, "solve": solved - detected, "total": time.perf_counter() - begun}
+    if json:
+        as_json(found, board, calibration, camera, seconds, hint)
+    else:
+        print_report(found, board, calibration, seconds, hint, written)
+    if draw is not None:
+        from omnisight.cli._draw import draw_residuals
+
+        draw_residuals(seen, calibration, draw, apply_exif=apply_exif)
+        if not json:
+            print(f"drawn: {draw}")
+
+
+def _inferred(paths: list[Path], report: Any) -> str:
+    """Give the pattern that most of the first pictures agree on."""
+    from collections import Counter
+
+    from omnisight.images import UnreadableImage, read_image, to_gray8
+    from omnisight.targets import guess_pattern
+
+    votes: Counter[tuple[int, int]] = Counter()
+    asked = paths[:12]
+    for i, path in enumerate(asked):
+        report("infer the pattern", i, len(asked))
+        try:
+            guess = guess_pattern(to_gray8(read_image(path)))
+        except UnreadableImage:
+            continue
+        if guess:
+            votes[(max(guess), min(guess))] += 1
+    if not votes:
+        raise ValueError(
+            f"no checkerboard found in the first {len(asked)} pictures, so its size is unknown: give --pattern, the inner"
+            " corners as columns x rows, such as 9x6"
+        )
+    (columns, rows), _ = votes.most_common(1)[0]
+    return f"{columns}x{rows}"
+
+
+def _nothing_found(found: Any, board: Any, hint: str | None) -> str:
+    notes = [f"  {p.path.name}: {p.note}" for p in found if p.note][:5]
+    number = sum(1 for p in found if p.detection is not None)
+    said = f"a {board.columns}x{board.rows} board was found in {number} of {len(found)} pictures"
+    advice = hint or "does --pattern count inner corners (one less than squares each way)? Is all of the board in the picture?"
+    return "\n".join([f"{said}: {advice}", *notes])
+
+
+def _with_provenance(camera: Any, board: Any, seen: Any, given: int) -> Any:
+    import dataclasses
+    import datetime
+
+    import omnisight
+
+    provenance = {
+        "tool": f"omnisight {omnisight.__version__}",
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "pattern": f"{board.columns}x{board.rows}",
+        "square_m": board.square,
+        "pictures": [p.path.name for p in seen],
+        "pictures_given": given,
+    }
+    return dataclasses.replace(camera, provenance=provenance)
