@@ -72,7 +72,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | 
 
 def repose(state: State, views: BoardViews) -> State:
     """Pose every board anew from its bearings, and keep what is better: heals a board stuck behind or turned over."""
-    bearings, _ = state.model.unproject(views.pixels)
+    bearings, _ = state.model.unproject_numpy(views.pixels)
     rotations, translations = plane_poses(views, bearings)
     posed = np.isfinite(rotations).all((1, 2))
     rotations[~posed], translations[~posed] = state.rotations[~posed], state.translations[~posed]
@@ -93,12 +93,12 @@ def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
     for family, degrees in [(f, d) for f in FAMILIES for d in REACH_DEG] + [("pinhole", d) for d in NARROW_DEG]:
         cls = model_class(family)
         theta = np.radians(degrees)
-        radius, _ = cls.from_dict({"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0}).project(
-            [np.sin(theta), 0.0, np.cos(theta)]
+        radius, _ = cls.from_dict({"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0}).project_numpy(
+            np.array([[np.sin(theta), 0.0, np.cos(theta)]])
         )
-        focal = reach / radius[0]
+        focal = reach / radius[0, 0]
         model = cls.from_dict({"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]})
-        bearings, _ = model.unproject(views.pixels)
+        bearings, _ = model.unproject_numpy(views.pixels)
         rotations, translations = plane_poses(views, bearings)
         posed = np.isfinite(rotations).all((1, 2))
         # A board that cannot be posed stands far ahead until the camera is better known.

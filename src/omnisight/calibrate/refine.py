@@ -45,7 +45,7 @@ class State:
 
     def residuals(self, views: BoardViews) -> Array:
         """Give projected minus seen pixels (N, 2), NaN where a corner lies outside the model's domain."""
-        pixels, _ = self.model.project(self.points(views)[0])
+        pixels, _ = self.model.project_numpy(self.points(views)[0])
         return pixels - views.pixels
 
     def lengths(self, views: BoardViews) -> Array:

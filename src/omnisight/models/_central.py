@@ -97,7 +97,7 @@ class Central(Undistorted, CameraModel):
         b = points / n[:, None]
         x, y, c = b[:, 0], b[:, 1], b[:, 2]
         s = np.sqrt(x * x + y * y)
-        g = self.gains(s, c)
+        g = self.gain(self.kernel, s, c)
         px, py = g * x, g * y
         qx, qy = self.distort(self.kernel, px, py)
         a11, a12, a21, a22, u0, v0 = self.affine()
@@ -126,10 +126,6 @@ class Central(Undistorted, CameraModel):
             d_params[:, 0, i], d_params[:, 1, i] = partials[name]
         return pixels, valid, d_point, d_params
 
-    def gains(self, s: Array, c: Array) -> Array:
-        """Give the gain of many directions."""
-        return self.gain(self.kernel, s, c)
-
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
         """For each shape of `SHAPES`, the affine map that fits best (linear least squares)."""
@@ -141,7 +137,7 @@ class Central(Undistorted, CameraModel):
             values = zeros | {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0} | shape
             model = cls(**values)
             with np.errstate(all="ignore"):
-                g = model.gains(s, c)
+                g = model.gain(model.kernel, s, c)
                 use = (c > model.kernel.c_min) & np.isfinite(g)
             if use.sum() < 6 or use.sum() < 0.5 * len(use):
                 continue

@@ -14,6 +14,11 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     return np.where(condition, a, b)
 
 
+def settled(step: Any, least: Any) -> Any:
+    """Say whether an iteration's steps are all at most `least`."""
+    return np.all(np.abs(step) <= least)
+
+
 def atan2(y: Any, x: Any) -> Any:
     """Angle of (x, y) for y >= 0, in [0, pi] (radians), to 1 ulp, without a branch: it vectorises.
 

@@ -37,7 +37,7 @@ def refine(start: Model, bearings: Array, pixels: Array, *, iterations: int = 60
         return np.where(np.isfinite(d), d, lost)
 
     def residuals(params: Array) -> Array:
-        return difference(start.with_params(params).project(bearings)[0]).ravel()
+        return difference(start.with_params(params).project_numpy(bearings)[0]).ravel()
 
     def derivatives(params: Array) -> tuple[Array, Array]:
         seen, _, _, d_params = start.with_params(params).project_with_jacobians(bearings)

@@ -17,7 +17,7 @@ from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
 from omnisight.models import _elementwise
-from omnisight.models._elementwise import gain, project_point, unproject_pixel
+from omnisight.models._elementwise import project_point, unproject_pixel
 
 # Divisions by zero give inf, as in numpy; a fused multiply-add may round once instead of twice.
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
@@ -42,6 +42,13 @@ def _register_hooks() -> None:
             return a if condition else b
 
         return choose
+
+    @overload(_elementwise.settled, jit_options=OPTIONS)
+    def _settled(step: Any, least: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def small(step: Any, least: Any) -> Any:
+            return np.abs(step) <= least
+
+        return small
 
     for name, hook in _elementwise.HOOKS.items():
         overload(hook, jit_options=OPTIONS)(_resolver(name, hook))
@@ -78,13 +85,6 @@ def unproject(m: Any, pixels: Any, bearings: Any, valid: Any) -> None:
         bearings[i, 1] = y if ok else np.nan
         bearings[i, 2] = z if ok else np.nan
         valid[i] = ok
-
-
-@numba.njit(cache=True, **OPTIONS)
-def gains(m: Any, s: Any, c: Any, result: Any) -> None:
-    """Fill the gain (N,) of directions given by sine and cosine of their angle (N,)."""
-    for i in range(len(s)):
-        result[i] = gain(m, s[i], c[i])
 
 
 @numba.njit(parallel=True, cache=True, **OPTIONS)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._elementwise import distort, distort_jacobian
+from omnisight.models._elementwise import distort, distort_jacobian, settled
 from omnisight.models._protocol import Array
 
 NEWTON_STEPS = 20
@@ -44,12 +44,12 @@ class Distorted(Undistorted):
     @staticmethod
     def undistort(m: Any, x: Any, y: Any) -> Any:
         p, q = x, y
-        error = np.inf
+        error = x * np.inf
         for _ in range(NEWTON_STEPS):
             dx, dy = distort(m, p, q)
             dx, dy = dx - x, dy - y
             error = np.abs(dx) + np.abs(dy)
-            if error < 1e-14:
+            if settled(error, 1e-14):
                 break
             xx, xy, yx, yy = distort_jacobian(m, p, q)
             determinant = xx * yy - xy * yx

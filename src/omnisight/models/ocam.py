@@ -8,10 +8,12 @@ from typing import Any, Self
 import numpy as np
 
 from omnisight.models._central import Central
+from omnisight.models._elementwise import settled, where
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array, finite, parameter, run
+from omnisight.models._protocol import Array, finite, parameter
 
 START_TERMS = 12
+STEPS = 60
 # A polynomial that never folds would be followed to this many focal lengths from the centre.
 FARTHEST = 8.0
 
@@ -75,35 +77,27 @@ class Ocam(Central):
 
     @staticmethod
     def gain(m: Any, s: Any, c: Any) -> Any:
-        t = s / (1.0 + c)  # tan(theta/2)
-        q = min(t * m.t_scale, 1.0)
-        start = 0.0
+        t = s / (1.0 + c) * m.t_scale  # tan(theta/2), 1 at the rim
+        t = where(t < 1.0, t, 1.0)
+        r = 0.0 * t
         for i in range(len(m.start) - 1, -1, -1):
-            start = start * q + m.start[i]
-        low, high = 0.0, m.r_max * (1.0 + 1e-9)
-        r = min(max(start * q, low), high)
-        for _ in range(60):
-            f, slope = 0.0, 0.0
+            r = r * t + m.start[i]
+        r = r * t
+        low, high = 0.0 * t, m.r_max * (1.0 + 1e-9) + 0.0 * t
+        for _ in range(STEPS):
+            r = where((r >= low) & (r <= high), r, 0.5 * (low + high))
+            f, slope = 0.0 * r, 0.0 * r
             for i in range(len(m.a) - 1, 0, -1):
                 slope = slope * r + f
                 f = f * r + m.a[i]
             slope, f = slope * r * r + 2.0 * r * f, f * r * r + m.a[0]
             value = s * f - c * r  # positive before the root
-            if value > 0.0:
-                low = r
-            else:
-                high = r
+            low, high = where(value > 0.0, r, low), where(value > 0.0, high, r)
             step = value / (c - s * slope)
-            better = r + step
-            if not (low <= better <= high):
-                better = 0.5 * (low + high)
-            step = better - r
-            r = better
-            if np.abs(step) <= 1e-14 * m.r_max + 1e-15 * r:
+            r = r + step
+            if settled(step, 1e-13 * m.r_max):
                 break
-        if s > 1e-9:
-            return r / s
-        return m.a[0]
+        return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.a[0])
 
     @staticmethod
     def ungain(m: Any, r: Any) -> Any:
@@ -113,11 +107,6 @@ class Ocam(Central):
         f = f * r * r + m.a[0]
         h = 1.0 / np.sqrt(r * r + f * f)
         return h, h * f
-
-    def gains(self, s: Array, c: Array) -> Array:
-        result = np.empty(len(s))
-        run("gains", self.kernel, np.ascontiguousarray(s), np.ascontiguousarray(c), result)
-        return result
 
     def derived(self) -> dict[str, Any]:
         radius = self.radius_max()
