@@ -18,6 +18,8 @@ REACH_DEG = (15, 25, 35, 45, 55, 65, 75, 85, 95, 105, 120, 135, 150)
 NARROW_DEG = (15, 25, 35, 45, 55, 65)
 # Models that together bend to every lens and mirror with few parameters.
 SCOUTS = ("kannala_brandt", "unified")
+# What a calibration does not estimate unless told to must not come from the start either.
+STILL = ("skew",)
 SETTLED, SCOUTED = 6, 2
 
 
@@ -64,7 +66,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | 
     lengths = state.lengths(views)
     good = lengths <= max(4 * float(np.median(lengths)), 1e-3)
     try:
-        model = cls.fit(points[good], views.pixels[good])
+        model = cls.fit(points[good], views.pixels[good], fixed=STILL)
     except (ValueError, np.linalg.LinAlgError):
         return None
     return State(model, state.rotations, state.translations)

@@ -71,7 +71,11 @@ def calibrate(
         asked = pattern if pattern is not None else _inferred(paths, report)
         board = Board.parse(asked, square=square)
         found = find_boards(
-            paths, board, apply_exif=apply_exif, cache=cache, progress=lambda done, all_: report("find boards", done, all_)
+            paths,
+            board,
+            apply_exif=apply_exif,
+            cache=cache,
+            progress=lambda done, all_: report("find boards", done, all_),
         )
         detected = time.perf_counter()
         hint = pattern_hint(found, board)
@@ -79,7 +83,8 @@ def calibrate(
         if not seen or (hint and len(seen) < 3):
             raise ValueError(_nothing_found(found, board, hint))
         views = BoardViews.of(
-            [(board.points[p.detection.ids], p.detection.pixels) for p in seen if p.detection], [p.path.name for p in seen]
+            [(board.points[p.detection.ids], p.detection.pixels) for p in seen if p.detection],
+            [p.path.name for p in seen],
         )
         size = seen[0].size or (0, 0)
         calibration = calibrate_camera(views, size, model=model, loss=loss, force=force, progress=report)
@@ -130,7 +135,10 @@ def _nothing_found(found: Any, board: Any, hint: str | None) -> str:
     notes = [f"  {p.path.name}: {p.note}" for p in found if p.note][:5]
     number = sum(1 for p in found if p.detection is not None)
     said = f"a {board.columns}x{board.rows} board was found in {number} of {len(found)} pictures"
-    advice = hint or "does --pattern count inner corners (one less than squares each way)? Is all of the board in the picture?"
+    advice = (
+        hint
+        or "does --pattern count inner corners (one less than squares each way)? Is all of the board in the picture?"
+    )
     return "\n".join([f"{said}: {advice}", *notes])
 
 

@@ -1,5 +1,6 @@
 """Fitting one camera to bearings and their pixels."""
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -11,21 +12,23 @@ SKETCH = 400  # pairs that are enough to tell a good start from a bad one
 Model = TypeVar("Model", bound=CameraModel)
 
 
-def fit(cls: type[Model], bearings: Array, pixels: Array) -> Model:
+def fit(cls: type[Model], bearings: Array, pixels: Array, fixed: Sequence[str] = ()) -> Model:
     """Refine each start of the model a little, and the best to the end; see `CameraModel.fit`."""
     if len(bearings) != len(pixels) or len(bearings) < 4:
         raise ValueError(f"fit needs 4 or more pairs, got {len(bearings)} bearings and {len(pixels)} pixels")
     every = -(-len(bearings) // SKETCH)
     sketch = bearings[::every], pixels[::every]
-    tried = [refine(start, *sketch, iterations=10) for start in cls.starts(bearings, pixels)]
+    tried = [refine(start, *sketch, fixed, iterations=10) for start in cls.starts(bearings, pixels)]
     if not tried:
         farthest = np.degrees(np.arccos((bearings[:, 2] / np.linalg.norm(bearings, axis=1)).min()))
         raise ValueError(f"{cls.name} cannot be fitted to bearings up to {farthest:.0f} degrees from the axis")
     best, _ = min(tried, key=lambda found: found[1])
-    return refine(best, bearings, pixels)[0]
+    return refine(best, bearings, pixels, fixed)[0]
 
 
-def refine(start: Model, bearings: Array, pixels: Array, *, iterations: int = 60) -> tuple[Model, float]:
+def refine(
+    start: Model, bearings: Array, pixels: Array, fixed: Sequence[str] = (), *, iterations: int = 60
+) -> tuple[Model, float]:
     """Refine a camera on bearings and pixels; give it and half its sum of squares (px^2)."""
     # What falls out of the domain costs as much as the whole picture, so that no step gains by losing points.
     lost = float(np.ptp(pixels, axis=0).max()) + 1.0
@@ -44,6 +47,9 @@ def refine(start: Model, bearings: Array, pixels: Array, *, iterations: int = 60
         return difference(seen).ravel(), np.where(np.isfinite(d_params), d_params, 0.0).reshape(-1, params.size)
 
     low = np.array([p.low for p in start.parameters])
+    free = np.array([name not in fixed for name in start.param_names])
     high = np.array([p.high for p in start.parameters])
-    solution = least_squares(residuals, derivatives, start.params.copy(), low=low, high=high, iterations=iterations)
+    solution = least_squares(
+        residuals, derivatives, start.params.copy(), low=low, high=high, free=free, iterations=iterations
+    )
     return start.with_params(solution.state), solution.cost

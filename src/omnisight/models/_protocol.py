@@ -1,7 +1,7 @@
 """The protocol of a camera model: what every model gives, and what it inherits."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
@@ -316,7 +316,7 @@ class CameraModel:
         return values | self.derived()
 
     @classmethod
-    def fit(cls, bearings: ArrayLike, pixels: ArrayLike) -> Self:
+    def fit(cls, bearings: ArrayLike, pixels: ArrayLike, *, fixed: Sequence[str] = ()) -> Self:
         """Fit the model to bearings and the pixels they are seen at: starts calibrations, converts between models.
 
         Parameters
@@ -325,6 +325,8 @@ class CameraModel:
             (N, 3) directions of the camera frame.
         pixels
             (N, 2) where they are seen.
+        fixed
+            Parameters by name that keep the value of the model's start (0 for a skew).
 
         Returns
         -------
@@ -334,7 +336,7 @@ class CameraModel:
 
         directions, _ = rows(bearings, 3, "bearings")
         seen, _ = rows(pixels, 2, "pixels")
-        return fit(cls, directions, seen)
+        return fit(cls, directions, seen, fixed)
 
 
 def rows(values: ArrayLike, width: int, what: str) -> tuple[Array, tuple[int, ...]]:

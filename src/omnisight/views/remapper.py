@@ -68,6 +68,8 @@ class Remapper:
 
     Attributes
     ----------
+    source, target, target_from_source, border
+        As given.
     mask
         (H, W) bool: which pixels of the view the source shows.
     scale
@@ -100,6 +102,7 @@ class Remapper:
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
             raise ValueError(f"target_from_source must be an orthogonal (3, 3) matrix, got shape {rotation.shape}")
         self.source, self.target, self.border = source, target, border
+        self.target_from_source = rotation
         self._flag = flags[interpolation]
         u, v = view_map(source, target, rotation)
         self._around = AROUND if _goes_around(source) else 0

@@ -1,0 +1,82 @@
+"""omnisight convert."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def convert(
+    camera: Path,
+    /,
+    *,
+    to: str,
+    model: str | None = None,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    name: str | None = None,
+    max_theta: float | None = None,
+    max_error: float = 1.0,
+    force: bool = False,
+) -> None:
+    """Write a camera in another format, in another model if need be, and say how near it comes.
+
+    Parameters
+    ----------
+    camera
+        A calibration file of any format.
+    to
+        The format to write: native, ocamcalib, opencv, kalibr, colmap ...
+    model
+        The camera model to convert to; if the format cannot hold the camera's own, the one of its models that comes nearest.
+    output
+        The file to write; beside the camera's file unless told otherwise.
+    name
+        Which camera, where the file holds several.
+    max_theta
+        Fit only up to this angle from the axis, degrees, instead of the calibrated cone.
+    max_error
+        Refuse to write what is farther off, px.
+    force
+        Write it all the same.
+    """
+    import numpy as np
+
+    from omnisight.conversion import best_conversion, convert_model
+    from omnisight.formats import format_named, load, save
+
+    source = load(camera, name=name)
+    chosen = format_named(to)
+    limit = None if max_theta is None else float(np.radians(max_theta))
+    if model is not None and model not in chosen.MODELS:
+        raise ValueError(f"{chosen.TITLE} has no model {model}; it has {', '.join(chosen.MODELS)}")
+    if model is None and source.model.name in chosen.MODELS:
+        model = source.model.name
+    if model == source.model.name:
+        result = None
+        converted = source
+        print(f"model       {model}, as it is")
+    else:
+        result = (
+            convert_model(source, model, theta_max=limit)
+            if model
+            else best_conversion(source, chosen.MODELS, theta_max=limit)
+        )
+        converted = result.camera
+        print(f"model       {source.model.name} -> {converted.model.name}")
+        print(f"fitted      to {np.degrees(result.theta_max):.1f} degrees from the axis")
+        print(
+            f"error       at most {result.max_px:.3g} px and {result.max_deg:.3g} deg, {result.mean_px:.3g} px on average"
+        )
+        print(f"holds       within 0.5 px up to {np.degrees(result.holds_to):.1f} degrees")
+        if result.max_px > max_error and not force:
+            raise ValueError(
+                f"{converted.model.name} cannot represent this {source.model.name} camera to"
+                f" {np.degrees(result.theta_max):.0f} degrees: {result.max_px:.3g} px off, {max_error:g} allowed. Nothing is"
+                f" written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
+            )
+    path = output or camera.with_name(f"{camera.stem}-{to}{chosen.SUFFIX}")
+    written = save(converted, path, format=to)
+    print(f"written     {written.path}; read again it differs by {written.error_px:.2g} px at most")
+    print(f"convention  {chosen.CONVENTION}")
+    for note in written.notes:
+        print(f"note        {note}")

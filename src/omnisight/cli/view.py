@@ -1,0 +1,220 @@
+"""omnisight view."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+from omnisight.cli._size import parse_range, parse_size
+
+View = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
+
+
+def view(
+    pictures: list[str],
+    /,
+    *,
+    camera: Path,
+    to: View = "perspective",
+    output: Annotated[Path, Parameter(alias="-o")],
+    fov: float | None = None,
+    yaw: float = 0.0,
+    pitch: float | None = None,
+    roll: float = 0.0,
+    up: Literal["top", "back", "front"] = "top",
+    flip: bool = False,
+    size: str | None = None,
+    elevation: str | None = None,
+    azimuth: str | None = None,
+    projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant",
+    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
+    antialias: bool = True,
+    mask: Path | None = None,
+    view_camera: Path | None = None,
+    scale_camera: bool = False,
+    apply_exif: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Turn pictures into views: perspective, cylinder, sphere, cube, planet, fisheye ...
+
+    Angles are in degrees. +yaw looks right, +pitch up, +roll turns the view clockwise:
+
+                 y up is -v         x right, y down, z forward is the camera;
+                  |  / forward      yaw 0, pitch 0 is its axis.
+                  | /
+        left -----+----- right (+yaw)
+
+    Parameters
+    ----------
+    pictures
+        A picture, or folders, files and patterns: several pictures go to the folder --output.
+    camera
+        The calibration file of the camera that took them, of any format.
+    to
+        What to show.
+    output
+        The view's file, or a folder for several pictures.
+    fov
+        Field of view, degrees: across for perspective (90), panini (150) and planet (260), rim to rim for fisheye (180).
+    yaw, roll
+        Where to look.
+    pitch
+        Where to look; 0, and -90 for a planet.
+    up
+        Where the world's up is: the picture's top; back, for a camera that looks down or into a mirror above it; or front,
+        for one that looks up.
+    flip
+        Exchange left and right: for a camera that looks into one mirror.
+    size
+        WIDTHxHEIGHT in px; for cylinder, mercator and sphere the width alone counts.
+    elevation, azimuth
+        LOW:HIGH in degrees, what a cylinder, mercator or sphere shows.
+    projection
+        Of a fisheye.
+    interpolation
+        Between the picture's pixels.
+    antialias
+        Average pixels where the view is smaller than the picture.
+    mask
+        Write which pixels of the view the picture shows: a PNG, 255 where it does.
+    view_camera
+        Write the view's own camera, whose rotation is in its provenance.
+    scale_camera
+        The pictures were resized since the calibration: scale the camera to them.
+    apply_exif
+        Turn pictures as their EXIF orientation says.
+    quiet
+        Show no progress.
+    """
+    import numpy as np
+
+    from omnisight.formats import load, save
+    from omnisight.images import collect_images, read_image, write_image
+    from omnisight.views.remapper import Remapper
+
+    source = load(camera)
+    paths = collect_images(pictures)
+    several = len(paths) > 1
+    if several and not output.is_dir():
+        output.mkdir(parents=True)
+    first = read_image(paths[0], apply_exif=apply_exif)
+    if scale_camera:
+        source = _scaled(source, (first.shape[1], first.shape[0]))
+    target, rotations = _target(to, fov, size, elevation, azimuth, projection, (yaw, pitch, roll), up, flip, source)
+    options: Any = {"interpolation": interpolation, "antialias": antialias}
+    with progress(quiet) as report:
+        remappers = [Remapper(source, target, rotation, **options) for rotation in rotations]
+        for i, path in enumerate(paths):
+            report("view", i, len(paths))
+            image = first if i == 0 else read_image(path, apply_exif=apply_exif)
+            faces = [remap(image) for remap in remappers]
+            write_image(output / f"{path.stem}.png" if several else output, _cube_sheet(faces))
+        report("view", len(paths), len(paths))
+    shown = _cube_sheet([r.mask.astype(np.uint8) * 255 for r in remappers])
+    if mask is not None:
+        write_image(mask, shown)
+    if view_camera is not None:
+        _save_view_camera(save, target, rotations[0], view_camera)
+    _tell(source, target, rotations, remappers, (shown > 0).mean(), output, up)
+
+
+def _target(
+    to: View,
+    fov: float | None,
+    size: str | None,
+    elevation: str | None,
+    azimuth: str | None,
+    projection: str,
+    angles: tuple[float, float | None, float],
+    up: str,
+    flip: bool,
+    source: Any,
+) -> tuple[Any, list[Any]]:
+    """Give the view's camera and target_from_source of each of its parts."""
+    import omnisight as om
+    from omnisight.views.targets import CUBE_FACES, cube_rotation
+
+    yaw, pitch, roll = angles
+    rotation = om.look(yaw, (-90.0 if to == "planet" else 0.0) if pitch is None else pitch, roll, up=up, flip=flip)
+    wanted = parse_size(size) if size else None
+    ranges = {
+        name: parse_range(text, f"--{name}") for name, text in (("elevation", elevation), ("azimuth", azimuth)) if text
+    }
+    if ranges and to not in ("cylinder", "mercator", "sphere"):
+        raise ValueError(f"--{next(iter(ranges))} is for cylinder, mercator and sphere; a {to} takes --fov")
+    if fov is not None and to in ("cylinder", "mercator", "sphere", "cube"):
+        raise ValueError(
+            f"--fov is not for a {to}; " + ("its faces are 90 degrees" if to == "cube" else "use --azimuth")
+        )
+    wide: Any = {"width": wanted[0] if wanted else 2048, **ranges}
+    side = min(wanted) if wanted else 1024
+    match to:
+        case "perspective":
+            return om.perspective(fov or 90.0, wanted or (1280, 720)), [rotation]
+        case "panini":
+            return om.panini(fov or 150.0, wanted or (1280, 720)), [rotation]
+        case "cylinder":
+            return om.cylinder(**wide), [rotation]
+        case "mercator":
+            return om.mercator(**wide), [rotation]
+        case "sphere":
+            return om.sphere(**wide), [rotation]
+        case "planet":
+            return om.planet(side, fov or 260.0), [rotation]
+        case "fisheye":
+            return om.fisheye(side, fov or 180.0, projection), [rotation]
+        case "cube":
+            return om.cube_face(side), [cube_rotation(face, rotation) for face in CUBE_FACES]
+
+
+def _cube_sheet(faces: list[Any]) -> Any:
+    """Join six faces into a cross: up; left, front, right, back; down. A single view stays as it is."""
+    import numpy as np
+
+    if len(faces) == 1:
+        return faces[0]
+    front, right, back, left, above, below = faces
+    side = front.shape[0]
+    sheet = np.zeros((3 * side, 4 * side, *front.shape[2:]), front.dtype)
+    for image, row, column in (
+        *((above, 0, 1), (left, 1, 0), (front, 1, 1)),
+        *((right, 1, 2), (back, 1, 3), (below, 2, 1)),
+    ):
+        sheet[row * side : (row + 1) * side, column * side : (column + 1) * side] = image
+    return sheet
+
+
+def _scaled(source: Any, size: tuple[int, int]) -> Any:
+    import dataclasses
+
+    from omnisight.views.remapper import size_mismatch
+
+    factor = size[0] / source.width if source.width else 1.0
+    scaled = source.scaled(factor)
+    if abs(scaled.height - size[1]) > 1:
+        raise ValueError(size_mismatch(size, source.size))
+    return dataclasses.replace(scaled, size=size)
+
+
+def _save_view_camera(save: Any, target: Any, rotation: Any, path: Path) -> None:
+    import dataclasses
+
+    provenance = {"view": True, "target_from_source": rotation.tolist()}
+    save(dataclasses.replace(target, provenance=provenance), path)
+
+
+def _tell(
+    source: Any, target: Any, rotations: list[Any], remappers: list[Any], covered: float, output: Path, up: str
+) -> None:
+    from omnisight.views.maps import kept_share, magnification
+
+    kept = sum(kept_share(source, target, rotation) for rotation in rotations)
+    centre, rim = magnification(remappers[0])
+    print(f"written: {output} ({target.width}x{target.height}{', six faces' if len(rotations) > 1 else ''})")
+    print(f"{kept:.0%} of the picture is shown, and fills {covered:.0%} of the view")
+    print(f"a pixel of the picture is {centre:.2f} px wide in the middle of the view, {rim:.2f} px at its rim")
+    if up == "top" and target.model.name in ("cylindrical", "mercator", "equirectangular") and covered < 0.75:
+        print(
+            "the camera was taken to stand upright; if it looks down, up or into a mirror: --up back, --up front, --flip"
+        )
