@@ -1,0 +1,21 @@
+"""Run all benchmarks, or those named: `python -m benchmarks points views calibration startup`."""
+
+import os
+import sys
+
+os.environ.setdefault("NUMBA_NUM_THREADS", "2")
+
+import cv2
+
+from benchmarks import calibration, points, startup, views
+from benchmarks.race import table
+
+ALL = {"points": points, "views": views, "calibration": calibration, "startup": startup}
+
+if not hasattr(cv2, "omnidir"):
+    sys.exit("the peers are missing: pip install '.[bench]', then pip install --force-reinstall --no-deps opencv-contrib-python-headless")
+cv2.setNumThreads(2)
+chosen = sys.argv[1:] or list(ALL)
+races = [race for name in chosen for race in ALL[name].run()]
+print(f"OpenCV {cv2.__version__}, two threads, medians of runs in turn\n")
+print(table(races))
