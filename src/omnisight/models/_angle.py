@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.models._central import Central, along_the_sphere, per_sine
-from omnisight.models._elementwise import atan2, sine_cosine, where
+from omnisight.models._elementwise import angle_step, atan2, settled, sine_cosine, where
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
 from omnisight.models._protocol import Array
 
@@ -27,31 +27,46 @@ class AnglePolynomial(Central):
     k6: float = 0.0
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         theta = atan2(s, c)
         t2 = theta * theta
         r = theta * (1.0 + t2 * (m.k1 + t2 * (m.k2 + t2 * (m.k3 + t2 * (m.k4 + t2 * (m.k5 + t2 * m.k6))))))
         return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), 1.0)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         # theta(r) has a square root at the fold, and so is smooth in w.
         w = 1.0 - (r * m.over_fold) ** 2
         w = np.sqrt(where(w > 0.0, w, 0.0))
         start = m.i3 + w * (m.i4 + w * (m.i5 + w * m.i6))
         theta = r * (m.i0 + w * (m.i1 + w * (m.i2 + w * start)))
         theta = where(theta < m.theta_max, theta, m.theta_max)
-        for _ in range(4):
-            t2 = theta * theta
-            high = m.k4 + t2 * (m.k5 + t2 * m.k6)
-            slope = 9.0 * m.k4 + t2 * (11.0 * m.k5 + t2 * (13.0 * m.k6))
-            value = theta * (1.0 + t2 * (m.k1 + t2 * (m.k2 + t2 * (m.k3 + t2 * high)))) - r
-            slope = 1.0 + t2 * (3.0 * m.k1 + t2 * (5.0 * m.k2 + t2 * (7.0 * m.k3 + t2 * slope)))
-            theta = theta - value / slope
-            theta = where(theta < m.theta_max, theta, m.theta_max)
-            theta = where(theta > 0.0, theta, 0.0)
+        # Written out, not in a loop: so the compiled loop over the points vectorises.
+        theta, step = angle_step(m, theta, r)
+        theta, step = angle_step(m, theta, r)
+        theta, step = angle_step(m, theta, r)
+        if effort is not None:
+            for _ in range(effort):
+                theta, step = angle_step(m, theta, r)
+                if settled(step, 1e-15):
+                    break
         s, c = sine_cosine(theta)
-        return where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), c
+        # A small last step leaves its square; past the rim there is nothing to find.
+        found = (step * step < 1e-14) | (r > m.r_last)
+        return where(found, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), np.inf), c
+
+    @staticmethod
+    def angle_step(m: Any, theta: Any, r: Any) -> Any:
+        """Give theta after a Newton step towards r(theta) = r, kept within the valid cone, and the step."""
+        t2 = theta * theta
+        high = m.k4 + t2 * (m.k5 + t2 * m.k6)
+        high_slope = 9.0 * m.k4 + t2 * (11.0 * m.k5 + t2 * (13.0 * m.k6))
+        value = theta * (1.0 + t2 * (m.k1 + t2 * (m.k2 + t2 * (m.k3 + t2 * high)))) - r
+        slope = 1.0 + t2 * (3.0 * m.k1 + t2 * (5.0 * m.k2 + t2 * (7.0 * m.k3 + t2 * high_slope)))
+        step = value / slope
+        theta = theta - step
+        theta = where(theta < m.theta_max, theta, m.theta_max)
+        return where(theta > 0.0, theta, 0.0), step
 
     def derived(self) -> dict[str, Any]:
         limit = self.fold
@@ -62,7 +77,7 @@ class AnglePolynomial(Central):
         lacking = {k: 0.0 for k in ("k1", "k2", "k3", "k4", "k5", "k6") if k not in self.param_names}
         terms = {f"i{i}": float(value) for i, value in enumerate(start)}
         # A hair past the last angle keeps the rim itself.
-        inverse = {"over_fold": 1 / float(r[-1]), "theta_max": self.theta_max * (1 + 1e-12)}
+        inverse = {"over_fold": 1 / float(r[-1]), "theta_max": self.theta_max * (1 + 1e-12), "r_last": self.radius_max()}
         return super().derived() | lacking | terms | inverse
 
     def _polynomial(self, theta: Any) -> Any:

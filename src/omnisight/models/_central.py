@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.models._elementwise import distort, gain, undistort, ungain
+from omnisight.models._elementwise import FULL, distort, gain, undistort, ungain, where
 from omnisight.models._planar import Undistorted
 from omnisight.models._protocol import Array, CameraModel
 
@@ -22,12 +22,12 @@ class Central(Undistorted, CameraModel):
     SHAPES: ClassVar[tuple[dict[str, Any], ...]] = ({},)
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         """Give r(theta)/sin(theta)."""
         raise NotImplementedError
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         """Give (sin(theta)/r, cos(theta)) from the radius."""
         raise NotImplementedError
 
@@ -74,30 +74,32 @@ class Central(Undistorted, CameraModel):
         }
 
     @staticmethod
-    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+    def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
         rho2 = x * x + y * y
         inverse_n = 1.0 / np.sqrt(rho2 + z * z)
         c = z * inverse_n
-        g = gain(m, np.sqrt(rho2) * inverse_n, c) * inverse_n
+        g = gain(m, np.sqrt(rho2) * inverse_n, c, effort) * inverse_n
         px, py = g * x, g * y
         valid = (c > m.c_min) & (px * px + py * py <= m.r2_max)
         px, py = distort(m, px, py)
-        return m.a11 * px + m.a12 * py + m.u0, m.a21 * px + m.a22 * py + m.v0, valid
+        u = m.a11 * px + m.a12 * py + m.u0
+        return where(g < np.inf, u, g), m.a21 * px + m.a22 * py + m.v0, valid
 
     @staticmethod
-    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+    def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
         du, dv = u - m.u0, v - m.v0
-        px, py, converged = undistort(m, m.b11 * du + m.b12 * dv, m.b21 * du + m.b22 * dv)
+        px, py, converged = undistort(m, m.b11 * du + m.b12 * dv, m.b21 * du + m.b22 * dv, effort)
         r2 = px * px + py * py
-        h, c = ungain(m, np.sqrt(r2))
-        return h * px, h * py, c, converged & (r2 <= m.r2_max) & (c > m.c_min)
+        h, c = ungain(m, np.sqrt(r2), effort)
+        valid = converged & (r2 <= m.r2_max) & (c > m.c_min)
+        return where(converged & (np.abs(h) != np.inf), h * px, np.inf), h * py, c, valid
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         n = np.sqrt((points**2).sum(-1))
         b = points / n[:, None]
         x, y, c = b[:, 0], b[:, 1], b[:, 2]
         s = np.sqrt(x * x + y * y)
-        g = self.gain(self.kernel, s, c)
+        g = self.gain(self.kernel, s, c, FULL)
         px, py = g * x, g * y
         qx, qy = self.distort(self.kernel, px, py)
         a11, a12, a21, a22, u0, v0 = self.affine()
@@ -137,7 +139,7 @@ class Central(Undistorted, CameraModel):
             values = zeros | {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0} | shape
             model = cls(**values)
             with np.errstate(all="ignore"):
-                g = model.gain(model.kernel, s, c)
+                g = model.gain(model.kernel, s, c, FULL)
                 use = (c > model.kernel.c_min) & np.isfinite(g)
             if use.sum() < 6 or use.sum() < 0.5 * len(use):
                 continue

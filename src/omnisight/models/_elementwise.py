@@ -1,12 +1,17 @@
 """What a model's formulas are written with: they run on arrays as they stand, and compiled on scalars.
 
-`where` and `atan2` are elementwise. The other functions are the hooks of a model: each calls the function
+`where`, `atan2` and `sine_cosine` are elementwise. The other functions are the hooks of a model: each calls the function
 of that name of the model that the parameters `m` belong to (`m.model`); `_kernels` resolves them at compile time.
+
+What is solved by iteration takes a few steps, and up to `effort` more. A result of inf says that they were not enough: the
+compiled loop runs all points with `ONCE` (no more steps, so that it vectorises), and the few that are left with `FULL`.
 """
 
 from typing import Any
 
 import numpy as np
+
+ONCE, FULL = None, 60
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
@@ -15,7 +20,7 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def settled(step: Any, least: Any) -> Any:
-    """Say whether an iteration's steps are all at most `least`."""
+    """Say whether an iteration's steps are all at most `least`; never, where it is compiled and the count is fixed."""
     return np.all(np.abs(step) <= least)
 
 
@@ -72,24 +77,24 @@ def sine_cosine(angle: Any) -> Any:
     return (cosine - sine) * (cosine + sine), -2.0 * sine * cosine
 
 
-def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
     """Give (u, v, valid) of a point in the camera frame."""
-    return m.model.project_point(m, x, y, z)
+    return m.model.project_point(m, x, y, z, effort)
 
 
-def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
     """Give (x, y, z, valid), the unit bearing of a pixel."""
-    return m.model.unproject_pixel(m, u, v)
+    return m.model.unproject_pixel(m, u, v, effort)
 
 
-def gain(m: Any, s: Any, c: Any) -> Any:
+def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
     """Give r(theta) / sin(theta) from s = sin(theta), c = cos(theta)."""
-    return m.model.gain(m, s, c)
+    return m.model.gain(m, s, c, effort)
 
 
-def ungain(m: Any, r: Any) -> Any:
+def ungain(m: Any, r: Any, effort: Any) -> Any:
     """Give (sin(theta) / r, cos(theta)) from the radius r."""
-    return m.model.ungain(m, r)
+    return m.model.ungain(m, r, effort)
 
 
 def distort(m: Any, x: Any, y: Any) -> Any:
@@ -97,9 +102,9 @@ def distort(m: Any, x: Any, y: Any) -> Any:
     return m.model.distort(m, x, y)
 
 
-def undistort(m: Any, x: Any, y: Any) -> Any:
+def undistort(m: Any, x: Any, y: Any, effort: Any) -> Any:
     """Give (x, y, converged), the inverse of `distort`."""
-    return m.model.undistort(m, x, y)
+    return m.model.undistort(m, x, y, effort)
 
 
 def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
@@ -107,9 +112,24 @@ def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
     return m.model.distort_jacobian(m, x, y)
 
 
-def height(m: Any, t: Any) -> Any:
-    """Give the height on an unrolled cylinder from t = y / hypot(x, z)."""
-    return m.model.height(m, t)
+def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+    """Give a better inverse (p, q) of `distort` at (x, y), and the squared distance missed before."""
+    return m.model.inverse_step(m, p, q, x, y)
+
+
+def angle_step(m: Any, theta: Any, r: Any) -> Any:
+    """Give a better angle of the radius r, and the step made."""
+    return m.model.angle_step(m, theta, r)
+
+
+def radius_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
+    """Give a better radius of the angle, its bracket, and the step made."""
+    return m.model.radius_step(m, r, low, high, s, c)
+
+
+def height(m: Any, y: Any, q: Any) -> Any:
+    """Give the height on an unrolled cylinder of y / q, with q = hypot(x, z)."""
+    return m.model.height(m, y, q)
 
 
 def unheight(m: Any, h: Any) -> Any:
@@ -118,5 +138,9 @@ def unheight(m: Any, h: Any) -> Any:
 
 
 HOOKS = {
-    hook.__name__: hook for hook in (project_point, unproject_pixel, gain, ungain, distort, undistort, distort_jacobian)
-} | {"height": height, "unheight": unheight}
+    hook.__name__: hook
+    for hook in (
+        *(project_point, unproject_pixel, gain, ungain, height, unheight),
+        *(distort, undistort, distort_jacobian, inverse_step, angle_step, radius_step),
+    )
+}

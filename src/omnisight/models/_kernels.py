@@ -1,4 +1,4 @@
-"""The compiled, parallel drivers: one loop for all models, resolved per model at compile time.
+"""The compiled drivers: one loop for all models, resolved per model at compile time.
 
 Imported at the first use only, because numba costs a quarter of a second. Compiled code is kept in the user's
 cache folder under a hash of the sources of all models: numba itself would look at this file alone and run stale code.
@@ -6,7 +6,6 @@ cache folder under a hash of the sources of all models: numba itself would look 
 
 import hashlib
 import inspect
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +16,14 @@ from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
 from omnisight.models import _elementwise
-from omnisight.models._elementwise import project_point, unproject_pixel
+from omnisight.models._elementwise import FULL, ONCE, project_point, unproject_pixel
 
 # Divisions by zero give inf, as in numpy; a fused multiply-add may round once instead of twice.
+# What is not inlined keeps the loop around it from vectorising, so formulas are inlined however often they are used.
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
-# numba's portable threading layer must not be entered by two Python threads at once.
-LOCK = threading.Lock()
+FORMULA: Any = {**OPTIONS, "forceinline": True}
+# Points worked on at a time: their planes stay in the first cache.
+BLOCK = 256
 
 
 def _sources() -> str:
@@ -33,25 +34,25 @@ def _sources() -> str:
 
 
 def _register_hooks() -> None:
-    register_jitable(**OPTIONS)(_elementwise.atan2)
-    register_jitable(**OPTIONS)(_elementwise.sine_cosine)
+    register_jitable(**FORMULA)(_elementwise.atan2)
+    register_jitable(**FORMULA)(_elementwise.sine_cosine)
 
-    @overload(_elementwise.where, jit_options=OPTIONS)
+    @overload(_elementwise.where, jit_options=FORMULA)
     def _where(condition: Any, a: Any, b: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
         def choose(condition: Any, a: Any, b: Any) -> Any:
             return a if condition else b
 
         return choose
 
-    @overload(_elementwise.settled, jit_options=OPTIONS)
+    @overload(_elementwise.settled, jit_options=FORMULA)
     def _settled(step: Any, least: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
-        def small(step: Any, least: Any) -> Any:
-            return np.abs(step) <= least
+        def never(step: Any, least: Any) -> Any:
+            return False
 
-        return small
+        return never
 
     for name, hook in _elementwise.HOOKS.items():
-        overload(hook, jit_options=OPTIONS)(_resolver(name, hook))
+        overload(hook, jit_options=FORMULA)(_resolver(name, hook))
 
 
 def _resolver(name: str, hook: Any) -> Any:
@@ -66,49 +67,95 @@ _register_hooks()
 config.CACHE_DIR = str(cache_folder() / f"compiled-{_sources()}")  # pyright: ignore[reportAttributeAccessIssue]
 
 
-@numba.njit(parallel=True, cache=True, **OPTIONS)
-def project(m: Any, points: Any, pixels: Any, valid: Any) -> None:
-    """Fill pixels (N, 2) and valid (N,) from points (N, 3); NaN where not valid."""
-    for i in numba.prange(points.shape[0]):
-        u, v, ok = project_point(m, points[i, 0], points[i, 1], points[i, 2])
-        pixels[i, 0] = u if ok else np.nan
-        pixels[i, 1] = v if ok else np.nan
-        valid[i] = ok
 
 
-@numba.njit(parallel=True, cache=True, **OPTIONS)
-def unproject(m: Any, pixels: Any, bearings: Any, valid: Any) -> None:
-    """Fill bearings (N, 3) and valid (N,) from pixels (N, 2); NaN where not valid."""
-    for i in numba.prange(pixels.shape[0]):
-        x, y, z, ok = unproject_pixel(m, pixels[i, 0], pixels[i, 1])
-        bearings[i, 0] = x if ok else np.nan
-        bearings[i, 1] = y if ok else np.nan
-        bearings[i, 2] = z if ok else np.nan
-        valid[i] = ok
+@numba.njit(**OPTIONS)
+def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
+    # Planes of x, y, z and no branch: this loop vectorises, the interleaved arrays of the callers would not.
+    for j in range(x.shape[0]):
+        a, b, ok = project_point(m, x[j], y[j], z[j], ONCE)
+        u[j] = a if ok or np.abs(a) == np.inf else np.nan
+        v[j] = b if ok else np.nan
+    for j in range(x.shape[0]):
+        if np.abs(u[j]) == np.inf:
+            a, b, ok = project_point(m, x[j], y[j], z[j], FULL)
+            u[j] = a if ok else np.nan
+            v[j] = b if ok else np.nan
 
 
-@numba.njit(parallel=True, cache=True, **OPTIONS)
-def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any) -> None:
-    """Fill map_u, map_v (H, W): where the pixel of the target is seen in the source; NaN where it is not.
+@numba.njit(**OPTIONS)
+def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
+    for j in range(u.shape[0]):
+        a, b, c, ok = unproject_pixel(m, u[j], v[j], ONCE)
+        x[j] = a if ok or np.abs(a) == np.inf else np.nan
+        y[j] = b if ok else np.nan
+        z[j] = c if ok else np.nan
+    for j in range(u.shape[0]):
+        if np.abs(x[j]) == np.inf:
+            a, b, c, ok = unproject_pixel(m, u[j], v[j], FULL)
+            x[j] = a if ok else np.nan
+            y[j] = b if ok else np.nan
+            z[j] = c if ok else np.nan
+
+
+@numba.njit(nogil=True, cache=True, **OPTIONS)
+def project(m: Any, points: Any, pixels: Any, valid: Any, first: int, last: int) -> None:
+    """Fill rows first to last of pixels (N, 2) and valid (N,) from points (N, 3); NaN where not valid."""
+    planes = np.empty((5, BLOCK))
+    for start in range(first, last, BLOCK):
+        size = min(BLOCK, last - start)
+        x, y, z, u, v = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size], planes[4, :size]
+        given, found, shown = points[start : start + size], pixels[start : start + size], valid[start : start + size]
+        for j in range(size):
+            x[j], y[j], z[j] = given[j, 0], given[j, 1], given[j, 2]
+        _project_block(m, x, y, z, u, v)
+        for j in range(size):
+            found[j, 0], found[j, 1] = u[j], v[j]
+            shown[j] = u[j] == u[j]
+
+
+@numba.njit(nogil=True, cache=True, **OPTIONS)
+def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: int) -> None:
+    """Fill rows first to last of bearings (N, 3) and valid (N,) from pixels (N, 2); NaN where not valid."""
+    planes = np.empty((5, BLOCK))
+    for start in range(first, last, BLOCK):
+        size = min(BLOCK, last - start)
+        x, y, z, u, v = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size], planes[4, :size]
+        given, found, shown = pixels[start : start + size], bearings[start : start + size], valid[start : start + size]
+        for j in range(size):
+            u[j], v[j] = given[j, 0], given[j, 1]
+        _unproject_block(m, u, v, x, y, z)
+        for j in range(size):
+            found[j, 0], found[j, 1], found[j, 2] = x[j], y[j], z[j]
+            shown[j] = x[j] == x[j]
+
+
+@numba.njit(nogil=True, cache=True, **OPTIONS)
+def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, first: int, last: int) -> None:
+    """Fill rows first to last of map_u, map_v (H, W): where the pixel of the target is seen in the source; NaN if nowhere.
 
     `rotation` (3, 3) turns bearings of the target into the source's frame.
     """
-    rows, columns = map_u.shape
+    columns = map_u.shape[1]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    for row in numba.prange(rows):
-        for column in range(columns):
-            x, y, z, ok = unproject_pixel(target, float(column), float(row))
-            u, v, seen = project_point(
-                source,
-                r00 * x + r01 * y + r02 * z,
-                r10 * x + r11 * y + r12 * z,
-                r20 * x + r21 * y + r22 * z,
-            )
-            ok = ok and seen
-            map_u[row, column] = u if ok else np.nan
-            map_v[row, column] = v if ok else np.nan
+    planes = np.empty((5, BLOCK))
+    for row in range(first, last):
+        for start in range(0, columns, BLOCK):
+            size = min(BLOCK, columns - start)
+            x, y, z, u, v = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size], planes[4, :size]
+            for j in range(size):
+                u[j], v[j] = float(start + j), float(row)
+            _unproject_block(target, u, v, x, y, z)
+            for j in range(size):
+                a, b, c = x[j], y[j], z[j]
+                x[j] = r00 * a + r01 * b + r02 * c
+                y[j] = r10 * a + r11 * b + r12 * c
+                z[j] = r20 * a + r21 * b + r22 * c
+            _project_block(source, x, y, z, u, v)
+            for j in range(size):
+                map_u[row, start + j], map_v[row, start + j] = u[j], v[j]
 
 
 config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]

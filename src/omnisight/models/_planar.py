@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._elementwise import distort, distort_jacobian, settled
+from omnisight.models._elementwise import distort, distort_jacobian, inverse_step, settled, where
 from omnisight.models._protocol import Array
 
-NEWTON_STEPS = 20
 # The inverse is singular where the plane folds over: the valid disc ends this share before it.
 FOLD_MARGIN = 1e-6
 # A plane that never folds is followed to this radius (89.94 degrees of a pinhole).
@@ -17,12 +16,16 @@ FARTHEST = 1e3
 class Undistorted:
     """The plane as it is."""
 
+    def derived(self) -> dict[str, Any]:
+        """Give the constants that the elementwise functions need beside the parameters."""
+        return {}
+
     @staticmethod
     def distort(m: Any, x: Any, y: Any) -> Any:
         return x, y
 
     @staticmethod
-    def undistort(m: Any, x: Any, y: Any) -> Any:
+    def undistort(m: Any, x: Any, y: Any, effort: Any) -> Any:
         return x, y, True
 
     @staticmethod
@@ -42,20 +45,37 @@ class Distorted(Undistorted):
     """A distortion inverted by Newton's method; a subclass writes `distort` and its derivatives."""
 
     @staticmethod
-    def undistort(m: Any, x: Any, y: Any) -> Any:
-        p, q = x, y
-        error = x * np.inf
-        for _ in range(NEWTON_STEPS):
-            dx, dy = distort(m, p, q)
-            dx, dy = dx - x, dy - y
-            error = np.abs(dx) + np.abs(dy)
-            if settled(error, 1e-14):
-                break
-            xx, xy, yx, yy = distort_jacobian(m, p, q)
-            determinant = xx * yy - xy * yx
-            p = p - (yy * dx - xy * dy) / determinant
-            q = q - (xx * dy - yx * dx) / determinant
-        return p, q, error < 1e-11 * (1.0 + np.abs(x) + np.abs(y))
+    def undistort(m: Any, x: Any, y: Any, effort: Any) -> Any:
+        # Written out, not in a loop: so the compiled loop over the points vectorises.
+        p, q, missed = inverse_step(m, x, y, x, y)
+        p, q, missed = inverse_step(m, p, q, x, y)
+        p, q, missed = inverse_step(m, p, q, x, y)
+        p, q, missed = inverse_step(m, p, q, x, y)
+        p, q, missed = inverse_step(m, p, q, x, y)
+        if effort is not None:
+            for _ in range(effort):
+                p, q, missed = inverse_step(m, p, q, x, y)
+                if settled(missed, 1e-28):
+                    break
+        d2 = x * x + y * y
+        # What was missed before the last step tells what is missed after it: its square.
+        close = missed < 1e-14 * (1.0 + d2)
+        return where(d2 <= m.d2_max, p, np.nan), q, close | (d2 > m.d2_max)
+
+    @staticmethod
+    def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+        """Give (p, q) after a Newton step towards `distort` = (x, y), and the squared distance missed before it."""
+        dx, dy = distort(m, p, q)
+        dx, dy = dx - x, dy - y
+        xx, xy, yx, yy = distort_jacobian(m, p, q)
+        over = 1.0 / (xx * yy - xy * yx)
+        return p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over, dx * dx + dy * dy
+
+    def derived(self) -> dict[str, Any]:
+        azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+        radius = self.plane_radius_max()
+        x, y = self.distort(self, radius * np.cos(azimuth), radius * np.sin(azimuth))
+        return {**super().derived(), "d2_max": 1.05 * float((x * x + y * y).max())}
 
     def radial_fold(self) -> float:
         """Give the radius at which the radial part alone stops growing."""

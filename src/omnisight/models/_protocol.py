@@ -9,6 +9,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.models._elementwise import FULL
+from omnisight.models._threads import spread
+
 Array = NDArray[np.float64]
 
 
@@ -89,12 +92,12 @@ class CameraModel:
     # -- what a model writes ----------------------------------------------------------------------------------
 
     @staticmethod
-    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+    def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
         """Give (u, v, valid) of a point, elementwise; `m` holds the parameters and `derived` by name."""
         raise NotImplementedError
 
     @staticmethod
-    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+    def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
         """Give (x, y, z, valid) of a pixel, elementwise: a unit bearing."""
         raise NotImplementedError
 
@@ -216,7 +219,7 @@ class CameraModel:
         """
         flat, lead = rows(points, 3, "points")
         pixels, valid = np.empty((len(flat), 2)), np.empty(len(flat), np.bool_)
-        run("project", self.kernel, flat, pixels, valid)
+        run("project", self.kernel, flat, pixels, valid, count=len(flat))
         return pixels.reshape(*lead, 2), valid.reshape(lead)
 
     def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
@@ -241,7 +244,7 @@ class CameraModel:
         """
         flat, lead = rows(pixels, 2, "pixels")
         bearings, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
-        run("unproject", self.kernel, flat, bearings, valid)
+        run("unproject", self.kernel, flat, bearings, valid, count=len(flat))
         return bearings.reshape(*lead, 3), valid.reshape(lead)
 
     def project_numpy(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -250,14 +253,14 @@ class CameraModel:
         For solvers, which ask many cameras about few points: nothing is compiled or loaded, at ten times the time a point.
         """
         with np.errstate(all="ignore"):
-            *pixel, valid = self.project_point(self.kernel, *points.T)
+            *pixel, valid = self.project_point(self.kernel, *points.T, FULL)
             valid = np.broadcast_to(valid, len(points)) & True
             return np.where(valid[:, None], np.stack(pixel, -1), np.nan), valid
 
     def unproject_numpy(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Do as `unproject`, in plain numpy, for pixels (N, 2); see `project_numpy`."""
         with np.errstate(all="ignore"):
-            *bearing, valid = self.unproject_pixel(self.kernel, *pixels.T)
+            *bearing, valid = self.unproject_pixel(self.kernel, *pixels.T, FULL)
             valid = np.broadcast_to(valid, len(pixels)) & True
             return np.where(valid[:, None], np.stack(np.broadcast_arrays(*bearing), -1), np.nan), valid
 
@@ -312,7 +315,7 @@ class CameraModel:
     def kernel_values(self) -> dict[str, Any]:
         """Give the parameters and derived constants by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # pyright: ignore[reportArgumentType]
-        values = {n: np.array(v, float) if isinstance(v, tuple) else float(v) for n, v in values.items()}
+        values = {n: tuple(map(float, v)) if isinstance(v, tuple) else float(v) for n, v in values.items()}
         return values | self.derived()
 
     @classmethod
@@ -357,8 +360,9 @@ def finite(value: Any, what: str) -> float:
     return float(value)
 
 
-def run(driver: str, *arguments: Any) -> None:
+def run(driver: str, *arguments: Any, count: int, grain: int = 16384) -> None:
+    """Run a compiled driver over `count` rows, on all cores where there are enough of them."""
     from omnisight.models import _kernels
 
-    with _kernels.LOCK:
-        getattr(_kernels, driver)(*arguments)
+    function = getattr(_kernels, driver)
+    spread(lambda first, last: function(*arguments, first, last), count, grain)

@@ -21,8 +21,8 @@ class Unrolled(CameraModel):
     cy: float = parameter("row of the horizon", unit="px")
 
     @staticmethod
-    def height(m: Any, t: Any) -> Any:
-        """Give the height of t = y/hypot(x, z), down."""
+    def height(m: Any, y: Any, q: Any) -> Any:
+        """Give the height of y/q, q = hypot(x, z), down."""
         raise NotImplementedError
 
     @staticmethod
@@ -36,14 +36,14 @@ class Unrolled(CameraModel):
         raise NotImplementedError
 
     @staticmethod
-    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+    def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
         longitude = atan2(np.abs(x), z)
         longitude = where(x < 0.0, -longitude, longitude)
-        h = height(m, y / np.sqrt(x * x + z * z))
-        return m.fx * longitude + m.cx, m.fy * h + m.cy, (x * x + y * y + z * z > 0.0) & (np.abs(h) < np.inf)
+        h = height(m, y, np.sqrt(x * x + z * z))
+        return m.fx * longitude + m.cx, m.fy * h + m.cy, np.abs(h) < np.inf
 
     @staticmethod
-    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+    def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
         longitude = (u - m.cx) / m.fx
         around = np.abs(longitude)
         # Half a pixel past 180 degrees is the other side of the seam.
@@ -58,9 +58,9 @@ class Unrolled(CameraModel):
         q = np.sqrt(q2)
         t = y / q
         longitude = np.arctan2(x, z)
-        h = self.height(self, t)
+        h = self.height(self, y, q)
         pixels = np.stack([self.fx * longitude + self.cx, self.fy * h + self.cy], -1)
-        valid = (q2 + y * y > 0) & np.isfinite(h)
+        valid = np.isfinite(h)
         slope = self.fy * self.height_slope(t)
         d_point = np.zeros((len(points), 2, 3))
         d_point[:, 0, 0], d_point[:, 0, 2] = self.fx * z / q2, -self.fx * x / q2
@@ -84,7 +84,7 @@ class Unrolled(CameraModel):
         x, y, z = bearings.T
         longitude = np.arctan2(x, z)
         with np.errstate(all="ignore"):
-            h = cls.height(None, y / np.hypot(x, z))
+            h = cls.height(None, y, np.hypot(x, z))
         use = np.isfinite(h) & (np.abs(longitude) < 3.0)
         one = np.ones(use.sum())
         fx, cx = np.linalg.lstsq(np.stack([longitude[use], one], -1), pixels[use, 0], rcond=None)[0]

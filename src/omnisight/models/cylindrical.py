@@ -17,8 +17,8 @@ class Cylindrical(Unrolled):
     """
 
     @staticmethod
-    def height(m: Any, t: Any) -> Any:
-        return t
+    def height(m: Any, y: Any, q: Any) -> Any:
+        return y / q
 
     @staticmethod
     def unheight(m: Any, h: Any) -> Any:

@@ -31,13 +31,13 @@ class Division(Central):
     k: float = parameter("distortion")
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         root = np.sqrt(c * c - 4.0 * m.k * s * s)
         # The two forms of the same root: neither subtracts two numbers that are nearly equal.
         return where(c > 0.0, 2.0 / (c + root), (c - root) / (2.0 * m.k * s * s))
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         z = 1.0 + m.k * r * r
         h = 1.0 / np.sqrt(r * r + z * z)
         return h, h * z

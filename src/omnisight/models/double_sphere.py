@@ -32,12 +32,12 @@ class DoubleSphere(Central):
     alpha: float = parameter("share of the second sphere", low=0.0, high=0.999)
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         k = m.xi + c
         return 1.0 / (m.alpha * np.sqrt(s * s + k * k) + (1.0 - m.alpha) * k)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         r2 = r * r
         inside = 1.0 - (2.0 * m.alpha - 1.0) * r2
         z = (1.0 - m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)

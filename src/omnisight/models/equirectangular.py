@@ -19,9 +19,10 @@ class Equirectangular(Unrolled):
     """
 
     @staticmethod
-    def height(m: Any, t: Any) -> Any:
-        down = atan2(np.abs(t), 1.0)
-        return where(t < 0.0, -down, where(np.abs(t) < np.inf, down, np.sign(t) * 1.5707963267948966))
+    def height(m: Any, y: Any, q: Any) -> Any:
+        down = atan2(np.abs(y), q)
+        down = where(y < 0.0, -down, down)
+        return where(np.abs(y) + q > 0.0, down, np.nan)
 
     @staticmethod
     def unheight(m: Any, h: Any) -> Any:

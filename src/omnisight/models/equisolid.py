@@ -23,12 +23,12 @@ class Equisolid(Central):
     cy: float = parameter("principal point", unit="px")
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         # 1 + c = s^2/(1 - c) keeps its digits near theta = pi.
         return np.sqrt(2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c))
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         half = 0.5 * r
         return np.sqrt(where(half < 1.0, (1.0 - half) * (1.0 + half), 0.0)), 1.0 - 2.0 * half * half
 

@@ -31,11 +31,11 @@ class EnhancedUnified(Central):
     beta: float = parameter("shape of the conicoid", low=1e-3)
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         return 1.0 / (m.alpha * np.sqrt(m.beta * s * s + c * c) + (1.0 - m.alpha) * c)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         r2 = r * r
         inside = 1.0 - (2.0 * m.alpha - 1.0) * m.beta * r2
         z = (1.0 - m.beta * m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)

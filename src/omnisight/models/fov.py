@@ -30,12 +30,12 @@ class FieldOfView(Central):
         return {**super().derived(), "two_t": 2 * np.tan(self.omega / 2)}
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         r = atan2(m.two_t * s, c) / m.omega
         return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.two_t / m.omega)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         s, c = sine_cosine(where(r * m.omega < 3.141592653589793, r * m.omega, 3.141592653589793))
         s = s / m.two_t
         inverse_n = 1.0 / np.sqrt(s * s + c * c)

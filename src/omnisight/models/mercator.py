@@ -17,8 +17,8 @@ class Mercator(Unrolled):
     """
 
     @staticmethod
-    def height(m: Any, t: Any) -> Any:
-        return np.arcsinh(t)
+    def height(m: Any, y: Any, q: Any) -> Any:
+        return np.arcsinh(y / q)
 
     @staticmethod
     def unheight(m: Any, h: Any) -> Any:

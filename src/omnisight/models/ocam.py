@@ -8,12 +8,11 @@ from typing import Any, Self
 import numpy as np
 
 from omnisight.models._central import Central
-from omnisight.models._elementwise import settled, where
+from omnisight.models._elementwise import radius_step, settled, where
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
 from omnisight.models._protocol import Array, finite, parameter
 
 START_TERMS = 12
-STEPS = 60
 # A polynomial that never folds would be followed to this many focal lengths from the centre.
 FARTHEST = 8.0
 
@@ -76,31 +75,43 @@ class Ocam(Central):
         return float(np.arctan2(radius, np.polynomial.polynomial.polyval(radius, self.polynomial)))
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         t = s / (1.0 + c) * m.t_scale  # tan(theta/2), 1 at the rim
+        past = t > 1.0
         t = where(t < 1.0, t, 1.0)
         r = 0.0 * t
         for i in range(len(m.start) - 1, -1, -1):
             r = r * t + m.start[i]
         r = r * t
         low, high = 0.0 * t, m.r_max * (1.0 + 1e-9) + 0.0 * t
-        for _ in range(STEPS):
-            r = where((r >= low) & (r <= high), r, 0.5 * (low + high))
-            f, slope = 0.0 * r, 0.0 * r
-            for i in range(len(m.a) - 1, 0, -1):
-                slope = slope * r + f
-                f = f * r + m.a[i]
-            slope, f = slope * r * r + 2.0 * r * f, f * r * r + m.a[0]
-            value = s * f - c * r  # positive before the root
-            low, high = where(value > 0.0, r, low), where(value > 0.0, high, r)
-            step = value / (c - s * slope)
-            r = r + step
-            if settled(step, 1e-13 * m.r_max):
-                break
-        return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.a[0])
+        # Written out, not in a loop: so the compiled loop over the points vectorises.
+        r, low, high, step = radius_step(m, r, low, high, s, c)
+        r, low, high, step = radius_step(m, r, low, high, s, c)
+        r, low, high, step = radius_step(m, r, low, high, s, c)
+        if effort is not None:
+            for _ in range(effort):
+                r, low, high, step = radius_step(m, r, low, high, s, c)
+                if settled(step, 1e-14 * m.r_max):
+                    break
+        # A small last step leaves its square; past the rim there is nothing to find.
+        found = past | (np.abs(step) < 1e-7 * m.r_max)
+        return where(found, where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.a[0]), np.inf)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def radius_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
+        """Give r after a Newton step towards s f(r) = c r, the bracket that it halves where it would leave, and the step."""
+        r = where((r >= low) & (r <= high), r, 0.5 * (low + high))
+        f, slope = 0.0, 0.0
+        for i in range(len(m.a) - 1, 0, -1):
+            slope = slope * r + f
+            f = f * r + m.a[i]
+        slope, f = slope * r * r + 2.0 * r * f, f * r * r + m.a[0]
+        value = s * f - c * r  # positive before the root
+        step = value / (c - s * slope)
+        return r + step, where(value > 0.0, r, low), where(value > 0.0, high, r), step
+
+    @staticmethod
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         f = 0.0
         for i in range(len(m.a) - 1, 0, -1):
             f = f * r + m.a[i]
@@ -115,7 +126,7 @@ class Ocam(Central):
         t = r / (np.hypot(r, f) + f)  # tan(theta/2)
         q = t / t[-1]
         start = np.linalg.lstsq(q[:, None] ** np.arange(START_TERMS), r / q, rcond=None)[0]
-        return {**super().derived(), "r_max": radius, "t_scale": 1 / float(t[-1]), "start": start}
+        return {**super().derived(), "r_max": radius, "t_scale": 1 / float(t[-1]), "start": tuple(map(float, start))}
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         # From F = s f(r) - c r = 0 with r = s g:  dr/da_i = s r^i/(c - s f'),  dr/dtheta = (c f + s r)/(c - s f').

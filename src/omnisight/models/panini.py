@@ -36,14 +36,14 @@ class Panini(CameraModel):
         return {"cos_min": limit + 1e-9, "u2_max": u2_max}
 
     @staticmethod
-    def project_point(m: Any, x: Any, y: Any, z: Any) -> Any:
+    def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
         q = np.sqrt(x * x + z * z)
         c = z / q
         stretch = (m.d + 1.0) / (m.d + c)
         return m.fx * stretch * (x / q) + m.cx, m.fy * stretch * (y / q) + m.cy, c > m.cos_min
 
     @staticmethod
-    def unproject_pixel(m: Any, u: Any, v: Any) -> Any:
+    def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
         # With k = u^2/(d + 1)^2: cos(lon) is the larger root of (1 + k) c^2 + 2 k d c + k d^2 - 1 = 0.
         a, b = (u - m.cx) / m.fx, (v - m.cy) / m.fy
         k = (a / (m.d + 1.0)) ** 2

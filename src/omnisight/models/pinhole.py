@@ -13,11 +13,11 @@ class PinholeProfile(Central):
     """r = tan(theta)."""
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         return 1.0 / c
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         c = 1.0 / np.sqrt(1.0 + r * r)
         return c, c
 

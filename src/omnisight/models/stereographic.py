@@ -21,12 +21,12 @@ class Stereographic(Central):
     cy: float = parameter("principal point", unit="px")
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         # 1 + c = s^2/(1 - c) keeps its digits near theta = pi.
         return 2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         h = 4.0 / (4.0 + r * r)
         return h, 2.0 * h - 1.0
 

@@ -17,11 +17,11 @@ class UnifiedProfile(Central):
     xi: float
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any) -> Any:
+    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
         return 1.0 / (c + m.xi)
 
     @staticmethod
-    def ungain(m: Any, r: Any) -> Any:
+    def ungain(m: Any, r: Any, effort: Any) -> Any:
         r2 = r * r
         h = (m.xi + np.sqrt(1.0 + (1.0 - m.xi * m.xi) * r2)) / (1.0 + r2)
         return h, h - m.xi

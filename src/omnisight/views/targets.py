@@ -177,7 +177,7 @@ def _unrolled(
     if limit == 90:
         top, bottom = -np.radians(high), -np.radians(low)
     else:
-        top, bottom = (float(cls.height(None, t)) for t in down)
+        top, bottom = (float(cls.height(None, t, 1.0)) for t in down)
     height = max(1, round(focal * (bottom - top)))
     width, height = _size((width, height))
     # The outermost pixel edges lie on the angles asked for.

@@ -1,0 +1,93 @@
+"""What every format asks of the numbers it reads and of the camera it writes."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from omnisight.camera import Camera
+from omnisight.models import CameraModel, model_class
+
+WIDEST = 1_000_000  # px
+LONGEST = 1e7  # px, of a focal length
+LARGEST = 1e12  # of any parameter: beyond it products overflow
+MAY_DIFFER_PX = 0.5
+
+
+def number(value: Any, name: str) -> float:
+    """Give a number of a file, or refuse what is none, not finite or absurd."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(value)
+
+
+def numbers(values: Any, name: str, count: int | None = None) -> list[float]:
+    """Give a list of numbers, of that length if one is asked."""
+    if not isinstance(values, list) or (count is not None and len(values) != count):
+        found = f"{len(values)}" if isinstance(values, list) else repr(values)
+        raise ValueError(f"{name} must be a list of {'' if count is None else f'{count} '}numbers, got {found}")
+    return [number(value, f"{name}[{i}]") for i, value in enumerate(values)]
+
+
+def picture_size(width: Any, height: Any) -> tuple[int, int]:
+    """Give the size of the picture; a tool may have written it as 640.0."""
+    sides = [number(side, name) for side, name in ((width, "image width"), (height, "image height"))]
+    for side, name in zip(sides, ("width", "height"), strict=True):
+        if side != int(side) or not 1 <= side <= WIDEST:
+            raise ValueError(f"image {name} must be a whole number from 1 to {WIDEST}, got {side:g}")
+    return int(sides[0]), int(sides[1])
+
+
+def build(model: str, values: Mapping[str, Any]) -> CameraModel:
+    """Make a camera model from its parameters by name, inside the bounds of each."""
+    made = model_class(model).from_dict({name: number(value, name) for name, value in values.items()})
+    for parameter, value in zip(made.parameters, made.params, strict=True):
+        if parameter.name in ("fx", "fy") and not 0 < value <= LONGEST:
+            raise ValueError(f"{parameter.name} (focal length, px) must be positive and below {LONGEST:g}, got {value:g}")
+        if not parameter.low <= value <= parameter.high:
+            raise ValueError(f"{parameter.name} must lie in [{parameter.low:g}, {parameter.high:g}], got {value:g}")
+    return made
+
+
+def with_size(camera: Camera) -> tuple[int, int]:
+    """Give the size of the picture, or say that this format cannot do without."""
+    if not all(camera.size):
+        raise ValueError("the picture's size is not known, and this format needs it")
+    return picture_size(*camera.size)
+
+
+def left_out(camera: Camera, kept: Sequence[str] = ()) -> tuple[str, ...]:
+    """Say what of a camera a file of another tool does not hold."""
+    lost = ["the calibrated cone"] if camera.theta_max is not None else []
+    lost += ["the calibration's figures"] if camera.calibration else []
+    lost += ["the covariance"] if camera.covariance is not None else []
+    lost += [key for key in camera.extra if key not in kept]
+    return (f"not held: {', '.join(lost)}",) if lost else ()
+
+
+def without(camera: Camera, held: Sequence[str]) -> tuple[Camera, tuple[str, ...]]:
+    """Give the camera with only the parameters that a format holds, and a sentence if that changed it.
+
+    A parameter that the format lacks (a skew, a third coefficient) is zero in most cameras. If it is not, the others are
+    fitted to make up for it, as long as they can.
+    """
+    lacking = [name for name, value in camera.model.to_dict().items() if name not in held and value != 0]
+    if not lacking:
+        return camera, ()
+    said = f"the format has no {' and no '.join(lacking)} of {camera.model.name}"
+    with_size(camera)
+    bearings, pixels = camera.samples()
+    model = type(camera.model).fit(bearings, pixels, fixed=[n for n in camera.model.param_names if n not in held])
+    seen, valid = model.project(bearings)
+    error = float(np.linalg.norm(seen - pixels, axis=1).max()) if len(seen) and valid.all() else np.inf
+    if not error <= MAY_DIFFER_PX:
+        raise ValueError(f"{said}, and without the camera is {error:.2g} px off: convert it to another --model")
+    return dataclasses.replace(camera, model=model), (f"{said}: fitted without, {error:.2g} px off at most",)
+
+
+def refuse(camera: Camera, models: Sequence[str], advice: str = "") -> None:
+    """Refuse a camera of a model that the format has not."""
+    if camera.model.name not in models:
+        hint = advice or f"convert it with --model {models[0]}"
+        raise ValueError(f"has no model {camera.model.name}; it has {', '.join(models)}: {hint}")

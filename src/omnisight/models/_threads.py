@@ -1,0 +1,33 @@
+"""Spreading compiled loops over the cores: they release Python's lock, so plain threads do."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+
+def thread_count() -> int:
+    """Give how many threads to use: `OMNISIGHT_THREADS`, or as many as this process may run on."""
+    if asked := os.environ.get("OMNISIGHT_THREADS", ""):
+        return max(1, int(asked)) if asked.isdigit() else 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def _pool(process: int) -> ThreadPoolExecutor:
+    # By process: threads do not survive a fork.
+    return ThreadPoolExecutor(thread_count(), thread_name_prefix="omnisight")
+
+
+def spread(work: Callable[[int, int], Any], count: int, grain: int) -> None:
+    """Call work(first, last) over 0 ... count, in as many pieces as there are threads, each of `grain` or more."""
+    pieces = min(thread_count(), count // grain)
+    if pieces < 2:
+        work(0, count)
+        return
+    edges = [count * i // pieces for i in range(pieces + 1)]
+    waiting = [_pool(os.getpid()).submit(work, a, b) for a, b in zip(edges[1:], edges[2:], strict=False)]
+    work(edges[0], edges[1])
+    for piece in waiting:
+        piece.result()
