@@ -113,7 +113,7 @@ def refine(
     free: NDArray[np.bool_] | None = None,
     loss: str = "huber",
     iterations: int = 100,
-    tolerance: float = 1e-10,
+    tolerance: float = 1e-9,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
     """Refine camera and poses to the least robust reprojection error.

@@ -80,12 +80,15 @@ def _views(name: str, camera: Any, picture: Any, folder: Path) -> list[str]:
     import omnisight as om
 
     if name == "mirror":
-        targets = {"cylinder": (om.cylinder(1600, (-50, 12)), om.look(up="back", flip=True))}
+        targets = {
+            "cylinder": (om.cylinder(1600, (-50, 18)), om.look(up="back", flip=True)),
+            "planet": (om.planet(900, 216), om.look(pitch=-90, up="back", flip=True)),
+        }
     else:
         targets = {
             "perspective": (om.perspective(100, (1280, 800)), om.look(pitch=8)),
+            "panini": (om.panini(165, (1280, 640)), om.look(pitch=8)),
             "sphere": (om.sphere(1600), om.look(pitch=8)),
-            "planet": (om.planet(900, 250), om.look(pitch=-82)),
         }
     for view, (target, rotation) in targets.items():
         om.write_image(folder / f"{view}.jpg", om.remap(picture, camera, target, rotation, interpolation="bicubic"))
@@ -99,7 +102,7 @@ def _error_deg(truth: Any, camera: Any) -> tuple[float, float]:
     bearings, pixels = camera.samples()
     true, valid = truth.unproject(pixels)
     # A mirror's picture is calibrated in a mirrored frame, for pictures of plane boards cannot tell.
-    true[:, 0] *= np.sign(truth.model.fx) * np.sign(camera.model.fx) if hasattr(camera.model, "fx") else 1.0
+    true[:, 0] *= np.sign(truth.model.fx) * np.sign(getattr(camera.model, "fx", 1.0))
     chords = np.linalg.norm(true - bearings, axis=1)[valid]
     angles = np.degrees(2 * np.arcsin(chords / 2))
     return float(angles.mean()), float(angles.max())

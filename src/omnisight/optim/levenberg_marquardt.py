@@ -70,7 +70,7 @@ def minimise(
     *,
     iterations: int = 100,
     tolerance: float = 1e-9,
-    damping: float = 1e-4,
+    damping: float = 1e-6,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
     """Minimise by Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).

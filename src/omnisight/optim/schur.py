@@ -77,7 +77,7 @@ class GroupedNormal:
             shared = -_solve_scaled(schur, right)
         except np.linalg.LinAlgError:
             return np.full(self.shared_gradient.size + self.local_gradient.size, np.nan)
-        local = -np.einsum("gij,gj->gi", inverse, self.local_gradient) - np.einsum("gpl,p->gl", gain, shared)
+        local = -(inverse @ self.local_gradient[..., None])[..., 0] - shared @ gain
         return np.concatenate([shared, local.ravel()])
 
     def decrease(self, step: Array) -> float:
@@ -85,8 +85,8 @@ class GroupedNormal:
         count = len(self.shared)
         a, b = step[:count], step[count:].reshape(self.local_gradient.shape)
         linear = self.shared_gradient @ a + (self.local_gradient * b).sum()
-        along = a @ self.shared @ a + 2 * np.einsum("p,gpl,gl->", a, self.cross, b, optimize=True)
-        along += np.einsum("gi,gij,gj->", b, self.local, b, optimize=True)
+        along = a @ self.shared @ a + 2 * ((a @ self.cross) * b).sum()
+        along += ((self.local @ b[..., None])[..., 0] * b).sum()
         return float(-linear - 0.5 * along)
 
     def shared_covariance(self) -> Array:

@@ -54,10 +54,10 @@ def fisheye_setup(width: int = 960) -> Setup:
 
 
 def mirror_setup(width: int = 720) -> Setup:
-    """Give a camera that looks up into a nearly parabolic mirror: all around, from 18 to 105 degrees off the nadir.
+    """Give a camera that looks up into a nearly parabolic mirror: all around, from 18 to 110 degrees off the nadir.
 
     The mirror exchanges left and right: fx is negative in a frame that does not.
     """
     f = width / 720
-    camera = Camera(Unified(-196.0 * f, 195.5 * f, 361.4 * f, 268.3 * f, xi=0.97), (width, round(0.75 * width)))
-    return Setup(camera, Pose(look(up="back")), (np.radians(18.0), np.radians(105.0)))
+    camera = Camera(Unified(-175.0 * f, 174.6 * f, 361.4 * f, 268.3 * f, xi=0.97), (width, round(0.75 * width)))
+    return Setup(camera, Pose(look(up="back")), (np.radians(18.0), np.radians(110.0)))

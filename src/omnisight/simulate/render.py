@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 RAYS_AT_ONCE = 400_000
+FINER = 2  # rays per pixel and side on a board, over those in the room: its corners must not stand on a grid of rays
 RIM = 0.012  # radians over which the rim of the image circle fades
 
 
@@ -70,11 +70,10 @@ class Renderer:
         world_from_bearing = pose.rotation.T.astype(np.float32)
         self._room = np.zeros((camera.height, camera.width, 3), np.float32)
         self._light = np.zeros((camera.height, camera.width, 1), np.float32)
-        for rows in self._chunks(slice(0, camera.height), camera.width):
-            bearings = self._bearings(rows, slice(0, camera.width))
-            seen = room.colours(pose.translation, bearings @ world_from_bearing)
-            self._room[rows] = self._average(seen)
-            self._light[rows] = self._average(self._brightness(bearings)[..., None])
+        for rows in _chunks(slice(0, camera.height), camera.width * samples**2):
+            bearings = self._bearings(rows, slice(0, camera.width), samples)
+            self._room[rows] = _average(room.colours(pose.translation, bearings @ world_from_bearing), samples)
+            self._light[rows] = _average(self._brightness(bearings)[..., None], samples)
 
     def __call__(
         self,
@@ -123,15 +122,16 @@ class Renderer:
         whole = slice(max(int(top), 0), min(int(bottom), self.camera.height))
         if columns.start >= columns.stop:
             return
-        for rows in self._chunks(whole, columns.stop - columns.start):
-            shade, hit = board.trace(self._bearings(rows, columns))
-            share = self._average(hit[..., None].astype(np.float32))
-            paper = self._average(np.where(hit, shade, 0)[..., None])
+        fine = FINER * self.samples
+        for rows in _chunks(whole, (columns.stop - columns.start) * fine**2):
+            shade, hit = board.trace(self._bearings(rows, columns, fine))
+            share = _average(hit[..., None].astype(np.float32), fine)
+            paper = _average(np.where(hit, shade, 0)[..., None], fine)
             scene[rows, columns] = (1 - share) * scene[rows, columns] + paper
 
-    def _bearings(self, rows: slice, columns: slice) -> Floats:
+    def _bearings(self, rows: slice, columns: slice, samples: int) -> Floats:
         """Give the bearings (rows x samples, columns x samples, 3) of the rays of some pixels; NaN where not valid."""
-        fine = (np.arange(self.samples) + 0.5) / self.samples - 0.5
+        fine = (np.arange(samples) + 0.5) / samples - 0.5
         v = (np.arange(rows.start, rows.stop)[:, None] + fine).ravel()
         u = (np.arange(columns.start, columns.stop)[:, None] + fine).ravel()
         pixels = np.stack(np.broadcast_arrays(u, v[:, None]), -1)
@@ -145,16 +145,18 @@ class Renderer:
         light *= np.clip((theta - near) / RIM + 0.5, 0, 1) if near > 0 else 1
         return np.nan_to_num(light).astype(np.float32)
 
-    def _average(self, rays: Any) -> Floats:
-        """Average the rays of each pixel."""
-        rows, columns, channels = rays.shape
-        n = self.samples
-        return rays.reshape(rows // n, n, columns // n, n, channels).mean((1, 3), dtype=np.float32)
 
-    def _chunks(self, rows: slice, columns: int) -> Iterator[slice]:
-        step = max(1, RAYS_AT_ONCE // max(columns * self.samples**2, 1))
-        for start in range(rows.start, rows.stop, step):
-            yield slice(start, min(start + step, rows.stop))
+def _average(rays: Floats, samples: int) -> Floats:
+    """Average the rays of each pixel."""
+    rows, columns, channels = rays.shape
+    return rays.reshape(rows // samples, samples, columns // samples, samples, channels).mean((1, 3), dtype=np.float32)
+
+
+def _chunks(rows: slice, rays_per_row: int) -> Iterator[slice]:
+    """Cut rows into parts of bounded memory."""
+    step = max(1, RAYS_AT_ONCE // max(rays_per_row, 1))
+    for start in range(rows.start, rows.stop, step):
+        yield slice(start, min(start + step, rows.stop))
 
 
 def render(
