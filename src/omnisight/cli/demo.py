@@ -41,7 +41,8 @@ def demo(output: Path = Path("omnisight-demo"), *, quiet: bool = False) -> None:
     fisheye, mirror = output / "fisheye", output / "mirror"
     print(f"  omnisight calibrate {fisheye}/pictures --pattern 8x5 --square 40mm -o camera.json")
     print(f"  omnisight view {fisheye}/room.jpg --camera {fisheye}/camera.json --yaw 60 -o right.jpg")
-    print(f"  omnisight view {mirror}/room.jpg --camera {mirror}/camera.json --to cylinder --up back --flip -o around.jpg")
+    camera = f"--camera {mirror}/camera.json --up back --flip"
+    print(f"  omnisight view {mirror}/room.jpg {camera} --to cylinder -o around.jpg")
 
 
 def _calibrate(name: str, setup: Any, folder: Path, report: Any) -> tuple[Any, Any, int, Any]:
@@ -57,7 +58,8 @@ def _calibrate(name: str, setup: Any, folder: Path, report: Any) -> tuple[Any, A
     renderer = setup.renderer()
     empty = renderer().image
     om.write_image(folder / "room.jpg", empty)
-    truth = dataclasses.replace(setup.camera, theta_max=setup.theta[1], provenance={"tool": "omnisight demo, the truth"})
+    provenance = {"tool": "omnisight demo: the true camera"}
+    truth = dataclasses.replace(setup.camera, theta_max=setup.theta[1], provenance=provenance)
     om.save(truth, folder / "truth.json")
     paths: list[Path] = []
     for i, board in enumerate(setup.boards(PICTURES)):

@@ -44,7 +44,9 @@ def build(model: str, values: Mapping[str, Any]) -> CameraModel:
     made = model_class(model).from_dict({name: number(value, name) for name, value in values.items()})
     for parameter, value in zip(made.parameters, made.params, strict=True):
         if parameter.name in ("fx", "fy") and not 0 < value <= LONGEST:
-            raise ValueError(f"{parameter.name} (focal length, px) must be positive and below {LONGEST:g}, got {value:g}")
+            raise ValueError(
+                f"{parameter.name} (focal length, px) must be positive and below {LONGEST:g}, got {value:g}"
+            )
         if not parameter.low <= value <= parameter.high:
             raise ValueError(f"{parameter.name} must lie in [{parameter.low:g}, {parameter.high:g}], got {value:g}")
     return made
@@ -69,8 +71,8 @@ def left_out(camera: Camera, kept: Sequence[str] = ()) -> tuple[str, ...]:
 def without(camera: Camera, held: Sequence[str]) -> tuple[Camera, tuple[str, ...]]:
     """Give the camera with only the parameters that a format holds, and a sentence if that changed it.
 
-    A parameter that the format lacks (a skew, a third coefficient) is zero in most cameras. If it is not, the others are
-    fitted to make up for it, as long as they can.
+    A parameter that the format lacks (a skew, a third coefficient) is zero in most cameras. If it is not, the others
+    are fitted to make up for it, as long as they can.
     """
     lacking = [name for name, value in camera.model.to_dict().items() if name not in held and value != 0]
     if not lacking:

@@ -15,6 +15,8 @@ from omnisight.camera import Camera
 from omnisight.formats._protocol import Format, FormatError, Written
 
 LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
+# What reading a damaged file runs into, where no check of its own says it better.
+DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
 
 @cache
@@ -63,16 +65,18 @@ def load_all(path: str | Path) -> dict[str, Camera]:
         candidate = format_named(name)
         if not candidate.matches(text):
             continue
+        source = {"file": Path(path).name, "format": name}
         try:
-            cameras = candidate.parse(text)
-        except (ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError) as error:
+            cameras = {
+                key: dataclasses.replace(camera, provenance=dict(camera.provenance) or source)
+                for key, camera in candidate.parse(text).items()
+            }
+        except DAMAGED as error:
             said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
             raise FormatError(f"{path}: {candidate.TITLE}: {said}") from error
-        source = {"file": Path(path).name, "format": name}
-        return {
-            key: dataclasses.replace(camera, provenance=dict(camera.provenance) or source)
-            for key, camera in cameras.items()
-        }
+        if not cameras:
+            raise FormatError(f"{path}: {candidate.TITLE}: holds no camera")
+        return cameras
     start = text.strip()[:40]
     raise FormatError(
         f"{path}: no calibration file that is known (begins with {start!r}); known are: {', '.join(format_names())}"
@@ -101,15 +105,20 @@ def save(camera: Camera, path: str | Path, *, format: str = "native") -> Written
     chosen = format_named(format)
     try:
         text, notes = chosen.render(camera)
+        again = next(iter(chosen.parse(text).values()))
     except ValueError as error:
         raise FormatError(f"{path}: {chosen.TITLE}: {error}") from error
-    again = next(iter(chosen.parse(text).values()))
     write_text(Path(path), text)
     return Written(Path(path), difference_px(camera, again), notes)
 
 
 def difference_px(camera: Camera, other: Camera) -> float:
     """Give the largest distance (px) between the pixels of two cameras, over the first one's picture."""
+    if not all(camera.size):
+        # Where the size is not known, a picture with the principal point in its middle stands in.
+        middle = camera.model.to_dict()
+        sides = (max(2, round(2 * abs(middle[key]))) for key in ("cx", "cy"))
+        camera = dataclasses.replace(camera, size=(next(sides), next(sides)))
     bearings, pixels = camera.samples()
     if not len(bearings):
         return 0.0
@@ -140,7 +149,10 @@ def _read(path: Path) -> str:
             raise FormatError(f"{path}: is a folder, not a calibration file")
         if size > LARGEST:
             raise FormatError(f"{path}: {size} bytes; a calibration file has at most {LARGEST}")
-        text = path.read_bytes().decode("utf-8-sig", errors="replace")
+        data = path.read_bytes()
+        # PowerShell's `>` writes UTF-16.
+        encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        text = data.decode(encoding, errors="replace")
     except OSError as error:
         raise FormatError(f"{path}: {error.strerror}") from error
     if not text.strip():

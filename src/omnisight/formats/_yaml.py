@@ -1,8 +1,8 @@
 """A small reader of the YAML, JSON and Python literals that calibration files are written in.
 
-Calibration tools write `%YAML:1.0`, `key:value`, JSON with comments and `.Nan`: a strict parser refuses those on sight. This
-one reads maps, lists and scalars, builds nothing else, knows no anchors, and goes through a text once, so that a hostile file
-costs no more than its length.
+Calibration tools write `%YAML:1.0`, `key:value`, JSON with comments and `.Nan`: a strict parser refuses those on
+sight. This one reads maps, lists and scalars, builds nothing else, knows no anchors, and goes through a text once, so
+that a hostile file costs no more than its length.
 """
 
 import json

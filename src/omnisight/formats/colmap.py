@@ -10,7 +10,9 @@ from omnisight.formats._checks import build, left_out, number, picture_size, ref
 
 TITLE = "COLMAP cameras.txt"
 SUFFIX = ".txt"
-CONVENTION = "x right, y down, z forward; the centre of the top-left pixel is (0.5, 0.5), so cx and cy are 0.5 larger than ours"
+CONVENTION = (
+    "x right, y down, z forward; the centre of the top-left pixel is (0.5, 0.5), so cx and cy are 0.5 larger than ours"
+)
 SHIFT = 0.5
 
 # COLMAP's name, our model, our names of its parameters in its order; f is fx and fy in one. What a camera lacks is 0.

@@ -11,7 +11,7 @@ from omnisight.formats._yaml import flow, read_map
 
 TITLE = "Kalibr camchain yaml"
 SUFFIX = ".yaml"
-CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; the model's own parameters stand before the focal lengths"
+CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; xi, alpha, beta stand before the focal lengths"
 
 # Kalibr's camera and distortion model: our model, our names of `intrinsics`, and of `distortion_coeffs`. The rest is 0.
 PLANE = "fx fy cx cy"

@@ -15,8 +15,8 @@ SUFFIX = ".json"
 MODELS = model_names()
 CONVENTION = "x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0); size is [width, height]"
 VERSION = 1
-KEYS = {"format", "version", "model", "params", "units", "size", "convention", "theta_max_deg"}
-KEYS |= {"calibration", "covariance", "provenance", "rms_definition"}
+_FIRST = {"format", "version", "model", "params", "units", "size", "convention", "theta_max_deg"}
+KEYS = _FIRST | {"calibration", "covariance", "provenance", "rms_definition"}
 RMS = "root mean square of the residual's length |d|, px, over all corners"
 
 
@@ -66,7 +66,8 @@ def to_json(camera: Camera) -> dict[str, Any]:
         "rms_definition": RMS,
         "covariance": None if camera.covariance is None else camera.covariance.tolist(),
         "provenance": dict(camera.provenance),
-        **{key: value for key, value in camera.extra.items() if key not in KEYS},
+        # What another tool called by a name of ours keeps its value under a name of its own.
+        **{(f"extra_{key}" if key in KEYS else key): value for key, value in camera.extra.items()},
     }
 
 

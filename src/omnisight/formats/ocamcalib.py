@@ -7,14 +7,16 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, number, picture_size, refuse, with_size
+from omnisight.formats._checks import LONGEST, build, left_out, number, picture_size, refuse, with_size
 from omnisight.models import CameraModel
 from omnisight.models.ocam import Ocam
 
 TITLE = "OCamCalib text"
 SUFFIX = ".txt"
 MODELS = ("ocam",)
-CONVENTION = "x down, y right, z back, so a0 < 0; centre as row, column; size as height, width; integer pixel = pixel centre"
+CONVENTION = (
+    "x down, y right, z back, so a0 < 0; centre as row, column; size as height, width; integer pixel = pixel centre"
+)
 ROWS = ("direct polynomial", "inverse polynomial", "centre (row column)", "stretch (c d e)", "size (height width)")
 COUNTED = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
 A1_MAX = 1e-6  # an angle of less than a thousandth of an arc second
@@ -56,16 +58,15 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     width, height = with_size(camera)
     model = camera.model
     assert isinstance(model, Ocam)
-    build("ocam", model.to_dict())
+    model_of(list(model.polynomial), cx=model.cx, cy=model.cy, c=model.c, d=model.d, e=model.e)
     direct = [0.0 - value for value in model.polynomial]
-    if direct[0] >= 0:
-        raise ValueError(f"a0 must be positive, got {model.a[0]:g}")
     inverse, error = inverse_polynomial(model, picture_radius(model, (width, height)))
     notes = left_out(camera, ("inverse_polynomial",))
     if error > INVERSE_PX:
         notes += (f"the inverse polynomial is {error:.2g} px off at most: programs that project with it are, too",)
     lines = (
-        "#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB). These are used by cam2world",
+        "#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB). "
+        "These are used by cam2world",
         _row(len(direct), *direct),
         "#polynomial coefficients for the inverse mapping function (ocam_model.invpol in MATLAB). "
         "These are used by world2cam",
@@ -83,8 +84,8 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
 def inverse_polynomial(model: Ocam, radius: float) -> tuple[list[float], float]:
     """Fit the radius (px) as a polynomial in OCamCalib's angle, up to a radius.
 
-    The angle is atan(z/r), from the plane of the image up, with z backwards: -90 degrees on the axis. The degree grows until
-    the error is below a hundredth of a pixel.
+    The angle is atan(z/r), from the plane of the image up, with z backwards: -90 degrees on the axis. The degree grows
+    until the error is below a hundredth of a pixel.
 
     Returns
     -------
@@ -117,6 +118,8 @@ def model_of(direct: list[float], *, cx: float, cy: float, c: float, d: float, e
     """Make the model from the coefficients of f(r) with z forward, a1 among them."""
     if not c - d * e > 0:
         raise ValueError(f"the stretch matrix [c d; e 1] must have a positive determinant, got {c:g}, {d:g}, {e:g}")
+    if not direct or not 0 < direct[0] <= LONGEST:
+        raise ValueError(f"a0 (px, z forward) must be positive and below {LONGEST:g}, got {direct[:1]}")
     if len(direct) > 1 and abs(direct[1]) > A1_MAX:
         raise ValueError(f"a1 must be 0 in OCamCalib's model, got {direct[1]:g}")
     a = [*direct[:1], *direct[2:]]

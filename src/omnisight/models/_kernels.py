@@ -70,12 +70,23 @@ config.CACHE_DIR = str(cache_folder() / f"compiled-{_sources()}")  # pyright: ig
 
 
 @numba.njit(**OPTIONS)
+def _any_left(values: Any) -> Any:
+    # Asked first: the loop over what is left vectorises too, and would do all the work again under a mask.
+    left = 0
+    for value in values:
+        left += np.abs(value) == np.inf
+    return left > 0
+
+
+@numba.njit(**OPTIONS)
 def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
     # Planes of x, y, z and no branch: this loop vectorises, the interleaved arrays of the callers would not.
     for j in range(x.shape[0]):
         a, b, ok = project_point(m, x[j], y[j], z[j], ONCE)
         u[j] = a if ok or np.abs(a) == np.inf else np.nan
         v[j] = b if ok else np.nan
+    if not _any_left(u):
+        return
     for j in range(x.shape[0]):
         if np.abs(u[j]) == np.inf:
             a, b, ok = project_point(m, x[j], y[j], z[j], FULL)
@@ -90,6 +101,8 @@ def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
         x[j] = a if ok or np.abs(a) == np.inf else np.nan
         y[j] = b if ok else np.nan
         z[j] = c if ok else np.nan
+    if not _any_left(x):
+        return
     for j in range(u.shape[0]):
         if np.abs(x[j]) == np.inf:
             a, b, c, ok = unproject_pixel(m, u[j], v[j], FULL)
@@ -140,22 +153,24 @@ def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, fi
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
     r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    planes = np.empty((5, BLOCK))
     for row in range(first, last):
-        for start in range(0, columns, BLOCK):
-            size = min(BLOCK, columns - start)
-            x, y, z, u, v = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size], planes[4, :size]
-            for j in range(size):
-                u[j], v[j] = float(start + j), float(row)
-            _unproject_block(target, u, v, x, y, z)
-            for j in range(size):
-                a, b, c = x[j], y[j], z[j]
-                x[j] = r00 * a + r01 * b + r02 * c
-                y[j] = r10 * a + r11 * b + r12 * c
-                z[j] = r20 * a + r21 * b + r22 * c
-            _project_block(source, x, y, z, u, v)
-            for j in range(size):
-                map_u[row, start + j], map_v[row, start + j] = u[j], v[j]
+        us, vs = map_u[row], map_v[row]
+        for column in range(columns):
+            x, y, z, ok = unproject_pixel(target, float(column), float(row), ONCE)
+            a, b, c = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+            u, v, seen = project_point(source, a, b, c, ONCE)
+            shown = u if ok & seen else np.nan
+            us[column] = np.inf if (np.abs(x) == np.inf) | (np.abs(u) == np.inf) else shown
+            vs[column] = v if ok & seen else np.nan
+        if not _any_left(us):
+            continue
+        for column in range(columns):
+            if us[column] == np.inf:
+                x, y, z, ok = unproject_pixel(target, float(column), float(row), FULL)
+                a, b, c = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
+                u, v, seen = project_point(source, a, b, c, FULL)
+                us[column] = u if ok & seen else np.nan
+                vs[column] = v if ok & seen else np.nan
 
 
 config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]

@@ -46,8 +46,11 @@ class Distorted(Undistorted):
 
     @staticmethod
     def undistort(m: Any, x: Any, y: Any, effort: Any) -> Any:
+        d2 = x * x + y * y
+        # A strong distortion sends the rim far out: begin inside the disc.
+        shrink = where(d2 > m.p2_max, np.sqrt(m.p2_max / where(d2 > 0.0, d2, 1.0)), 1.0)
         # Written out, not in a loop: so the compiled loop over the points vectorises.
-        p, q, missed = inverse_step(m, x, y, x, y)
+        p, q, missed = inverse_step(m, shrink * x, shrink * y, x, y)
         p, q, missed = inverse_step(m, p, q, x, y)
         p, q, missed = inverse_step(m, p, q, x, y)
         p, q, missed = inverse_step(m, p, q, x, y)
@@ -57,25 +60,30 @@ class Distorted(Undistorted):
                 p, q, missed = inverse_step(m, p, q, x, y)
                 if settled(missed, 1e-28):
                     break
-        d2 = x * x + y * y
         # What was missed before the last step tells what is missed after it: its square.
         close = missed < 1e-14 * (1.0 + d2)
         return where(d2 <= m.d2_max, p, np.nan), q, close | (d2 > m.d2_max)
 
     @staticmethod
     def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-        """Give (p, q) after a Newton step towards `distort` = (x, y), and the squared distance missed before it."""
+        """Give (p, q) after a Newton step towards `distort` = (x, y), and the squared distance missed before it.
+
+        A step out of the disc on which the distortion is one-to-one is reflected in its rim.
+        """
         dx, dy = distort(m, p, q)
         dx, dy = dx - x, dy - y
         xx, xy, yx, yy = distort_jacobian(m, p, q)
         over = 1.0 / (xx * yy - xy * yx)
-        return p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over, dx * dx + dy * dy
+        p, q = p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over
+        p2 = p * p + q * q
+        back = where(p2 > m.p2_max, m.p2_max / where(p2 > 0.0, p2, 1.0), 1.0)
+        return back * p, back * q, dx * dx + dy * dy
 
     def derived(self) -> dict[str, Any]:
         azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)
         radius = self.plane_radius_max()
         x, y = self.distort(self, radius * np.cos(azimuth), radius * np.sin(azimuth))
-        return {**super().derived(), "d2_max": 1.05 * float((x * x + y * y).max())}
+        return {**super().derived(), "d2_max": 1.05 * float((x * x + y * y).max()), "p2_max": radius**2}
 
     def radial_fold(self) -> float:
         """Give the radius at which the radial part alone stops growing."""
@@ -83,15 +91,12 @@ class Distorted(Undistorted):
 
     def plane_radius_max(self) -> float:
         radius = min(self.radial_fold() * (1 - FOLD_MARGIN), FARTHEST)
-        azimuth = np.linspace(0, 2 * np.pi, 16, endpoint=False)
-        x, y = np.cos(azimuth), np.sin(azimuth)
         # Where the parts that are not radial are strong, the plane folds before the radial part does.
-        while radius > 1e-3:
-            xx, xy, yx, yy = self.distort_jacobian(self, radius * x, radius * y)
-            if np.all(xx * yy - xy * yx > 0):
-                break
-            radius *= 0.95
-        return float(radius)
+        inner = radius * np.linspace(0.01, 1, 100)[:, None] ** 3
+        azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+        xx, xy, yx, yy = self.distort_jacobian(self, inner * np.cos(azimuth), inner * np.sin(azimuth))
+        folded = np.flatnonzero(np.any(xx * yy - xy * yx <= 0, axis=1))
+        return float(inner[max(folded[0] - 2, 0), 0]) if len(folded) else radius
 
 
 def first_positive_root(coefficients: list[float]) -> float:

@@ -59,20 +59,35 @@ class BoardInScene:
         return float(self.cam_from_board.rotation[:, 2] @ self.cam_from_board.translation) > 0
 
     def trace(self, bearings: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Give the brightness (...) that bearings (..., 3) meet on the board, 0 to 255, and whether they meet it."""
+        """Give the brightness (rows, columns) that a grid of bearings (rows, columns, 3) meets, and whether it meets paper.
+
+        Edges between squares are averaged over the spacing of the grid: exact corners need more than sampling.
+        """
         rotation, position = self.cam_from_board.rotation, self.cam_from_board.translation
-        eye = -rotation.T @ position / self.side
+        eye = (-rotation.T @ position / self.side).astype(np.float32)
         rays = bearings @ rotation.astype(np.float32)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = np.float32(-eye[2]) / rays[..., 2]
-            x = np.float32(eye[0]) + distance * rays[..., 0]
-            y = np.float32(eye[1]) + distance * rays[..., 1]
-            columns, rows = self.board.columns, self.board.rows
-            hit = (distance > 0) & (np.abs(2 * x - (columns - 1)) < columns + 1 + 2 * MARGIN)
-            hit &= np.abs(2 * y - (rows - 1)) < rows + 1 + 2 * MARGIN
-            squares = (x > -1) & (x < columns) & (y > -1) & (y < rows)
-            black = squares & ((np.floor(x) + np.floor(y)) % 2 == 0) & self.faces_camera()
+        with np.errstate(all="ignore"):
+            distance = -eye[2] / rays[..., 2]
+            x, y = eye[0] + distance * rays[..., 0], eye[1] + distance * rays[..., 1]
+            across, inside_x = _wave(x, self.board.columns)
+            down, inside_y = _wave(y, self.board.rows)
+            squares = np.minimum(inside_x, inside_y)
+            hit = (distance > 0) & (_beyond(x, self.board.columns) < MARGIN) & (_beyond(y, self.board.rows) < MARGIN)
+        black = squares * (1 + across * down) / 2 * self.faces_camera()
         # Light falls from above, a little more on one end of the paper.
         shade = 0.86 + 0.14 * float(abs(rotation[:, 2] @ position) / np.linalg.norm(position))
-        slope = 1 - 0.12 * np.clip(np.nan_to_num((x / columns + y / rows) / 2), -0.2, 1.2)
-        return (np.where(black, INK, PAPER) * shade * slope).astype(np.float32), hit
+        slope = 1 - 0.06 * np.clip(x / self.board.columns + y / self.board.rows, -0.4, 2.4)
+        return ((PAPER + (INK - PAPER) * black) * shade * slope).astype(np.float32), hit
+
+
+def _wave(x: Floats, count: int) -> tuple[Floats, Floats]:
+    """Give +1 on even squares and -1 on odd ones along one axis, and 1 on the squares and 0 beside them; both averaged."""
+    span = np.sum([np.abs(np.gradient(x, axis=i)) for i in (0, 1) if x.shape[i] > 1], axis=0) + np.float32(1e-6)
+    edge = np.clip(np.rint(x), 0, count - 1)
+    sign = np.where(edge % 2 == 0, 1, -1)
+    return sign * np.clip(2 * (x - edge) / span, -1, 1), np.clip(0.5 - _beyond(x, count) / span, 0, 1)
+
+
+def _beyond(x: Floats, count: int) -> Floats:
+    """Give how far x lies beyond the squares, in squares; negative on them."""
+    return np.abs(x - np.float32((count - 1) / 2)) - np.float32((count + 1) / 2)

@@ -122,8 +122,9 @@ def sideboard(face: Bytes, place: Place, rng: np.random.Generator) -> None:
     foot = point(left + width * 0.2, top)
     for _ in range(26):
         tip = foot + np.array(point(*rng.normal((0, -0.33), (0.13, 0.08))))
-        cv2.line(face, tuple(foot), tuple(tip), tuple(int(c) for c in rng.integers((40, 84, 36), (92, 140, 70))), 9, SOFT)
-    cv2.rectangle(face, tuple(point(left + width * 0.2 - 0.08, top - 0.15)), tuple(point(left + width * 0.2 + 0.08, top)), (190, 104, 70), -1)
+        green = tuple(int(c) for c in rng.integers((40, 84, 36), (92, 140, 70)))
+        cv2.line(face, tuple(foot), tuple(tip), green, 9, SOFT)
+    cut(face, (left + width * 0.2 - 0.08, top - 0.15, 0.16, 0.15))[:] = (190, 104, 70)
     bowl = tuple(point(left + width * 0.7, top - 0.09))
     cv2.ellipse(face, bowl, (40, 22), 0, 0, 180, (70, 110, 140), -1, SOFT)
 
@@ -139,9 +140,9 @@ def rug(face: Bytes, place: Place) -> None:
         cloth[inset : cloth.shape[0] - inset, inset : cloth.shape[1] - inset] = colour
     rows, columns = cloth.shape[:2]
     for x in np.linspace(0.3, 0.7, 3):
-        diamond = np.array([[0, -0.14], [0.11, 0], [0, 0.14], [-0.11, 0]]) * rows + (columns * x, rows / 2)
-        cv2.fillPoly(cloth, [diamond.astype(np.int32)], (44, 64, 92), SOFT)
-        cv2.fillPoly(cloth, [((diamond - diamond.mean(0)) * 0.5 + diamond.mean(0)).astype(np.int32)], (226, 204, 164), SOFT)
+        for size, colour in ((1.0, (44, 64, 92)), (0.5, (226, 204, 164))):
+            diamond = np.array([[0, -0.14], [0.11, 0], [0, 0.14], [-0.11, 0]]) * rows * size
+            cv2.fillPoly(cloth, [(diamond + (columns * x, rows / 2)).astype(np.int32)], colour, SOFT)
 
 
 def lamp(face: Bytes, place: tuple[float, float], radius: float) -> None:
@@ -162,7 +163,9 @@ def outdoors(picture: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:
     picture[:] = ((1 - share) * ends[0] + share * ends[1]).astype(np.uint8)
     across = np.linspace(0, 1, columns)
     for i, level in enumerate((0.5, 0.62, 0.76)):
-        waves = sum(rng.uniform(0.015, 0.05) * np.sin(rng.uniform(4, 12) * across + rng.uniform(0, 6)) for _ in range(3))
+        waves = np.zeros(columns)
+        for _ in range(3):
+            waves += rng.uniform(0.015, 0.05) * np.sin(rng.uniform(4, 12) * across + rng.uniform(0, 6))
         hill = np.arange(rows)[:, None] > (level + waves) * rows
         far, near = ((110, 84, 120), (44, 38, 60)) if dusk else ((150, 178, 170), (84, 124, 62))
         picture[hill] = (np.array(far) * (1 - i / 2) + np.array(near) * (i / 2)).astype(np.uint8)

@@ -15,7 +15,6 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 RAYS_AT_ONCE = 400_000
-FINER = 2  # rays per pixel and side on a board, over those in the room: its corners must not stand on a grid of rays
 RIM = 0.012  # radians over which the rim of the image circle fades
 
 
@@ -47,8 +46,8 @@ class Renderer:
     room
         Furnished unless given.
     theta
-        From which angle to which (radians from the axis) it sees the world: past the second its image circle ends, before the
-        first a mirror shows the camera itself. Both are black.
+        From which angle to which (radians from the axis) it sees the world: past the second its image circle ends,
+        before the first a mirror shows the camera itself. Both are black.
     samples
         Rays per pixel and side.
     vignette
@@ -122,11 +121,10 @@ class Renderer:
         whole = slice(max(int(top), 0), min(int(bottom), self.camera.height))
         if columns.start >= columns.stop:
             return
-        fine = FINER * self.samples
-        for rows in _chunks(whole, (columns.stop - columns.start) * fine**2):
-            shade, hit = board.trace(self._bearings(rows, columns, fine))
-            share = _average(hit[..., None].astype(np.float32), fine)
-            paper = _average(np.where(hit, shade, 0)[..., None], fine)
+        for rows in _chunks(whole, (columns.stop - columns.start) * self.samples**2):
+            shade, hit = board.trace(self._bearings(rows, columns, self.samples))
+            share = _average(hit[..., None].astype(np.float32), self.samples)
+            paper = _average(np.where(hit, shade, 0)[..., None], self.samples)
             scene[rows, columns] = (1 - share) * scene[rows, columns] + paper
 
     def _bearings(self, rows: slice, columns: slice, samples: int) -> Floats:

@@ -75,12 +75,12 @@ class Room:
         low, high = np.array(self.low, np.float32), np.array(self.high, np.float32)
         eye = np.asarray(origin, np.float32)
         if not ((low < eye) & (eye < high)).all():
-            raise ValueError(f"the camera must be inside the room, {self.low} to {self.high}, got {tuple(eye.tolist())}")
+            raise ValueError(f"the camera must be inside the room, {self.low} to {self.high}, got {eye.tolist()}")
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             distance = (np.where(rays > 0, high, low) - eye) / rays
             axis = np.argmin(np.where(rays == 0, np.inf, distance), -1)
             reach = np.take_along_axis(distance, axis[..., None], -1)
-            hit = np.nan_to_num(eye + reach * rays)
+            hit = np.nan_to_num(eye + reach * rays).astype(np.float32)
         ahead = np.take_along_axis(rays, axis[..., None], -1)[..., 0] > 0
         result = np.zeros(rays.shape, np.float32)
         for name, (bound, at_high, across, down) in FACES.items():

@@ -1,0 +1,121 @@
+"""OpenCV's FileStorage, as its calibration samples and many programs write it: YAML, XML or JSON."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from omnisight.camera import Camera
+from omnisight.formats._checks import build, left_out, picture_size, refuse
+from omnisight.formats._opencv_lens import coefficients_of, focal_and_centre, is_fisheye, lens, matrix
+from omnisight.formats._opencv_storage import read_storage
+from omnisight.formats._yaml import flow
+
+TITLE = "OpenCV storage"
+SUFFIX = ".yml"
+MODELS = ("kannala_brandt", "mei", "radial_tangential", "rational", "pinhole", "unified")
+CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; k1 k2 p1 p2 k3 ..., of a fisheye k1 k2 k3 k4"
+
+# Names without case and underscores; a stereo pair appends 1 and 2, or left and right.
+SIDE = r"(\d?|left|right|l|r)"
+MATRIX = re.compile(rf"(?:cameramatrix|intrinsicmatrix|cameraintrinsics?|intrinsics?|mtx|k|m){SIDE}")
+DISTORTION = re.compile(
+    rf"(?:distortioncoefficients?|distortioncoeffs?|distcoeffs?|distcoefs?|distortion|dist|d){SIDE}"
+)
+XI = re.compile(rf"xi{SIDE}")
+WIDTH = {"imagewidth", "width", "imgwidth", "framewidth"}
+HEIGHT = {"imageheight", "height", "imgheight", "frameheight"}
+SIZE = {"imagesize", "size", "resolution"}
+KIND = {"fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
+
+
+def matches(text: str) -> bool:
+    """Say whether OpenCV wrote a matrix there."""
+    head = text.lstrip()[:2000]
+    storage = "opencv-matrix" in text or "<opencv_storage" in head
+    others = '"omnisight-camera"' in head or re.search(r"^(?:model_type|cam\d+)\s*:", text[:1_000_000], re.MULTILINE)
+    return storage and not others
+
+
+def parse(text: str) -> Mapping[str, Camera]:
+    """Read the camera, or each of a stereo pair."""
+    data = read_storage(text)
+    plain = {key: re.sub(r"[^a-z0-9]", "", key.lower()) for key in data}
+    found = {"matrix": _by_side(data, plain, MATRIX, 9), "distortion": _by_side(data, plain, DISTORTION, None)}
+    found["xi"] = _by_side(data, plain, XI, 1)
+    if not found["matrix"]:
+        raise ValueError(f"no camera matrix (camera_matrix, K ...) among {', '.join(list(data)[:20])}")
+    size, size_keys = _size(data, plain)
+    kinds = [key for key, name in plain.items() if name in KIND]
+    fisheye = is_fisheye(data[kinds[0]], kinds[0]) if kinds else None
+    used = {key for side in found.values() for key in side.values()} | size_keys | set(kinds)
+    extra = {key: value for key, value in data.items() if key not in used}
+    cameras: dict[str, Camera] = {}
+    for side, key in found["matrix"].items():
+        coefficients = found["distortion"].get(side)
+        values = matrix(data[coefficients], coefficients)[2] if coefficients else []
+        xi = matrix(data[found["xi"][side]], "xi")[2][0] if side in found["xi"] else None
+        model = lens(focal_and_centre(data[key], key), values, fisheye=fisheye, xi=xi)
+        cameras[f"camera{side}"] = Camera(model, size, extra=extra)
+    return cameras
+
+
+def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Give the YAML, with OpenCV's newer names."""
+    refuse(camera, MODELS)
+    name = camera.model.name
+    values = camera.model.to_dict()
+    build(name, values)
+    lines = ["%YAML:1.0", "---"]
+    notes: tuple[str, ...] = ("the picture's size is not known, and so not written",)
+    if all(camera.size):
+        lines += [f"image_width: {camera.width}", f"image_height: {camera.height}"]
+        notes = ()
+    if name not in ("mei", "unified"):
+        lines += [f"fisheye_model: {int(name == 'kannala_brandt')}"]
+    skew = values.get("skew", 0.0)
+    lines += _matrix(
+        "camera_matrix", 3, [values["fx"], skew, values["cx"], 0.0, values["fy"], values["cy"], 0.0, 0.0, 1.0]
+    )
+    lines += _matrix("distortion_coefficients", 1, coefficients_of(values, name))
+    if "xi" in values:
+        lines += [f"xi: {flow(values['xi'])}"]
+    return "\n".join(lines) + "\n", notes + left_out(camera)
+
+
+def _by_side(
+    data: Mapping[str, Any], plain: Mapping[str, str], name: re.Pattern[str], count: int | None
+) -> dict[str, str]:
+    """Give the keys of that meaning by camera ("", "1", "left" ...), those that hold as many numbers."""
+    found: dict[str, str] = {}
+    for key, word in plain.items():
+        match = name.fullmatch(word)
+        if not match or (count == 9 and not isinstance(data[key], dict | list)):
+            continue
+        if count is None and not isinstance(data[key], dict | list):
+            continue
+        if match[1] in found:
+            raise ValueError(f"both {found[match[1]]} and {key}: which one?")
+        found[match[1]] = key
+    return found
+
+
+def _size(data: Mapping[str, Any], plain: Mapping[str, str]) -> tuple[tuple[int, int], set[str]]:
+    """Give (width, height) and the keys they came from; (0, 0) where the file does not say."""
+    width = [key for key, name in plain.items() if name in WIDTH]
+    height = [key for key, name in plain.items() if name in HEIGHT]
+    if width and height:
+        return picture_size(data[width[0]], data[height[0]]), {width[0], height[0]}
+    for key, name in plain.items():
+        if name in SIZE:
+            sides = data[key]
+            if isinstance(sides, dict) and {"width", "height"} <= set(sides):
+                sides = [sides["width"], sides["height"]]
+            sides = matrix(sides, key)[2]
+            if len(sides) == 2:
+                return picture_size(*sides), {key}
+    return (0, 0), set()
+
+
+def _matrix(name: str, rows: int, values: list[float]) -> list[str]:
+    head = [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {len(values) // rows}", "   dt: d"]
+    return [*head, f"   data: {flow(values)}"]

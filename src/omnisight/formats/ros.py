@@ -1,0 +1,78 @@
+"""ROS CameraInfo yaml, as camera_calibration writes it."""
+
+import re
+from collections.abc import Mapping
+
+from omnisight.camera import Camera
+from omnisight.formats._checks import build, left_out, picture_size, refuse, with_size, without
+from omnisight.formats._opencv_lens import coefficients_of, focal_and_centre, is_fisheye, lens, matrix
+from omnisight.formats._protocol import note_unknown
+from omnisight.formats._yaml import flow, read_map
+
+TITLE = "ROS CameraInfo yaml"
+SUFFIX = ".yaml"
+LENSES = {
+    "kannala_brandt": "equidistant",
+    "radial_tangential": "plumb_bob",
+    "rational": "rational_polynomial",
+    "pinhole": "plumb_bob",
+}
+MODELS = tuple(LENSES)
+CONVENTION = (
+    "x right, y down, z forward; integer pixel = pixel centre; coefficients k1 k2 p1 p2 k3 ..., equidistant k1 k2 k3 k4"
+)
+KNOWN = {"image_width", "image_height", "camera_matrix", "distortion_model", "camera_model", "distortion_coefficients"}
+KEPT = ("camera_name", "rectification_matrix", "projection_matrix", "binning_x", "binning_y", "roi")
+MATRIX = re.compile(r"^camera_matrix[ \t]*:", re.MULTILINE)
+
+
+def matches(text: str) -> bool:
+    """Say whether a line begins with `camera_matrix:` and OpenCV wrote no matrix."""
+    return MATRIX.search(text[:1_000_000]) is not None and "opencv-matrix" not in text
+
+
+def parse(text: str) -> Mapping[str, Camera]:
+    """Read the camera."""
+    data = read_map(text)
+    coefficients = data.get("distortion_coefficients")
+    values = [] if coefficients is None else matrix(coefficients, "distortion_coefficients")[2]
+    # Older calibrators wrote camera_model: fisheye alone.
+    kind = data.get("distortion_model") or data.get("camera_model")
+    model = lens(
+        focal_and_centre(data["camera_matrix"], "camera_matrix"),
+        values,
+        fisheye=None if kind is None else is_fisheye(kind, "distortion_model"),
+    )
+    size = (0, 0)
+    if "image_width" in data or "image_height" in data:
+        size = picture_size(data.get("image_width"), data.get("image_height"))
+    name = data.get("camera_name")
+    return {str(name) if name else "camera": Camera(model, size, extra=note_unknown(data, KNOWN))}
+
+
+def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Give the text; a rectification that the camera's file held is kept."""
+    refuse(camera, MODELS)
+    width, height = with_size(camera)
+    # A skew would stand in the camera matrix, where ROS reads it for no lens with coefficients.
+    camera, notes = without(camera, [n for n in camera.model.param_names if n != "skew"])
+    name, values = camera.model.name, camera.model.to_dict()
+    build(name, values)
+    k = [values["fx"], 0.0, values["cx"], 0.0, values["fy"], values["cy"], 0.0, 0.0, 1.0]
+    identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    extra = {key: camera.extra[key] for key in KEPT if key in camera.extra}
+    fields = {
+        "image_width": width,
+        "image_height": height,
+        "camera_name": "camera",
+        "camera_matrix": _matrix(3, k),
+        "distortion_model": LENSES[name],
+        "distortion_coefficients": _matrix(1, coefficients_of(values, name)),
+        "rectification_matrix": _matrix(3, identity),
+        "projection_matrix": _matrix(3, [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]),
+    } | extra
+    return "".join(f"{key}: {flow(value)}\n" for key, value in fields.items()), notes + left_out(camera, KEPT)
+
+
+def _matrix(rows: int, values: list[float]) -> dict[str, object]:
+    return {"rows": rows, "cols": len(values) // rows, "data": values}
