@@ -20,7 +20,7 @@ def setup(request):
 
 
 def test_corners_are_where_the_detector_sees_them(setup):
-    """Over all pictures: no corner off by more than a quarter pixel, and none of it systematic."""
+    """Over all pictures: corners agree to a tenth of a pixel but for a few at the rim, and none of it systematic."""
     renderer = setup.renderer()
     errors = []
     for i, board in enumerate(setup.boards(6)):
@@ -33,8 +33,8 @@ def test_corners_are_where_the_detector_sees_them(setup):
         readings = (true.reshape(-1, 2), true[:, ::-1].reshape(-1, 2))
         errors.append(min((found.pixels - reading[found.ids] for reading in readings), key=np.linalg.norm))
     errors = np.concatenate(errors)
-    assert np.sqrt((errors**2).sum(1).mean()) < 0.1
-    assert np.linalg.norm(errors, axis=1).max() < 0.25
+    assert np.percentile(np.linalg.norm(errors, axis=1), 99) < 0.1
+    assert np.linalg.norm(errors, axis=1).max() < 0.15
     assert np.abs(errors.mean(0)).max() < 0.02
 
 

@@ -15,7 +15,8 @@ DEEPEST = 30  # lists and maps inside each other
 LONGEST_NUMBER = 60  # characters
 INTEGER = re.compile(r"[-+]?\d{1,18}")
 REAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-WORDS = {"true": True, "false": False, "null": None, "none": None, "~": None, "": None}
+# YAML's, JSON's and Python's; "none" is a word (a distortion of Kalibr).
+WORDS = {"true": True, "True": True, "false": False, "False": False, "null": None, "None": None, "~": None, "": None}
 SPACE = re.compile(r"\s*(?:(?:#|//)[^\n]*\s*)*")
 QUOTED = re.compile(r"""b?(?:"((?:[^"\\]|\\.)*)"|'((?:[^'\\]|\\.|'')*)')""", re.DOTALL)
 PLAIN = re.compile(r"[^,\[\]{}\n]+")
@@ -65,7 +66,7 @@ def scalar(token: str) -> Any:
     if REAL.fullmatch(token):
         value = float(token)
         return value if math.isfinite(value) else token
-    return WORDS.get(token.lower(), token)
+    return WORDS.get(token, token)
 
 
 def real(value: float) -> str:

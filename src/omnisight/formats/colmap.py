@@ -39,7 +39,7 @@ NAMES = (
 )
 LENSES = {name: (model, params.split()) for name, model, params in NAMES}
 MODELS = tuple(dict.fromkeys(("kannala_brandt", *(model for _, model, _ in NAMES))))
-LINE = re.compile(r"^[ \t]*\d{1,18}[ \t]+[A-Z][A-Z_0-9]*[ \t]+\d+(?:[ \t]|\r?$)", re.MULTILINE)
+LINE = re.compile(r"^[ \t]*\d{1,18}[ \t]+[A-Z][A-Z_0-9]*[ \t]+[-+.\d]+(?:[ \t]|\r?$)", re.MULTILINE)
 
 
 def matches(text: str) -> bool:

@@ -68,7 +68,8 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
         alpha = values["xi"] / (1 + values["xi"])
         values |= {"alpha": alpha, "fx": values["fx"] * (1 - alpha), "fy": values["fy"] * (1 - alpha)}
     lines = ["image:", f"  width: {width}", f"  height: {height}", "parameter:"]
-    lines += [f"  {name}: {flow(values[name])}" for name in (*PLANE, *LENSES[camera.model.name])]
+    # The model's own come first, so that a file cut off is not taken for a pinhole's.
+    lines += [f"  {name}: {flow(values[name])}" for name in (*LENSES[camera.model.name], *PLANE)]
     return "\n".join(lines) + "\n", notes + left_out(camera)
 
 

@@ -26,7 +26,7 @@ LENSES = {
     ("pinhole", "fov"): ("fov", PLANE, "omega"),
 }
 MODELS = tuple(model for model, _, _ in LENSES.values())
-EUROC = {"radial-tangential": "radtan", "": "none"}
+EUROC = {"radial-tangential": "radtan"}
 KNOWN = {"camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "distortion_coefficients", "resolution"}
 # What a chain of one camera may say of it; T_cn_cnm1 speaks of the camera before it.
 KEPT = ("rostopic", "T_cam_imu", "timeshift_cam_imu", "line_delay")
@@ -78,13 +78,14 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
 
 
 def _camera(fields: Mapping[str, Any]) -> Camera:
-    distortion = str(fields.get("distortion_model") or "none")
+    # Without these a file is cut off: a lens must not lose its distortion in silence.
+    if missing := [key for key in ("intrinsics", "distortion_model", "resolution") if fields.get(key) is None]:
+        raise ValueError(f"{', '.join(missing)} missing (distortion_model: none if there is none)")
+    distortion = str(fields["distortion_model"])
     kind = str(fields["camera_model"]), EUROC.get(distortion, distortion)
     if kind not in LENSES:
         known = ", ".join("-".join(k) for k in LENSES)
         raise ValueError(f"no camera model {kind[0][:30]!r} with distortion {kind[1][:30]!r}; there are {known}")
-    if "intrinsics" not in fields:
-        raise ValueError(f"{'-'.join(kind)}: intrinsics are missing")
     model, intrinsics, coefficients = LENSES[kind]
     names = intrinsics.split()
     given = dict(zip(names, numbers(fields["intrinsics"], f"{kind[0]} intrinsics", len(names)), strict=True))
@@ -95,7 +96,5 @@ def _camera(fields: Mapping[str, Any]) -> Camera:
     given |= dict(zip(names, numbers(values, f"{kind[1]} distortion_coeffs", len(names)), strict=True))
     if model == "radial_tangential":
         given["k3"] = 0.0
-    size = (0, 0)
-    if "resolution" in fields:
-        size = picture_size(*numbers(fields["resolution"], "resolution", 2))
+    size = picture_size(*numbers(fields["resolution"], "resolution", 2))
     return Camera(build(model, given), size, extra=note_unknown(fields, KNOWN))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.camera import Camera
+from omnisight.formats._checks import number
 from omnisight.formats._protocol import note_unknown
 from omnisight.models import model_class, model_names
 
@@ -40,7 +41,7 @@ def parse(text: str) -> Mapping[str, Camera]:
     theta = data.get("theta_max_deg")
     covariance = data.get("covariance")
     camera = Camera(
-        model_class(data["model"]).from_dict(data["params"]),
+        model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()}),
         (size[0], size[1]),
         theta_max=None if theta is None else float(np.radians(theta)),
         calibration=data.get("calibration") or {},

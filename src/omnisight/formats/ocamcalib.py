@@ -148,4 +148,4 @@ def _counted(row: list[float], name: str) -> list[float]:
 
 
 def _row(*values: float) -> str:
-    return " ".join(map(repr, values))
+    return " ".join(repr(value) if isinstance(value, int) else repr(float(value)) for value in values)

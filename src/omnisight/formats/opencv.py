@@ -52,7 +52,9 @@ def parse(text: str) -> Mapping[str, Camera]:
     cameras: dict[str, Camera] = {}
     for side, key in found["matrix"].items():
         coefficients = found["distortion"].get(side)
-        values = matrix(data[coefficients], coefficients)[2] if coefficients else []
+        if coefficients is None:  # a lens must not lose its distortion in silence: the file may be cut off
+            raise ValueError(f"{key} has no distortion coefficients; if there are none, add a list of five zeros")
+        values = matrix(data[coefficients], coefficients)[2]
         xi = matrix(data[found["xi"][side]], "xi")[2][0] if side in found["xi"] else None
         model = lens(focal_and_centre(data[key], key), values, fisheye=fisheye, xi=xi)
         cameras[f"camera{side}"] = Camera(model, size, extra=extra)

@@ -34,8 +34,9 @@ def matches(text: str) -> bool:
 def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera."""
     data = read_map(text)
-    coefficients = data.get("distortion_coefficients")
-    values = [] if coefficients is None else matrix(coefficients, "distortion_coefficients")[2]
+    if data.get("distortion_coefficients") is None:  # the file may be cut off
+        raise ValueError("distortion_coefficients are missing; if there are none, add a list of five zeros")
+    values = matrix(data["distortion_coefficients"], "distortion_coefficients")[2]
     # Older calibrators wrote camera_model: fisheye alone.
     kind = data.get("distortion_model") or data.get("camera_model")
     model = lens(

@@ -51,8 +51,8 @@ class AnglePolynomial(Central):
                 if settled(step, 1e-15):
                     break
         s, c = sine_cosine(theta)
-        # A small last step leaves its square; past the rim there is nothing to find.
-        found = (step * step < 1e-14) | (r > m.r_last)
+        # A last step leaves its square over w, which vanishes at the fold; past the rim there is nothing to find.
+        found = (step * step < 1e-13 * w) | (r > m.r_last)
         return where(found, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), np.inf), c
 
     @staticmethod

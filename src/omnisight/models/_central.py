@@ -58,9 +58,13 @@ class Central(Undistorted, CameraModel):
         determinant = a11 * a22 - a12 * a21
         theta_max = self.theta_max
         radius_max = min(self.plane_radius_max(), self.radius_max())
+        c_min = -1.0 if theta_max >= np.pi else float(np.cos(theta_max))
         return {
-            "c_min": -1.0 if theta_max >= np.pi else float(np.cos(theta_max)),
+            "c_min": c_min,
             "r2_max": radius_max**2,
+            # What was projected from the very rim must come back, rounded as it is.
+            "c_back": c_min - 1e-9,
+            "r2_back": radius_max**2 * (1 + 1e-9),
             "a11": a11,
             "a12": a12,
             "a21": a21,
@@ -91,7 +95,7 @@ class Central(Undistorted, CameraModel):
         px, py, converged = undistort(m, m.b11 * du + m.b12 * dv, m.b21 * du + m.b22 * dv, effort)
         r2 = px * px + py * py
         h, c = ungain(m, np.sqrt(r2), effort)
-        valid = converged & (r2 <= m.r2_max) & (c > m.c_min)
+        valid = converged & (r2 <= m.r2_back) & (c > m.c_back)
         return where(converged & (np.abs(h) != np.inf), h * px, np.inf), h * py, c, valid
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:

@@ -47,37 +47,37 @@ class Distorted(Undistorted):
     @staticmethod
     def undistort(m: Any, x: Any, y: Any, effort: Any) -> Any:
         d2 = x * x + y * y
-        # A strong distortion sends the rim far out: begin inside the disc.
-        shrink = where(d2 > m.p2_max, np.sqrt(m.p2_max / where(d2 > 0.0, d2, 1.0)), 1.0)
-        # Written out, not in a loop: so the compiled loop over the points vectorises.
-        p, q, missed = inverse_step(m, shrink * x, shrink * y, x, y)
-        p, q, missed = inverse_step(m, p, q, x, y)
-        p, q, missed = inverse_step(m, p, q, x, y)
-        p, q, missed = inverse_step(m, p, q, x, y)
-        p, q, missed = inverse_step(m, p, q, x, y)
-        if effort is not None:
+        p, q = x, y
+        if effort is None:
+            # Written out, not in a loop: so the compiled loop over the points vectorises.
+            p, q, missed = inverse_step(m, p, q, x, y)
+            p, q, missed = inverse_step(m, p, q, x, y)
+            p, q, missed = inverse_step(m, p, q, x, y)
+            p, q, missed = inverse_step(m, p, q, x, y)
+            p, q, missed = inverse_step(m, p, q, x, y)
+        else:
+            missed = d2
+            # A strong distortion sends the rim far out: begin in the disc on which the plane is one-to-one, and come back
+            # to it from outside by a reflection in its rim.
+            back = where(d2 > m.p2_max, np.sqrt(m.p2_max / where(d2 > 0.0, d2, 1.0)), 1.0)
             for _ in range(effort):
-                p, q, missed = inverse_step(m, p, q, x, y)
+                p, q, missed = inverse_step(m, back * p, back * q, x, y)
+                p2 = p * p + q * q
+                back = where(p2 > m.p2_max, m.p2_max / where(p2 > 0.0, p2, 1.0), 1.0)
                 if settled(missed, 1e-28):
                     break
         # What was missed before the last step tells what is missed after it: its square.
-        close = missed < 1e-14 * (1.0 + d2)
+        close = (missed < 1e-14 * (1.0 + d2)) & (p * p + q * q <= 1.05 * m.p2_max)
         return where(d2 <= m.d2_max, p, np.nan), q, close | (d2 > m.d2_max)
 
     @staticmethod
     def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-        """Give (p, q) after a Newton step towards `distort` = (x, y), and the squared distance missed before it.
-
-        A step out of the disc on which the distortion is one-to-one is reflected in its rim.
-        """
+        """Give (p, q) after a Newton step towards `distort` = (x, y), and the squared distance missed before it."""
         dx, dy = distort(m, p, q)
         dx, dy = dx - x, dy - y
         xx, xy, yx, yy = distort_jacobian(m, p, q)
         over = 1.0 / (xx * yy - xy * yx)
-        p, q = p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over
-        p2 = p * p + q * q
-        back = where(p2 > m.p2_max, m.p2_max / where(p2 > 0.0, p2, 1.0), 1.0)
-        return back * p, back * q, dx * dx + dy * dy
+        return p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over, dx * dx + dy * dy
 
     def derived(self) -> dict[str, Any]:
         azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)

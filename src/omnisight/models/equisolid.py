@@ -7,6 +7,7 @@ import numpy as np
 
 from omnisight.models._central import Central
 from omnisight.models._elementwise import where
+from omnisight.models._planar import FOLD_MARGIN
 from omnisight.models._protocol import Array, parameter
 
 
@@ -34,6 +35,10 @@ class Equisolid(Central):
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return -0.25 * g**3, {}
+
+    @property
+    def theta_max(self) -> float:
+        return np.pi * (1 - FOLD_MARGIN)  # r stops growing at 180 degrees, where no angle can be told from r
 
     def radius_max(self) -> float:
         return 2.0

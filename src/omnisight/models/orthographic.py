@@ -7,6 +7,7 @@ import numpy as np
 
 from omnisight.models._central import Central
 from omnisight.models._elementwise import where
+from omnisight.models._planar import FOLD_MARGIN
 from omnisight.models._protocol import Array, parameter
 
 
@@ -32,7 +33,7 @@ class Orthographic(Central):
 
     @property
     def theta_max(self) -> float:
-        return np.pi / 2
+        return np.pi / 2 * (1 - FOLD_MARGIN)  # r stops growing at 90 degrees, where no angle can be told from r
 
     def radius_max(self) -> float:
         return 1.0

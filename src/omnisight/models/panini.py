@@ -32,8 +32,7 @@ class Panini(CameraModel):
     def derived(self) -> dict[str, Any]:
         # Just inside: at the limit itself the picture is infinitely wide, or folds over.
         limit = -self.d if self.d <= 1 else -1 / self.d
-        u2_max = np.inf if self.d <= 1 else (self.d + 1) ** 2 / (self.d**2 - 1)
-        return {"cos_min": limit + 1e-9, "u2_max": u2_max}
+        return {"cos_min": limit + 1e-6, "cos_back": limit}
 
     @staticmethod
     def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
@@ -52,7 +51,7 @@ class Panini(CameraModel):
         scale = (m.d + c) / (m.d + 1.0)
         s, t = a * scale, b * scale
         level = 1.0 / np.sqrt(1.0 + t * t)
-        return s * level, t * level, c * level, (under > 0.0) & (c > m.cos_min)
+        return s * level, t * level, c * level, (under > 0.0) & (c > m.cos_back)
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         x, y, z = points.T

@@ -59,7 +59,7 @@ class BoardInScene:
         return float(self.cam_from_board.rotation[:, 2] @ self.cam_from_board.translation) > 0
 
     def trace(self, bearings: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Give the brightness (rows, columns) that a grid of bearings (rows, columns, 3) meets, and whether it meets paper.
+        """Give the brightness (rows, columns) that bearings (rows, columns, 3) meet, and which of them meet paper.
 
         Edges between squares are averaged over the spacing of the grid: exact corners need more than sampling.
         """
@@ -81,7 +81,7 @@ class BoardInScene:
 
 
 def _wave(x: Floats, count: int) -> tuple[Floats, Floats]:
-    """Give +1 on even squares and -1 on odd ones along one axis, and 1 on the squares and 0 beside them; both averaged."""
+    """Give +1 on even squares and -1 on odd ones along one axis, and 1 on squares and 0 beside them; both averaged."""
     span = np.sum([np.abs(np.gradient(x, axis=i)) for i in (0, 1) if x.shape[i] > 1], axis=0) + np.float32(1e-6)
     edge = np.clip(np.rint(x), 0, count - 1)
     sign = np.where(edge % 2 == 0, 1, -1)

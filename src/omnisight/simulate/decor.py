@@ -140,9 +140,10 @@ def rug(face: Bytes, place: Place) -> None:
         cloth[inset : cloth.shape[0] - inset, inset : cloth.shape[1] - inset] = colour
     rows, columns = cloth.shape[:2]
     for x in np.linspace(0.3, 0.7, 3):
+        middle = np.array((columns * x, rows / 2))
         for size, colour in ((1.0, (44, 64, 92)), (0.5, (226, 204, 164))):
             diamond = np.array([[0, -0.14], [0.11, 0], [0, 0.14], [-0.11, 0]]) * rows * size
-            cv2.fillPoly(cloth, [(diamond + (columns * x, rows / 2)).astype(np.int32)], colour, SOFT)
+            cv2.fillPoly(cloth, [(middle + diamond).astype(np.int32)], colour, SOFT)
 
 
 def lamp(face: Bytes, place: tuple[float, float], radius: float) -> None:
