@@ -9,7 +9,6 @@ from omnisight.geometry.rotation import exp
 from omnisight.simulate import BOARD, BoardInScene, Setup, fisheye_setup, mirror_setup
 
 ASSETS = Path(__file__).parent / "assets"
-LEVEL = 8.0  # degrees by which the fisheye looks down
 GAP = 10
 
 
@@ -23,10 +22,10 @@ def main() -> None:
 def hero() -> np.ndarray:
     """A fisheye picture beside views of it: the board laid flat, the window, and half of the room around."""
     setup = fisheye_setup(1440)
-    picture = shoot(setup, held(yaw=-37, pitch=-13, turn=(0.25, 0.45, -0.16), distance=0.8))
+    picture = shoot(setup, held(yaw=-37, pitch=-20, turn=(0.25, 0.45, -0.16), distance=0.8))
 
     def view(target: om.Camera, yaw: float = 0, pitch: float = 0) -> np.ndarray:
-        rotation = om.look(yaw, pitch) @ om.look(pitch=LEVEL)
+        rotation = om.look(yaw, pitch)
         return om.remap(picture, setup.camera, target, rotation, interpolation="bicubic")
 
     top = beside(view(om.perspective(70, (470, 300)), -33, -10), view(om.perspective(66, (470, 300)), 42, 2))

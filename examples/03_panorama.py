@@ -12,14 +12,14 @@ setup = fisheye_setup()
 camera, picture = setup.camera, setup.renderer()().image  # or om.load("camera.json"), om.read_image("picture.jpg")
 om.write_image(folder / "picture.jpg", picture)
 
-# The camera looks down by 8 degrees; views that look up by 8 from its axis are level.
+# What to show, and where to look: degrees to the right and up.
 views = {
-    "ahead": (om.perspective(100, (960, 640)), om.look(pitch=8)),
-    "window": (om.perspective(70, (960, 640)), om.look(yaw=50, pitch=8)),
-    "panini": (om.panini(165, (1200, 600)), om.look(pitch=8)),
-    "cylinder": (om.cylinder(1200, elevation=(-45, 45), azimuth=(-90, 90)), om.look(pitch=8)),
-    "sphere": (om.sphere(1600), om.look(pitch=8)),
-    "ideal_fisheye": (om.fisheye(720, 180, "equisolid"), om.look(pitch=8)),
+    "ahead": (om.perspective(100, (960, 640)), om.look()),
+    "window": (om.perspective(70, (960, 640)), om.look(yaw=50, pitch=5)),
+    "panini": (om.panini(165, (1200, 600)), om.look()),
+    "cylinder": (om.cylinder(1200, elevation=(-45, 45), azimuth=(-90, 90)), om.look()),
+    "sphere": (om.sphere(1600), om.look()),
+    "ideal_fisheye": (om.fisheye(720, 180, "equisolid"), om.look()),
 }
 for name, (target, target_from_camera) in views.items():
     view = om.remap(picture, camera, target, target_from_camera, interpolation="bicubic")

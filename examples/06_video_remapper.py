@@ -18,7 +18,7 @@ board = setup.boards(1)
 frames = [renderer(boards, np.random.default_rng(i)).image for i, boards in enumerate(([], board))]
 
 start = time.perf_counter()
-remapper = om.Remapper(setup.camera, om.perspective(100, (1280, 720)), om.look(pitch=8))
+remapper = om.Remapper(setup.camera, om.perspective(100, (1280, 720)))
 print(f"the map: {1000 * (time.perf_counter() - start):.0f} ms, once")
 print(f"a pixel of the view spans {remapper.scale[0]:.2f} to {remapper.scale[1]:.2f} px of the frame")
 print(f"the frame shows {remapper.mask.mean():.0%} of the view")

@@ -232,7 +232,11 @@ def test_what_cannot_be_fitted_away_is_refused(tmp_path):
 
 def test_what_is_not_written_is_said(tmp_path):
     camera = dataclasses.replace(
-        example("ros", "kannala_brandt"), theta_max=1.2, covariance=np.eye(8), calibration={"rms": 0.2}, extra={"serial": 7}
+        example("ros", "kannala_brandt"),
+        theta_max=1.2,
+        covariance=np.eye(8),
+        calibration={"rms": 0.2},
+        extra={"serial": 7},
     )
     notes = save(camera, tmp_path / "camera", format="ros").notes
     assert notes == ("not held: the calibrated cone, the calibration's figures, the covariance, serial",)

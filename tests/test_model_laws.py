@@ -86,7 +86,7 @@ def rim(model):
 
 def to_the_rim(model):
     """Give bearings (N, 3) over the valid domain but its last millionth, dense towards its rim and its axis."""
-    share = np.concatenate([np.linspace(0, 1, 90), np.geomspace(1e-9, 1e-2, 15), 1 - np.geomspace(1e-6, 1e-2, 15)])
+    share = np.concatenate([np.linspace(0, 1, 90, endpoint=False), np.geomspace(1e-9, 1e-2, 15), 1 - np.geomspace(1e-6, 1e-2, 15)])
     return direction(share[:, None] * rim(model), AZIMUTHS).reshape(-1, 3)
 
 
@@ -111,8 +111,9 @@ def central_difference(function, step):
 
 
 def param_steps(model):
-    example = type(model).example() if len(type(model).example().params) == len(model.params) else model
-    return 1e-4 * np.maximum(np.maximum(np.abs(model.params), np.abs(example.params)), 1e-12)
+    """Give a step for each parameter: a share of it, or where it is 0 of what it is in the example."""
+    typical = np.where(model.params == 0, type(model).example().params, model.params)
+    return 1e-4 * np.abs(typical)
 
 
 def assert_jacobian(found, expected, rtol):
@@ -227,3 +228,171 @@ def test_jacobians_of_unproject_match_differences(model):
         for e in np.diag(steps)
     ]
     assert_jacobian(d_params * steps, np.stack(expected, -1) * steps, 1e-5)
+
+
+# -- what may come in -------------------------------------------------------------------------------------------
+
+
+@every_model
+@pytest.mark.parametrize("lead", [(), (5,), (2, 3, 4), (0,), (3, 0, 2)])
+def test_any_leading_shape_comes_back(model, lead):
+    count = int(np.prod(lead))
+    points = inside(model, count=60)[:count].reshape(*lead, 3)
+    pixels, valid = model.project(points)
+    assert pixels.shape == (*lead, 2)
+    assert valid.shape == lead
+    assert pixels.dtype == float
+    assert valid.dtype == bool
+    bearings, seen = model.unproject(pixels)
+    assert bearings.shape == (*lead, 3)
+    assert seen.shape == lead
+    shapes = [a.shape for a in model.project_with_jacobians(points)]
+    assert shapes == [(*lead, 2), lead, (*lead, 2, 3), (*lead, 2, model.params.size)]
+    shapes = [a.shape for a in model.unproject_with_jacobians(pixels)]
+    assert shapes == [(*lead, 3), lead, (*lead, 3, 2), (*lead, 3, model.params.size)]
+    # Each point is on its own: the shape around it changes nothing.
+    flat = model.project(points.reshape(-1, 3))[0]
+    np.testing.assert_array_equal(pixels, flat.reshape(pixels.shape))
+
+
+@every_model
+def test_any_real_type_comes_in_and_stays_as_it_is(model):
+    points = np.array([[1, 2, 9], [-2, 1, 8], [0, 0, 3]])
+    expected, _ = model.project(points.astype(float))
+    for given in (points, points.astype(np.float32), points.astype(np.int16), points.tolist(), points[::-1][::-1]):
+        kept = np.array(given)
+        pixels, valid = model.project(given)
+        assert valid.all()
+        np.testing.assert_array_equal(pixels, expected)
+        np.testing.assert_array_equal(given, kept)
+    locked = points.astype(float)
+    locked.flags.writeable = False
+    model.project(locked)
+    model.unproject(np.asfortranarray(expected))
+
+
+@every_model
+@pytest.mark.parametrize("method", ["project", "project_with_jacobians", "unproject", "unproject_with_jacobians"])
+@pytest.mark.parametrize("given", [np.zeros((3, 4)), np.zeros(5), 1.0, None, "abc", [["a", "b", "c"]], [[1j, 0, 1]]])
+def test_what_is_no_array_of_points_is_refused_by_name(model, method, given):
+    what, width = ("points", 3) if method.startswith("project") else ("pixels", 2)
+    received = re.escape(str(np.shape(given)))
+    with pytest.raises(ValueError, match=rf"{what} .*\(\.\.\., {width}\).*{received}"):
+        getattr(model, method)(given)
+
+
+@every_camera
+def test_no_direction_warns_and_what_is_not_valid_is_nan(model):
+    theta = np.radians([0, 1e-9, 45, 90, 90 + 1e-12, 120, 179.999999, 180])[:, None]
+    odd = [[0, 0, 0], [np.nan, 0, 1], [0, 0, np.inf], [-np.inf, 1, 1], [0, 1, 0], [0, -1, 0], [0, -0.0, -1]]
+    points = np.concatenate([direction(theta, AZIMUTHS).reshape(-1, 3), rim(model)[:1, None] * [[0, 0, 1]], odd])
+    far = np.array([[np.nan, 0], [np.inf, 0], [1e300, -1e300], [1e6, 1e6], [-1e6, 0]])
+    with np.errstate(all="raise", under="ignore"):
+        pixels, valid, *jacobians = model.project_with_jacobians(points)
+        assert not valid[-len(odd) : -len(odd) + 4].any()
+        back, seen, *derivatives = model.unproject_with_jacobians(far)
+        for answer in (model.project(points), model.project_numpy(points)):
+            np.testing.assert_array_equal(answer[1], valid)
+        for answer in (model.unproject(far), model.unproject_numpy(far)):
+            np.testing.assert_array_equal(answer[1], seen)
+    for array in (pixels, *jacobians):
+        assert np.isnan(array[~valid]).all()
+        assert np.isfinite(array[valid]).all()
+    for array in (back, *derivatives):
+        assert np.isnan(array[~seen]).all()
+
+
+@every_camera
+def test_compiled_and_plain_agree(model):
+    bearings = to_the_rim(model)
+    pixels, valid = model.project(bearings)
+    plain, plain_valid = model.project_numpy(bearings)
+    np.testing.assert_array_equal(valid, plain_valid)
+    differentiated, _, d_point, _ = model.project_with_jacobians(bearings)
+    # Where the picture goes to infinity, what a change of the bearing by a few roundings makes in it.
+    rounding = 1e-10 + 1e-14 * np.abs(d_point).max(axis=2)
+    assert (np.abs(pixels - plain) < rounding).all()
+    assert (np.abs(pixels - differentiated) < rounding).all()
+    back, seen = model.unproject(pixels)
+    plain_back, plain_seen = model.unproject_numpy(pixels)
+    np.testing.assert_array_equal(seen, plain_seen)
+    assert angle(back, plain_back).max() < 1e-9
+
+
+# -- the camera as a value --------------------------------------------------------------------------------------
+
+
+@every_model
+def test_a_camera_is_a_frozen_value(model):
+    assert dataclasses.is_dataclass(model)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(model, dataclasses.fields(model)[0].name, 1.0)
+    with pytest.raises(ValueError, match="read-only"):
+        model.params[0] = 1.0
+    assert model == type(model).example()
+    assert hash(model) == hash(type(model).example())
+    assert type(model).name in model_names()
+    assert isinstance(model, CameraModel)
+
+
+@every_model
+def test_dictionary_and_vector_bring_the_camera_back(model):
+    assert type(model).from_dict(model.to_dict()) == model
+    assert tuple(model.to_dict()) == model.param_names
+    assert model.with_params(model.params) == model
+    other = model.with_params(model.params + 1)
+    np.testing.assert_array_equal(other.params, model.params + 1)
+    for wrong in (model.params[:-1], np.append(model.params, 0.0), model.params[None]):
+        with pytest.raises(ValueError, match=rf"{model.name} has {model.params.size} parameters.*{wrong.shape[0]}"):
+            model.with_params(wrong)
+
+
+@every_model
+def test_a_wrong_dictionary_is_refused_by_name(model):
+    cls, good = type(model), model.to_dict()
+    first = model.param_names[0]
+    with pytest.raises(ValueError, match=f"{cls.name}.*missing.*{first}"):
+        cls.from_dict({n: v for n, v in good.items() if n != first})
+    with pytest.raises(ValueError, match=f"{cls.name}.*zoom"):
+        cls.from_dict(good | {"zoom": 2.0})
+    for bad in (np.nan, np.inf, True, None, "1", [1.0]):
+        with pytest.raises(ValueError, match=f"{cls.name}.{first}.*finite"):
+            cls.from_dict(good | {first: bad})
+
+
+@every_model
+def test_parameters_say_what_they_are(model):
+    low, high = bounds(model)
+    assert (low <= model.params).all()
+    assert (model.params <= high).all()
+    for p in model.parameters:
+        assert len(p.doc) > 5
+        assert p.unit in ("", "px")
+    assert len(set(model.param_names)) == model.params.size
+
+
+@every_model
+def test_the_docs_hold_equations(model):
+    doc = type(model).__doc__
+    assert re.search(r"\b\w+'? = ", doc)
+    assert "alid" in doc
+
+
+@every_model
+def test_fit_recovers_the_example(model):
+    share = 0.9 if model.theta_max > np.pi / 2 else np.radians(80) / model.theta_max
+    rng = np.random.default_rng(3)
+    which = rng.integers(len(AZIMUTHS), size=500)
+    limit = np.minimum(rim(model)[which], share * model.theta_max)
+    bearings = direction(limit * np.sqrt(rng.uniform(0, 1, 500)) * 0.999, AZIMUTHS[which])
+    pixels, valid = model.project(bearings)
+    assert valid.all()
+    fitted = type(model).fit(bearings, pixels)
+    again, seen = fitted.project(bearings)
+    assert seen.all()
+    assert np.abs(again - pixels).max() < 1e-6
+
+
+def test_an_unknown_model_is_refused_with_the_names():
+    with pytest.raises(ValueError, match="unknown camera model 'pinhol'.*pinhole"):
+        model_class("pinhol")

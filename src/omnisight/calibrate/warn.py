@@ -10,6 +10,7 @@ Array = NDArray[np.float64]
 
 SAME_PX = 0.5
 TILT_DEG = 10.0
+LARGE_PX = 2.0
 
 
 def doubts(state: State, views: BoardViews) -> tuple[str, ...]:
@@ -20,6 +21,12 @@ def doubts(state: State, views: BoardViews) -> tuple[str, ...]:
         found.append(
             f"{len(same)} pictures repeat another one ({pairs}{', ...' if len(same) > 3 else ''}) and add nothing:"
             " move the board between pictures."
+        )
+    median = float(np.median(state.lengths(views)))
+    if median > LARGE_PX:
+        found.append(
+            f"Half of the corners are more than {median:.1f} px off: a {state.model.name} does not describe this camera;"
+            " use --model auto."
         )
     tilt = _largest_tilt(state)
     if len(views) > 1 and tilt < TILT_DEG:

@@ -103,7 +103,7 @@ def print_report(
         f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
         soft_wrap=True,
     )
-    for warning in [*([hint] if hint else []), *calibration.warnings, *_symmetric(board)]:
+    for warning in [*([hint] if hint else []), *calibration.warnings, *_about(board)]:
         console.print(f"note: {warning}", soft_wrap=True)
     console.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
     if written is not None:
@@ -112,13 +112,16 @@ def print_report(
         console.print("nothing written: give -o camera.json")
 
 
-def _symmetric(board: Board) -> list[str]:
-    if not board.symmetric:
-        return []
-    return [
-        f"a {board.columns}x{board.rows} board looks the same upside-down: fine for one camera, unsafe for several;"
-        f" {board.columns}x{board.rows - 1} would not."
-    ]
+def _about(board: Board) -> list[str]:
+    notes: list[str] = []
+    if board.symmetric:
+        notes.append(
+            f"a {board.columns}x{board.rows} board looks the same upside-down: fine for one camera, unsafe for several;"
+            f" {board.columns}x{board.rows - 1} would not."
+        )
+    if board.square is None:
+        notes.append("lengths are in squares (no --square was given), which changes nothing about the camera.")
+    return notes
 
 
 def _figure(value: float | None) -> str:

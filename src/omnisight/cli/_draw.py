@@ -53,6 +53,6 @@ def _draw(image: Any, pixels: Any, residuals: Any, outliers: Any, zoom: int) -> 
         if np.isfinite(r).all():
             cv2.line(canvas, point(p), point(p + EXAGGERATION * zoom * r), color, 1, cv2.LINE_AA, 4)
     said = f"residuals x{EXAGGERATION}, rms {np.sqrt((residuals**2).sum(1).mean()):.3f} px"
-    cv2.putText(canvas, said, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (0, 0, 0), 4, cv2.LINE_AA)
+    cv2.rectangle(canvas, (0, 0), (16 * len(said), 40), (0, 0, 0), -1)
     cv2.putText(canvas, said, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
     return canvas

@@ -40,7 +40,7 @@ def demo(output: Path = Path("omnisight-demo"), *, quiet: bool = False) -> None:
     print(f"done in {time.perf_counter() - begun:.0f} s. Look at {output / 'mirror' / 'cylinder.jpg'}, then try:\n")
     fisheye, mirror = output / "fisheye", output / "mirror"
     print(f"  omnisight calibrate {fisheye}/pictures --pattern 8x5 --square 40mm -o camera.json")
-    print(f"  omnisight view {fisheye}/room.jpg --camera {fisheye}/camera.json --yaw 60 -o right.jpg")
+    print(f"  omnisight view {fisheye}/room.jpg --camera {fisheye}/camera.json --yaw 45 -o right.jpg")
     camera = f"--camera {mirror}/camera.json --up back --flip"
     print(f"  omnisight view {mirror}/room.jpg {camera} --to cylinder -o around.jpg")
 
@@ -88,9 +88,9 @@ def _views(name: str, camera: Any, picture: Any, folder: Path) -> list[str]:
         }
     else:
         targets = {
-            "perspective": (om.perspective(100, (1280, 800)), om.look(pitch=8)),
-            "panini": (om.panini(165, (1280, 640)), om.look(pitch=8)),
-            "sphere": (om.sphere(1600), om.look(pitch=8)),
+            "perspective": (om.perspective(100, (1280, 800)), om.look()),
+            "panini": (om.panini(165, (1280, 640)), om.look()),
+            "sphere": (om.sphere(1600), om.look()),
         }
     for view, (target, rotation) in targets.items():
         om.write_image(folder / f"{view}.jpg", om.remap(picture, camera, target, rotation, interpolation="bicubic"))

@@ -50,7 +50,7 @@ def fisheye_setup(width: int = 960) -> Setup:
     f = width / 960
     model = KannalaBrandt(222.0 * f, 221.4 * f, 483.2 * f, 356.7 * f, k1=-0.018, k2=0.0031, k3=-0.0016, k4=1e-4)
     camera = Camera(model, (width, round(0.75 * width)))
-    return Setup(camera, Pose(look(pitch=-8.0).T, np.array((0.0, 0.0, -0.9))), (0.0, np.radians(95.0)))
+    return Setup(camera, Pose(translation=np.array((0.0, 0.0, -0.9))), (0.0, np.radians(95.0)))
 
 
 def mirror_setup(width: int = 720) -> Setup:
