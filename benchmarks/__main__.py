@@ -13,7 +13,10 @@ from benchmarks.race import table
 ALL = {"points": points, "views": views, "calibration": calibration, "startup": startup}
 
 if not hasattr(cv2, "omnidir"):
-    sys.exit("the peers are missing: pip install '.[bench]', then pip install --force-reinstall --no-deps opencv-contrib-python-headless")
+    sys.exit(
+        "the peers are missing: pip install '.[bench]', then"
+        " pip install --force-reinstall --no-deps opencv-contrib-python-headless"
+    )
 cv2.setNumThreads(2)
 chosen = sys.argv[1:] or list(ALL)
 races = [race for name in chosen for race in ALL[name].run()]

@@ -44,9 +44,13 @@ def _opencv() -> list[Race]:
     ours, _ = mei.unproject(pixels)
     off = float(np.abs(ours - points).max())
     theirs = back / np.linalg.norm(back, axis=1)[:, None] if back.shape[1] == 3 else None
-    note = f"ours closes to {off:.1e} rad" + ("" if theirs is None else f", theirs to {np.nanmax(abs(theirs - points)):.1e}")
+    note = f"ours closes to {off:.1e} rad" + (
+        "" if theirs is None else f", theirs to {np.nanmax(abs(theirs - points)):.1e}"
+    )
     return [
-        race("project 1 M, Mei", lambda: mei.project(points), omnidir, "cv2.omnidir", 25, note=f"equal to {same:.0e} px"),
+        race(
+            "project 1 M, Mei", lambda: mei.project(points), omnidir, "cv2.omnidir", 25, note=f"equal to {same:.0e} px"
+        ),
         race(
             "unproject 1 M, Mei",
             lambda: mei.unproject(pixels),

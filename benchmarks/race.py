@@ -37,7 +37,14 @@ class Race:
 
 
 def race(
-    work: str, ours: Callable[[], object], theirs: Callable[[], object], peer: str, target: float, *, runs: int = 15, note: str = ""
+    work: str,
+    ours: Callable[[], object],
+    theirs: Callable[[], object],
+    peer: str,
+    target: float,
+    *,
+    runs: int = 15,
+    note: str = "",
 ) -> Race:
     """Run both once to warm up, then in turn, and take the medians."""
     ours(), theirs()
@@ -55,8 +62,7 @@ def table(races: list[Race]) -> str:
     lines = ["| work | ours | peer | theirs | ratio | at least | |", "|---|---|---|---|---|---|---|"]
     for r in races:
         reached = "yes" if r.ratio >= r.target else "**no**"
-        lines.append(
-            f"| {r.work} | {r.ours * 1e3:.3g} ms | {r.peer} | {r.theirs * 1e3:.3g} ms | {r.ratio:.1f}x | {r.target:g}x | {reached}"
-            f"{'; ' + r.note if r.note else ''} |"
-        )
+        note = f"{reached}; {r.note}" if r.note else reached
+        ours, theirs = f"{r.ours * 1e3:.3g} ms", f"{r.theirs * 1e3:.3g} ms"
+        lines.append(f"| {r.work} | {ours} | {r.peer} | {theirs} | {r.ratio:.1f}x | {r.target:g}x | {note} |")
     return "\n".join(lines)

@@ -24,11 +24,20 @@ def run() -> list[Race]:
     theirs_u = theirs()[0]
     note = f"equal to {np.nanmax(np.abs(ours_u - theirs_u)):.0e} px"
     races = [
-        race("1080p map, Mei to perspective", lambda: view_map(source, flat, np.eye(3)), theirs, "cv2.omnidir", 5, note=note)
+        race(
+            "1080p map, Mei to perspective",
+            lambda: view_map(source, flat, np.eye(3)),
+            theirs,
+            "cv2.omnidir",
+            5,
+            note=note,
+        )
     ]
     rng = np.random.default_rng(0)
     image = cv2.resize(rng.integers(0, 255, (270, 480, 3), np.uint8), (3840, 2160), interpolation=cv2.INTER_CUBIC)
-    wide = om.Camera(om.model_class("kannala_brandt")(1300.0, 1300.0, 1919.5, 1079.5, 0.01, 0.0, 0.0, 0.0), (3840, 2160))
+    wide = om.Camera(
+        om.model_class("kannala_brandt")(1300.0, 1300.0, 1919.5, 1079.5, 0.01, 0.0, 0.0, 0.0), (3840, 2160)
+    )
     view = om.perspective(75, (1920, 1080))
     remapper = om.Remapper(wide, view, antialias=False)
     u, v = view_map(wide, view, np.eye(3))

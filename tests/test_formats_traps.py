@@ -1,49 +1,13 @@
-"""The trap of each format, by name, on texts as other tools write them."""
+"""The traps of the other formats, on texts as their tools write them."""
 
 import dataclasses
 import re
 
-import numpy as np
 import pytest
 
 from omnisight.camera import Camera
 from omnisight.formats import FormatError, format_named, load, load_all, save
-from omnisight.formats._yaml import read
 from omnisight.models import model_class
-
-OCAM = """#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB).
-
-5 -4.714441e+02 0.000000e+00 7.356108e-04 -3.773045e-07 5.800006e-10
-
-#whatever a port says here
-3 772.4 504.7 7.0
-
-#camera center in pixel coordinates
-300.25 400.75
-
-#affine
-1.000305 -0.000277 -0.000925
-
-#image size
-600 800
-"""
-FOUR = """%YAML:1.0
----
-image_width: 640
-image_height: 480
-{extra}camera_matrix: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 400., 0., 320., 0., 401., 240.,
-       0., 0., 1. ]
-distortion_coefficients: !!opencv-matrix
-   rows: 4
-   cols: 1
-   dt: d
-   data: [ 0.1, 0.02, 0.003,
-       0.0004 ]
-"""
 
 
 @pytest.fixture
@@ -58,170 +22,6 @@ def get(tmp_path):
 def params(camera):
     return camera.model.to_dict()
 
-
-# -- OCamCalib -------------------------------------------------------------------------------------------------
-
-
-def test_ocamcalib_centre_is_row_column_and_size_height_width(get):
-    camera = get(OCAM)
-    assert (camera.model.cx, camera.model.cy) == (400.75, 300.25)
-    assert camera.size == (800, 600)
-
-
-def test_ocamcalib_z_is_back_so_the_polynomial_changes_sign(get):
-    camera = get(OCAM)
-    assert camera.model.a == (471.4441, -7.356108e-04, 3.773045e-07, -5.800006e-10)
-    with pytest.raises(FormatError, match=r"a0 must be negative.*471"):
-        get(OCAM.replace("-4.714441e+02", "4.714441e+02"))
-
-
-def test_ocamcalib_x_is_down_and_y_right(get):
-    """A ray of OCamCalib's own cam2world, computed by its formula here."""
-    camera = get(OCAM)
-    row, column = 350.0, 500.0
-    stretch = np.array([[1.000305, -0.000277], [-0.000925, 1.0]])
-    x, y = np.linalg.solve(stretch, [row - 300.25, column - 400.75])
-    z = np.polynomial.polynomial.polyval(np.hypot(x, y), [-4.714441e02, 0, 7.356108e-04, -3.773045e-07, 5.800006e-10])
-    bearing, _ = camera.unproject([column, row])
-    assert bearing == pytest.approx(np.array([y, x, -z]) / np.linalg.norm([x, y, z]), abs=1e-12)
-
-
-def test_ocamcalib_a1_must_be_zero(get):
-    assert len(get(OCAM.replace(" 0.000000e+00", " 1e-12", 1)).model.a) == 4
-    with pytest.raises(FormatError, match=r"a1 must be 0.*0\.01"):
-        get(OCAM.replace(" 0.000000e+00", " -0.01", 1))
-
-
-def test_ocamcalib_a_wrong_inverse_polynomial_changes_nothing_and_is_kept(get):
-    wrong = get(OCAM.replace("3 772.4 504.7 7.0", "2 1 1"))
-    assert wrong.model == get(OCAM).model
-    assert wrong.extra == {"inverse_polynomial": [1.0, 1.0]}
-
-
-def test_ocamcalib_three_digit_exponents_of_windows(get):
-    assert get(OCAM.replace("e-04", "e-004").replace("e+02", "e+002")).model == get(OCAM).model
-
-
-def test_ocamcalib_counts_that_do_not_match_are_refused(get):
-    with pytest.raises(FormatError, match="direct polynomial: says 5 coefficients and has 4"):
-        get(OCAM.replace(" 5.800006e-10", ""))
-    with pytest.raises(FormatError, match="ends before the size"):
-        get(OCAM.replace("600 800", ""))
-
-
-def test_ocamcalib_writes_an_inverse_polynomial_that_its_own_programs_can_use(tmp_path):
-    camera = Camera(model_class("ocam").example(), (1024, 768))
-    save(camera, tmp_path / "calib_results.txt", format="ocamcalib")
-    rows = [line.split() for line in (tmp_path / "calib_results.txt").read_text().splitlines() if line[:1] not in "#"]
-    assert len(rows) == 5
-    inverse = [float(word) for word in rows[1][1:]]
-    seen = world2cam(camera, inverse)
-    bearings, pixels = camera.samples()
-    assert np.linalg.norm(seen(bearings) - pixels, axis=1).max() < 0.011
-
-
-def world2cam(camera, inverse):
-    """OCamCalib's world2cam with its inverse polynomial, in its frame."""
-    m = camera.model
-
-    def project(bearings):
-        x, y, z = bearings[:, 1], bearings[:, 0], -bearings[:, 2]
-        norm = np.maximum(np.hypot(x, y), 1e-300)
-        rho = np.polynomial.polynomial.polyval(np.arctan2(z, norm), inverse)
-        x, y = x / norm * rho, y / norm * rho
-        return np.stack([x * m.e + y + m.cx, x * m.c + y * m.d + m.cy], -1)
-
-    return project
-
-
-# -- OpenCV ----------------------------------------------------------------------------------------------------
-
-
-def test_opencv_four_coefficients_are_ambiguous(get):
-    with pytest.raises(FormatError, match=r"ambiguous.*fisheye_model: 1.*fisheye_model: 0"):
-        get(FOUR.format(extra=""))
-    assert params(get(FOUR.format(extra="fisheye_model: 1\n")))["k3"] == 0.003
-    assert params(get(FOUR.format(extra="fisheye_model: 0\n")))["p1"] == 0.003
-    assert get(FOUR.format(extra='distortion_model: "equidistant"\n')).model.name == "kannala_brandt"
-    assert params(get(FOUR.format(extra="xi: 1.2\n")))["p2"] == 0.0004
-
-
-def test_opencv_names_of_any_case_and_age(get):
-    text = FOUR.format(extra="fisheye_model: 1\n")
-    old = text.replace("image_width", "image_Width").replace("image_height", "image_Height")
-    old = old.replace("camera_matrix", "Camera_Matrix").replace("distortion_coefficients", "Distortion_Coefficients")
-    short = text.replace("camera_matrix", "K").replace("distortion_coefficients", "D")
-    assert get(old).model == get(short).model == get(text).model
-    assert get(old).size == (640, 480)
-
-
-def test_opencv_names_without_a_space_and_newer_heads(get):
-    text = FOUR.format(extra="fisheye_model:1\n").replace("image_width: ", "image_width:")
-    assert get(text).size == (640, 480)
-    assert get(text.replace("%YAML:1.0", "%YAML 1.2")).model == get(text).model
-    assert get(text.replace("%YAML:1.0\n---\n", "")).model == get(text).model
-
-
-def test_opencv_integers_where_reals_are_expected(get):
-    text = FOUR.format(extra="fisheye_model: 1\n").replace("400., 0., 320.", "400, 0, 320")
-    assert params(get(text))["fx"] == 400.0
-
-
-def test_opencv_without_a_size_is_read_and_shown_as_unknown(get, tmp_path):
-    text = FOUR.format(extra="fisheye_model: 1\n")
-    camera = get(re.sub(r"image_.*\n", "", text))
-    assert camera.size == (0, 0)
-    written = save(camera, tmp_path / "again", format="opencv")
-    assert written.error_px < 1e-9
-    assert "size is not known" in written.notes[0]
-    assert load(tmp_path / "again").size == (0, 0)
-
-
-def test_opencv_without_coefficients_may_be_cut_off(get):
-    text = FOUR.format(extra="fisheye_model: 0\n")
-    with pytest.raises(FormatError, match="camera_matrix has no distortion coefficients.*five zeros"):
-        get(text[: text.index("distortion_coefficients")])
-
-
-def test_opencv_twelve_coefficients_end_in_zeros_or_are_refused(get):
-    def with_coefficients(values):
-        text = FOUR.format(extra="").replace("rows: 4\n", f"rows: {len(values)}\n")
-        return get(re.sub(r"0\.1, 0\.02, 0\.003,\s+0\.0004", ", ".join(map(str, values)), text))
-
-    eight = [0.3, 0.05, 4e-4, -3e-4, 0.002, 0.6, 0.12, 0.011]
-    assert with_coefficients([*eight, 0, 0, 0, 0]).model == with_coefficients(eight).model
-    assert with_coefficients([*eight, 0, 0, 0, 0, 0, 0]).model.name == "rational"
-    with pytest.raises(FormatError, match=r"thin-prism.*0\.001"):
-        with_coefficients([*eight, 0.001, 0, 0, 0])
-    assert with_coefficients([0.1, 0.02, 0, 0, 0.3]).model.name == "radial_tangential"
-    assert with_coefficients([0, 0, 0, 0, 0]).model.name == "pinhole"
-    with pytest.raises(FormatError, match="7 coefficients"):
-        with_coefficients([1] * 7)
-
-
-def test_opencv_skew_belongs_to_omnidir_and_is_refused_where_opencv_ignores_it(get):
-    text = FOUR.format(extra="xi: 1.2\n").replace("400., 0., 320.", "400., 0.5, 320.")
-    assert params(get(text))["skew"] == 0.5
-    with pytest.raises(FormatError, match=r"skew of 0\.5 px"):
-        get(text.replace("xi: 1.2", "fisheye_model: 1"))
-
-
-def test_opencv_a_stereo_pair_holds_two_cameras(tmp_path):
-    one = FOUR.format(extra="fisheye_model: 1\n")
-    left = one.replace("camera_matrix", "M1").replace("distortion_coefficients", "D1")
-    right = one[one.index("camera_matrix") :].replace("camera_matrix", "M2").replace("distortion_coefficients", "D2")
-    (tmp_path / "intrinsics.yml").write_text(left + right.replace("400.", "420."))
-    cameras = load_all(tmp_path / "intrinsics.yml")
-    assert [c.model.params[0] for c in cameras.values()] == [400.0, 420.0]
-    assert list(cameras) == ["camera1", "camera2"]
-
-
-def test_opencv_what_it_does_not_use_is_kept(get):
-    camera = get(FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n'))
-    assert camera.extra == {"calibration_time": "Mon 3: x", "flags": 8, "per_view": [".Nan", 1.0]}
-
-
-# -- Kalibr ----------------------------------------------------------------------------------------------------
 
 CHAIN = """cam0:
   cam_overlaps:
@@ -281,7 +81,7 @@ def test_kalibr_keeps_what_stays_true_of_a_single_camera(tmp_path):
 
 
 def test_kalibr_a_lens_cut_off_does_not_lose_its_distortion(get):
-    with pytest.raises(FormatError, match="distortion_model.*missing"):
+    with pytest.raises(FormatError, match=r"distortion_model.*missing"):
         get("cam0:\n  camera_model: pinhole\n  intrinsics: [400.0, 400.0, 320.0, 240.0]\n  resolution: [640, 480]\n")
 
 
@@ -293,9 +93,6 @@ def test_kalibr_reads_the_sensor_yaml_of_euroc(get):
     )
     assert camera.model.name == "radial_tangential"
     assert camera.extra == {"sensor_type": "camera", "rate_hz": 20}
-
-
-# -- the others ------------------------------------------------------------------------------------------------
 
 
 def test_ros_names_and_six_digits(get):
@@ -339,7 +136,7 @@ def test_colmap_writes_the_most_specific_name(line, model, get):
 
 
 def test_colmap_says_what_is_wrong_in_which_line(get):
-    with pytest.raises(FormatError, match="line 2: no camera model 'SPHERE'.*EQUIRECTANGULAR"):
+    with pytest.raises(FormatError, match=r"line 2: no camera model 'SPHERE'.*EQUIRECTANGULAR"):
         get("# x\n1 SPHERE 640 480 1 1 1\n")
     with pytest.raises(FormatError, match=r"line 1: PINHOLE has 4 parameters \(fx, fy, cx, cy\), got 3"):
         get("1 PINHOLE 640 480 1 1 1\n")
@@ -354,7 +151,7 @@ def test_camodocal_counts_the_fisheyes_coefficients_from_two(get):
     assert get(text).model == model_class("kannala_brandt")(400.0, 401.0, 320.0, 240.0, 0.1, 0.02, 0.003, 0.0004)
     with pytest.raises(FormatError, match="projection_parameters must hold k2, k3"):
         get(text.replace("k5", "k6"))
-    with pytest.raises(FormatError, match="calib_results.txt"):
+    with pytest.raises(FormatError, match="use the calib_results"):
         get(text.replace("KANNALA_BRANDT", "scaramuzza"))
 
 
@@ -369,7 +166,7 @@ def test_basalt_the_unified_model_in_alpha(get):
 
 def test_mrcal_text_is_python_and_never_evaluated(get):
     text = (
-        "# made by mrcal\n{\n    'lensmodel':  'LENSMODEL_OPENCV4',\n\n    # intrinsics are fx,fy,cx,cy,distortion0,...\n"
+        "# made by mrcal\n{\n    'lensmodel':  'LENSMODEL_OPENCV4',\n\n    # intrinsics are fx,fy,cx,cy,...\n"
         "    'intrinsics': [ 400., 401, 320.5, 240.5, 0.1, 0.02, 0.003, 0.0004,],\n    'imagersize': [ 640, 480,],\n"
         "    'icam_intrinsics': None,\n    'optimization_inputs': b'x{]#,,:',\n}\n"
     )
@@ -386,59 +183,3 @@ def test_opensfm_lengths_are_shares_of_the_longer_side(get):
     )
     assert params(camera) == {"fx": 320, "fy": 320, "cx": 325.9, "cy": 239.5, "k1": 0.1, "k2": 0, "k3": 0, "k4": 0}
     assert camera.extra == {"k1_prior": 0.1}
-
-
-# -- the reader ------------------------------------------------------------------------------------------------
-
-
-def test_the_reader_of_yaml():
-    text = """%YAML:1.0
----
-# a comment
-a: 1   # another
-b:1.5
-"c d": 'it''s # no comment'
-e: {x: 1, "y": [true, null, .5, -1e-3,
-      2.], z: {}}
-f:
-    g: "a\\nb"
-\th: ~
-list:
-- 1
-- - 2
-  - [3]
-- k: v
-  l: /cam0/x:y
--
-  m: 1
-empty:
-last: 2026-01-02 text"""
-    assert read(text.replace("\th: ~", "    h: ~")) == {
-        "a": 1,
-        "b": 1.5,
-        "c d": "it's # no comment",
-        "e": {"x": 1, "y": [True, None, 0.5, -1e-3, 2.0], "z": {}},
-        "f": {"g": "a\nb", "h": None},
-        "list": [1, [2, [3]], {"k": "v", "l": "/cam0/x:y"}, {"m": 1}],
-        "empty": None,
-        "last": "2026-01-02 text",
-    }
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("a: 1\na: 2", "line 2: a second"),
-        ("a: [1, 2", "expected a comma or ]"),
-        ("a: {b 1}", "expected a colon after 'b'"),
-        ("a: 1\n  b: 2", "wrong indentation|line 2"),
-        ("a: [1] 2", "unexpected"),
-        ("a: &x 1", "anchors"),
-        ("a: |\n  text", "several lines"),
-        ("a: 1\njust words", "line 2: expected a name"),
-        ("a:\n" + "".join(" " * i + f"a{i}:\n" for i in range(1, 40)), "levels"),
-    ],
-)
-def test_the_reader_says_where(text, said):
-    with pytest.raises(ValueError, match=said):
-        read(text)

@@ -102,10 +102,10 @@ def test_the_seam_does_not_show_in_a_shrunk_360_picture(width):
     rows = slice(width // 8, -width // 8)  # at the poles a pixel of the view spans all longitudes
     seam = error[rows, width // 2 - 1 : width // 2 + 1]
     assert seam.max() < error[rows].max() * 1.01
-    assert seam.max() < 2 * np.median(error[rows]) + 0.01
+    assert seam.max() < 1.5 * np.median(error[rows]) + 0.005
 
 
-@pytest.mark.parametrize("source", [SPHERE, FISHEYE])
+@pytest.mark.parametrize("source", [om.sphere(1024), FISHEYE])
 @pytest.mark.parametrize(
     ("angles", "place"),
     [
@@ -118,7 +118,8 @@ def test_the_seam_does_not_show_in_a_shrunk_360_picture(width):
     ],
 )
 def test_a_view_looks_where_it_is_told(source, angles, place):
-    view = om.remap(picture(source, spot(*place)), source, om.perspective(60, (121, 91)), om.look(**angles))
+    target, turn = om.perspective(60, (121, 91)), om.look(**angles)
+    view = om.remap(picture(source, spot(*place, 0.1)), source, target, turn, interpolation="lanczos")
     assert brightest(view) == (60, 45)
 
 
@@ -150,10 +151,10 @@ def test_right_and_up_are_where_they_are_said_to_be(angles, place, side):
 
 @pytest.mark.parametrize(("up", "axis"), [("back", (0, -90)), ("front", (0, 90))])
 def test_a_camera_that_looks_down_or_up_has_its_axis_at_the_bottom_or_top_of_a_panorama(up, axis):
-    view = om.remap(picture(FISHEYE, spot(0, 0, 0.1)), FISHEYE, om.sphere(200), om.look(up=up))
+    view = om.remap(picture(FISHEYE, spot(0, 0, 0.2)), FISHEYE, om.sphere(200), om.look(up=up))
     low = view[-3:] if axis[1] < 0 else view[:3]
     assert low.mean() > 0.9
-    assert view[50].max() < 0.01
+    assert view[45:55].max() < 0.01
 
 
 # -- against direct evaluation -----------------------------------------------------------------------------------
@@ -440,7 +441,7 @@ def test_the_share_of_the_source_that_a_view_keeps():
 
 def test_a_scale_across_the_seam_is_no_jump():
     u, v = view_map(SPHERE, SPHERE, om.look(yaw=90))
-    assert np.nanmax(map_scale(u, v, SPHERE.model.period)) == pytest.approx(1, abs=0.01)
+    assert np.nanmax(map_scale(SPHERE, u, v)) == pytest.approx(1, abs=0.01)
 
 
 # -- the cameras to remap to -------------------------------------------------------------------------------------
@@ -448,7 +449,7 @@ def test_a_scale_across_the_seam_is_no_jump():
 
 @pytest.mark.parametrize("fov", [150.1, 180, 360, 0, -10, np.nan])
 def test_a_perspective_too_wide_is_refused_with_what_can_show_it(fov):
-    with pytest.raises(ValueError, match="perspective view cannot show .* 150 at most: use cylinder, panini, sphere"):
+    with pytest.raises(ValueError, match=r"perspective view cannot show .* 150 at most: use cylinder, panini, sphere"):
         om.perspective(fov)
 
 

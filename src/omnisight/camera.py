@@ -24,8 +24,8 @@ class Camera:
     size
         (width, height) of the picture, px; (0, 0) where a file does not say.
     theta_max
-        The angle from the axis (radians) up to which corners were seen in calibration: past it the model extrapolates. None
-        where it is not known.
+        The angle from the axis (radians) up to which corners were seen in calibration: past it the model extrapolates.
+        None where it is not known.
     calibration
         Figures of the calibration (rms, held_out_rms, views, corners ...), by name.
     covariance

@@ -40,8 +40,8 @@ class Candidate:
     rms, mean
         Length of the residual over all corners, px.
     held_out_rms
-        The same over pictures that the camera was not calibrated on (k-fold, their poses free, corners that no model explains
-        left out), px; None where it was not asked for.
+        The same over pictures that the camera was not calibrated on (k-fold, their poses free, corners that no model
+        explains left out), px; None where it was not asked for.
     free
         Which parameters were estimated (P,).
     """
@@ -103,7 +103,7 @@ def freed(model: CameraModel, fixed: Sequence[str], free: Sequence[str]) -> NDAr
 
 
 def held_out_rms(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> float:
-    """Give the rms (px) over pictures left out: k-fold, the camera from the others, then only the pose from their own."""
+    """Give the rms (px) over pictures left out (k-fold): the camera from the others, their own poses free."""
     count = len(views)
     folds = min(FOLDS, count)
     squares, corners = 0.0, 0

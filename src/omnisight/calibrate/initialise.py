@@ -26,8 +26,9 @@ SETTLED, SCOUTED = 6, 2
 def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     """Find a camera and board poses near the best, for pictures of plane boards.
 
-    Every ideal projection is tried with every field of view: each poses all boards from bearings, and the few that explain
-    the corners best are refined, first as they are, then as models that bend to any lens. The best by robust cost is kept.
+    Every ideal projection is tried with every field of view: each poses all boards from bearings, and the few that
+    explain the corners best are refined, first as they are, then as models that bend to any lens. The best by robust
+    cost is kept.
 
     Parameters
     ----------

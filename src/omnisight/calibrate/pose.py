@@ -12,9 +12,9 @@ Array = NDArray[np.float64]
 def plane_poses(views: BoardViews, bearings: Array) -> tuple[Array, Array]:
     """Give cam_from_board of every picture from the bearings of its corners, linearly.
 
-    A corner (X, Y, 0) is seen along H (X, Y, 1) with H = [r1 r2 t], so that b x H (X, Y, 1) = 0: nine unknowns up to scale,
-    whatever the angle from the axis (Hartley and Zisserman, Multiple view geometry, ch. 8, on the sphere). The sign is the one
-    that puts the corners at positive distance along their bearings.
+    A corner (X, Y, 0) is seen along H (X, Y, 1) with H = [r1 r2 t], so that b x H (X, Y, 1) = 0: nine unknowns up to
+    scale, whatever the angle from the axis (Hartley and Zisserman, Multiple view geometry, ch. 8, on the sphere). The
+    sign is the one that puts the corners at positive distance along their bearings.
 
     Parameters
     ----------

@@ -125,7 +125,8 @@ def refine(
     views
         The corners.
     free
-        Which of the camera's parameters move (P,); `free_params` unless told otherwise. None of them: only the poses move.
+        Which of the camera's parameters move (P,); `free_params` unless told otherwise. None of them: only the poses
+        move.
     loss
         "huber", its threshold three robust standard deviations, estimated anew until it settles; or "squared".
     iterations, tolerance, watch

@@ -17,9 +17,10 @@ def doubts(state: State, views: BoardViews) -> tuple[str, ...]:
     """Give what makes a calibration doubtful, one sentence with one action each."""
     found: list[str] = []
     if same := _same_pictures(views):
+        more = ", ..." if len(same) > 3 else ""
         pairs = ", ".join(f"{a} = {b}" for a, b in same[:3])
         found.append(
-            f"{len(same)} pictures repeat another one ({pairs}{', ...' if len(same) > 3 else ''}) and add nothing:"
+            f"{len(same)} pictures repeat another one ({pairs}{more}) and add nothing:"
             " move the board between pictures."
         )
     median = float(np.median(state.lengths(views)))

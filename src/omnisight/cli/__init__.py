@@ -5,6 +5,7 @@ import, a command imports inside.
 """
 
 import importlib
+import os
 import pkgutil
 import sys
 
@@ -18,7 +19,7 @@ Exit status: 0 done, 1 a fault in omnisight, 2 something to mend in what it was 
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave with its exit status."""
-    from cyclopts import App
+    from cyclopts import App, CycloptsError
 
     import omnisight
 
@@ -30,14 +31,19 @@ def main(arguments: list[str] | None = None) -> None:
         if not found.name.startswith("_"):
             app.command(getattr(importlib.import_module(f"{__name__}.{found.name}"), found.name), name=found.name)
     try:
-        app(tokens, exit_on_error=True)
+        app(tokens, exit_on_error=False)
+    except CycloptsError:  # said already
+        sys.exit(EXIT_INPUT)
+    except BrokenPipeError:  # whoever read the output has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
     except KeyboardInterrupt:
         _say("interrupted")
         sys.exit(EXIT_INTERRUPTED)
     except (ValueError, OSError) as error:
         if debug:
             raise
-        _say(str(error))
+        _say(f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error))
         sys.exit(EXIT_INPUT)
     except Exception as error:
         if debug:

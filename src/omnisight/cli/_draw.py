@@ -1,6 +1,7 @@
 """Pictures with what was found drawn in."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +44,9 @@ def _draw(image: Any, pixels: Any, residuals: Any, outliers: Any, zoom: int) -> 
     at = (pixels + 0.5) * zoom - 0.5
 
     def point(p: Any) -> tuple[int, int]:
-        return int(round(p[0] * 16)), int(round(p[1] * 16))  # cv2 draws in sixteenths with shift=4
+        return round(float(p[0]) * 16), round(float(p[1]) * 16)  # cv2 draws in sixteenths with shift=4
 
-    for a, b in zip(at, at[1:], strict=False):
+    for a, b in pairwise(at):
         cv2.line(canvas, point(a), point(b), YELLOW, 1, cv2.LINE_AA, 4)
     for p, r, bad in zip(at, residuals, outliers, strict=True):
         color = RED if bad else GREEN

@@ -71,7 +71,7 @@ def to_text(profile: Profile, width: int = 64, height: int = 14) -> str:
 
 
 def to_svg(profile: Profile) -> str:
-    """Draw the curve as SVG, the extrapolated part dashed, with an equidistant lens of the same focal length beside it."""
+    """Draw the curve as SVG, the extrapolated part dashed, beside an equidistant lens of the same focal length."""
     x_max, y_max = float(profile.theta_deg[-1]), float(profile.radius.max())
 
     def path(theta: Any, radius: Any) -> str:

@@ -1,7 +1,7 @@
 """Progress on stderr, so that stdout stays what was asked for."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -13,7 +13,7 @@ class Report(Protocol):
 
 
 @contextmanager
-def progress(quiet: bool) -> Iterator[Report]:
+def progress(quiet: bool) -> Generator[Report]:
     """Show a bar per stage while the block runs; nothing when quiet or where stderr is no terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda stage, done, total: None

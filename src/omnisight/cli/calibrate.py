@@ -34,12 +34,13 @@ def calibrate(
     pictures
         Folders, files or patterns such as 'left*.jpg'.
     pattern
-        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the pictures if absent.
+        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the pictures if
+        absent.
     square
         Side of a square with its unit: 32.5mm. Without it lengths are in squares; the camera is the same.
     model
-        A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and the
-        one that explains best what it was not calibrated on is taken.
+        A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and
+        the one that explains best what it was not calibrated on is taken.
     output
         Where the camera goes: a JSON file.
     draw

@@ -27,7 +27,8 @@ def convert(
     to
         The format to write: native, ocamcalib, opencv, kalibr, colmap ...
     model
-        The camera model to convert to; if the format cannot hold the camera's own, the one of its models that comes nearest.
+        The camera model to convert to; if the format cannot hold the camera's own, the one of its models that comes
+        nearest.
     output
         The file to write; beside the camera's file unless told otherwise.
     name

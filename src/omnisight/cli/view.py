@@ -56,14 +56,15 @@ def view(
     output
         The view's file, or a folder for several pictures.
     fov
-        Field of view, degrees: across for perspective (90), panini (150) and planet (260), rim to rim for fisheye (180).
+        Field of view, degrees: across for perspective (90), panini (150) and planet (260), rim to rim for fisheye
+        (180).
     yaw, roll
         Where to look.
     pitch
         Where to look; 0, and -90 for a planet.
     up
-        Where the world's up is: the picture's top; back, for a camera that looks down or into a mirror above it; or front,
-        for one that looks up.
+        Where the world's up is: the picture's top; back, for a camera that looks down or into a mirror above it; or
+        front, for one that looks up.
     flip
         Exchange left and right: for a camera that looks into one mirror.
     size

@@ -206,6 +206,8 @@ class Block:
         """Read the map or list whose lines have this indentation."""
         if depth > DEEPEST:
             raise self.flow.error(self.lines[-1].start, f"more than {DEEPEST} levels at")
+        if self.words()[0] in "[{":
+            return self.value(self.lines[-1], self.lines[-1].start, depth)
         return self._list(indent, depth) if self.is_item() else self._map(indent, depth)
 
     def _list(self, indent: int, depth: int) -> list[Any]:

@@ -17,21 +17,11 @@ CONVENTION = (
 
 # Its model: ours, and for each of its groups its names and ours.
 DISTORTION = ("distortion_parameters", {"k1": "k1", "k2": "k2", "p1": "p1", "p2": "p2"})
+FISHEYE = {"k2": "k1", "k3": "k2", "k4": "k3", "k5": "k4"}
 LENSES: dict[str, tuple[str, tuple[tuple[str, dict[str, str]], ...]]] = {
     "KANNALA_BRANDT": (
         "kannala_brandt",
-        (
-            (
-                "projection_parameters",
-                dict(
-                    zip(
-                        ("k2", "k3", "k4", "k5", "mu", "mv", "u0", "v0"),
-                        ("k1", "k2", "k3", "k4", "fx", "fy", "cx", "cy"),
-                        strict=True,
-                    )
-                ),
-            ),
-        ),
+        (("projection_parameters", {**FISHEYE, "mu": "fx", "mv": "fy", "u0": "cx", "v0": "cy"}),),
     ),
     "MEI": (
         "mei",
@@ -47,14 +37,7 @@ LENSES: dict[str, tuple[str, tuple[tuple[str, dict[str, str]], ...]]] = {
     ),
 }
 MODELS = tuple(model for model, _ in LENSES.values())
-KNOWN = {
-    "model_type",
-    "image_width",
-    "image_height",
-    "mirror_parameters",
-    "distortion_parameters",
-    "projection_parameters",
-}
+KNOWN = {"model_type", "image_width", "image_height"} | {group for _, groups in LENSES.values() for group, _ in groups}
 TYPE = re.compile(r"^model_type[ \t]*:", re.MULTILINE)
 
 

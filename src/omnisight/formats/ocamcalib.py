@@ -2,14 +2,17 @@
 
 import re
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
+from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.formats._checks import LONGEST, build, left_out, number, picture_size, refuse, with_size
-from omnisight.models import CameraModel
 from omnisight.models.ocam import Ocam
+
+Array = NDArray[np.float64]
 
 TITLE = "OCamCalib text"
 SUFFIX = ".txt"
@@ -21,6 +24,7 @@ ROWS = ("direct polynomial", "inverse polynomial", "centre (row column)", "stret
 COUNTED = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
 A1_MAX = 1e-6  # an angle of less than a thousandth of an arc second
 INVERSE_PX = 0.01
+AGREES_PX = 0.5
 HIGHEST_DEGREE = 30
 
 
@@ -45,23 +49,26 @@ def parse(text: str) -> Mapping[str, Camera]:
     if not direct or direct[0] >= 0:
         raise ValueError(f"a0 must be negative (OCamCalib's z axis points back), got {direct[:1]}")
     model = model_of([-value for value in direct], cx=column, cy=row, c=c, d=d, e=e)
-    # The inverse polynomial is an approximation, at times a bad one; the model inverts the direct one instead.
-    extra: dict[str, object] = {"inverse_polynomial": inverse}
+    size = picture_size(width, height)
+    # The inverse polynomial approximates what the model inverts exactly; one that does not is kept, to be looked at.
+    with np.errstate(all="ignore"):
+        r, theta = _radii_and_angles(model, picture_radius(model, size))
+        agrees = bool(inverse) and np.abs(np.polynomial.polynomial.polyval(theta, inverse) - r).max() < AGREES_PX
+    extra: dict[str, object] = {} if agrees else {"inverse_polynomial": inverse}
     if rows[5:]:
         extra["further_lines"] = rows[5:]
-    return {"camera": Camera(model, picture_size(width, height), extra=extra)}
+    return {"camera": Camera(model, size, extra=extra)}
 
 
 def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Give the text, with an inverse polynomial fitted anew."""
     refuse(camera, MODELS, "convert it with --model ocam")
     width, height = with_size(camera)
-    model = camera.model
-    assert isinstance(model, Ocam)
+    model = cast(Ocam, camera.model)
     model_of(list(model.polynomial), cx=model.cx, cy=model.cy, c=model.c, d=model.d, e=model.e)
     direct = [0.0 - value for value in model.polynomial]
     inverse, error = inverse_polynomial(model, picture_radius(model, (width, height)))
-    notes = left_out(camera, ("inverse_polynomial",))
+    notes = left_out(camera)
     if error > INVERSE_PX:
         notes += (f"the inverse polynomial is {error:.2g} px off at most: programs that project with it are, too",)
     lines = (
@@ -94,8 +101,7 @@ def inverse_polynomial(model: Ocam, radius: float) -> tuple[list[float], float]:
     error
         The largest error (px).
     """
-    r = radius * np.sin(np.linspace(0, np.pi / 2, 500))  # denser towards the rim, where r(theta) is steepest
-    theta = np.arctan2(-np.polynomial.polynomial.polyval(r, model.polynomial), r)
+    r, theta = _radii_and_angles(model, radius)
     found: list[tuple[float, list[float]]] = []
     for degree in range(3, HIGHEST_DEGREE + 1):
         inner = Chebyshev.fit(theta, r, degree)
@@ -107,6 +113,11 @@ def inverse_polynomial(model: Ocam, radius: float) -> tuple[list[float], float]:
     return coefficients, error
 
 
+def _radii_and_angles(model: Ocam, radius: float) -> tuple[Array, Array]:
+    r = radius * np.sin(np.linspace(0, np.pi / 2, 500))  # denser towards the rim, where r(theta) is steepest
+    return r, np.arctan2(-np.polynomial.polynomial.polyval(r, model.polynomial), r)
+
+
 def picture_radius(model: Ocam, size: tuple[int, int]) -> float:
     """Give the radius (px, before the stretch) of the picture's farthest corner that the model reaches."""
     corners = np.array([[x, y] for x in (-0.5, size[0] - 0.5) for y in (-0.5, size[1] - 0.5)]) - (model.cx, model.cy)
@@ -114,7 +125,7 @@ def picture_radius(model: Ocam, size: tuple[int, int]) -> float:
     return min(float(np.hypot(*plane).max()), model.radius_max())
 
 
-def model_of(direct: list[float], *, cx: float, cy: float, c: float, d: float, e: float) -> CameraModel:
+def model_of(direct: list[float], *, cx: float, cy: float, c: float, d: float, e: float) -> Ocam:
     """Make the model from the coefficients of f(r) with z forward, a1 among them."""
     if not c - d * e > 0:
         raise ValueError(f"the stretch matrix [c d; e 1] must have a positive determinant, got {c:g}, {d:g}, {e:g}")
@@ -124,7 +135,8 @@ def model_of(direct: list[float], *, cx: float, cy: float, c: float, d: float, e
         raise ValueError(f"a1 must be 0 in OCamCalib's model, got {direct[1]:g}")
     a = [*direct[:1], *direct[2:]]
     names = Ocam.coefficient_names(len(a))
-    return build("ocam", {"cx": cx, "cy": cy, "c": c, "d": d, "e": e, **dict(zip(names, a, strict=True))})
+    made = build("ocam", {"cx": cx, "cy": cy, "c": c, "d": d, "e": e, **dict(zip(names, a, strict=True))})
+    return cast(Ocam, made)
 
 
 def _comment(line: str) -> bool:

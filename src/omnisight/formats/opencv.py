@@ -40,22 +40,20 @@ def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera, or each of a stereo pair."""
     data = read_storage(text)
     plain = {key: re.sub(r"[^a-z0-9]", "", key.lower()) for key in data}
-    found = {"matrix": _by_side(data, plain, MATRIX, 9), "distortion": _by_side(data, plain, DISTORTION, None)}
-    found["xi"] = _by_side(data, plain, XI, 1)
-    if not found["matrix"]:
+    matrices, distortions, xis = (_by_side(data, plain, name) for name in (MATRIX, DISTORTION, XI))
+    if not matrices:
         raise ValueError(f"no camera matrix (camera_matrix, K ...) among {', '.join(list(data)[:20])}")
     size, size_keys = _size(data, plain)
     kinds = [key for key, name in plain.items() if name in KIND]
     fisheye = is_fisheye(data[kinds[0]], kinds[0]) if kinds else None
-    used = {key for side in found.values() for key in side.values()} | size_keys | set(kinds)
+    used = {*matrices.values(), *distortions.values(), *xis.values(), *size_keys, *kinds}
     extra = {key: value for key, value in data.items() if key not in used}
     cameras: dict[str, Camera] = {}
-    for side, key in found["matrix"].items():
-        coefficients = found["distortion"].get(side)
-        if coefficients is None:  # a lens must not lose its distortion in silence: the file may be cut off
+    for side, key in matrices.items():
+        if side not in distortions:  # a lens must not lose its distortion in silence: the file may be cut off
             raise ValueError(f"{key} has no distortion coefficients; if there are none, add a list of five zeros")
-        values = matrix(data[coefficients], coefficients)[2]
-        xi = matrix(data[found["xi"][side]], "xi")[2][0] if side in found["xi"] else None
+        values = matrix(data[distortions[side]], distortions[side])[2]
+        xi = matrix(data[xis[side]], "xi")[2][0] if side in xis else None
         model = lens(focal_and_centre(data[key], key), values, fisheye=fisheye, xi=xi)
         cameras[f"camera{side}"] = Camera(model, size, extra=extra)
     return cameras
@@ -84,16 +82,12 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     return "\n".join(lines) + "\n", notes + left_out(camera)
 
 
-def _by_side(
-    data: Mapping[str, Any], plain: Mapping[str, str], name: re.Pattern[str], count: int | None
-) -> dict[str, str]:
-    """Give the keys of that meaning by camera ("", "1", "left" ...), those that hold as many numbers."""
+def _by_side(data: Mapping[str, Any], plain: Mapping[str, str], name: re.Pattern[str]) -> dict[str, str]:
+    """Give the keys of that meaning by camera ("", "1", "left" ...)."""
     found: dict[str, str] = {}
     for key, word in plain.items():
         match = name.fullmatch(word)
-        if not match or (count == 9 and not isinstance(data[key], dict | list)):
-            continue
-        if count is None and not isinstance(data[key], dict | list):
+        if not match or not (isinstance(data[key], dict | list) or name is XI):  # k1 may also be a coefficient
             continue
         if match[1] in found:
             raise ValueError(f"both {found[match[1]]} and {key}: which one?")

@@ -77,7 +77,11 @@ class AnglePolynomial(Central):
         lacking = {k: 0.0 for k in ("k1", "k2", "k3", "k4", "k5", "k6") if k not in self.param_names}
         terms = {f"i{i}": float(value) for i, value in enumerate(start)}
         # A hair past the last angle keeps the rim itself.
-        inverse = {"over_fold": 1 / float(r[-1]), "theta_max": self.theta_max * (1 + 1e-12), "r_last": self.radius_max()}
+        inverse = {
+            "over_fold": 1 / float(r[-1]),
+            "theta_max": self.theta_max * (1 + 1e-12),
+            "r_last": self.radius_max(),
+        }
         return super().derived() | lacking | terms | inverse
 
     def _polynomial(self, theta: Any) -> Any:

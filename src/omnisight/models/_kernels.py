@@ -67,8 +67,6 @@ _register_hooks()
 config.CACHE_DIR = str(cache_folder() / f"compiled-{_sources()}")  # pyright: ignore[reportAttributeAccessIssue]
 
 
-
-
 @numba.njit(**OPTIONS)
 def _any_left(values: Any) -> Any:
     # Asked first: the loop over what is left vectorises too, and would do all the work again under a mask.
@@ -145,7 +143,8 @@ def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: 
 
 @numba.njit(nogil=True, cache=True, **OPTIONS)
 def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, first: int, last: int) -> None:
-    """Fill rows first to last of map_u, map_v (H, W): where the pixel of the target is seen in the source; NaN if nowhere.
+    """Fill rows first to last of map_u, map_v (H, W): where the pixel of the target is seen in the source; NaN if
+    nowhere.
 
     `rotation` (3, 3) turns bearings of the target into the source's frame.
     """

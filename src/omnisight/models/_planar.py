@@ -57,8 +57,8 @@ class Distorted(Undistorted):
             p, q, missed = inverse_step(m, p, q, x, y)
         else:
             missed = d2
-            # A strong distortion sends the rim far out: begin in the disc on which the plane is one-to-one, and come back
-            # to it from outside by a reflection in its rim.
+            # A strong distortion sends the rim far out: begin in the disc on which the plane is one-to-one, and come
+            # back to it from outside by a reflection in its rim.
             back = where(d2 > m.p2_max, np.sqrt(m.p2_max / where(d2 > 0.0, d2, 1.0)), 1.0)
             for _ in range(effort):
                 p, q, missed = inverse_step(m, back * p, back * q, x, y)

@@ -250,17 +250,20 @@ class CameraModel:
     def project_numpy(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Do as `project`, in plain numpy, for points (N, 3).
 
-        For solvers, which ask many cameras about few points: nothing is compiled or loaded, at ten times the time a point.
+        For solvers, which ask many cameras about few points: nothing is compiled or loaded, at ten times the time a
+        point.
         """
         with np.errstate(all="ignore"):
-            *pixel, valid = self.project_point(self.kernel, *points.T, FULL)
+            x, y, z = points.T
+            *pixel, valid = self.project_point(self.kernel, x, y, z, FULL)
             valid = np.broadcast_to(valid, len(points)) & True
             return np.where(valid[:, None], np.stack(pixel, -1), np.nan), valid
 
     def unproject_numpy(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Do as `unproject`, in plain numpy, for pixels (N, 2); see `project_numpy`."""
         with np.errstate(all="ignore"):
-            *bearing, valid = self.unproject_pixel(self.kernel, *pixels.T, FULL)
+            u, v = pixels.T
+            *bearing, valid = self.unproject_pixel(self.kernel, u, v, FULL)
             valid = np.broadcast_to(valid, len(pixels)) & True
             return np.where(valid[:, None], np.stack(np.broadcast_arrays(*bearing), -1), np.nan), valid
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 
@@ -27,7 +28,7 @@ def spread(work: Callable[[int, int], Any], count: int, grain: int) -> None:
         work(0, count)
         return
     edges = [count * i // pieces for i in range(pieces + 1)]
-    waiting = [_pool(os.getpid()).submit(work, a, b) for a, b in zip(edges[1:], edges[2:], strict=False)]
+    waiting = [_pool(os.getpid()).submit(work, a, b) for a, b in pairwise(edges[1:])]
     work(edges[0], edges[1])
     for piece in waiting:
         piece.result()

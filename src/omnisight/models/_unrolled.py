@@ -39,8 +39,9 @@ class Unrolled(CameraModel):
     def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
         longitude = atan2(np.abs(x), z)
         longitude = where(x < 0.0, -longitude, longitude)
-        h = height(m, y, np.sqrt(x * x + z * z))
-        return m.fx * longitude + m.cx, m.fy * h + m.cy, np.abs(h) < np.inf
+        q = np.sqrt(x * x + z * z)
+        h = height(m, y, q)
+        return m.fx * longitude + m.cx, m.fy * h + m.cy, (np.abs(h) < np.inf) & (q + np.abs(y) < np.inf)
 
     @staticmethod
     def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
@@ -60,7 +61,7 @@ class Unrolled(CameraModel):
         longitude = np.arctan2(x, z)
         h = self.height(self, y, q)
         pixels = np.stack([self.fx * longitude + self.cx, self.fy * h + self.cy], -1)
-        valid = np.isfinite(h)
+        valid = np.isfinite(h) & np.isfinite(q + y)
         slope = self.fy * self.height_slope(t)
         d_point = np.zeros((len(points), 2, 3))
         d_point[:, 0, 0], d_point[:, 0, 2] = self.fx * z / q2, -self.fx * x / q2

@@ -17,9 +17,9 @@ class Division(Central):
 
     r = 2 sin(theta)/(cos(theta) + sqrt(cos(theta)^2 - 4 k sin(theta)^2))
 
-    The polynomial model with the terms a0 and a2 alone. k < 0 is a barrel distortion, valid for theta < 180 degrees; for
-    k > 0 valid up to tan(theta) = 1/(2 sqrt(k)). Fitzgibbon, Simultaneous linear estimation of multiple view geometry and
-    lens distortion, CVPR 2001.
+    The polynomial model with the terms a0 and a2 alone. k < 0 is a barrel distortion, valid for theta < 180 degrees;
+    for k > 0 valid up to tan(theta) = 1/(2 sqrt(k)). Fitzgibbon, Simultaneous linear estimation of multiple view
+    geometry and lens distortion, CVPR 2001.
     """
 
     SHAPES: ClassVar = tuple({"k": k} for k in (-0.1, -0.25, -0.5))
@@ -48,7 +48,7 @@ class Division(Central):
 
     @property
     def theta_max(self) -> float:
-        return np.pi if self.k <= 0 else float(np.arctan(0.5 / np.sqrt(self.k))) * (1 - FOLD_MARGIN)
+        return np.pi if self.k < 0 else float(np.arctan2(0.5, np.sqrt(self.k))) * (1 - FOLD_MARGIN)
 
     def radius_max(self) -> float:
         return np.inf if self.k <= 0 else self.k**-0.5

@@ -16,9 +16,9 @@ class EnhancedUnified(Central):
 
     With d = sqrt(beta (x^2 + y^2) + z^2):  m = (x, y)/(alpha d + (1 - alpha) z),  pixel = K m.
 
-    beta = 1 is the unified model with xi = alpha/(1 - alpha). Valid, for alpha <= 1/2, while the denominator is positive;
-    for alpha > 1/2, up to the fold at r^2 = 1/(beta (2 alpha - 1)). Khomutenko, Garcia and Martinet, An enhanced unified
-    camera model, RA-L 2016.
+    beta = 1 is the unified model with xi = alpha/(1 - alpha). Valid, for alpha <= 1/2, while the denominator is
+    positive; for alpha > 1/2, up to the fold at r^2 = 1/(beta (2 alpha - 1)). Khomutenko, Garcia and Martinet, An
+    enhanced unified camera model, RA-L 2016.
     """
 
     SHAPES: ClassVar = tuple({"alpha": alpha, "beta": 1.0} for alpha in (0.1, 0.4, 0.55, 0.7))

@@ -14,8 +14,8 @@ from omnisight.models._protocol import Array, parameter
 class FieldOfView(Central):
     """Devernay and Faugeras' FOV model: r = atan(2 tan(theta) tan(omega/2))/omega.
 
-    Past 90 degrees the arc tangent goes on as atan2(2 sin(theta) tan(omega/2), cos(theta)). Valid for theta < 180 degrees.
-    Devernay and Faugeras, Straight lines have to be straight, Machine Vision and Applications 2001.
+    Past 90 degrees the arc tangent goes on as atan2(2 sin(theta) tan(omega/2), cos(theta)). Valid for theta < 180
+    degrees. Devernay and Faugeras, Straight lines have to be straight, Machine Vision and Applications 2001.
     """
 
     SHAPES: ClassVar = tuple({"omega": omega} for omega in (0.5, 0.9, 1.3))

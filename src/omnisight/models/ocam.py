@@ -23,13 +23,13 @@ class Ocam(Central):
 
     f(r) = a0 + a2 r^2 + a3 r^3 + ...,  a1 = 0, r in pixels.
 
-    The pixel is the stretched plane point: row = c y + d x + cy, column = e y + x + cx. In OCamCalib's own frame x points
-    down, y right and z back, so that its coefficients have the other sign. a0 in pixels and the one in the stretch matrix
-    fix the scale that eq. (7) of the chapter leaves open.
+    The pixel is the stretched plane point: row = c y + d x + cy, column = e y + x + cx. In OCamCalib's own frame x
+    points down, y right and z back, so that its coefficients have the other sign. a0 in pixels and the one in the
+    stretch matrix fix the scale that eq. (7) of the chapter leaves open.
 
-    The projection is the exact inverse: the first root of sin(theta) f(r) = cos(theta) r, by Newton's method kept inside a
-    bracket. Valid up to the radius where theta(r) stops growing (`fold`). Scaramuzza, Martinelli and Siegwart, A flexible
-    technique for accurate omnidirectional camera calibration and structure from motion, ICVS 2006.
+    The projection is the exact inverse: the first root of sin(theta) f(r) = cos(theta) r, by Newton's method kept
+    inside a bracket. Valid up to the radius where theta(r) stops growing (`fold`). Scaramuzza, Martinelli and
+    Siegwart, A flexible technique for accurate omnidirectional camera calibration and structure from motion, ICVS 2006.
     """
 
     cx: float = parameter("distortion centre", unit="px")
@@ -99,7 +99,7 @@ class Ocam(Central):
 
     @staticmethod
     def radius_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
-        """Give r after a Newton step towards s f(r) = c r, the bracket that it halves where it would leave, and the step."""
+        """Give r after a Newton step towards s f(r) = c r (or half the bracket, if that leaves it), bracket and step."""
         r = where((r >= low) & (r <= high), r, 0.5 * (low + high))
         f, slope = 0.0, 0.0
         for i in range(len(m.a) - 1, 0, -1):

@@ -19,8 +19,8 @@ class Panini(CameraModel):
     u = fx S sin(lon) + cx,  v = fy S t + cy
 
     Upright lines stay straight, and so do lines that run into the picture's middle. d = 0 is a perspective, d = 1 the
-    classic Panini. Valid where cos(lon) > -d, and for d > 1 where cos(lon) > -1/d. Sharpless, Postle and German, Pannini: a
-    new projection for rendering wide angle perspective images, CAe 2010.
+    classic Panini. Valid where cos(lon) > -d, and for d > 1 where cos(lon) > -1/d. Sharpless, Postle and German,
+    Pannini: a new projection for rendering wide angle perspective images, CAe 2010.
     """
 
     fx: float = parameter("focal length along x", unit="px")
@@ -39,7 +39,8 @@ class Panini(CameraModel):
         q = np.sqrt(x * x + z * z)
         c = z / q
         stretch = (m.d + 1.0) / (m.d + c)
-        return m.fx * stretch * (x / q) + m.cx, m.fy * stretch * (y / q) + m.cy, c > m.cos_min
+        valid = (c > m.cos_min) & (q + np.abs(y) < np.inf)
+        return m.fx * stretch * (x / q) + m.cx, m.fy * stretch * (y / q) + m.cy, valid
 
     @staticmethod
     def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
@@ -71,7 +72,7 @@ class Panini(CameraModel):
         by_d = (e - (d + 1) * q) / e**2
         d_params[:, 0, 0], d_params[:, 0, 2], d_params[:, 0, 4] = k * x, 1.0, self.fx * x * by_d
         d_params[:, 1, 1], d_params[:, 1, 3], d_params[:, 1, 4] = k * y, 1.0, self.fy * y * by_d
-        return pixels, c > self.kernel.cos_min, d_point, d_params
+        return pixels, (c > self.kernel.cos_min) & (q + np.abs(y) < np.inf), d_point, d_params
 
     @property
     def theta_max(self) -> float:

@@ -1,10 +1,13 @@
 """The pinhole camera with a rational radial distortion, eight coefficients."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
+import numpy as np
+
 from omnisight.models._planar import Rational
-from omnisight.models._protocol import parameter
+from omnisight.models._protocol import Array, parameter
 from omnisight.models.pinhole import PinholeProfile
 
 
@@ -33,6 +36,25 @@ class RationalPinhole(Rational, PinholeProfile):
     k4: float = parameter("radial distortion, denominator")
     k5: float = parameter("radial distortion, denominator")
     k6: float = parameter("radial distortion, denominator")
+
+    @classmethod
+    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """Beside the plain pinhole, fit numerator and denominator linearly, about the centre that a fisheye would have."""
+        from omnisight.models.equidistant import Equidistant
+
+        yield from super().starts(bearings, pixels)
+        front = bearings[:, 2] > 0.05 * np.linalg.norm(bearings, axis=1)
+        if front.sum() < 8:
+            return
+        lens = Equidistant.fit(bearings[front], pixels[front])
+        x, y, z = bearings[front].T
+        r = np.hypot(x, y) / z
+        seen = np.hypot(*((pixels[front] - (lens.cx, lens.cy)) / (lens.fx, lens.fy)).T)
+        # seen (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), each row divided by what grows like the denominator.
+        even = (r[:, None] ** 2) ** np.arange(1, 4)
+        design = np.column_stack([r, r[:, None] * even, -seen[:, None] * even]) / (1 + r[:, None] ** 2) ** 3
+        f, f1, f2, f3, *below = map(float, np.linalg.lstsq(design, seen / (1 + r * r) ** 3, rcond=None)[0])
+        yield cls(lens.fx * f, lens.fy * f, lens.cx, lens.cy, f1 / f, f2 / f, 0.0, 0.0, f3 / f, *below)
 
     @classmethod
     def example(cls) -> Self:

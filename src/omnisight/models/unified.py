@@ -45,10 +45,11 @@ class Unified(UnifiedProfile):
 
     Back, with r = |m|:  z_s = (xi + sqrt(1 + (1 - xi^2) r^2))/(1 + r^2) - xi.
 
-    xi = 0 is a pinhole, 1 a parabolic mirror, between them hyperbolic and elliptical mirrors; xi > 1 and xi < 0 describe
-    lenses. Valid where z_s > -xi, and for xi > 1 where z_s > -1/xi and r^2 <= 1/(xi^2 - 1). Geyer and Daniilidis, A
-    unifying theory for central panoramic systems, ECCV 2000. The chapter names xi epsilon. A mirror flips handedness: the
-    camera's frame looks into the mirror, so that the image is the world's mirror image only if fx and fy differ in sign.
+    xi = 0 is a pinhole, 1 a parabolic mirror, between them hyperbolic and elliptical mirrors; xi > 1 and xi < 0
+    describe lenses. Valid where z_s > -xi, and for xi > 1 where z_s > -1/xi and r^2 <= 1/(xi^2 - 1). Geyer and
+    Daniilidis, A unifying theory for central panoramic systems, ECCV 2000. The chapter names xi epsilon. A mirror
+    flips handedness: the camera's frame looks into the mirror, so that the image is the world's mirror image only if
+    fx and fy differ in sign.
     """
 
     fx: float = parameter("focal length along x (gamma)", unit="px")
@@ -113,7 +114,8 @@ class Unified(UnifiedProfile):
 
     @classmethod
     def _from_conic(cls, e: float, focal: float, centre: tuple[float, float]) -> Self:
-        # Reflected from focus to focus, a ray at theta has the direction (1 - e^2) sin : 2 e + (1 + e^2) cos at the pinhole.
+        # Reflected from focus to focus, a ray at theta has the direction (1 - e^2) sin : 2 e + (1 + e^2) cos at the
+        # pinhole.
         gamma = focal * abs(1 - e * e) / (1 + e * e)
         return cls(fx=gamma, fy=gamma, cx=centre[0], cy=centre[1], xi=2 * e / (1 + e * e))
 

@@ -14,8 +14,9 @@ Array = NDArray[np.float64]
 class GroupedNormal:
     """H x = -g with H = [A B; B^T C], C block diagonal: one block per group.
 
-    Boards and a camera, or points and cameras: what is shared couples the groups, which do not see each other. The Schur
-    complement of C makes the cost linear in the groups (Triggs et al., Bundle adjustment: a modern synthesis, 2000, sec. 6).
+    Boards and a camera, or points and cameras: what is shared couples the groups, which do not see each other. The
+    Schur complement of C makes the cost linear in the groups (Triggs et al., Bundle adjustment: a modern synthesis,
+    2000, sec. 6).
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple[Floats, Floats]:
-    """Give the source pixel (u, v) of every pixel of the target, each (H, W) float32; NaN where the source sees nothing.
+    """Give the source pixel (u, v) of every pixel of the target, each (H, W) float32; NaN where there is none.
 
     Parameters
     ----------
@@ -32,24 +32,31 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     return u, v
 
 
-def map_scale(u: Floats, v: Floats, period: float | None, step: int = 1) -> Floats:
-    """Give how many source pixels one pixel of the view spans along its denser direction, on every `step`-th pixel; NaN unknown."""
-    across = _stride(u, v, period, step, axis=1)
-    down = _stride(u, v, period, step, axis=0)
+def map_scale(source: Camera, u: Floats, v: Floats, step: int = 1) -> Floats:
+    """Give how many source pixels a pixel of the view spans along its denser direction, on every `step`-th; or NaN.
+
+    Where the source goes around, columns count by what they span in angle: near a pole many of them are one direction,
+    and no denser than the rows.
+    """
+    period, level = source.model.period, None
+    if period:
+        rows = v[::step, ::step]
+        bearings, _ = source.unproject(np.stack([np.full_like(rows, source.width / 2), rows], -1))
+        level = np.hypot(bearings[..., 0], bearings[..., 2]).astype(np.float32)
+    across = _stride(u, v, period, level, step, axis=1)
+    down = _stride(u, v, period, level, step, axis=0)
     with np.errstate(invalid="ignore"):
         return np.fmax(across, down).astype(np.float32)
 
 
-def _stride(u: Floats, v: Floats, period: float | None, step: int, axis: int) -> Floats:
-    near = [slice(None, None, step), slice(None, None, step)]
-    length = u.shape[axis]
-    here = np.arange(0, length, step)
-    other = np.where(here + 1 < length, here + 1, here - 1)
-    other = np.clip(other, 0, length - 1)
-    du = np.take(u, other, axis)[tuple(near[:axis] + [slice(None)] + near[axis + 1 :])] - u[tuple(near)]
-    dv = np.take(v, other, axis)[tuple(near[:axis] + [slice(None)] + near[axis + 1 :])] - v[tuple(near)]
-    if period:
+def _stride(u: Floats, v: Floats, period: float | None, level: Floats | None, step: int, axis: int) -> Floats:
+    here = np.arange(0, u.shape[axis], step)
+    other = np.clip(np.where(here + 1 < u.shape[axis], here + 1, here - 1), 0, None)
+    lines = np.s_[:, ::step] if axis == 0 else np.s_[::step]
+    du, dv = (np.take(m[lines], other, axis) - m[::step, ::step] for m in (u, v))
+    if period and level is not None:
         du -= np.float32(period) * np.round(du / np.float32(period))
+        du *= level
     return np.hypot(du, dv)
 
 
@@ -64,10 +71,10 @@ def kept_share(source: Camera, target: Camera, target_from_source: Array, count:
 
 
 def magnification(remapper: "Remapper") -> tuple[float, float]:
-    """Give how many pixels of the view a pixel of the source fills, at the view's middle and at the rim of what is shown."""
+    """Give how many pixels of the view a pixel of the source fills, in its middle and at the rim of what is shown."""
     u, v = view_map(remapper.source, remapper.target, remapper.target_from_source)
     step = max(1, min(u.shape) // 200)
-    scale = map_scale(u, v, remapper.source.model.period, step)
+    scale = map_scale(remapper.source, u, v, step)
     scale[~remapper.mask[::step, ::step]] = np.nan
     rows, columns = np.nonzero(np.isfinite(scale) & (scale > 0))
     if not rows.size:

@@ -13,12 +13,13 @@ Image = NDArray[Any]
 Interpolation = Literal["nearest", "bilinear", "bicubic", "lanczos"]
 Border = float | Sequence[float] | Literal["edge", "reflect"]
 
-# Columns that a picture which goes around is continued by on each side.
+# Columns that a picture which goes around is continued by on each side, on the coarsest level it is taken from.
 AROUND = 8
 # A view this little smaller than its source needs no prefilter (log2 of the scale).
 SHARP_ENOUGH = 0.35
 COARSE = 8
 OUTSIDE = -9999.0
+LARGEST = 32767  # px a side; what OpenCV's remap takes
 
 
 def remap(
@@ -44,8 +45,8 @@ def remap(
     interpolation
         Between the source's pixels.
     border
-        What the source does not show: a value (or one per channel), or "edge" or "reflect" to continue the picture half a
-        pixel past its edge and leave the rest 0.
+        What the source does not show: a value (or one per channel), or "edge" or "reflect" to continue the picture half
+        a pixel past its edge and leave the rest 0.
     antialias
         Average source pixels where the view is smaller than the source.
 
@@ -105,16 +106,19 @@ class Remapper:
         self.target_from_source = rotation
         self._flag = flags[interpolation]
         u, v = view_map(source, target, rotation)
-        self._around = AROUND if _goes_around(source) else 0
+        goes_around = _goes_around(source)
         with np.errstate(invalid="ignore"):
             self.mask = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
-            if self._around:  # what rounds over the seam is still there
+            if goes_around:  # what rounds over the seam is still there
                 self.mask |= (u >= -1.0) & (u <= source.width) & (v >= -0.5) & (v < source.height - 0.5)
-        scale = map_scale(u, v, source.model.period, COARSE)
-        finite = scale[np.isfinite(scale)]
-        self.scale = (float(finite.min()), float(finite.max())) if finite.size else (1.0, 1.0)
+        scale = map_scale(source, u, v, COARSE)
+        shown = scale[self.mask[::COARSE, ::COARSE] & np.isfinite(scale)]
+        self.scale = (float(shown.min()), float(shown.max())) if shown.size else (1.0, 1.0)
         u, v = np.where(self.mask, u, OUTSIDE), np.where(self.mask, v, OUTSIDE)
-        self._levels = self._build(u, v, scale if antialias and interpolation != "nearest" else None)
+        sharp = not antialias or interpolation == "nearest" or np.log2(max(self.scale[1], 1.0)) < SHARP_ENOUGH
+        depth = None if sharp else self._depth(scale)
+        self._around = AROUND * 2 ** (0 if depth is None else int(np.ceil(depth.max()))) if goes_around else 0
+        self._levels = self._build(u, v, depth)
 
     def __call__(self, image: Image) -> Image:
         """Remap a picture of the source; see `remap`."""
@@ -143,19 +147,24 @@ class Remapper:
             total = np.clip(np.rint(total), limits.min, limits.max)
         return self._finish(total.astype(image.dtype), image)
 
-    def _build(self, u: NDArray[np.float32], v: NDArray[np.float32], scale: NDArray[np.float32] | None) -> list[Any]:
+    def _depth(self, scale: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Give the level of the pyramid (H, W), a fraction, that each pixel of the view is to be taken from."""
+        import cv2
+
+        deepest = int(np.log2(max(min(self.source.size), 1)))
+        depth: Any = np.log2(np.clip(np.nan_to_num(scale, nan=1.0), 1.0, max(self.scale[1], 1.0))).astype(np.float32)
+        depth = cv2.resize(depth, (self.target.width, self.target.height), interpolation=cv2.INTER_LINEAR)
+        return np.clip(depth, 0, deepest)
+
+    def _build(self, u: NDArray[np.float32], v: NDArray[np.float32], depth: NDArray[np.float32] | None) -> list[Any]:
         import cv2
 
         around = float(self._around)
-        depth = (
-            np.zeros_like(scale) if scale is None else np.log2(np.fmax(np.nan_to_num(scale, nan=1.0, posinf=1.0), 1))
-        )
-        deepest = int(np.log2(max(min(self.source.size), 1)))
-        if scale is None or depth.max() < SHARP_ENOUGH:
-            first, second = cv2.convertMaps(u + around, v + around, cv2.CV_16SC2)
+        if depth is None:
+            # OpenCV rounds fixed-point maps down for the nearest neighbour unless they were made for it.
+            nearest = self._flag == cv2.INTER_NEAREST
+            first, second = cv2.convertMaps(u + around, v + around, cv2.CV_16SC2, nninterpolation=nearest)
             return [(0, None, first, second, slice(None))]
-        depth = cv2.resize(depth.astype(np.float32), (u.shape[1], u.shape[0]), interpolation=cv2.INTER_LINEAR)
-        depth = np.clip(depth, 0, deepest)
         levels: list[Any] = []
         for level in range(int(np.floor(depth.min())), int(np.ceil(depth.max())) + 1):
             weight = np.maximum(1 - np.abs(depth - level), 0)
@@ -180,8 +189,10 @@ class Remapper:
         height, width = image.shape[:2]
         if (width, height) != self.source.size:
             raise ValueError(size_mismatch((width, height), self.source.size))
-        if max(image.shape[:2]) > 32767:
-            raise ValueError(f"a picture of {width}x{height} is too large: 32767 px a side at most")
+        if max(width, height) + 2 * self._around > LARGEST:
+            raise ValueError(
+                f"a picture of {width}x{height} is too large: {LARGEST - 2 * self._around} px a side at most"
+            )
         return np.ascontiguousarray(image)
 
     def _border_mode(self, cv2: Any) -> tuple[int, tuple[float, ...]]:
@@ -203,10 +214,15 @@ def _goes_around(source: Camera) -> bool:
 
 def size_mismatch(found: tuple[int, int], expected: tuple[int, int]) -> str:
     """Say that a picture is not of its camera's size, and what to do."""
-    ratios = found[0] / expected[0] if expected[0] else 0.0, found[1] / expected[1] if expected[1] else 0.0
+    if min(expected) < 1:
+        return (
+            f"the picture is {found[0]}x{found[1]}, and the camera's file does not say its size: write it into the file"
+        )
     said = f"the picture is {found[0]}x{found[1]}, the camera {expected[0]}x{expected[1]}"
-    if ratios[0] and abs(ratios[0] - ratios[1]) < 0.01 * ratios[0]:
-        return f"{said}: the same shape, {ratios[0]:.4g} times as large; if it was resized, scale the camera (--scale-camera)"
+    ratios = found[0] / expected[0], found[1] / expected[1]
+    if abs(ratios[0] - ratios[1]) < 0.01 * ratios[0]:
+        times = f"{ratios[0]:.4g} times as large"
+        return f"{said}: the same shape, {times}; if it was resized, scale the camera (--scale-camera)"
     if found == expected[::-1]:
         return f"{said}: turned by 90 degrees; was its EXIF rotation applied?"
     return f"{said}: another shape; a camera is only valid for the pictures that it was calibrated with"

@@ -55,8 +55,8 @@ def perspective(fov: float = 90.0, size: tuple[int, int] = (1280, 720)) -> Camer
     width, height = _size(size)
     if not 0 < fov <= WIDEST_PERSPECTIVE:
         raise ValueError(
-            f"a perspective view cannot show {fov:g} degrees, {WIDEST_PERSPECTIVE:g} at most: use cylinder, panini, sphere,"
-            " fisheye, or cube"
+            f"a perspective view cannot show {fov:g} degrees, {WIDEST_PERSPECTIVE:g} at most: use cylinder, panini,"
+            " sphere, fisheye, or cube"
         )
     focal = width / 2 / np.tan(np.radians(fov) / 2)
     return Camera(Pinhole(focal, focal, (width - 1) / 2, (height - 1) / 2), (width, height))
@@ -91,7 +91,7 @@ def sphere(width: int = 2048, elevation: Range = (-90.0, 90.0), azimuth: Range =
 
 
 def cube_face(size: int = 1024) -> Camera:
-    """Give one face of a cube, 90 degrees wide to its outermost pixel edges; `CUBE_FACES` holds (yaw, pitch) of all six."""
+    """Give one face of a cube, 90 degrees wide to its outermost pixel edges; `CUBE_FACES` has (yaw, pitch) of each."""
     size, _ = _size((size, size))
     return Camera(Pinhole(size / 2, size / 2, (size - 1) / 2, (size - 1) / 2), (size, size))
 
@@ -119,7 +119,8 @@ def panini(fov: float = 150.0, size: tuple[int, int] = (1280, 720), distance: fl
     limit = np.arccos(-distance if distance <= 1 else -1 / distance)
     if not 0 < half < limit * 0.98:
         raise ValueError(
-            f"a Panini view of distance {distance:g} cannot show {fov:g} degrees, {np.degrees(limit) * 1.96:.0f} at most"
+            f"a Panini view of distance {distance:g} cannot show {fov:g} degrees,"
+            f" {np.degrees(limit) * 1.96:.0f} at most"
         )
     focal = width / 2 / ((distance + 1) / (distance + np.cos(half)) * np.sin(half))
     return Camera(Panini(focal, focal, (width - 1) / 2, (height - 1) / 2, distance), (width, height))

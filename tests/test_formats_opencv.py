@@ -1,0 +1,122 @@
+"""The traps of OpenCV's storage."""
+
+import re
+
+import pytest
+
+from omnisight.formats import FormatError, load, load_all, save
+
+FOUR = """%YAML:1.0
+---
+image_width: 640
+image_height: 480
+{extra}camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 400., 0., 320., 0., 401., 240.,
+       0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 4
+   cols: 1
+   dt: d
+   data: [ 0.1, 0.02, 0.003,
+       0.0004 ]
+"""
+
+
+@pytest.fixture
+def get(tmp_path):
+    def camera(text):
+        (tmp_path / "file").write_text(text)
+        return load(tmp_path / "file")
+
+    return camera
+
+
+def params(camera):
+    return camera.model.to_dict()
+
+
+def test_opencv_four_coefficients_are_ambiguous(get):
+    with pytest.raises(FormatError, match=r"ambiguous.*fisheye_model: 1.*fisheye_model: 0"):
+        get(FOUR.format(extra=""))
+    assert params(get(FOUR.format(extra="fisheye_model: 1\n")))["k3"] == 0.003
+    assert params(get(FOUR.format(extra="fisheye_model: 0\n")))["p1"] == 0.003
+    assert get(FOUR.format(extra='distortion_model: "equidistant"\n')).model.name == "kannala_brandt"
+    assert params(get(FOUR.format(extra="xi: 1.2\n")))["p2"] == 0.0004
+
+
+def test_opencv_names_of_any_case_and_age(get):
+    text = FOUR.format(extra="fisheye_model: 1\n")
+    old = text.replace("image_width", "image_Width").replace("image_height", "image_Height")
+    old = old.replace("camera_matrix", "Camera_Matrix").replace("distortion_coefficients", "Distortion_Coefficients")
+    short = text.replace("camera_matrix", "K").replace("distortion_coefficients", "D")
+    assert get(old).model == get(short).model == get(text).model
+    assert get(old).size == (640, 480)
+
+
+def test_opencv_names_without_a_space_and_newer_heads(get):
+    text = FOUR.format(extra="fisheye_model:1\n").replace("image_width: ", "image_width:")
+    assert get(text).size == (640, 480)
+    assert get(text.replace("%YAML:1.0", "%YAML 1.2")).model == get(text).model
+    assert get(text.replace("%YAML:1.0\n---\n", "")).model == get(text).model
+
+
+def test_opencv_integers_where_reals_are_expected(get):
+    text = FOUR.format(extra="fisheye_model: 1\n").replace("400., 0., 320.", "400, 0, 320")
+    assert params(get(text))["fx"] == 400.0
+
+
+def test_opencv_without_a_size_is_read_and_shown_as_unknown(get, tmp_path):
+    text = FOUR.format(extra="fisheye_model: 1\n")
+    camera = get(re.sub(r"image_.*\n", "", text))
+    assert camera.size == (0, 0)
+    written = save(camera, tmp_path / "again", format="opencv")
+    assert written.error_px < 1e-9
+    assert "size is not known" in written.notes[0]
+    assert load(tmp_path / "again").size == (0, 0)
+
+
+def test_opencv_without_coefficients_may_be_cut_off(get):
+    text = FOUR.format(extra="fisheye_model: 0\n")
+    with pytest.raises(FormatError, match=r"camera_matrix has no distortion coefficients.*five zeros"):
+        get(text[: text.index("distortion_coefficients")])
+
+
+def test_opencv_twelve_coefficients_end_in_zeros_or_are_refused(get):
+    def with_coefficients(values):
+        text = FOUR.format(extra="").replace("rows: 4\n", f"rows: {len(values)}\n")
+        return get(re.sub(r"0\.1, 0\.02, 0\.003,\s+0\.0004", ", ".join(map(str, values)), text))
+
+    eight = [0.3, 0.05, 4e-4, -3e-4, 0.002, 0.6, 0.12, 0.011]
+    assert with_coefficients([*eight, 0, 0, 0, 0]).model == with_coefficients(eight).model
+    assert with_coefficients([*eight, 0, 0, 0, 0, 0, 0]).model.name == "rational"
+    with pytest.raises(FormatError, match=r"thin-prism.*0\.001"):
+        with_coefficients([*eight, 0.001, 0, 0, 0])
+    assert with_coefficients([0.1, 0.02, 0, 0, 0.3]).model.name == "radial_tangential"
+    assert with_coefficients([0, 0, 0, 0, 0]).model.name == "pinhole"
+    with pytest.raises(FormatError, match="7 coefficients"):
+        with_coefficients([1] * 7)
+
+
+def test_opencv_skew_belongs_to_omnidir_and_is_refused_where_opencv_ignores_it(get):
+    text = FOUR.format(extra="xi: 1.2\n").replace("400., 0., 320.", "400., 0.5, 320.")
+    assert params(get(text))["skew"] == 0.5
+    with pytest.raises(FormatError, match=r"skew of 0\.5 px"):
+        get(text.replace("xi: 1.2", "fisheye_model: 1"))
+
+
+def test_opencv_a_stereo_pair_holds_two_cameras(tmp_path):
+    one = FOUR.format(extra="fisheye_model: 1\n")
+    left = one.replace("camera_matrix", "M1").replace("distortion_coefficients", "D1")
+    right = one[one.index("camera_matrix") :].replace("camera_matrix", "M2").replace("distortion_coefficients", "D2")
+    (tmp_path / "intrinsics.yml").write_text(left + right.replace("400.", "420."))
+    cameras = load_all(tmp_path / "intrinsics.yml")
+    assert [c.model.params[0] for c in cameras.values()] == [400.0, 420.0]
+    assert list(cameras) == ["camera1", "camera2"]
+
+
+def test_opencv_what_it_does_not_use_is_kept(get):
+    camera = get(FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n'))
+    assert camera.extra == {"calibration_time": "Mon 3: x", "flags": 8, "per_view": [".Nan", 1.0]}

@@ -1,0 +1,106 @@
+"""The package as a whole: what it exports, how it starts, and that what is written about it holds."""
+
+import importlib.metadata
+import inspect
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import omnisight as om
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = ["README.md", *(str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").rglob("*.md")))]
+
+
+def code_of(page):
+    return re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def run_python(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, env=os.environ | environment, capture_output=True, text=True
+    )
+
+
+def test_all_is_sorted():
+    assert list(om.__all__) == sorted(set(om.__all__))
+
+
+@pytest.mark.parametrize("name", om.__all__)
+def test_a_public_name_exists_and_says_what_it_is(name):
+    value = getattr(om, name)
+    assert (inspect.getdoc(value) or "").strip()
+    assert value.__doc__, f"{name} only inherits its docstring"
+
+
+def test_an_unknown_name_is_no_attribute():
+    with pytest.raises(AttributeError, match="nonsense"):
+        om.nonsense  # noqa: B018
+
+
+def test_importing_it_imports_nothing_slow():
+    slow = "numpy", "scipy", "numba", "cv2", "rich", "cyclopts"
+    done = run_python("-c", f"import sys, omnisight; print(*[name for name in {slow} if name in sys.modules])")
+    assert done.stdout.strip() == "", done.stdout + done.stderr
+    assert done.returncode == 0
+
+
+def test_the_version_is_that_of_the_package():
+    assert om.__version__ == importlib.metadata.version("omnisight")
+    assert om.__version__ in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "src").rglob("*.py")), ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_file_is_not_long(path):
+    lines = path.read_text(encoding="utf-8").count("\n")
+    assert lines <= 350, f"{path.relative_to(ROOT)} has {lines} lines"
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """Give a folder with cameras and pictures where `omnisight demo` leaves them."""
+    from omnisight.simulate import fisheye_setup, mirror_setup
+
+    folder = tmp_path_factory.mktemp("pages")
+    for name, setup in (("fisheye", fisheye_setup(480)), ("mirror", mirror_setup(360))):
+        place = folder / "omnisight-demo" / name
+        place.mkdir(parents=True)
+        om.save(setup.camera, place / "camera.json")
+        om.write_image(place / "room.jpg", setup.renderer(samples=1)().image)
+    return folder
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if code_of(page)])
+def test_the_code_of_a_page_runs(page, demo, monkeypatch):
+    monkeypatch.chdir(demo)
+    names = {}
+    for block in code_of(page):
+        exec(compile(block, page, "exec"), names)
+
+
+def test_the_readme_has_made_a_panorama(demo, monkeypatch):
+    monkeypatch.chdir(demo)
+    (block,) = code_of("README.md")
+    assert len([line for line in block.splitlines() if line and not line.startswith("import")]) <= 6
+    exec(compile(block, "README.md", "exec"), {})
+    picture = om.read_image("panorama.jpg")
+    assert picture.shape[1] == 2048
+    assert picture.std() > 20
+
+
+def test_the_camera_model_of_contributing_passes_the_laws(tmp_path):
+    (block,) = code_of("CONTRIBUTING.md")
+    (tmp_path / "sine.py").write_text(block, encoding="utf-8")
+    # In a process of its own: the registry and the compiled code of this one know nothing of it.
+    laws = (
+        "import sys, pytest, omnisight.models as models\n"
+        f"models.__path__.append({str(tmp_path)!r})\n"
+        "assert 'sine' in models.model_names()\n"
+        "sys.exit(pytest.main(['tests/test_model_laws.py', '-k', 'sine', '-p', 'no:cacheprovider']))\n"
+    )
+    done = run_python("-c", laws, OMNISIGHT_CACHE=str(tmp_path / "cache"))
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
