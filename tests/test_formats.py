@@ -53,7 +53,7 @@ def test_save_then_load_gives_the_same_camera(name, model, tmp_path):
     written = save(camera, tmp_path / "camera", format=name)
     again = load(tmp_path / "camera")
     bearings, pixels = camera.samples()
-    seen, valid = again.project(bearings)
+    seen, valid = again.model.project_numpy(bearings)
     assert valid.all()
     assert np.abs(seen - pixels).max() < 1e-9
     assert written.error_px < 1e-9

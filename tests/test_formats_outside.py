@@ -142,7 +142,7 @@ def test_ocamcalib_real_files_agree_with_their_own_inverse_polynomial(name, data
     camera = load(data(folder) / rest)
     assert camera.size == REAL[name]
     assert camera.extra == {}
-    assert inverse_error(data(folder) / rest) < 0.02
+    assert inverse_error(data(folder) / rest) < 0.05
     assert save(camera, tmp_path / "again.txt", format="ocamcalib").error_px < 1e-9
     # Written again, the inverse polynomial is as good as it is meant to be.
     assert inverse_error(tmp_path / "again.txt") < 0.02

@@ -20,13 +20,12 @@ def doubts(state: State, views: BoardViews) -> tuple[str, ...]:
         more = ", ..." if len(same) > 3 else ""
         pairs = ", ".join(f"{a} = {b}" for a, b in same[:3])
         found.append(
-            f"{len(same)} pictures repeat another one ({pairs}{more}) and add nothing:"
-            " move the board between pictures."
+            f"{len(same)} pictures repeat another one ({pairs}{more}) and add nothing: move the board between pictures."
         )
     median = float(np.median(state.lengths(views)))
     if median > LARGE_PX:
         found.append(
-            f"Half of the corners are more than {median:.1f} px off: a {state.model.name} does not describe this camera;"
+            f"Half of the corners are more than {median:.1f} px off: {state.model.name} does not describe this camera;"
             " use --model auto."
         )
     tilt = _largest_tilt(state)

@@ -125,7 +125,7 @@ def _inferred(paths: list[Path], report: Any) -> str:
             votes[(max(guess), min(guess))] += 1
     if not votes:
         raise ValueError(
-            f"no checkerboard found in the first {len(asked)} pictures, so its size is unknown: give --pattern, the inner"
+            f"no checkerboard found in the first {len(asked)} pictures, so its size is unknown: give --pattern, inner"
             " corners as columns x rows, such as 9x6"
         )
     (columns, rows), _ = votes.most_common(1)[0]

@@ -66,14 +66,14 @@ def convert(
         print(f"model       {source.model.name} -> {converted.model.name}")
         print(f"fitted      to {np.degrees(result.theta_max):.1f} degrees from the axis")
         print(
-            f"error       at most {result.max_px:.3g} px and {result.max_deg:.3g} deg, {result.mean_px:.3g} px on average"
+            f"error       at most {result.max_px:.3g} px, {result.max_deg:.3g} deg; {result.mean_px:.3g} px on average"
         )
         print(f"holds       within 0.5 px up to {np.degrees(result.holds_to):.1f} degrees")
         if result.max_px > max_error and not force:
             raise ValueError(
                 f"{converted.model.name} cannot represent this {source.model.name} camera to"
-                f" {np.degrees(result.theta_max):.0f} degrees: {result.max_px:.3g} px off, {max_error:g} allowed. Nothing is"
-                f" written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
+                f" {np.degrees(result.theta_max):.0f} degrees: {result.max_px:.3g} px off, {max_error:g} allowed. Nothing"
+                f" is written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
             )
     path = output or camera.with_name(f"{camera.stem}-{to}{chosen.SUFFIX}")
     written = save(converted, path, format=to)

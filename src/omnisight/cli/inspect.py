@@ -70,7 +70,8 @@ def _describe(camera: Any, path: Path) -> None:
     print(f"focal       {profile.focal:.2f} px per radian on the axis")
     offset = np.array(centre) - (np.array(camera.size) - 1) / 2
     print(
-        f"centre      ({centre[0]:.2f}, {centre[1]:.2f}), {offset[0]:+.1f}, {offset[1]:+.1f} px from the picture's middle"
+        f"centre      ({centre[0]:.2f}, {centre[1]:.2f}),"
+        f" {offset[0]:+.1f}, {offset[1]:+.1f} px from the picture's middle"
     )
     limit = np.degrees(model.theta_max)
     print(

@@ -216,6 +216,4 @@ def _tell(
     print(f"{kept:.0%} of the picture is shown, and fills {covered:.0%} of the view")
     print(f"a pixel of the picture is {centre:.2f} px wide in the middle of the view, {rim:.2f} px at its rim")
     if up == "top" and target.model.name in ("cylindrical", "mercator", "equirectangular") and covered < 0.75:
-        print(
-            "the camera was taken to stand upright; if it looks down, up or into a mirror: --up back, --up front, --flip"
-        )
+        print("the camera was taken to stand upright; if it looks down, up or into a mirror: --up back|front, --flip")

@@ -81,7 +81,7 @@ def without(camera: Camera, held: Sequence[str]) -> tuple[Camera, tuple[str, ...
     with_size(camera)
     bearings, pixels = camera.samples()
     model = type(camera.model).fit(bearings, pixels, fixed=[n for n in camera.model.param_names if n not in held])
-    seen, valid = model.project(bearings)
+    seen, valid = model.project_numpy(bearings)
     error = float(np.linalg.norm(seen - pixels, axis=1).max()) if len(seen) and valid.all() else np.inf
     if not error <= MAY_DIFFER_PX:
         raise ValueError(f"{said}, and without the camera is {error:.2g} px off: convert it to another --model")

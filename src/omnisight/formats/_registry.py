@@ -122,7 +122,7 @@ def difference_px(camera: Camera, other: Camera) -> float:
     bearings, pixels = camera.samples()
     if not len(bearings):
         return 0.0
-    seen, valid = other.project(bearings)
+    seen, valid = other.model.project_numpy(bearings)
     return float(np.linalg.norm(seen - pixels, axis=1).max()) if valid.all() else float("inf")
 
 

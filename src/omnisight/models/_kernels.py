@@ -143,8 +143,7 @@ def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: 
 
 @numba.njit(nogil=True, cache=True, **OPTIONS)
 def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, first: int, last: int) -> None:
-    """Fill rows first to last of map_u, map_v (H, W): where the pixel of the target is seen in the source; NaN if
-    nowhere.
+    """Fill rows first to last of map_u, map_v (H, W): where the target's pixel is in the source, NaN if nowhere.
 
     `rotation` (3, 3) turns bearings of the target into the source's frame.
     """

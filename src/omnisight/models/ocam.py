@@ -99,7 +99,7 @@ class Ocam(Central):
 
     @staticmethod
     def radius_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
-        """Give r after a Newton step towards s f(r) = c r (or half the bracket, if that leaves it), bracket and step."""
+        """Give r after a Newton step towards s f(r) = c r (or half the bracket if it leaves it), bracket, step."""
         r = where((r >= low) & (r <= high), r, 0.5 * (low + high))
         f, slope = 0.0, 0.0
         for i in range(len(m.a) - 1, 0, -1):
