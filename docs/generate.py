@@ -105,7 +105,7 @@ def commands() -> str:
             continue
         app = App(name=f"omnisight {found.name}", help_flags=(), version_flags=(), help_format="markdown")
         app.default(getattr(importlib.import_module(f"omnisight.cli.{found.name}"), found.name))
-        sections.append(app.generate_docs(output_format="markdown", heading_level=2, generate_toc=False))
+        sections.append(app.generate_docs(output_format="markdown", heading_level=2))
     return "\n\n".join(sections)
 
 

@@ -72,8 +72,8 @@ def convert(
         if result.max_px > max_error and not force:
             raise ValueError(
                 f"{converted.model.name} cannot represent this {source.model.name} camera to"
-                f" {np.degrees(result.theta_max):.0f} degrees: {result.max_px:.3g} px off, {max_error:g} allowed. Nothing"
-                f" is written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
+                f" {np.degrees(result.theta_max):.0f} degrees: {result.max_px:.3g} px off, {max_error:g} allowed."
+                f" Nothing is written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
             )
     path = output or camera.with_name(f"{camera.stem}-{to}{chosen.SUFFIX}")
     written = save(converted, path, format=to)

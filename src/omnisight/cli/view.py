@@ -1,5 +1,6 @@
 """omnisight view."""
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -100,8 +101,11 @@ def view(
     if several and not output.is_dir():
         output.mkdir(parents=True)
     first = read_image(paths[0], apply_exif=apply_exif)
+    taken = (first.shape[1], first.shape[0])
+    if source.size == (0, 0):  # its file does not say: the pictures do
+        source = dataclasses.replace(source, size=taken)
     if scale_camera:
-        source = _scaled(source, (first.shape[1], first.shape[0]))
+        source = _scaled(source, taken)
     target, rotations = _target(to, fov, size, elevation, azimuth, projection, (yaw, pitch, roll), up, flip, source)
     options: Any = {"interpolation": interpolation, "antialias": antialias}
     with progress(quiet) as report:
@@ -187,8 +191,6 @@ def _cube_sheet(faces: list[Any]) -> Any:
 
 
 def _scaled(source: Any, size: tuple[int, int]) -> Any:
-    import dataclasses
-
     from omnisight.views.remapper import size_mismatch
 
     factor = size[0] / source.width if source.width else 1.0
@@ -199,8 +201,6 @@ def _scaled(source: Any, size: tuple[int, int]) -> Any:
 
 
 def _save_view_camera(save: Any, target: Any, rotation: Any, path: Path) -> None:
-    import dataclasses
-
     provenance = {"view": True, "target_from_source": rotation.tolist()}
     save(dataclasses.replace(target, provenance=provenance), path)
 

@@ -40,6 +40,8 @@ class RationalPinhole(Rational, PinholeProfile):
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
         """Beside the plain pinhole, fit numerator and denominator linearly, about the centre that a fisheye would have."""
+        from scipy.optimize import lsq_linear
+
         from omnisight.models.equidistant import Equidistant
 
         yield from super().starts(bearings, pixels)
@@ -50,10 +52,12 @@ class RationalPinhole(Rational, PinholeProfile):
         x, y, z = bearings[front].T
         r = np.hypot(x, y) / z
         seen = np.hypot(*((pixels[front] - (lens.cx, lens.cy)) / (lens.fx, lens.fy)).T)
-        # seen (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), each row divided by what grows like the denominator.
+        # seen (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), each row divided by about the denominator, which has no root.
         even = (r[:, None] ** 2) ** np.arange(1, 4)
-        design = np.column_stack([r, r[:, None] * even, -seen[:, None] * even]) / (1 + r[:, None] ** 2) ** 3
-        f, f1, f2, f3, *below = map(float, np.linalg.lstsq(design, seen / (1 + r * r) ** 3, rcond=None)[0])
+        weight = 1 / (1 + r * r)
+        design = np.column_stack([r, r[:, None] * even, -seen[:, None] * even]) * weight[:, None]
+        low = [-np.inf] * 4 + [0.0] * 3
+        f, f1, f2, f3, *below = map(float, lsq_linear(design, seen * weight, (low, np.inf), method="bvls").x)
         yield cls(lens.fx * f, lens.fy * f, lens.cx, lens.cy, f1 / f, f2 / f, 0.0, 0.0, f3 / f, *below)
 
     @classmethod
