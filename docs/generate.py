@@ -14,6 +14,7 @@ from typing import Any
 import omnisight as om
 
 ROOT = Path(__file__).resolve().parent.parent
+PRESENT: set[str] = set()
 MARK = re.compile(r"^\{\{ *(\w+) *(.*?) *\}\}$", re.MULTILINE)
 
 
@@ -23,6 +24,7 @@ def on_files(files: Any, config: Any) -> Any:
 
     for name, content in {**curves(), **view_pictures()}.items():
         files.append(File.generated(config, name, content=content))
+    PRESENT.update(file.src_uri for file in files)
     return files
 
 
@@ -99,14 +101,12 @@ def commands() -> str:
 
     from omnisight import cli
 
-    sections: list[str] = []
+    app = App(name="omnisight", help_flags=(), version_flags=(), help_format="markdown")
     for found in pkgutil.iter_modules(cli.__path__):
-        if found.name.startswith("_"):
-            continue
-        app = App(name=f"omnisight {found.name}", help_flags=(), version_flags=(), help_format="markdown")
-        app.default(getattr(importlib.import_module(f"omnisight.cli.{found.name}"), found.name))
-        sections.append(app.generate_docs(output_format="markdown", heading_level=2))
-    return "\n\n".join(sections)
+        if not found.name.startswith("_"):
+            app.command(getattr(importlib.import_module(f"omnisight.cli.{found.name}"), found.name), name=found.name)
+    text = app.generate_docs(output_format="markdown")
+    return text[text.index("## omnisight ") :]
 
 
 def examples() -> str:
@@ -116,7 +116,7 @@ def examples() -> str:
         text = path.read_text()
         title = path.stem.partition("_")[2].replace("_", " ").capitalize()
         lead = inspect.cleandoc(text.split('"""')[1]).splitlines()[0]
-        sections.append(f"## {title}\n\n{_plain(lead)}\n\n```python title=\"examples/{path.name}\"\n{text.strip()}\n```")
+        sections.append(f'## {title}\n\n{_plain(lead)}\n\n```python title="examples/{path.name}"\n{text.strip()}\n```')
     return "\n\n".join(sections)
 
 
@@ -130,8 +130,8 @@ def api() -> str:
 
 
 def picture(path: str, said: str) -> str:
-    """Show a picture of docs/, if it has been drawn."""
-    return f"![{said}](@/{path})" if (ROOT / "docs" / path).exists() else ""
+    """Show a picture of docs/, if it has been drawn, with what it shows below it."""
+    return f"![{said}](@/{path})\n*{said}*" if path in PRESENT else ""
 
 
 def file(name: str, instead: str = "") -> str:
@@ -219,7 +219,7 @@ def _prose(text: str) -> list[str]:
 
 def _plain(text: str) -> str:
     """Keep formulas in running text from being read as Markdown."""
-    return re.sub(r"([*_|<>\[\]`])", r"\\\1", text)
+    return re.sub(r"([*_|\[\]`])", r"\\\1", text).replace("<", "&lt;")
 
 
 def _bound(value: float) -> str:

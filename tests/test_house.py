@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,7 @@ def test_the_version_is_that_of_the_package():
     assert om.__version__ in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "src").rglob("*.py")), ids=lambda path: f"{path.parent.name}/{path.name}")
+@pytest.mark.parametrize("path", sorted((ROOT / "src").rglob("*.py")), ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_file_is_not_long(path):
     lines = path.read_text(encoding="utf-8").count("\n")
     assert lines <= 350, f"{path.relative_to(ROOT)} has {lines} lines"
@@ -90,6 +91,14 @@ def test_the_readme_has_made_a_panorama(demo, monkeypatch):
     picture = om.read_image("panorama.jpg")
     assert picture.shape[1] == 2048
     assert picture.std() > 20
+
+
+def test_contributing_draws_the_floors_as_they_are_checked():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    drawn = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Floors")[2]
+    found = [line.split() for line in re.findall(r"^    (\w[\w ]*)$", drawn, re.MULTILINE)[: len(layers)]]
+    assert found == [layer.replace("omnisight.", "").split(" | ") for layer in layers]
 
 
 def test_the_camera_model_of_contributing_passes_the_laws(tmp_path):

@@ -35,7 +35,7 @@ EDGES = {
     "ocam": [{"a2": 0.0, "a3": 0.0, "a4": 0.0}, {"a2": -2.1e-3, "a3": 0.0, "a4": 0.0}],
     "panini": [{"d": 0.0}, {"d": 1.0}, {"d": 2.5}],
     "radial_tangential": [{"k1": 0.1, "k2": 0.02, "k3": 0.0}],
-    "thin_prism_fisheye": [{n: 0.0 for n in ("k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2")}],
+    "thin_prism_fisheye": [dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2", "s1", "s2"), 0.0)],
     "unified": [{"xi": xi} for xi in (-0.4, 0.0, 1.0, 1.000001, 2.5)],
 }
 
@@ -57,9 +57,7 @@ def bounds(model):
     return [p.low for p in model.parameters], [p.high for p in model.parameters]
 
 
-CAMERAS = [
-    pytest.param(camera, id=f"{name}-{i}") for name in model_names() for i, camera in enumerate(cameras(name))
-]
+CAMERAS = [pytest.param(camera, id=f"{name}-{i}") for name in model_names() for i, camera in enumerate(cameras(name))]
 EXAMPLES = [pytest.param(model_class(name).example(), id=name) for name in model_names()]
 every_camera = pytest.mark.parametrize("model", CAMERAS)
 every_model = pytest.mark.parametrize("model", EXAMPLES)
@@ -86,7 +84,9 @@ def rim(model):
 
 def to_the_rim(model):
     """Give bearings (N, 3) over the valid domain but its last millionth, dense towards its rim and its axis."""
-    share = np.concatenate([np.linspace(0, 1, 90, endpoint=False), np.geomspace(1e-9, 1e-2, 15), 1 - np.geomspace(1e-6, 1e-2, 15)])
+    share = np.concatenate(
+        [np.linspace(0, 1, 90, endpoint=False), np.geomspace(1e-9, 1e-2, 15), 1 - np.geomspace(1e-6, 1e-2, 15)]
+    )
     return direction(share[:, None] * rim(model), AZIMUTHS).reshape(-1, 3)
 
 
@@ -397,5 +397,5 @@ def test_fit_recovers_the_example(model):
 
 
 def test_an_unknown_model_is_refused_with_the_names():
-    with pytest.raises(ValueError, match="unknown camera model 'pinhol'.*pinhole"):
+    with pytest.raises(ValueError, match=r"unknown camera model 'pinhol'.*pinhole"):
         model_class("pinhol")

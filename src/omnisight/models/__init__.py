@@ -7,7 +7,8 @@ import importlib
 import pkgutil
 from functools import cache
 
-from omnisight.models._protocol import CameraModel, Parameter, parameter
+from omnisight.models._parameter import Parameter, parameter
+from omnisight.models._protocol import CameraModel
 
 __all__ = ["CameraModel", "Parameter", "model_class", "model_names", "parameter"]
 

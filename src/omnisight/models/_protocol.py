@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -10,49 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.models._elementwise import FULL
-from omnisight.models._threads import spread
+from omnisight.models._parameter import Parameter, finite
+from omnisight.models._threads import run
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """What is known of a parameter beside its value.
-
-    Attributes
-    ----------
-    name
-        Its name; coefficients of a tuple have one each (a0, a2, a3).
-    doc
-        What it is, in a few words.
-    unit
-        "px", or empty for a ratio.
-    low, high
-        Bounds that every valid camera keeps.
-    free
-        Whether a calibration estimates it unless told otherwise.
-    """
-
-    name: str
-    doc: str
-    unit: str = ""
-    low: float = -np.inf
-    high: float = np.inf
-    free: bool = True
-
-
-def parameter(
-    doc: str,
-    *,
-    unit: str = "",
-    low: float = -np.inf,
-    high: float = np.inf,
-    default: Any = dataclasses.MISSING,
-    free: bool = True,
-) -> Any:
-    """Declare a parameter of a camera model (a dataclass field): its meaning, unit and bounds."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "free": free}
-    return dataclasses.field(default=default, metadata=metadata)
 
 
 class _KernelType:
@@ -354,18 +314,3 @@ def rows(values: ArrayLike, width: int, what: str) -> tuple[Array, tuple[int, ..
         )
     flat = np.ascontiguousarray(array.reshape(-1, width), dtype=np.float64)
     return flat, array.shape[:-1]
-
-
-def finite(value: Any, what: str) -> float:
-    """Give the value as a float, or say that it is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
-        raise ValueError(f"{what} must be a finite number, got {value!r}")
-    return float(value)
-
-
-def run(driver: str, *arguments: Any, count: int, grain: int = 16384) -> None:
-    """Run a compiled driver over `count` rows, on all cores where there are enough of them."""
-    from omnisight.models import _kernels
-
-    function = getattr(_kernels, driver)
-    spread(lambda first, last: function(*arguments, first, last), count, grain)

@@ -1,4 +1,4 @@
-"""Spreading compiled loops over the cores: they release Python's lock, so plain threads do."""
+"""Running the compiled loops, spread over the cores: they release Python's lock, so plain threads do."""
 
 import os
 from collections.abc import Callable
@@ -32,3 +32,11 @@ def spread(work: Callable[[int, int], Any], count: int, grain: int) -> None:
     work(edges[0], edges[1])
     for piece in waiting:
         piece.result()
+
+
+def run(driver: str, *arguments: Any, count: int, grain: int = 16384) -> None:
+    """Run a compiled driver over `count` rows, on all cores where there are enough of them."""
+    from omnisight.models import _kernels
+
+    function = getattr(_kernels, driver)
+    spread(lambda first, last: function(*arguments, first, last), count, grain)

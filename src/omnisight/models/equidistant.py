@@ -5,7 +5,8 @@ from typing import Any, Self
 
 from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, sine_cosine, where
-from omnisight.models._protocol import Array, parameter
+from omnisight.models._parameter import parameter
+from omnisight.models._protocol import Array
 
 
 class EquidistantProfile(Central):

@@ -6,8 +6,9 @@ from typing import Any, Self
 import numpy as np
 
 from omnisight.models._angle import AnglePolynomial
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import Distorted, decentring_partials
-from omnisight.models._protocol import Array, parameter
+from omnisight.models._protocol import Array
 
 
 class ThinPrism(Distorted):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from omnisight.models._angle import AnglePolynomial
-from omnisight.models._protocol import parameter
+from omnisight.models._parameter import parameter
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Self
 
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import RadialTangential
-from omnisight.models._protocol import parameter
 from omnisight.models.unified import UnifiedProfile
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from omnisight.models._central import Central
 from omnisight.models._elementwise import radius_step, settled, where
+from omnisight.models._parameter import finite, parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array, finite, parameter
+from omnisight.models._protocol import Array
 
 START_TERMS = 12
 # A polynomial that never folds would be followed to this many focal lengths from the centre.

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.models._elementwise import where
-from omnisight.models._protocol import Array, CameraModel, parameter
+from omnisight.models._parameter import parameter
+from omnisight.models._protocol import Array, CameraModel
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ from typing import Any, Self
 import numpy as np
 
 from omnisight.models._central import Central
-from omnisight.models._protocol import Array, parameter
+from omnisight.models._parameter import parameter
+from omnisight.models._protocol import Array
 
 
 class PinholeProfile(Central):

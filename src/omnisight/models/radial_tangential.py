@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Self
 
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import Rational
-from omnisight.models._protocol import parameter
 from omnisight.models.pinhole import PinholeProfile
 
 

@@ -6,8 +6,9 @@ from typing import Self
 
 import numpy as np
 
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import Rational
-from omnisight.models._protocol import Array, parameter
+from omnisight.models._protocol import Array
 from omnisight.models.pinhole import PinholeProfile
 
 
@@ -39,7 +40,7 @@ class RationalPinhole(Rational, PinholeProfile):
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Beside the plain pinhole, fit numerator and denominator linearly, about the centre that a fisheye would have."""
+        """Beside the plain pinhole, fit numerator and denominator linearly, about the centre of a fisheye."""
         from scipy.optimize import lsq_linear
 
         from omnisight.models.equidistant import Equidistant
@@ -52,7 +53,7 @@ class RationalPinhole(Rational, PinholeProfile):
         x, y, z = bearings[front].T
         r = np.hypot(x, y) / z
         seen = np.hypot(*((pixels[front] - (lens.cx, lens.cy)) / (lens.fx, lens.fy)).T)
-        # seen (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), each row divided by about the denominator, which has no root.
+        # seen (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), each row over about the denominator, which has no root.
         even = (r[:, None] ** 2) ** np.arange(1, 4)
         weight = 1 / (1 + r * r)
         design = np.column_stack([r, r[:, None] * even, -seen[:, None] * even]) * weight[:, None]

@@ -5,8 +5,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import Distorted, decentring_partials, first_positive_root
-from omnisight.models._protocol import Array, parameter
+from omnisight.models._protocol import Array
 from omnisight.models.equidistant import EquidistantProfile
 
 

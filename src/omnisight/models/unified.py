@@ -6,8 +6,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from omnisight.models._central import Central
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN
-from omnisight.models._protocol import Array, parameter
+from omnisight.models._protocol import Array
 
 
 class UnifiedProfile(Central):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.models._protocol import run
+from omnisight.models._threads import run
 
 if TYPE_CHECKING:
     from omnisight.views.remapper import Remapper
