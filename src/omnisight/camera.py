@@ -110,7 +110,9 @@ class Camera:
         limit = theta_max or self.theta_max or self.model.theta_max
         u, v = np.meshgrid(np.linspace(0, self.width - 1, count), np.linspace(0, self.height - 1, count))
         pixels = np.stack([u.ravel(), v.ravel()], -1)
-        bearings, valid = self.unproject(pixels)
+        bearings, valid = self.model.unproject_numpy(pixels)
         with np.errstate(invalid="ignore"):
             use = valid & (bearings[:, 2] >= np.cos(limit))
+        # On the very rim rounding decides; what does not come back is no sample.
+        use[use] = self.model.project_numpy(bearings[use])[1]
         return bearings[use], pixels[use]

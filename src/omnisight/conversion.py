@@ -66,9 +66,9 @@ def convert_model(camera: Camera, model: str, *, theta_max: float | None = None)
     if len(bearings) < 20:
         raise ValueError("the camera sees almost nothing of its picture inside that cone")
     fitted = camera.model if cls is type(camera.model) else cls.fit(bearings, pixels)
-    seen, valid = fitted.project(bearings)
+    seen, valid = fitted.project_numpy(bearings)
     distance = np.where(valid, np.linalg.norm(np.where(valid[:, None], seen, 0) - pixels, axis=1), np.inf)
-    back, shown = fitted.unproject(pixels)
+    back, shown = fitted.unproject_numpy(pixels)
     angle = np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(back - bearings, axis=1) / 2, 0, 1)))
     theta = np.arccos(np.clip(bearings[:, 2], -1, 1))
     apart = theta[distance > AGREES_PX]
@@ -84,8 +84,8 @@ def convert_model(camera: Camera, model: str, *, theta_max: float | None = None)
     )
 
 
-def best_conversion(camera: Camera, models: Sequence[str], *, theta_max: float | None = None) -> Conversion:
-    """Give the conversion into whichever of the models comes nearest."""
+def conversions(camera: Camera, models: Sequence[str], *, theta_max: float | None = None) -> list[Conversion]:
+    """Convert a camera to each of the models that can be fitted to it, the nearest first; see `convert_model`."""
     found: list[Conversion] = []
     for model in models:
         try:
@@ -94,4 +94,4 @@ def best_conversion(camera: Camera, models: Sequence[str], *, theta_max: float |
             continue
     if not found:
         raise ValueError(f"none of the models {', '.join(models)} can be fitted to this {camera.model.name} camera")
-    return min(found, key=lambda conversion: conversion.max_px)
+    return sorted(found, key=lambda conversion: conversion.max_px)

@@ -1,7 +1,7 @@
 """omnisight convert."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -42,7 +42,7 @@ def convert(
     """
     import numpy as np
 
-    from omnisight.conversion import best_conversion, convert_model
+    from omnisight.conversion import conversions, convert_model
     from omnisight.formats import format_named, load, save
 
     source = load(camera, name=name)
@@ -60,7 +60,7 @@ def convert(
         result = (
             convert_model(source, model, theta_max=limit)
             if model
-            else best_conversion(source, chosen.MODELS, theta_max=limit)
+            else _nearest_held(conversions(source, chosen.MODELS, theta_max=limit), chosen)
         )
         converted = result.camera
         print(f"model       {source.model.name} -> {converted.model.name}")
@@ -76,8 +76,19 @@ def convert(
                 f" Nothing is written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
             )
     path = output or camera.with_name(f"{camera.stem}-{to}{chosen.SUFFIX}")
-    written = save(converted, path, format=to)
+    written = save(converted, path, format=to, max_error=float("inf") if force else max_error)
     print(f"written     {written.path}; read again it differs by {written.error_px:.2g} px at most")
     print(f"convention  {chosen.CONVENTION}")
     for note in written.notes:
         print(f"note        {note}")
+
+
+def _nearest_held(found: Any, chosen: Any) -> Any:
+    """Give the nearest conversion that the format can hold: it may lack a parameter of a model that it has."""
+    for conversion in found:
+        try:
+            chosen.render(conversion.camera)
+        except ValueError:
+            continue
+        return conversion
+    return found[0]

@@ -83,7 +83,7 @@ def load_all(path: str | Path) -> dict[str, Camera]:
     )
 
 
-def save(camera: Camera, path: str | Path, *, format: str = "native") -> Written:
+def save(camera: Camera, path: str | Path, *, format: str = "native", max_error: float = float("inf")) -> Written:
     """Write a camera, read it again, and report the difference.
 
     The file appears whole or not at all.
@@ -96,11 +96,13 @@ def save(camera: Camera, path: str | Path, *, format: str = "native") -> Written
         Where to; its folder must exist.
     format
         One of `format_names()`.
+    max_error
+        Do not write what reads back farther off than this, px.
 
     Raises
     ------
     FormatError
-        If the format cannot hold the camera's model, or the file cannot be written.
+        If the format cannot hold the camera's model, reads back too far off, or the file cannot be written.
     """
     chosen = format_named(format)
     try:
@@ -108,8 +110,13 @@ def save(camera: Camera, path: str | Path, *, format: str = "native") -> Written
         again = next(iter(chosen.parse(text).values()))
     except ValueError as error:
         raise FormatError(f"{path}: {chosen.TITLE}: {error}") from error
+    error_px = difference_px(camera, again)
+    if error_px > max_error:
+        raise FormatError(
+            f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing is written"
+        )
     write_text(Path(path), text)
-    return Written(Path(path), difference_px(camera, again), notes)
+    return Written(Path(path), error_px, notes)
 
 
 def difference_px(camera: Camera, other: Camera) -> float:
