@@ -26,7 +26,13 @@ def main(arguments: list[str] | None = None) -> None:
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in tokens
     tokens = [token for token in tokens if token != "--debug"]
-    app = App(name="omnisight", help=HELP, version=omnisight.__version__, help_format="markdown")
+    app = App(
+        name="omnisight",
+        help=HELP,
+        version=omnisight.__version__,
+        help_format="markdown",
+        suppress_keyboard_interrupt=False,
+    )
     for found in pkgutil.iter_modules(__path__):
         if not found.name.startswith("_"):
             app.command(getattr(importlib.import_module(f"{__name__}.{found.name}"), found.name), name=found.name)

@@ -8,6 +8,7 @@ import numpy as np
 
 from omnisight.calibrate import Calibration
 from omnisight.camera import Camera
+from omnisight.cli._names import labels
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
 from omnisight.targets import Board, PictureDetection
@@ -16,13 +17,13 @@ from omnisight.targets import Board, PictureDetection
 def rows(found: Sequence[PictureDetection], calibration: Calibration) -> list[dict[str, Any]]:
     """Give one row per picture: name, found, corners, rms and worst residual (px), note."""
     lengths = calibration.residual_lengths
-    of = {name: lengths[rows] for name, rows in zip(calibration.views.names, calibration.views.groups, strict=True)}
+    groups = iter(calibration.views.groups)
     table: list[dict[str, Any]] = []
-    for picture in found:
-        residual = of.get(picture.path.name) if picture.detection is not None else None
+    for picture, name in zip(found, labels([p.path for p in found]), strict=True):
+        residual = None if picture.detection is None else lengths[next(groups)]
         table.append(
             {
-                "name": picture.path.name,
+                "name": name,
                 "found": residual is not None,
                 "corners": 0 if residual is None else len(residual),
                 "rms": None if residual is None else float(np.sqrt((residual**2).mean())),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.calibrate import Calibration
+from omnisight.cli._names import outputs
 from omnisight.images import read_image, to_gray8, write_image
 from omnisight.targets import PictureDetection
 
@@ -22,11 +23,12 @@ def draw_residuals(
     """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture."""
     folder.mkdir(parents=True, exist_ok=True)
     residuals = calibration.state.residuals(calibration.views)
-    for picture, rows in zip(seen, calibration.views.groups, strict=True):
+    files = outputs([picture.path for picture in seen], folder)
+    for picture, rows, file in zip(seen, calibration.views.groups, files, strict=True):
         image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
         zoom = max(1, round(1600 / image.shape[1]))
         canvas = _draw(image, calibration.views.pixels[rows], residuals[rows], calibration.outliers[rows], zoom)
-        write_image(folder / f"{picture.path.stem}.png", canvas)
+        write_image(file, canvas)
 
 
 def _as_rgb(image: Any) -> Any:

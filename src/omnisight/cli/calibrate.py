@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -18,7 +18,7 @@ def calibrate(
     model: str = "auto",
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
-    loss: str = "huber",
+    loss: Literal["huber", "squared"] = "huber",
     force: bool = False,
     apply_exif: bool = False,
     cache: bool = True,
@@ -60,14 +60,24 @@ def calibrate(
     """
     begun = time.perf_counter()
     from omnisight.calibrate import BoardViews, calibrate_camera
+    from omnisight.calibrate.calibration import FEWEST_VIEWS
     from omnisight.cli._calibrate_report import as_json, print_report
+    from omnisight.cli._names import labels, outputs
     from omnisight.formats import save
     from omnisight.images import collect_images
-    from omnisight.targets import Board, find_boards, pattern_hint
+    from omnisight.models import model_class
+    from omnisight.targets import Board, find_boards, parse_length, pattern_hint
 
-    if output is not None and not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
+    # What cannot work is said before the work.
+    if output is not None:
+        _must_be_writable(output)
+    if model != "auto":
+        model_class(model)
+    if square is not None:
+        parse_length(square)
     paths = collect_images(pictures)
+    if draw is not None:
+        outputs(paths, draw)
     with progress(quiet or json) as report:
         asked = pattern if pattern is not None else _inferred(paths, report)
         board = Board.parse(asked, square=square)
@@ -81,11 +91,12 @@ def calibrate(
         detected = time.perf_counter()
         hint = pattern_hint(found, board)
         seen = [p for p in found if p.detection is not None and p.size is not None]
-        if not seen or (hint and len(seen) < 3):
-            raise ValueError(_nothing_found(found, board, hint))
+        least = 1 if force else FEWEST_VIEWS
+        if len(seen) < least:
+            raise ValueError(_too_few_found(found, board, hint, least))
         views = BoardViews.of(
             [(board.points[p.detection.ids], p.detection.pixels) for p in seen if p.detection],
-            [p.path.name for p in seen],
+            labels([p.path for p in seen]),
         )
         size = seen[0].size or (0, 0)
         calibration = calibrate_camera(views, size, model=model, loss=loss, force=force, progress=report)
@@ -132,10 +143,28 @@ def _inferred(paths: list[Path], report: Any) -> str:
     return f"{columns}x{rows}"
 
 
-def _nothing_found(found: Any, board: Any, hint: str | None) -> str:
-    notes = [f"  {p.path.name}: {p.note}" for p in found if p.note][:5]
+def _must_be_writable(output: Path) -> None:
+    """Refuse, before any work, a file that could not be written after it."""
+    import tempfile
+
+    if output.is_dir():
+        raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'camera.json'}")
+    if not output.parent.is_dir():
+        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
+    try:
+        tempfile.TemporaryFile(dir=output.parent).close()
+    except OSError as error:
+        raise ValueError(f"{output}: cannot be written: {error.strerror} ({output.parent})") from error
+
+
+def _too_few_found(found: Any, board: Any, hint: str | None, least: int) -> str:
+    # The reason why a file cannot be read names the file.
+    reasons = [p.note if p.note.startswith(p.path.name) else f"{p.path.name}: {p.note}" for p in found if p.note]
+    notes = [f"  {reason}" for reason in reasons[:5]] + ["  ..."] * (len(reasons) > 5)
     number = sum(1 for p in found if p.detection is not None)
     said = f"a {board.columns}x{board.rows} board was found in {number} of {len(found)} pictures"
+    if number:
+        said += f", {least} is the least and 10 to 20 are good"
     advice = (
         hint
         or "does --pattern count inner corners (one less than squares each way)? Is all of the board in the picture?"

@@ -1,6 +1,7 @@
 """omnisight view."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,6 +11,8 @@ from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range, parse_size
 
 View = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
+# A range begins with a minus more often than not.
+Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
 
 def view(
@@ -26,8 +29,8 @@ def view(
     up: Literal["top", "back", "front"] = "top",
     flip: bool = False,
     size: str | None = None,
-    elevation: str | None = None,
-    azimuth: str | None = None,
+    elevation: Angles = None,
+    azimuth: Angles = None,
     projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant",
     interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
     antialias: bool = True,
@@ -55,7 +58,7 @@ def view(
     to
         What to show.
     output
-        The view's file, or a folder for several pictures.
+        The view's file, or a folder, which several pictures need.
     fov
         Field of view, degrees: across for perspective (90), panini (150) and planet (260), rim to rim for fisheye
         (180).
@@ -91,37 +94,50 @@ def view(
     """
     import numpy as np
 
+    from omnisight.cli._names import outputs, spare
     from omnisight.formats import load, save
     from omnisight.images import collect_images, read_image, write_image
     from omnisight.views.remapper import Remapper
 
     source = load(camera)
+    target, rotations = _target(to, fov, size, elevation, azimuth, projection, (yaw, pitch, roll), up, flip)
     paths = collect_images(pictures)
     several = len(paths) > 1
-    if several and not output.is_dir():
-        output.mkdir(parents=True)
-    first = read_image(paths[0], apply_exif=apply_exif)
-    taken = (first.shape[1], first.shape[0])
-    if source.size == (0, 0):  # its file does not say: the pictures do
-        source = dataclasses.replace(source, size=taken)
-    if scale_camera:
-        source = _scaled(source, taken)
-    target, rotations = _target(to, fov, size, elevation, azimuth, projection, (yaw, pitch, roll), up, flip, source)
+    if several and output.is_file():
+        raise ValueError(f"{output}: is a file; {len(paths)} pictures go to a folder")
+    files = outputs(paths, output) if several or output.is_dir() else [output]
+    spare([*files, *([mask] if mask else [])], paths)
+    if several:
+        output.mkdir(parents=True, exist_ok=True)
     options: Any = {"interpolation": interpolation, "antialias": antialias}
+    remappers: list[Remapper] = []
+    left_out: list[str] = []
     with progress(quiet) as report:
-        remappers = [Remapper(source, target, rotation, **options) for rotation in rotations]
-        for i, path in enumerate(paths):
+        for i, (path, file) in enumerate(zip(paths, files, strict=True)):
             report("view", i, len(paths))
-            image = first if i == 0 else read_image(path, apply_exif=apply_exif)
-            faces = [remap(image) for remap in remappers]
-            write_image(output / f"{path.stem}.png" if several else output, _cube_sheet(faces))
+            try:
+                image = read_image(path, apply_exif=apply_exif)
+                if not remappers:
+                    source = _fitting(source, (image.shape[1], image.shape[0]), path, scale_camera)
+                    remappers = [Remapper(source, target, rotation, **options) for rotation in rotations]
+                _fitting(source, (image.shape[1], image.shape[0]), path, False)
+                write_image(file, _cube_sheet([remap(image) for remap in remappers]))
+            except ValueError as error:  # one bad picture does not stop the others
+                if not several:
+                    raise
+                left_out.append(str(error))
         report("view", len(paths), len(paths))
+    lost = f"{len(left_out)} of {len(paths)} pictures were left out:\n  " + "\n  ".join(left_out)
+    if not remappers:
+        raise ValueError(lost)
     shown = _cube_sheet([r.mask.astype(np.uint8) * 255 for r in remappers])
     if mask is not None:
         write_image(mask, shown)
     if view_camera is not None:
         _save_view_camera(save, target, rotations[0], view_camera)
-    _tell(source, target, rotations, remappers, (shown > 0).mean(), output, up)
+    _tell(source, target, rotations, remappers, (shown > 0).mean(), output if several else files[0], up)
+    if left_out:
+        raise ValueError(lost)
 
 
 def _target(
@@ -134,13 +150,15 @@ def _target(
     angles: tuple[float, float | None, float],
     up: str,
     flip: bool,
-    source: Any,
 ) -> tuple[Any, list[Any]]:
     """Give the view's camera and target_from_source of each of its parts."""
     import omnisight as om
     from omnisight.views.targets import CUBE_FACES, cube_rotation
 
     yaw, pitch, roll = angles
+    for name, angle in (("yaw", yaw), ("pitch", pitch or 0.0), ("roll", roll)):
+        if not math.isfinite(angle):
+            raise ValueError(f"--{name} must be a number of degrees, got {angle}")
     rotation = om.look(yaw, (-90.0 if to == "planet" else 0.0) if pitch is None else pitch, roll, up=up, flip=flip)
     wanted = parse_size(size) if size else None
     ranges = {
@@ -156,9 +174,9 @@ def _target(
     side = min(wanted) if wanted else 1024
     match to:
         case "perspective":
-            return om.perspective(fov or 90.0, wanted or (1280, 720)), [rotation]
+            return om.perspective(90.0 if fov is None else fov, wanted or (1280, 720)), [rotation]
         case "panini":
-            return om.panini(fov or 150.0, wanted or (1280, 720)), [rotation]
+            return om.panini(150.0 if fov is None else fov, wanted or (1280, 720)), [rotation]
         case "cylinder":
             return om.cylinder(**wide), [rotation]
         case "mercator":
@@ -166,9 +184,9 @@ def _target(
         case "sphere":
             return om.sphere(**wide), [rotation]
         case "planet":
-            return om.planet(side, fov or 260.0), [rotation]
+            return om.planet(side, 260.0 if fov is None else fov), [rotation]
         case "fisheye":
-            return om.fisheye(side, fov or 180.0, projection), [rotation]
+            return om.fisheye(side, 180.0 if fov is None else fov, projection), [rotation]
         case "cube":
             return om.cube_face(side), [cube_rotation(face, rotation) for face in CUBE_FACES]
 
@@ -190,13 +208,15 @@ def _cube_sheet(faces: list[Any]) -> Any:
     return sheet
 
 
-def _scaled(source: Any, size: tuple[int, int]) -> Any:
+def _fitting(source: Any, size: tuple[int, int], picture: Path, scale: bool) -> Any:
+    """Give the camera for pictures of this size, scaled if asked to, or refuse the picture."""
     from omnisight.views.remapper import size_mismatch
 
-    factor = size[0] / source.width if source.width else 1.0
-    scaled = source.scaled(factor)
-    if abs(scaled.height - size[1]) > 1:
-        raise ValueError(size_mismatch(size, source.size))
+    if min(source.size) < 1:  # its file does not say: the pictures do
+        return dataclasses.replace(source, size=size)
+    scaled = source.scaled(size[0] / source.width) if scale else source
+    if scaled.width != size[0] or abs(scaled.height - size[1]) > scale:
+        raise ValueError(f"{picture.name}: {size_mismatch(size, source.size)}")
     return dataclasses.replace(scaled, size=size)
 
 

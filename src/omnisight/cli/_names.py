@@ -1,0 +1,44 @@
+"""Names for pictures that may come from several folders."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+
+def labels(paths: Sequence[Path]) -> list[str]:
+    """Name pictures to a reader: by file name, with the folder where that alone is not enough."""
+    return _shortest(paths, lambda p: p.name, lambda p: f"{p.parent.name}/{p.name}") or [str(p) for p in paths]
+
+
+def outputs(paths: Sequence[Path], folder: Path) -> list[Path]:
+    """Give a PNG in the folder for each picture, no two the same.
+
+    Raises
+    ------
+    ValueError
+        If one of them is one of the pictures.
+    """
+    stems = _shortest(
+        paths,
+        lambda p: p.stem,
+        lambda p: p.name.replace(".", "_"),
+        lambda p: f"{p.parent.name}_{p.name.replace('.', '_')}",
+    ) or [f"{i + 1}_{p.stem}" for i, p in enumerate(paths)]
+    files = [folder / f"{stem}.png" for stem in stems]
+    spare(files, paths)
+    return files
+
+
+def spare(files: Iterable[Path], pictures: Iterable[Path]) -> None:
+    """Refuse to write over a picture that was given."""
+    given = {picture.resolve() for picture in pictures}
+    for file in files:
+        if file.resolve() in given:
+            raise ValueError(f"{file}: is one of the pictures and would be lost; choose another place to write to")
+
+
+def _shortest(paths: Sequence[Path], *ways: Callable[[Path], str]) -> list[str] | None:
+    for way in ways:
+        names = [way(path) for path in paths]
+        if len({name.casefold() for name in names}) == len(names):
+            return names
+    return None
