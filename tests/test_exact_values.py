@@ -171,8 +171,9 @@ def test_pixels_are_those_of_the_equations(model):
     pixels, valid, d_point, _ = model.project_with_jacobians(bearings)
     assert valid.all()
     truth = np.array([exact(model, bearing) for bearing in bearings])
-    # What the picture makes of the last digit of the bearing is no one's fault; near 180 degrees, of that of its cosine.
-    sine = np.where(bearings[:, 2] < 0, np.hypot(bearings[:, 0], bearings[:, 1]), 1)
+    # What the picture makes of the last digit of the bearing is no one's fault; far behind, of that of its cosine.
+    x, _, z = bearings.T
+    sine = np.where(z < 0, np.abs(x) / np.hypot(x, z), 1)
     digits = 4e-16 * np.abs(d_point).max(axis=2) / sine[:, None]
     for found in (pixels, model.project(bearings)[0]):
         error = np.array(np.abs(found - truth), float)

@@ -137,6 +137,9 @@ def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
     best = min(near, key=lambda c: (c.parameters, c.held_out_rms or 0))
     others = [c for c in asked if c is not best]
     figure = f"{best.held_out_rms:.3f} px on pictures it was not calibrated on"
+    if not others and len(candidates) > 1:
+        worse = f"{HOPELESS:g} times worse"
+        return best, f"{best.name}: {figure}; the others explain even those they were calibrated on {worse}."
     if not others:
         return best, f"{best.name}: {figure}."
     second = min(others, key=lambda c: c.held_out_rms or 0)

@@ -1,0 +1,134 @@
+import re
+
+import cv2
+import numpy as np
+import pytest
+from test_model_laws import direction
+
+from omnisight.camera import Camera
+from omnisight.models import model_class, model_names
+from omnisight.models.equidistant import Equidistant
+from omnisight.models.pinhole import Pinhole
+
+LENS = Camera(Equidistant(fx=281.0, fy=280.0, cx=319.5, cy=241.0), (640, 480))
+
+
+def example(name):
+    return Camera(model_class(name).example(), (1024, 768))
+
+
+every_model = pytest.mark.parametrize("camera", [pytest.param(example(n), id=n) for n in model_names()])
+
+
+@pytest.mark.parametrize("size", [(640,), (640, 480, 3), (-1, 480), (640, -480)])
+def test_a_size_that_is_none_is_refused(size):
+    with pytest.raises(ValueError, match=re.escape(f"size must be (width, height), got {size}")):
+        Camera(LENS.model, size)
+
+
+def test_a_camera_may_not_know_its_size():
+    camera = Camera(LENS.model, (0, 0))
+    assert (camera.width, camera.height) == (0, 0)
+    assert not camera.in_image([0.0, 0.0])
+
+
+@every_model
+def test_a_camera_projects_as_its_model(camera):
+    points = direction(np.array([0.1, 0.4]), 1.0)
+    for ours, theirs in zip(camera.project(points), camera.model.project(points), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    pixels, _ = camera.project(points)
+    np.testing.assert_allclose(camera.unproject(pixels)[0], points, atol=1e-12)
+    np.testing.assert_allclose(camera.angle_of(pixels), [0.1, 0.4], atol=1e-12)
+
+
+def test_the_picture_reaches_half_a_pixel_around_its_pixel_centres():
+    inside = [(-0.5, -0.5), (0, 0), (639, 479), (639.49, 479.49), (300.2, 200.7)]
+    outside = [(-0.51, 0), (639.5, 0), (0, 479.5), (0, -0.51), (640, 480), (np.nan, 3), (np.inf, 3)]
+    assert LENS.in_image(inside).all()
+    assert not LENS.in_image(outside).any()
+    assert LENS.in_image(np.zeros((2, 3, 2))).shape == (2, 3)
+
+
+def test_the_angle_of_what_is_no_pixel_is_nan():
+    angles = LENS.angle_of([[LENS.model.cx + 281.0, LENS.model.cy], [1e4, 0], [np.nan, 0]])
+    np.testing.assert_allclose(angles, [1.0, np.nan, np.nan])
+
+
+def test_the_border_goes_around_the_outermost_pixels():
+    border = LENS.border(10)
+    assert border.shape == (40, 2)
+    assert LENS.in_image(border).all()
+    np.testing.assert_allclose(border.min(0), 0)
+    np.testing.assert_allclose(border.max(0), [639, 479])
+    on_edge = np.isin(border[:, 0], [0, 639]) | np.isin(border[:, 1], [0, 479])
+    assert on_edge.all()
+    corner = np.hypot(319.5 / 281, 241 / 280)
+    assert LENS.image_theta_max() == pytest.approx(corner)
+
+
+def test_a_picture_wider_than_the_lens_shows_all_of_the_lens():
+    camera = Camera(Equidistant(fx=50.0, fy=50.0, cx=2000.0, cy=2000.0), (4001, 4001))
+    assert camera.image_theta_max() == camera.model.theta_max
+
+
+# -- another size of the same picture ---------------------------------------------------------------------------
+
+
+@every_model
+@pytest.mark.parametrize("factor", [0.5, 2.0, 0.37])
+def test_pixel_centres_scale_about_the_corner_of_the_picture(camera, factor):
+    scaled = camera.scaled(factor)
+    assert scaled.size == (round(1024 * factor), round(768 * factor))
+    points = direction(np.linspace(0, 0.8, 9), np.linspace(-3, 3, 9))
+    pixels, _ = camera.project(points)
+    np.testing.assert_allclose(scaled.project(points)[0], (pixels + 0.5) * factor - 0.5, rtol=1e-12, atol=1e-9)
+
+
+@every_model
+def test_scaling_there_and_back_is_the_same_camera(camera):
+    again = camera.scaled(0.25).scaled(4.0)
+    assert again.size == camera.size
+    np.testing.assert_allclose(again.model.params, camera.model.params, rtol=1e-12)
+
+
+def test_scaling_is_what_resizing_a_picture_does():
+    # A bright spot drawn where a point is seen is, in the picture at half the size, where the scaled camera sees it.
+    camera = Camera(Pinhole(fx=300.0, fy=300.0, cx=160.0, cy=119.5), (320, 240))
+    point = np.array([0.21, -0.13, 1.0])
+    at, _ = camera.project(point)
+    v, u = np.mgrid[:240, :320]
+    spot = np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / (2 * 6.0**2))
+    small = cv2.resize(spot, (160, 120), interpolation=cv2.INTER_AREA)
+    v, u = np.mgrid[:120, :160]
+    centroid = np.array([(u * small).sum(), (v * small).sum()]) / small.sum()
+    np.testing.assert_allclose(centroid, camera.scaled(0.5).project(point)[0], atol=1e-3)
+
+
+def test_scaling_drops_what_held_for_the_old_parameters_alone():
+    camera = Camera(LENS.model, LENS.size, theta_max=1.1, covariance=np.eye(4), provenance={"file": "a.json"})
+    scaled = camera.scaled(0.5)
+    assert scaled.covariance is None
+    assert scaled.theta_max == 1.1
+    assert scaled.provenance == {"file": "a.json"}
+
+
+# -- samples ----------------------------------------------------------------------------------------------------
+
+
+@every_model
+def test_samples_are_pairs_of_the_camera_within_its_picture(camera):
+    bearings, pixels = camera.samples()
+    assert len(bearings) == len(pixels) > 50
+    assert camera.in_image(pixels).all()
+    np.testing.assert_allclose(np.linalg.norm(bearings, axis=1), 1, atol=1e-12)
+    np.testing.assert_allclose(camera.project(bearings)[0], pixels, atol=1e-6)
+
+
+def test_samples_keep_to_the_angle_that_is_asked_for_or_calibrated():
+    whole = LENS.angle_of(LENS.samples()[1]).max()
+    assert whole == pytest.approx(LENS.image_theta_max())
+    calibrated = Camera(LENS.model, LENS.size, theta_max=0.9)
+    assert 0.85 < calibrated.angle_of(calibrated.samples()[1]).max() <= 0.9
+    assert 0.45 < calibrated.angle_of(calibrated.samples(0.5)[1]).max() <= 0.5
+    assert len(LENS.samples(count=11)[0]) == 121

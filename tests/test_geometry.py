@@ -1,0 +1,178 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from omnisight.geometry import rotation as so3
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import look
+
+RNG = np.random.default_rng(5)
+AXES = np.concatenate([np.eye(3), -np.eye(3), RNG.normal(size=(30, 3))])
+AXES /= np.linalg.norm(AXES, axis=1, keepdims=True)
+ANGLES = [0.0, 1e-12, 1e-9, 1e-7, 1e-4, 0.3, 1.0, np.pi / 2, 2.5, np.pi - 1e-3, np.pi - 1e-6, np.pi - 1e-9]
+
+
+def pose(seed):
+    rng = np.random.default_rng(seed)
+    return Pose(Rotation.random(random_state=seed).as_matrix(), rng.normal(size=3))
+
+
+def assert_same(a, b):
+    np.testing.assert_allclose(a.rotation, b.rotation, atol=1e-14)
+    np.testing.assert_allclose(a.translation, b.translation, atol=1e-14)
+
+
+# -- rotations --------------------------------------------------------------------------------------------------
+
+
+def test_hat_is_the_cross_product():
+    a, b = RNG.normal(size=(2, 4, 5, 3))
+    np.testing.assert_allclose((so3.hat(a) @ b[..., None])[..., 0], np.cross(a, b), atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", [*ANGLES, np.pi, 4.0, 100.0])
+def test_exp_is_scipys(angle):
+    expected = Rotation.from_rotvec(angle * AXES).as_matrix()
+    np.testing.assert_allclose(so3.exp(angle * AXES), expected, atol=1e-14 * (1 + angle))
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_log_undoes_exp(angle):
+    # A rotation matrix holds an angle near pi to about the root of its last digit.
+    found = so3.log(so3.exp(angle * AXES))
+    np.testing.assert_allclose(found, angle * AXES, rtol=1e-12, atol=1e-14 if angle < 3 else 1e-7)
+    np.testing.assert_allclose(so3.exp(found), so3.exp(angle * AXES), atol=2e-14 if angle < 3 else 1e-7)
+
+
+def test_log_of_half_a_turn_is_either_axis():
+    found = so3.log(so3.exp(np.pi * AXES))
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.pi, atol=1e-7)
+    np.testing.assert_allclose(np.abs((found * AXES).sum(1)), np.pi, atol=1e-7)
+
+
+def test_log_is_scipys_and_takes_any_leading_shape():
+    rotations = Rotation.random(24, random_state=1)
+    found = so3.log(rotations.as_matrix().reshape(2, 3, 4, 3, 3))
+    np.testing.assert_allclose(found.reshape(-1, 3), rotations.as_rotvec(), atol=1e-13)
+    assert so3.exp(np.zeros(3)).shape == (3, 3)
+    assert so3.log(np.eye(3)).shape == (3,)
+    assert so3.exp(np.zeros((0, 3))).shape == (0, 3, 3)
+
+
+def test_nearest_is_a_rotation_and_the_nearest():
+    true = Rotation.random(20, random_state=2).as_matrix()
+    noisy = true + 0.01 * RNG.normal(size=true.shape)
+    found = so3.nearest(noisy)
+    np.testing.assert_allclose(found @ np.swapaxes(found, -1, -2), np.broadcast_to(np.eye(3), true.shape), atol=1e-14)
+    np.testing.assert_allclose(np.linalg.det(found), 1, atol=1e-14)
+    distance = np.linalg.norm(found - noisy, axis=(1, 2))
+    assert (distance <= np.linalg.norm(true - noisy, axis=(1, 2))).all()
+    for step in 1e-3 * AXES:
+        assert (distance <= np.linalg.norm(so3.exp(step) @ found - noisy, axis=(1, 2))).all()
+    np.testing.assert_allclose(np.linalg.det(so3.nearest(-true)), 1, atol=1e-14)
+
+
+# -- poses ------------------------------------------------------------------------------------------------------
+
+
+def test_poses_compose_as_their_names_cancel():
+    c_from_b, b_from_a = pose(1), pose(2)
+    x_a = RNG.normal(size=(4, 5, 3))
+    np.testing.assert_allclose((c_from_b @ b_from_a) @ x_a, c_from_b @ (b_from_a @ x_a), atol=1e-14)
+    expected = x_a @ b_from_a.rotation.T + b_from_a.translation
+    np.testing.assert_allclose(b_from_a @ x_a, expected, atol=1e-15)
+    np.testing.assert_allclose(b_from_a @ [0, 0, 0], b_from_a.translation)
+
+
+def test_poses_are_a_group():
+    a, b, c = pose(1), pose(2), pose(3)
+    assert_same((a @ b) @ c, a @ (b @ c))
+    assert_same(a @ a.inverse(), Pose())
+    assert_same(a.inverse() @ a, Pose())
+    assert_same(a @ Pose(), a)
+    assert_same((a @ b).inverse(), b.inverse() @ a.inverse())
+
+
+def test_a_pose_moves_by_a_small_step():
+    b_from_a, step = pose(4), np.array([0.1, -0.2, 0.05, 1.0, 2.0, -3.0])
+    moved, x = b_from_a.moved(step), RNG.normal(size=3)
+    expected = so3.exp(step[:3]) @ b_from_a.rotation @ x + b_from_a.translation + step[3:]
+    np.testing.assert_allclose(moved @ x, expected, atol=1e-14)
+    assert_same(b_from_a.moved(np.zeros(6)), b_from_a)
+
+
+# -- where a view looks -----------------------------------------------------------------------------------------
+
+
+def seen(direction, *angles, **options):
+    """Give a direction of the camera (x right, y down, z forward) as the view sees it."""
+    return look(*angles, **options) @ np.asarray(direction, float)
+
+
+FORWARD, RIGHT, LEFT, UP, DOWN, BACK = [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1]
+
+
+@pytest.mark.parametrize(
+    ("angles", "centre"),
+    [
+        ((0, 0, 0), FORWARD),
+        ((90, 0, 0), RIGHT),
+        ((-90, 0, 0), LEFT),
+        ((180, 0, 0), BACK),
+        ((0, 90, 0), UP),
+        ((0, -90, 0), DOWN),
+        ((90, 90, 0), UP),
+        ((0, 0, 77), FORWARD),
+    ],
+)
+def test_the_view_has_in_its_centre_what_it_looks_at(angles, centre):
+    np.testing.assert_allclose(seen(centre, *angles), FORWARD, atol=1e-15)
+
+
+def test_a_little_yaw_moves_the_picture_left_and_a_little_pitch_down():
+    assert seen(FORWARD, 5)[0] < 0
+    assert seen(FORWARD, 0, 5)[1] > 0
+
+
+def test_a_view_that_rolls_clockwise_sees_the_world_roll_the_other_way():
+    # What was above is to the left of a head that leans to the right.
+    np.testing.assert_allclose(seen(UP, 0, 0, 90), LEFT, atol=1e-15)
+    np.testing.assert_allclose(seen(RIGHT, 0, 0, 90), UP, atol=1e-15)
+
+
+def test_yaw_turns_about_the_worlds_vertical_however_the_view_is_pitched():
+    for yaw in (0, 40, 200):
+        assert seen(UP, yaw, 30) @ seen(UP, 0, 30) == pytest.approx(1)
+
+
+def test_up_at_the_back_makes_a_camera_that_looks_down_look_ahead():
+    # The picture's middle is the nadir, the picture's top is ahead.
+    np.testing.assert_allclose(seen(FORWARD, up="back"), DOWN, atol=1e-15)
+    np.testing.assert_allclose(seen(UP, up="back"), FORWARD, atol=1e-15)
+    np.testing.assert_allclose(seen(RIGHT, up="back"), RIGHT, atol=1e-15)
+    np.testing.assert_allclose(seen(FORWARD, 123, -90, up="back"), FORWARD, atol=1e-15)
+
+
+def test_up_in_front_makes_a_camera_that_looks_up_look_ahead():
+    # The picture's middle is the zenith; seen from below, left and right change places.
+    np.testing.assert_allclose(seen(FORWARD, up="front"), UP, atol=1e-15)
+    np.testing.assert_allclose(seen(UP, up="front"), FORWARD, atol=1e-15)
+    np.testing.assert_allclose(seen(RIGHT, up="front"), LEFT, atol=1e-15)
+
+
+@pytest.mark.parametrize("up", ["top", "back", "front"])
+def test_only_a_flip_changes_handedness(up):
+    assert np.linalg.det(look(20, 30, 40, up=up)) == pytest.approx(1)
+    flipped = look(20, 30, 40, up=up, flip=True)
+    assert np.linalg.det(flipped) == pytest.approx(-1)
+    np.testing.assert_allclose(flipped @ flipped.T, np.eye(3), atol=1e-15)
+
+
+def test_a_flip_exchanges_left_and_right():
+    np.testing.assert_allclose(seen(RIGHT, flip=True), LEFT, atol=1e-15)
+    np.testing.assert_allclose(seen(UP, flip=True), UP, atol=1e-15)
+
+
+def test_an_unknown_up_is_refused_with_the_names():
+    with pytest.raises(ValueError, match="top, back, front, got 'left'"):
+        look(up="left")
