@@ -129,6 +129,14 @@ def api() -> str:
     return "\n\n".join(pages)
 
 
+def members(module: str) -> str:
+    """Give the public classes and functions of a module."""
+    found = importlib.import_module(module)
+    own = [name for name, value in vars(found).items() if getattr(value, "__module__", "") == module]
+    names = [name for name in getattr(found, "__all__", own) if name[0] != "_" and callable(getattr(found, name))]
+    return "\n\n".join(f"::: {module}.{name}" for name in names)
+
+
 def picture(path: str, said: str) -> str:
     """Show a picture of docs/, if it has been drawn, with what it shows below it."""
     return f"![{said}](@/{path})\n*{said}*" if path in PRESENT else ""
@@ -142,7 +150,7 @@ def file(name: str, instead: str = "") -> str:
 
 MARKS = {
     function.__name__: function
-    for function in (models, formats, conventions, matrix, candidates, commands, examples, api, picture, file)
+    for function in (models, formats, conventions, matrix, candidates, commands, examples, api, members, picture, file)
 }
 
 

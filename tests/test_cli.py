@@ -41,7 +41,8 @@ def shared_cache(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def environment(shared_cache, monkeypatch):
-    monkeypatch.setenv("OMNISIGHT_CACHE", str(shared_cache))
+    # Detections alone: what is compiled stays where it is.
+    monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: shared_cache)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("NO_COLOR", "1")
 
@@ -254,7 +255,7 @@ def test_json_is_one_object_and_nothing_else(run, folder):
 
 
 def test_json_in_a_process_of_its_own_keeps_stdout_clean(shots, tmp_path):
-    command = [sys.executable, "-m", "omnisight", "calibrate", str(shots), *QUICK, "--json"]
+    command = [sys.executable, "-m", "omnisight", "calibrate", str(shots), *QUICK, "--json", "--no-cache"]
     done = subprocess.run([*command, "-o", str(tmp_path / "c.json")], capture_output=True, text=True, check=True)
     result = json.loads(done.stdout)
     assert done.stderr == ""
@@ -262,7 +263,7 @@ def test_json_in_a_process_of_its_own_keeps_stdout_clean(shots, tmp_path):
 
 
 def test_a_second_run_takes_what_the_first_one_found(run, shots, tmp_path, monkeypatch):
-    monkeypatch.setenv("OMNISIGHT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: tmp_path / "cache")
     first = run("calibrate", shots, *QUICK)[1]
     renamed = tmp_path / "elsewhere"
     shutil.copytree(shots, renamed)
@@ -562,17 +563,11 @@ def test_an_output_that_cannot_be_written_is_told_before_any_work(refuses, shots
     assert ("is a folder" if where == "a folder itself" else "there is no folder") in said
 
 
-def test_a_folder_without_permission_is_told_before_any_work(refuses, shots, tmp_path, monkeypatch):
-    place = tmp_path / "locked"
-    place.mkdir(mode=0o500)
-    try:
-        (place / "probe").touch()
-    except PermissionError:
-        pass
-    else:
-        pytest.skip("this user may write everywhere")
+def test_a_folder_that_takes_no_file_is_told_before_any_work(refuses, shots, tmp_path, monkeypatch):
     monkeypatch.setattr("omnisight.targets.find_boards", raising(AssertionError("work was begun")))
-    assert f"{place / 'c.json'}: cannot be written" in refuses("calibrate", shots, *QUICK, "-o", place / "c.json")
+    monkeypatch.setattr("tempfile.TemporaryFile", raising(PermissionError(13, "Permission denied")))
+    said = refuses("calibrate", shots, *QUICK, "-o", tmp_path / "c.json")
+    assert f"{tmp_path / 'c.json'}: cannot be written: Permission denied ({tmp_path})" in said
 
 
 def test_a_failed_run_leaves_the_old_camera_alone(refuses, shots, tmp_path):
@@ -854,7 +849,7 @@ def test_inspect_says_model_size_field_focal_centre_and_conventions(run, camera_
     for said in (
         *("model       equidistant: ", "size        640 x 480 px", "focal       190.00 px per radian"),
         *("centre      (322.30, 236.80), +2.8, -2.7 px", "calibrated  to 80.2 degrees", "x right, y down, z forward"),
-        *("192.9 deg across", "144.7 deg down", "radius, px  (* calibrated, . extrapolated, - equidistant)"),
+        *("193.0 deg across", "144.7 deg down", "radius, px  (* calibrated, . extrapolated, - equidistant)"),
     ):
         assert said in out
     assert "nan" not in out
@@ -961,3 +956,52 @@ def test_convert_names_its_file_beside_the_camera(run, camera_file):
     assert status == 0
     assert "model       equidistant, as it is" in said
     assert load(camera_file.with_name("camera-native.json")).model == TRUTH.model
+
+
+# -- anything else -----------------------------------------------------------------------------------------------
+
+
+def spoiled(data, rng):
+    """Cut, swap, repeat or change bytes of a file."""
+    data = bytearray(data)
+    at, to = sorted(rng.integers(0, len(data), 2))
+    match rng.integers(5):
+        case 0:
+            del data[at:]
+        case 1:
+            del data[at:to]
+        case 2:
+            data[at : at + 3] = rng.integers(0, 256, 3, np.uint8).tobytes()
+        case 3:
+            data[at:at] = data[at:to]
+        case 4:
+            digits = [i for i, b in enumerate(data) if chr(b).isdigit()]
+            data[digits[rng.integers(len(digits))]] = b'-e.n9[{"'[rng.integers(8)]
+    return bytes(data)
+
+
+@pytest.mark.parametrize("model", ["ocam", "double_sphere"])
+def test_no_camera_file_however_spoiled_is_a_fault(run, tmp_path, model):
+    path = tmp_path / "camera.json"
+    whole = save(Camera(model_class(model).example(), SIZE, theta_max=1.2), path).path.read_bytes()
+    rng = np.random.default_rng(0)
+    statuses = []
+    for i in range(120):
+        path.write_bytes(spoiled(whole, rng))
+        status, _, err = run("inspect", path)
+        assert status in (0, 2), f"{i}: {err} {path.read_bytes()}"
+        assert err.startswith(f"omnisight: {path}: ") is (status == 2)
+        statuses.append(status)
+    assert {0, 2} == set(statuses)
+
+
+def test_no_picture_however_spoiled_is_a_fault(run, shots, camera_file, tmp_path):
+    good = read_image(shots / "1.png")[::4, ::4]
+    files = [jpeg(good), *(cv2.imencode(e, good)[1].tobytes() for e in (".png", ".tif", ".bmp", ".webp", ".pgm"))]
+    rng = np.random.default_rng(0)
+    for i in range(90):
+        path = tmp_path / f"{i}.png"
+        path.write_bytes(spoiled(files[i % len(files)] + b"0", rng))
+        status, _, err = run("view", path, "--camera", camera_file, "--scale-camera", "-o", tmp_path / "v.png")
+        assert status in (0, 2), f"{i}: {err}"
+        assert err.startswith("omnisight: ") is (status == 2)

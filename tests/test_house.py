@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import omnisight as om
+from omnisight.formats import format_named, format_names
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ["README.md", *(str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").rglob("*.md")))]
@@ -91,6 +92,11 @@ def test_the_readme_has_made_a_panorama(demo, monkeypatch):
     picture = om.read_image("panorama.jpg")
     assert picture.shape[1] == 2048
     assert picture.std() > 20
+
+
+def test_the_readme_names_every_format():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert not [name for name in format_names() if format_named(name).TITLE.split()[0] not in readme]
 
 
 def test_contributing_draws_the_floors_as_they_are_checked():

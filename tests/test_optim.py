@@ -91,7 +91,6 @@ class TestBounds:
         assert (found.state <= high).all()
         assert found.cost < 0.5 * (decay(self.start) ** 2).sum()
 
-    @pytest.mark.xfail(strict=True, reason="a parameter on its bound is not taken out of the step: 2 to 6 % above")
     def test_the_best_within_them_is_found(self, low, high):
         found = least_squares(decay, decay_slope, self.start, low=low, high=high, iterations=1000)
         truth = scipy.optimize.least_squares(decay, self.start, bounds=(low, high), xtol=1e-14, ftol=1e-14)

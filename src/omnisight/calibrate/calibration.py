@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import (
     AUTO,
+    FEW_PARAMETERS,
     HOPELESS,
     NARROW,
     NARROW_AUTO,
@@ -23,7 +24,7 @@ from omnisight.calibrate.refine import Bundle, State, robust_threshold
 from omnisight.calibrate.views import BoardViews
 from omnisight.calibrate.warn import doubts
 from omnisight.camera import Camera
-from omnisight.models import model_names
+from omnisight.models import CameraModel, model_names
 from omnisight.optim.loss import Huber, robust_sigma
 
 Array = NDArray[np.float64]
@@ -121,8 +122,8 @@ def calibrate_camera(
     report("start", 0, 1)
     start = initialise(views, size)
     report("start", 1, 1)
-    names = (*AUTO, *(NARROW_AUTO if _reach(start, views) < NARROW else ())) if model == "auto" else (model,)
-    started = [found for name in names for found in starts_of(name, start, views)]
+    started = [found for name in _models(model, start, views) for found in starts_of(name, start, views)]
+    _must_be_known([*fixed, *free], [state.model for _, state in started], model)
     fitted: list[Candidate] = []
     for i, (name, state) in enumerate(started):
         report("fit", i, len(started))
@@ -133,6 +134,23 @@ def calibrate_camera(
     best, reason = choose(judged)
     ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     return _conclude(best, reason, tuple(ranked), views, size)
+
+
+def _models(model: str, start: State, views: BoardViews) -> tuple[str, ...]:
+    if model != "auto":
+        return (model,)
+    if len(views) < FEWEST_VIEWS:
+        return FEW_PARAMETERS
+    return (*AUTO, *(NARROW_AUTO if _reach(start, views) < NARROW else ()))
+
+
+def _must_be_known(names: Sequence[str], models: Sequence[CameraModel], asked: str) -> None:
+    known = list(dict.fromkeys(name for model in models for name in model.param_names))
+    if models and (unknown := sorted(set(names) - set(known))):
+        who = "none of the models has" if asked == "auto" else f"{asked} has no"
+        raise ValueError(
+            f"{who} {', '.join(unknown)}; {'they have' if asked == 'auto' else 'it has'} {', '.join(known)}"
+        )
 
 
 def _hold_out(fitted: Sequence[Candidate], views: BoardViews, loss: str, report: Progress) -> list[Candidate]:

@@ -15,6 +15,7 @@ from omnisight.models.ocam import Ocam
 Array = NDArray[np.float64]
 
 AUTO = ("unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam")
+FEW_PARAMETERS = ("unified", "eucm", "double_sphere")
 NARROW_AUTO = ("radial_tangential",)
 NARROW = np.radians(62.0)
 OCAM_DEGREES = (3, 4, 5, 6)

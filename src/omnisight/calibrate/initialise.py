@@ -21,6 +21,8 @@ SCOUTS = ("kannala_brandt", "unified")
 # What a calibration does not estimate unless told to must not come from the start either.
 STILL = ("skew",)
 SETTLED, SCOUTED = 6, 2
+# Pictures that are enough to find the camera; the others are posed from it.
+ENOUGH = 40
 
 
 def initialise(views: BoardViews, size: tuple[int, int]) -> State:
@@ -42,6 +44,9 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     ValueError
         If no start poses the boards.
     """
+    if len(views) > ENOUGH:
+        few = np.unique(np.linspace(0, len(views) - 1, ENOUGH).round().astype(np.intp))
+        return _posed(initialise(views.subset(few), size).model, views)
     ranked = sorted(_ideal_starts(views, size), key=lambda start: _score(start, views))
     if not ranked:
         raise ValueError("no camera explains these corners: are they corners of one flat board, in order?")
@@ -100,14 +105,17 @@ def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
             np.array([[np.sin(theta), 0.0, np.cos(theta)]])
         )
         focal = reach / radius[0, 0]
-        model = cls.from_dict({"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]})
-        bearings, _ = model.unproject_numpy(views.pixels)
-        rotations, translations = plane_poses(views, bearings)
-        posed = np.isfinite(rotations).all((1, 2))
-        # A board that cannot be posed stands far ahead until the camera is better known.
-        rotations[~posed], translations[~posed] = np.eye(3), (0.0, 0.0, 1e3)
-        if posed.any():
-            yield State(model, rotations, translations)
+        yield _posed(cls.from_dict({"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]}), views)
+
+
+def _posed(model: CameraModel, views: BoardViews) -> State:
+    """Pose every board from its bearings."""
+    bearings, _ = model.unproject_numpy(views.pixels)
+    rotations, translations = plane_poses(views, bearings)
+    # A board that cannot be posed stands far ahead until the camera is better known.
+    lost = ~np.isfinite(rotations).all((1, 2))
+    rotations[lost], translations[lost] = np.eye(3), (0.0, 0.0, 1e3)
+    return State(model, rotations, translations)
 
 
 def _score(state: State, views: BoardViews) -> float:

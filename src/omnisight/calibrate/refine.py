@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
+from omnisight.optim.dense import held_back
 from omnisight.optim.levenberg_marquardt import Solution, minimise
 from omnisight.optim.loss import Huber, robust_sigma
 from omnisight.optim.schur import GroupedNormal
@@ -75,22 +76,27 @@ class Bundle:
         d_point *= root[..., None]
         # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
         d_local = np.concatenate([np.cross(turned[:, None, :], d_point), d_point], -1)
-        return GroupedNormal.assemble(
-            d_params[..., self.free] * root[..., None], d_local, residuals * root, self.views.groups
-        )
+        d_shared, residuals = d_params[..., self.free] * root[..., None], residuals * root
+        low, high = self._bounds(state.model)
+        gradient = np.einsum("nrp,nr->p", d_shared, residuals)
+        d_shared[..., held_back(state.model.params[self.free], gradient, low[self.free], high[self.free])] = 0.0
+        return GroupedNormal.assemble(d_shared, d_local, residuals, self.views.groups)
 
     def move(self, state: State, step: Array) -> State:
         count = int(self.free.sum())
         params = state.model.params.copy()
         params[self.free] += step[:count]
-        low = np.array([p.low for p in state.model.parameters])
-        high = np.array([p.high for p in state.model.parameters])
+        low, high = self._bounds(state.model)
         poses = step[count:].reshape(-1, 6)
         return State(
             state.model.with_params(np.clip(params, low, high)) if count else state.model,
             so3.exp(poses[:, :3]) @ state.rotations,
             state.translations + poses[:, 3:],
         )
+
+    @staticmethod
+    def _bounds(model: CameraModel) -> tuple[Array, Array]:
+        return np.array([p.low for p in model.parameters]), np.array([p.high for p in model.parameters])
 
 
 def free_params(model: CameraModel, fixed: Sequence[str] = ()) -> NDArray[np.bool_]:

@@ -10,12 +10,18 @@ Array = NDArray[np.float64]
 
 SAME_PX = 0.5
 TILT_DEG = 10.0
+FEW = 3
 LARGE_PX = 2.0
 
 
 def doubts(state: State, views: BoardViews) -> tuple[str, ...]:
     """Give what makes a calibration doubtful, one sentence with one action each."""
     found: list[str] = []
+    if len(views) < FEW:
+        found.append(
+            f"{len(views)} pictures hold no camera fast: parameters may be far off where the residuals are small;"
+            " take 10 to 20."
+        )
     if same := _same_pictures(views):
         more = ", ..." if len(same) > 3 else ""
         pairs = ", ".join(f"{a} = {b}" for a, b in same[:3])

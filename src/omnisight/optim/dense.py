@@ -53,13 +53,20 @@ class DenseProblem:
 
     def linearise(self, state: Array) -> DenseNormal:
         r, jacobian = self.derivatives(state)
-        jacobian = jacobian[:, self.free]
+        # What lies on a bound and is drawn past it stays there: the others find their own best.
+        held = held_back(state, jacobian.T @ r, self.low, self.high)
+        jacobian = np.where(held, 0.0, jacobian)[:, self.free]
         return DenseNormal(jacobian.T @ jacobian, jacobian.T @ r)
 
     def move(self, state: Array, step: Array) -> Array:
         moved = state.copy()
         moved[self.free] += step
         return np.clip(moved, self.low, self.high)
+
+
+def held_back(state: Array, gradient: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Say which parameters lie on a bound and are drawn past it."""
+    return ((state <= low) & (gradient > 0)) | ((state >= high) & (gradient < 0))
 
 
 def least_squares(
