@@ -6,6 +6,7 @@ cache folder under a hash of the sources of all models: numba itself would look 
 
 import hashlib
 import inspect
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,7 @@ def _resolver(name: str, hook: Any) -> Any:
 
 
 _register_hooks()
-config.CACHE_DIR = str(cache_folder() / f"compiled-{_sources()}")  # pyright: ignore[reportAttributeAccessIssue]
+FOLDER = cache_folder() / f"compiled-{_sources()}"
 
 
 @numba.njit(**OPTIONS)
@@ -109,7 +110,6 @@ def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
             z[j] = c if ok else np.nan
 
 
-@numba.njit(nogil=True, cache=True, **OPTIONS)
 def project(m: Any, points: Any, pixels: Any, valid: Any, first: int, last: int) -> None:
     """Fill rows first to last of pixels (N, 2) and valid (N,) from points (N, 3); NaN where not valid."""
     planes = np.empty((5, BLOCK))
@@ -125,7 +125,6 @@ def project(m: Any, points: Any, pixels: Any, valid: Any, first: int, last: int)
             shown[j] = u[j] == u[j]
 
 
-@numba.njit(nogil=True, cache=True, **OPTIONS)
 def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: int) -> None:
     """Fill rows first to last of bearings (N, 3) and valid (N,) from pixels (N, 2); NaN where not valid."""
     planes = np.empty((5, BLOCK))
@@ -141,7 +140,6 @@ def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: 
             shown[j] = x[j] == x[j]
 
 
-@numba.njit(nogil=True, cache=True, **OPTIONS)
 def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, first: int, last: int) -> None:
     """Fill rows first to last of map_u, map_v (H, W): where the target's pixel is in the source, NaN if nowhere.
 
@@ -171,4 +169,14 @@ def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, fi
                 vs[column] = v if ok & seen else np.nan
 
 
-config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]
+@cache
+def compiled(loop: str, *models: str) -> Any:
+    """Give one of the loops above (project, unproject, map_view), compiled for models by name or kept from before.
+
+    Each has a folder of its own: a process that needs one model does not read what was kept of all.
+    """
+    config.CACHE_DIR = str(FOLDER / "-".join(models))  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        return numba.njit(nogil=True, cache=True, **OPTIONS)(globals()[loop])
+    finally:
+        config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]

@@ -179,7 +179,7 @@ class CameraModel:
         """
         flat, lead = rows(points, 3, "points")
         pixels, valid = np.empty((len(flat), 2)), np.empty(len(flat), np.bool_)
-        run("project", self.kernel, flat, pixels, valid, count=len(flat))
+        run("project", (self.name,), self.kernel, flat, pixels, valid, count=len(flat))
         return pixels.reshape(*lead, 2), valid.reshape(lead)
 
     def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
@@ -204,7 +204,7 @@ class CameraModel:
         """
         flat, lead = rows(pixels, 2, "pixels")
         bearings, valid = np.empty((len(flat), 3)), np.empty(len(flat), np.bool_)
-        run("unproject", self.kernel, flat, bearings, valid, count=len(flat))
+        run("unproject", (self.name,), self.kernel, flat, bearings, valid, count=len(flat))
         return bearings.reshape(*lead, 3), valid.reshape(lead)
 
     def project_numpy(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -34,9 +34,9 @@ def spread(work: Callable[[int, int], Any], count: int, grain: int) -> None:
         piece.result()
 
 
-def run(driver: str, *arguments: Any, count: int, grain: int = 16384) -> None:
-    """Run a compiled driver over `count` rows, on all cores where there are enough of them."""
+def run(loop: str, models: tuple[str, ...], *arguments: Any, count: int, grain: int = 16384) -> None:
+    """Run a compiled loop for models by name over `count` rows, on all cores where there are enough of them."""
     from omnisight.models import _kernels
 
-    function = getattr(_kernels, driver)
+    function = _kernels.compiled(loop, *models)
     spread(lambda first, last: function(*arguments, first, last), count, grain)

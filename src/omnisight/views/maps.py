@@ -28,7 +28,9 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     shape = (target.height, target.width)
     u, v = np.empty(shape, np.float32), np.empty(shape, np.float32)
     source_from_target = np.ascontiguousarray(np.asarray(target_from_source, float).T)
-    run("map_view", target.model.kernel, source.model.kernel, source_from_target, u, v, count=target.height, grain=16)
+    models = target.model.name, source.model.name
+    kernels = target.model.kernel, source.model.kernel
+    run("map_view", models, *kernels, source_from_target, u, v, count=target.height, grain=16)
     return u, v
 
 
