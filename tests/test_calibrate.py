@@ -329,7 +329,7 @@ def test_copies_of_a_picture_are_named():
     view = shoot(lens(180), 180, np.random.default_rng(0))[3]
     found = calibrate_camera(BoardViews.of([view] * 3, ["a.png", "b.png", "c.png"]), SIZE)
     (same,) = [w for w in found.warnings if "repeat" in w]
-    assert "2 pictures repeat another one (a.png = b.png, a.png = c.png)" in same
+    assert "that repeat another one: 2 (a.png = b.png, a.png = c.png)" in same
     assert "move the board" in same
 
 

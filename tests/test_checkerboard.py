@@ -61,9 +61,7 @@ def render(board, cam_from_board, position, noise=2.0, mirrored=False):
     corners = project(board.points @ cam_from_board.T + position)
     picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
     if mirrored:
-        return np.ascontiguousarray(picture[:, ::-1]), np.stack(
-            [SIZE[0] - 1 - corners[:, 0], corners[:, 1]], 1
-        )
+        return np.ascontiguousarray(picture[:, ::-1]), np.stack([SIZE[0] - 1 - corners[:, 0], corners[:, 1]], 1)
     return picture, corners
 
 
@@ -168,9 +166,7 @@ def test_a_pattern_is_read_as_people_write_it(pattern):
     assert str(board) == "8x6"
 
 
-@pytest.mark.parametrize(
-    ("text", "metres"), [("30mm", 0.03), ("3 cm", 0.03), (".03m", 0.03), ("1in", 0.0254)]
-)
+@pytest.mark.parametrize(("text", "metres"), [("30mm", 0.03), ("3 cm", 0.03), (".03m", 0.03), ("1in", 0.0254)])
 def test_a_length_is_read_in_metres(text, metres):
     assert parse_length(text) == pytest.approx(metres)
 

@@ -530,7 +530,7 @@ def test_copies_of_a_picture_are_noted(run, folder):
     shutil.copy(folder / "1.png", folder / "7.png")
     status, out, _ = run("calibrate", folder, *QUICK)
     assert status == 0
-    assert "note: 1 pictures repeat another one (1.png = 7.png)" in out
+    assert "note: Pictures that repeat another one: 1 (1.png = 7.png)" in out
 
 
 # -- calibrate: places -------------------------------------------------------------------------------------------

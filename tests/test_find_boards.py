@@ -97,9 +97,7 @@ def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypat
         b"\xff\xfe",
         b"[1]",
         b"{}",
-        json.dumps(
-            {"size": [640, 480], "ids": [99], "pixels": [[1, 2]], "sharpness": 1, "other_pattern": None}
-        ),
+        json.dumps({"size": [640, 480], "ids": [99], "pixels": [[1, 2]], "sharpness": 1, "other_pattern": None}),
         json.dumps({"size": [640, 480], "ids": [1], "pixels": [1, 2], "sharpness": 1, "other_pattern": None}),
         "[" * 100_000,
     ],

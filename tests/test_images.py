@@ -88,9 +88,7 @@ def test_missing_file_and_folder_are_unreadable(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize(
-    "make", [lambda: jpeg(orientation=6), lambda: cv2.imencode(".png", COLOURS)[1].tobytes()]
-)
+@pytest.mark.parametrize("make", [lambda: jpeg(orientation=6), lambda: cv2.imencode(".png", COLOURS)[1].tobytes()])
 def test_hostile_bytes_raise_unreadable_or_give_a_picture(seed, make):
     rng = np.random.default_rng(seed)
     for _ in range(50):

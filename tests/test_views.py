@@ -8,7 +8,8 @@ import pytest
 import omnisight as om
 from omnisight.camera import Camera
 from omnisight.models import model_class
-from omnisight.views.maps import kept_share, magnification, map_scale, view_map
+from omnisight.views.maps import kept_share, map_scale, view_map
+from omnisight.views.remapper import magnification
 from omnisight.views.targets import CUBE_FACES, cube_rotation
 
 INTERPOLATIONS = ["nearest", "bilinear", "bicubic", "lanczos"]

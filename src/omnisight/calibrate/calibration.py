@@ -133,7 +133,7 @@ def calibrate_camera(
     judged = _hold_out(fitted, views, loss, report)
     best, reason = choose(judged)
     ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
-    return _conclude(best, reason, tuple(ranked), views, size)
+    return _conclude(best, reason, tuple(ranked), views, size, auto=model == "auto")
 
 
 def _models(model: str, start: State, views: BoardViews) -> tuple[str, ...]:
@@ -171,12 +171,19 @@ def _hold_out(fitted: Sequence[Candidate], views: BoardViews, loss: str, report:
 
 
 def _conclude(
-    best: Candidate, reason: str, ranked: tuple[Candidate, ...], views: BoardViews, size: tuple[int, int]
+    best: Candidate,
+    reason: str,
+    ranked: tuple[Candidate, ...],
+    views: BoardViews,
+    size: tuple[int, int],
+    *,
+    auto: bool,
 ) -> Calibration:
     state = best.state
     lengths = state.lengths(views)
     outliers = lengths > robust_threshold(state, views)
     points, _ = state.points(views)
+    shown = np.isfinite(state.residuals(views)).all(1)  # in the model's domain
     angles = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
     figures = {
         "rms": best.rms,
@@ -189,7 +196,7 @@ def _conclude(
     camera = Camera(
         state.model,
         size,
-        theta_max=float(angles[~outliers].max()),
+        theta_max=float(angles[~outliers & shown].max(initial=0.0)),
         calibration=figures,
         covariance=_covariance(best, views),
     )
@@ -203,7 +210,7 @@ def _conclude(
         best.mean,
         best.held_out_rms,
         outliers,
-        doubts(state, views),
+        doubts(state, views, auto=auto),
     )
 
 

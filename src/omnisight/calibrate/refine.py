@@ -134,7 +134,7 @@ def refine(
         Which of the camera's parameters move (P,); `free_params` unless told otherwise. None of them: only the poses
         move.
     loss
-        "huber", its threshold three robust standard deviations, estimated anew until it settles; or "squared".
+        "huber", its threshold five robust standard deviations, estimated anew until it settles; or "squared".
     iterations, tolerance, watch
         As in `minimise`.
     """

@@ -14,26 +14,28 @@ FEW = 3
 LARGE_PX = 2.0
 
 
-def doubts(state: State, views: BoardViews) -> tuple[str, ...]:
-    """Give what makes a calibration doubtful, one sentence with one action each."""
+def doubts(state: State, views: BoardViews, *, auto: bool) -> tuple[str, ...]:
+    """Give what makes a calibration doubtful, one sentence with one action each; `auto` if several models were tried."""
     found: list[str] = []
     if len(views) < FEW:
         found.append(
-            f"{len(views)} pictures hold no camera fast: parameters may be far off where the residuals are small;"
-            " take 10 to 20."
+            f"With fewer than {FEW} pictures parameters may be far off where the residuals are small; take 10 to 20."
         )
     if same := _same_pictures(views):
         more = ", ..." if len(same) > 3 else ""
         pairs = ", ".join(f"{a} = {b}" for a, b in same[:3])
         found.append(
-            f"{len(same)} pictures repeat another one ({pairs}{more}) and add nothing: move the board between pictures."
+            f"Pictures that repeat another one: {len(same)} ({pairs}{more}). They add nothing: move the board between"
+            " pictures."
         )
     median = float(np.median(state.lengths(views)))
     if median > LARGE_PX:
-        found.append(
-            f"Half of the corners are more than {median:.1f} px off: {state.model.name} does not describe this camera;"
-            " use --model auto."
+        why = (
+            "no model explains them; are they corners of one flat board, in order, all from one camera?"
+            if auto
+            else f"{state.model.name} does not describe this camera; use --model auto."
         )
+        found.append(f"Half of the corners are more than {median:.1f} px off: {why}")
     tilt = _largest_tilt(state)
     if len(views) > 1 and tilt < TILT_DEG:
         found.append(

@@ -228,7 +228,8 @@ def _save_view_camera(save: Any, target: Any, rotation: Any, path: Path) -> None
 def _tell(
     source: Any, target: Any, rotations: list[Any], remappers: list[Any], covered: float, output: Path, up: str
 ) -> None:
-    from omnisight.views.maps import kept_share, magnification
+    from omnisight.views.maps import kept_share
+    from omnisight.views.remapper import magnification
 
     kept = sum(kept_share(source, target, rotation) for rotation in rotations)
     centre, rim = magnification(remappers[0])

@@ -34,7 +34,7 @@ class AnglePolynomial(Central):
         return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), 1.0)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         # theta(r) has a square root at the fold, and so is smooth in w.
         w = 1.0 - (r * m.over_fold) ** 2
         w = np.sqrt(where(w > 0.0, w, 0.0))

@@ -27,7 +27,7 @@ class Central(Undistorted, CameraModel):
         raise NotImplementedError
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         """Give (sin(theta)/r, cos(theta)) from the radius."""
         raise NotImplementedError
 
@@ -94,7 +94,7 @@ class Central(Undistorted, CameraModel):
         du, dv = u - m.u0, v - m.v0
         px, py, converged = undistort(m, m.b11 * du + m.b12 * dv, m.b21 * du + m.b22 * dv, effort)
         r2 = px * px + py * py
-        h, c = ungain(m, np.sqrt(r2), effort)
+        h, c = ungain(m, np.sqrt(r2), r2, effort)
         valid = converged & (r2 <= m.r2_back) & (c > m.c_back)
         return where(converged & (np.abs(h) != np.inf), h * px, np.inf), h * py, c, valid
 

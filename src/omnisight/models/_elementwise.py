@@ -94,9 +94,9 @@ def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
     return m.model.gain(m, s, c, effort)
 
 
-def ungain(m: Any, r: Any, effort: Any) -> Any:
-    """Give (sin(theta) / r, cos(theta)) from the radius r."""
-    return m.model.ungain(m, r, effort)
+def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    """Give (sin(theta) / r, cos(theta)) from the radius r and its square."""
+    return m.model.ungain(m, r, r2, effort)
 
 
 def distort(m: Any, x: Any, y: Any) -> Any:

@@ -38,9 +38,9 @@ class Division(Central):
         return where(c > 0.0, 2.0 / (c + root), (c - root) / (2.0 * m.k * s * s))
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
-        z = 1.0 + m.k * r * r
-        h = 1.0 / np.sqrt(r * r + z * z)
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+        z = 1.0 + m.k * r2
+        h = 1.0 / np.sqrt(r2 + z * z)
         return h, h * z
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

@@ -38,8 +38,7 @@ class DoubleSphere(Central):
         return 1.0 / (m.alpha * np.sqrt(s * s + k * k) + (1.0 - m.alpha) * k)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
-        r2 = r * r
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         inside = 1.0 - (2.0 * m.alpha - 1.0) * r2
         z = (1.0 - m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)
         h = (z * m.xi + np.sqrt(z * z + (1.0 - m.xi * m.xi) * r2)) / (z * z + r2)

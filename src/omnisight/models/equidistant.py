@@ -17,7 +17,7 @@ class EquidistantProfile(Central):
         return where(s > 1e-9, atan2(s, c) / where(s > 1e-9, s, 1.0), 1.0)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         s, c = sine_cosine(where(r < 3.141592653589793, r, 3.141592653589793))
         return where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), c
 

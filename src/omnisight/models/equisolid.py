@@ -30,7 +30,7 @@ class Equisolid(Central):
         return np.sqrt(2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c))
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         half = 0.5 * r
         return np.sqrt(where(half < 1.0, (1.0 - half) * (1.0 + half), 0.0)), 1.0 - 2.0 * half * half
 

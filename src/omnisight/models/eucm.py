@@ -36,8 +36,7 @@ class EnhancedUnified(Central):
         return 1.0 / (m.alpha * np.sqrt(m.beta * s * s + c * c) + (1.0 - m.alpha) * c)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
-        r2 = r * r
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         inside = 1.0 - (2.0 * m.alpha - 1.0) * m.beta * r2
         z = (1.0 - m.beta * m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)
         h = 1.0 / np.sqrt(r2 + z * z)

@@ -36,7 +36,7 @@ class FieldOfView(Central):
         return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.two_t / m.omega)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         s, c = sine_cosine(where(r * m.omega < 3.141592653589793, r * m.omega, 3.141592653589793))
         s = s / m.two_t
         inverse_n = 1.0 / np.sqrt(s * s + c * c)

@@ -112,12 +112,12 @@ class Ocam(Central):
         return r + step, where(value > 0.0, r, low), where(value > 0.0, high, r), step
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         f = 0.0
         for i in range(len(m.a) - 1, 0, -1):
             f = f * r + m.a[i]
-        f = f * r * r + m.a[0]
-        h = 1.0 / np.sqrt(r * r + f * f)
+        f = f * r2 + m.a[0]
+        h = 1.0 / np.sqrt(r2 + f * f)
         return h, h * f
 
     def derived(self) -> dict[str, Any]:

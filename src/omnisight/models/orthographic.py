@@ -26,7 +26,7 @@ class Orthographic(Central):
         return 1.0 + 0.0 * c
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         return 1.0 + 0.0 * r, np.sqrt(where(r < 1.0, (1.0 - r) * (1.0 + r), 0.0))
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

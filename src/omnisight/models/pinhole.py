@@ -18,8 +18,8 @@ class PinholeProfile(Central):
         return 1.0 / c
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
-        c = 1.0 / np.sqrt(1.0 + r * r)
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+        c = 1.0 / np.sqrt(1.0 + r2)
         return c, c
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

@@ -27,8 +27,8 @@ class Stereographic(Central):
         return 2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
-        h = 4.0 / (4.0 + r * r)
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+        h = 4.0 / (4.0 + r2)
         return h, 2.0 * h - 1.0
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

@@ -22,8 +22,7 @@ class UnifiedProfile(Central):
         return 1.0 / (c + m.xi)
 
     @staticmethod
-    def ungain(m: Any, r: Any, effort: Any) -> Any:
-        r2 = r * r
+    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
         h = (m.xi + np.sqrt(1.0 + (1.0 - m.xi * m.xi) * r2)) / (1.0 + r2)
         return h, h - m.xi
 

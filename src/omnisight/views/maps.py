@@ -1,15 +1,10 @@
 """Where each pixel of a view is seen in the source, and how densely."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.models._threads import run
-
-if TYPE_CHECKING:
-    from omnisight.views.remapper import Remapper
 
 Floats = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -70,19 +65,3 @@ def kept_share(source: Camera, target: Camera, target_from_source: Array, count:
     if not valid.any():
         return 0.0
     return float((shown & target.in_image(pixels)).mean())
-
-
-def magnification(remapper: "Remapper") -> tuple[float, float]:
-    """Give how many pixels of the view a pixel of the source fills, in its middle and at the rim of what is shown."""
-    u, v = view_map(remapper.source, remapper.target, remapper.target_from_source)
-    step = max(1, min(u.shape) // 200)
-    scale = map_scale(remapper.source, u, v, step)
-    scale[~remapper.mask[::step, ::step]] = np.nan
-    rows, columns = np.nonzero(np.isfinite(scale) & (scale > 0))
-    if not rows.size:
-        return float("nan"), float("nan")
-    away = np.hypot(rows - (scale.shape[0] - 1) / 2, columns - (scale.shape[1] - 1) / 2)
-    order = np.argsort(away)
-    few = max(1, len(order) // 100)
-    values = 1 / scale[rows, columns]
-    return float(np.median(values[order[:few]])), float(np.median(values[order[-few:]]))

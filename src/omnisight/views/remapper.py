@@ -226,3 +226,19 @@ def size_mismatch(found: tuple[int, int], expected: tuple[int, int]) -> str:
     if found == expected[::-1]:
         return f"{said}: turned by 90 degrees; was its EXIF rotation applied?"
     return f"{said}: another shape; a camera is only valid for the pictures that it was calibrated with"
+
+
+def magnification(remapper: Remapper) -> tuple[float, float]:
+    """Give how many pixels of the view a pixel of the source fills, in its middle and at the rim of what is shown."""
+    u, v = view_map(remapper.source, remapper.target, remapper.target_from_source)
+    step = max(1, min(u.shape) // 200)
+    scale = map_scale(remapper.source, u, v, step)
+    scale[~remapper.mask[::step, ::step]] = np.nan
+    rows, columns = np.nonzero(np.isfinite(scale) & (scale > 0))
+    if not rows.size:
+        return float("nan"), float("nan")
+    away = np.hypot(rows - (scale.shape[0] - 1) / 2, columns - (scale.shape[1] - 1) / 2)
+    order = np.argsort(away)
+    few = max(1, len(order) // 100)
+    values = 1 / scale[rows, columns]
+    return float(np.median(values[order[:few]])), float(np.median(values[order[-few:]]))
