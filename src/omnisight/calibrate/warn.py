@@ -15,7 +15,7 @@ LARGE_PX = 2.0
 
 
 def doubts(state: State, views: BoardViews, *, auto: bool) -> tuple[str, ...]:
-    """Give what makes a calibration doubtful, one sentence with one action each; `auto` if several models were tried."""
+    """Give what makes a calibration doubtful, a sentence with one action each; `auto` if several models were tried."""
     found: list[str] = []
     if len(views) < FEW:
         found.append(
