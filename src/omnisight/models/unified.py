@@ -106,7 +106,10 @@ class Unified(UnifiedProfile):
 
     @classmethod
     def from_ellipse(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
-        """Make the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a."""
+        """Make the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a.
+
+        A concave mirror also turns its picture by 180 degrees about the axis: negate fx and fy to have it so.
+        """
         positive(a=a, c=c, focal=focal)
         if c >= a:
             raise ValueError(f"an ellipse has c < a, got a = {a}, c = {c}")
