@@ -1,0 +1,61 @@
+"""What the tests of the command line share: a lens, its board, and readers of what was said."""
+
+import struct
+
+import cv2
+import numpy as np
+
+from omnisight.camera import Camera
+from omnisight.images import read_image, write_image
+from omnisight.models import model_class
+from omnisight.targets import Board
+from test_checkerboard import CENTRE, FOCAL, SIZE
+
+BOARD = Board(9, 6)
+TRUTH = Camera(model_class("equidistant")(FOCAL, FOCAL, *CENTRE), SIZE, theta_max=1.4)
+QUICK = ("--pattern", "9x6", "--model", "equidistant")
+
+
+def jpeg(image, orientation=1):
+    """Encode a gray or RGB picture as JPEG with an EXIF orientation."""
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+    entry = struct.pack(">HHIHH", 0x0112, 3, 1, orientation, 0)
+    tiff = b"MM\0*" + struct.pack(">IH", 8, 1) + entry + struct.pack(">I", 0)
+    exif = b"Exif\0\0" + tiff
+    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
+
+
+def lines_of(out):
+    """Give the table's lines by picture."""
+    lines = [line for line in out.splitlines() if line.split()[1:2] in (["yes"], ["no"])]
+    return {line.split()[0]: line for line in lines}
+
+
+def visible(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def raising(error):
+    def function(*_, **__):
+        raise error
+
+    return function
+
+
+def spoil(path, how):
+    """Put something else in the place of a picture."""
+    good = read_image(path)
+    path.unlink()
+    match how:
+        case "text":
+            path.with_suffix(".jpg").write_text("I am no picture")
+        case "empty":
+            path.with_suffix(".jpg").write_bytes(b"")
+        case "truncated":
+            path.with_suffix(".jpg").write_bytes(jpeg(good)[:-2000])
+        case "black":
+            write_image(path, np.zeros_like(good))
+        case "damaged":
+            data = bytearray(cv2.imencode(".png", good)[1].tobytes())
+            data[len(data) // 2] ^= 255
+            path.write_bytes(bytes(data))

@@ -1,0 +1,129 @@
+"""omnisight calibrate."""
+
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from shooting import QUICK, SIZE, TRUTH, lines_of, raising, visible
+
+from omnisight.formats import load
+from omnisight.images import read_image, write_image
+
+
+def test_a_calibration_needs_no_options_and_prints_a_line_per_picture(run, shots, tmp_path):
+    status, out, err = run("calibrate", shots, "--square", "30mm", "-o", tmp_path / "camera.json")
+    assert (status, err) == (0, "")
+    assert out.split()[:7] == ["picture", "found", "corners", "rms", "px", "worst", "px"]
+    table = lines_of(out)
+    assert sorted(table) == sorted(path.name for path in shots.iterdir())
+    for line in table.values():
+        _, found, corners, rms, worst = line.split()[:5]
+        assert found == "yes"
+        assert 40 <= int(corners) <= 54
+        assert 0 < float(rms) < float(worst) < 0.5
+    assert f"written: {tmp_path / 'camera.json'}" in out
+    assert "6 of 6 pictures" in out
+    found = load(tmp_path / "camera.json")
+    assert found.size == SIZE
+    assert found.provenance["pattern"] == "9x6"
+    assert found.provenance["square_m"] == 0.03
+    pixels, _ = TRUTH.project([[0.6, 0.2, 1.0], [-0.8, 0.1, 1.0], [0.0, -0.7, 1.0]])
+    true, shown = TRUTH.unproject(pixels)[0], found.unproject(pixels)[0]
+    assert np.degrees(np.arccos(np.sum(true @ true.T * (shown @ shown.T), 1) / 3)).max() < 90  # three directions apart
+    assert np.degrees(np.abs(np.arccos(true @ true.T - 1e-12) - np.arccos(shown @ shown.T - 1e-12))).max() < 0.2
+
+
+def test_the_native_file_says_what_it_holds(run, shots, tmp_path):
+    assert run("calibrate", shots, *QUICK, "-o", tmp_path / "camera.json")[0] == 0
+    stored = json.loads((tmp_path / "camera.json").read_text())
+    assert stored["format"] == "omnisight-camera"
+    assert stored["version"] == 1
+    assert stored["model"] == "equidistant"
+    assert stored["size"] == [640, 480]
+    assert set(stored["params"]) == {"fx", "fy", "cx", "cy"}
+    assert "x right, y down, z forward" in stored["convention"]
+    assert stored["provenance"]["square_m"] is None
+    assert stored["calibration"]["pictures"] == 6
+
+
+def test_json_is_one_object_and_nothing_else(run, folder):
+    (folder / "7.jpg").write_text("not a picture")
+    write_image(folder / "8.png", np.zeros(SIZE[::-1], np.uint8))
+    status, out, err = run("calibrate", folder, "--pattern", "9x6", "--json")
+    assert (status, err) == (0, "")
+    result = json.loads(out)
+    assert set(result) >= {
+        *("pictures", "pattern", "model", "rms", "mean", "held_out_rms"),
+        *("candidates", "seconds", "camera", "warnings", "reason"),
+    }
+    assert [picture["name"] for picture in result["pictures"]] == visible(folder)
+    for picture in result["pictures"]:
+        assert set(picture) == {"name", "found", "corners", "rms", "worst", "note"}
+        assert picture["found"] is (int(picture["name"][0]) <= 6)
+        assert (picture["rms"] is None) is (picture["worst"] is None) is (not picture["found"])
+    assert result["pictures"][6]["note"] == "7.jpg: not an image (starts with b'not a')"
+    assert result["pictures"][7]["note"] == "no 9x6 board found"
+    assert result["pattern"] == "9x6"
+    assert 0 < result["mean"] < result["rms"] < 0.3
+    assert {"model", "rms", "held_out_rms", "parameters", "mean"} == set(result["candidates"][0])
+    assert len(result["candidates"]) > 3
+    assert result["seconds"]["total"] == pytest.approx(
+        result["seconds"]["detect"] + result["seconds"]["solve"], abs=0.5
+    )
+    assert result["camera"]["model"] == result["model"]
+    assert result["camera"]["size"] == [640, 480]
+
+
+def test_json_in_a_process_of_its_own_keeps_stdout_clean(shots, tmp_path):
+    command = [sys.executable, "-m", "omnisight", "calibrate", str(shots), *QUICK, "--json", "--no-cache"]
+    done = subprocess.run([*command, "-o", str(tmp_path / "c.json")], capture_output=True, text=True, check=True)
+    result = json.loads(done.stdout)
+    assert done.stderr == ""
+    assert result["camera"]["params"] == json.loads((tmp_path / "c.json").read_text())["params"]
+
+
+def test_a_second_run_takes_what_the_first_one_found(run, shots, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: tmp_path / "cache")
+    first = run("calibrate", shots, *QUICK)[1]
+    renamed = tmp_path / "elsewhere"
+    shutil.copytree(shots, renamed)
+    monkeypatch.setattr("omnisight.targets.find.search_checkerboard", raising(AssertionError("searched again")))
+    assert lines_of(run("calibrate", renamed, *QUICK)[1]) == lines_of(first)
+    assert run("calibrate", shots, *QUICK, "--no-cache")[0] == 1
+
+
+def test_drawings_hold_every_picture(run, shots, tmp_path):
+    status, out, _ = run("calibrate", shots, *QUICK, "--draw", tmp_path / "drawn")
+    assert status == 0
+    assert f"drawn: {tmp_path / 'drawn'}" in out
+    assert visible(tmp_path / "drawn") == [f"{i}.png" for i in range(1, 7)]
+    drawn = read_image(tmp_path / "drawn" / "1.png")
+    assert drawn.shape[2] == 3
+    green = (drawn[..., 1] > 180) & (drawn[..., 0] < 120)
+    assert green.sum() > 500
+
+
+def test_a_drawing_that_fails_loses_no_result(run, shots, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.cli._draw.draw_residuals", raising(OSError("no room")))
+    status, out, err = run("calibrate", shots, *QUICK, "--draw", tmp_path / "drawn", "-o", tmp_path / "c.json")
+    assert (status, err) == (2, "omnisight: no room\n")
+    assert "written:" in out
+    assert load(tmp_path / "c.json").model.name == "equidistant"
+
+
+def test_pictures_of_one_name_in_two_folders_are_told_apart(run, shots, tmp_path):
+    for name, numbers in (("left", (1, 2, 3)), ("right", (4, 5, 6))):
+        (tmp_path / name).mkdir()
+        for i, number in enumerate(numbers):
+            shutil.copy(shots / f"{number}.png", tmp_path / name / f"{i}.png")
+    status, out, _ = run("calibrate", tmp_path / "left", tmp_path / "right", *QUICK, "--json")
+    apart = json.loads(out)["pictures"]
+    together = json.loads(run("calibrate", shots, *QUICK, "--json")[1])["pictures"]
+    assert status == 0
+    assert [p["corners"] for p in apart] == [p["corners"] for p in together]
+    np.testing.assert_allclose([p["rms"] for p in apart], [p["rms"] for p in together], rtol=1e-6)
+    run("calibrate", tmp_path / "left", tmp_path / "right", *QUICK, "--draw", tmp_path / "drawn")
+    assert len(visible(tmp_path / "drawn")) == 6

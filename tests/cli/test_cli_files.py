@@ -1,0 +1,177 @@
+"""omnisight inspect and convert, and whatever else it is given."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from shooting import FOCAL, QUICK, SIZE, TRUTH, jpeg, visible
+
+from omnisight.camera import Camera
+from omnisight.formats import load, save
+from omnisight.images import read_image
+from omnisight.models import model_class, model_names
+
+
+def test_inspect_says_model_size_field_focal_centre_and_conventions(run, camera_file):
+    status, out, err = run("inspect", camera_file)
+    assert (status, err) == (0, "")
+    for said in (
+        *("model       equidistant: ", "size        640 x 480 px", "focal       190.00 px per radian"),
+        *("centre      (322.30, 236.80), +2.8, -2.7 px", "calibrated  to 80.2 degrees", "x right, y down, z forward"),
+        *("193.0 deg across", "144.7 deg down", "radius, px  (* calibrated, . extrapolated, - equidistant)"),
+    ):
+        assert said in out
+    assert "nan" not in out
+
+
+@pytest.mark.parametrize("model", model_names())
+def test_inspect_describes_every_model(run, tmp_path, model):
+    camera = Camera(model_class(model).example(), (1024, 768), theta_max=0.7)
+    path = save(camera, tmp_path / "c.json").path
+    status, out, err = run("inspect", path, "--svg", tmp_path / "curve.svg")
+    assert (status, err) == (0, "")
+    assert f"model       {model}: " in out
+    assert (tmp_path / "curve.svg").read_text().startswith("<svg")
+
+
+def test_inspect_json_is_the_camera(run, camera_file):
+    status, out, _ = run("inspect", camera_file, "--json")
+    assert status == 0
+    stored = json.loads(out)
+    assert stored["camera"]["params"] == TRUTH.model.to_dict()
+    assert stored["camera"]["size"] == [640, 480]
+
+
+def test_inspect_tells_the_names_there_are(refuses, camera_file):
+    said = refuses("inspect", camera_file, "--name", "left")
+    assert f"{camera_file}: no camera 'left'; it holds camera" in said
+
+
+def test_inspect_shows_how_sure_a_calibrated_camera_is(run, shots, tmp_path):
+    run("calibrate", shots, *QUICK, "-o", tmp_path / "c.json")
+    out = run("inspect", tmp_path / "c.json")[1]
+    focal = next(line for line in out.splitlines() if line.strip().startswith("fx"))
+    value, sigma = float(focal.split()[1]), float(focal.split()[3])
+    assert abs(value - FOCAL) < 4 * sigma + 0.2
+    assert "held_out_rms" in out
+    assert "pattern: 9x6" in out
+
+
+# -- convert -----------------------------------------------------------------------------------------------------
+
+
+def test_convert_prints_how_near_it_comes(run, camera_file, tmp_path):
+    out = tmp_path / "c.json"
+    status, said, err = run("convert", camera_file, "--to", "native", "--model", "double_sphere", "-o", out)
+    assert (status, err) == (0, "")
+    assert "model       equidistant -> double_sphere" in said
+    assert "fitted      to 80.2 degrees" in said
+    error = float(said.split("error       at most ")[1].split()[0])
+    assert error < 1
+    assert f"written     {out}" in said
+    converted = load(out)
+    bearings, pixels = TRUTH.samples()
+    assert np.linalg.norm(converted.project(bearings)[0] - pixels, axis=1).max() == pytest.approx(error, rel=0.01)
+    assert converted.provenance["converted_from"] == "equidistant"
+
+
+def test_convert_refuses_past_the_threshold_and_writes_nothing(run, refuses, camera_file, tmp_path):
+    out = tmp_path / "c.json"
+    arguments = ("convert", camera_file, "--to", "native", "--model", "division", "-o", out)
+    status, said, err = run(*arguments, "--max-error", "1e-6")
+    assert status == 2
+    assert "holds       within 0.5 px up to" in said
+    assert err.startswith("omnisight: division cannot represent this equidistant camera to 80 degrees: ")
+    assert "1e-06 allowed. Nothing is written; try --max-theta" in err
+    assert "--force" in err
+    assert visible(tmp_path) == ["camera.json"]
+    assert run(*arguments, "--max-error", "1e-6", "--force")[0] == 0
+    assert load(out).model.name == "division"
+
+
+def test_convert_over_a_smaller_cone_comes_nearer(run, camera_file, tmp_path):
+    errors = []
+    for options in ((), ("--max-theta", "40")):
+        said = run(
+            *("convert", camera_file, "--to", "native", "--model", "division", "--force"),
+            *("-o", tmp_path / "c.json", *options),
+        )[1]
+        errors.append(float(said.split("at most ")[1].split()[0]))
+    assert errors[1] < errors[0] / 3
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--to", "nonsense"), "unknown format 'nonsense'; there are:"),
+        (("--to", "native", "--model", "nonsense"), "has no model nonsense; it has cylindrical"),
+        (("--to", "native", "--name", "left"), "no camera 'left'; it holds camera"),
+        (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "sees almost nothing"),
+    ],
+)
+def test_a_conversion_that_cannot_be_says_why(refuses, camera_file, tmp_path, options, said):
+    assert said in refuses("convert", camera_file, "-o", tmp_path / "c.json", *options)
+    assert visible(tmp_path) == ["camera.json"]
+
+
+def test_a_camera_without_a_size_cannot_be_fitted(refuses, tmp_path):
+    path = save(Camera(TRUTH.model, (0, 0)), tmp_path / "c.json").path
+    said = refuses("convert", path, "--to", "native", "--model", "mei", "-o", tmp_path / "d.json")
+    assert "does not say how large its pictures are" in said
+
+
+def test_convert_names_its_file_beside_the_camera(run, camera_file):
+    status, said, _ = run("convert", camera_file, "--to", "native")
+    assert status == 0
+    assert "model       equidistant, as it is" in said
+    assert load(camera_file.with_name("camera-native.json")).model == TRUTH.model
+
+
+# -- anything else -----------------------------------------------------------------------------------------------
+
+
+def spoiled(data, rng):
+    """Cut, swap, repeat or change bytes of a file."""
+    data = bytearray(data)
+    at, to = sorted(rng.integers(0, len(data), 2))
+    match rng.integers(5):
+        case 0:
+            del data[at:]
+        case 1:
+            del data[at:to]
+        case 2:
+            data[at : at + 3] = rng.integers(0, 256, 3, np.uint8).tobytes()
+        case 3:
+            data[at:at] = data[at:to]
+        case 4:
+            digits = [i for i, b in enumerate(data) if chr(b).isdigit()]
+            data[digits[rng.integers(len(digits))]] = b'-e.n9[{"'[rng.integers(8)]
+    return bytes(data)
+
+
+@pytest.mark.parametrize("model", ["ocam", "double_sphere"])
+def test_no_camera_file_however_spoiled_is_a_fault(run, tmp_path, model):
+    path = tmp_path / "camera.json"
+    whole = save(Camera(model_class(model).example(), SIZE, theta_max=1.2), path).path.read_bytes()
+    rng = np.random.default_rng(0)
+    statuses = []
+    for i in range(120):
+        path.write_bytes(spoiled(whole, rng))
+        status, _, err = run("inspect", path)
+        assert status in (0, 2), f"{i}: {err} {path.read_bytes()}"
+        assert err.startswith(f"omnisight: {path}: ") is (status == 2)
+        statuses.append(status)
+    assert {0, 2} == set(statuses)
+
+
+def test_no_picture_however_spoiled_is_a_fault(run, shots, camera_file, tmp_path):
+    good = read_image(shots / "1.png")[::4, ::4]
+    files = [jpeg(good), *(cv2.imencode(e, good)[1].tobytes() for e in (".png", ".tif", ".bmp", ".webp", ".pgm"))]
+    rng = np.random.default_rng(0)
+    for i in range(90):
+        path = tmp_path / f"{i}.png"
+        path.write_bytes(spoiled(files[i % len(files)] + b"0", rng))
+        status, _, err = run("view", path, "--camera", camera_file, "--scale-camera", "-o", tmp_path / "v.png")
+        assert status in (0, 2), f"{i}: {err}"
+        assert err.startswith("omnisight: ") is (status == 2)

@@ -1,0 +1,75 @@
+"""omnisight calibrate: the board that is asked for, and the one in the pictures."""
+
+import json
+
+import numpy as np
+import pytest
+from shooting import raising
+
+from omnisight.images import write_image
+from omnisight.targets import Board
+from test_checkerboard import POSES, pose, render
+
+
+def test_columns_and_rows_may_be_exchanged(run, shots):
+    straight, swapped = (
+        json.loads(run("calibrate", shots, "--pattern", p, "--model", "equidistant", "--json")[1])
+        for p in ("9x6", "6x9")
+    )
+    assert swapped["rms"] == pytest.approx(straight["rms"], rel=1e-3)
+    assert all(picture["found"] for picture in swapped["pictures"])
+
+
+@pytest.mark.parametrize(
+    ("pattern", "reason"),
+    [("10x7", "10x7 squares have 9x6 inner corners"), ("7x5", "did you count squares?")],
+)
+def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern, reason):
+    said = refuses("calibrate", shots, "--pattern", pattern)
+    assert f"a {pattern} board was found in 0 of 6 pictures" in said
+    assert f"found a 9x6 grid of inner corners in 6/6 pictures but --pattern is {pattern} ({reason})" in said
+    assert "Use --pattern 9x6." in said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--pattern", "9"), "cannot read the pattern '9': give inner corners as COLUMNSxROWS, such as 8x6"),
+        (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
+        (("--square", "30"), "the length '30' has no unit: write 30mm if millimetres are meant"),
+        (("--square", "0mm"), "the length '0mm' must be positive"),
+        (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in"),
+        (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: cylindrical"),
+    ],
+)
+def test_an_option_that_cannot_be_is_told_before_any_picture_is_read(refuses, shots, monkeypatch, options, said):
+    monkeypatch.setattr("omnisight.images.read.read_bytes", raising(AssertionError("a picture was read")))
+    monkeypatch.setattr("omnisight.targets.find.read_bytes", raising(AssertionError("a picture was read")))
+    assert said in refuses("calibrate", shots, *options)
+
+
+def test_an_unknown_loss_is_told_with_those_there_are(run, shots):
+    status, out, err = run("calibrate", shots, "--loss", "cauchy")
+    assert status == 2
+    assert "huber" in out + err
+    assert "squared" in out + err
+
+
+def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
+    for i in range(3):
+        write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
+    assert "no checkerboard found in the first 3 pictures, so its size is unknown: give --pattern" in refuses(
+        "calibrate", tmp_path
+    )
+    said = refuses("calibrate", tmp_path, "--pattern", "9x6")
+    assert "a 9x6 board was found in 0 of 3 pictures: does --pattern count inner corners" in said
+    assert "0.png: no 9x6 board found" in said
+
+
+def test_a_board_that_looks_the_same_upside_down_is_noted(run, tmp_path):
+    board = Board(8, 6)
+    for i, view in enumerate(POSES[:4]):
+        write_image(tmp_path / f"{i}.png", render(board, *pose(board, *view))[0])
+    status, out, _ = run("calibrate", tmp_path, "--model", "equidistant")
+    assert status == 0
+    assert "note: a 8x6 board looks the same upside-down: fine for one camera, unsafe for several; 8x5 would not" in out

@@ -1,0 +1,80 @@
+"""The program itself: help, exit status, faults."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+from shooting import raising
+
+import omnisight
+
+COMMANDS = ["calibrate", "convert", "inspect", "view"]
+
+
+def test_help_lists_the_commands_at_once_and_imports_nothing_slow():
+    code = (
+        "import sys; from omnisight.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit as left: assert not left.code\n"
+        "print(sorted({'numpy', 'numba', 'scipy', 'cv2'} & set(sys.modules)))"
+    )
+    begun = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert time.perf_counter() - begun < 5
+    *shown, imported = done.stdout.strip().splitlines()
+    assert imported == "[]"
+    assert all(any(command in line.split() for line in shown) for command in COMMANDS)
+    assert "Exit status: 0 done, 1 a fault in omnisight, 2 something to mend" in " ".join(done.stdout.split())
+
+
+def test_the_package_runs_as_a_module_and_leaves_with_its_status(tmp_path):
+    command = [sys.executable, "-m", "omnisight", "inspect", str(tmp_path / "none.json")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == f"omnisight: {tmp_path / 'none.json'}: No such file or directory\n"
+
+
+def test_version(run):
+    assert run("--version")[:2] == (0, f"{omnisight.__version__}\n")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_its_help(run, command):
+    status, out, _ = run(command, "--help")
+    assert status == 0
+    assert f"omnisight {command}" in out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("arguments", [(), ("--nonsense",), ("a", "b", "--nonsense", "3")])
+def test_wrong_usage_is_told_with_status_2(run, command, arguments):
+    status, out, err = run(command, *arguments)
+    assert status == 2
+    assert (out + err).strip()
+
+
+def test_an_unknown_command_is_told(run):
+    status, out, err = run("calibrat")
+    assert status == 2
+    assert "calibrate" in out + err
+
+
+def test_a_fault_is_called_one_and_shown_whole_only_to_who_asks(run, camera_file, monkeypatch):
+    monkeypatch.setattr("omnisight.formats.load_all", raising(RuntimeError("lost the thread")))
+    status, out, err = run("inspect", camera_file)
+    assert (status, out) == (1, "")
+    assert err == "omnisight: a fault in omnisight: RuntimeError: lost the thread (--debug shows where)\n"
+    with pytest.raises(RuntimeError, match="lost the thread"):
+        run("inspect", camera_file, "--debug")
+
+
+def test_bad_input_is_shown_whole_to_who_asks(run, tmp_path):
+    with pytest.raises(ValueError, match="No such file"):
+        run("--debug", "inspect", tmp_path / "none.json")
+
+
+def test_an_interruption_is_no_fault(run, camera_file, monkeypatch):
+    monkeypatch.setattr("omnisight.formats.load_all", raising(KeyboardInterrupt()))
+    assert run("inspect", camera_file) == (130, "", "omnisight: interrupted\n")

@@ -1,0 +1,273 @@
+"""omnisight view."""
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from shooting import BOARD, QUICK, TRUTH, spoil, visible
+
+import omnisight
+from omnisight.camera import Camera
+from omnisight.formats import load, save
+from omnisight.images import read_image, write_image
+from test_checkerboard import POSES, pose
+
+
+@pytest.fixture
+def photo(shots):
+    return shots / "1.png"
+
+
+@pytest.mark.parametrize(
+    ("to", "size", "options"),
+    [
+        ("perspective", (1280, 720), ()),
+        ("perspective", (320, 200), ("--size", "320x200", "--fov", "100", "--yaw", "20", "--roll", "-5")),
+        ("cylinder", (512, 139), ("--size", "512", "--elevation", "-35:45")),
+        ("mercator", (512, 283), ("--size", "512")),
+        ("sphere", (512, 256), ("--size", "512")),
+        ("sphere", (360, 120), ("--size", "360", "--azimuth", "-90,90", "--elevation", "-30:30")),
+        ("cube", (400, 300), ("--size", "100")),
+        ("planet", (200, 200), ("--size", "200")),
+        ("fisheye", (200, 200), ("--size", "200", "--projection", "stereographic", "--fov", "150")),
+        ("panini", (300, 200), ("--size", "300x200")),
+    ],
+)
+def test_every_view_is_written_in_its_size_with_its_figures(run, photo, camera_file, tmp_path, to, size, options):
+    out = tmp_path / "view.png"
+    status, said, err = run("view", photo, "--camera", camera_file, "--to", to, *options, "-o", out)
+    assert (status, err) == (0, "")
+    assert read_image(out).shape == size[::-1]
+    assert f"written: {out} (" in said
+    words = said.replace("%", "").split()
+    kept, filled = float(words[words.index("of") - 1]), float(words[words.index("fills") + 1])
+    assert 0 < kept <= 101
+    assert 0 < filled <= 100
+    assert "px wide in the middle of the view" in said
+    assert "at its rim" in said
+    assert "nan" not in said
+
+
+def test_a_view_of_the_calibrated_camera_straightens_the_board(run, shots, camera_file, tmp_path):
+    out = tmp_path / "straight.png"
+    run("view", shots / "1.png", "--camera", camera_file, "--fov", "100", "--size", "800x800", "-o", out)
+    pinhole = omnisight.perspective(100, (800, 800))
+    turn, position = pose(BOARD, *POSES[0])
+    corners, _ = pinhole.project(BOARD.points @ turn.T + position)
+    found = omnisight.targets.detect_checkerboard(read_image(out), BOARD)
+    assert np.abs(found.pixels - corners[found.ids]).max() < 0.7
+
+
+def test_several_pictures_go_to_a_folder(run, shots, camera_file, tmp_path):
+    out = tmp_path / "new" / "views"
+    status, said, _ = run("view", shots, "--camera", camera_file, "--size", "160x120", "-o", out)
+    assert status == 0
+    assert visible(out) == visible(shots)
+    assert {read_image(path).shape for path in out.iterdir()} == {(120, 160)}
+    assert str(out) in said
+
+
+def test_pictures_of_one_name_do_not_overwrite_each_other(run, shots, camera_file, tmp_path):
+    for name, number in (("left", 1), ("right", 2)):
+        (tmp_path / name).mkdir()
+        shutil.copy(shots / f"{number}.png", tmp_path / name / "a.png")
+    out = tmp_path / "out"
+    assert run("view", tmp_path / "left", tmp_path / "right", "--camera", camera_file, "-o", out)[0] == 0
+    assert len(visible(out)) == 2
+
+
+def test_a_bad_picture_does_not_stop_the_others(run, folder, camera_file, tmp_path):
+    spoil(folder / "1.png", "truncated")
+    write_image(folder / "3.png", np.zeros((100, 100), np.uint8))
+    out = tmp_path / "out"
+    status, _, err = run("view", folder, "--camera", camera_file, "--size", "160x120", "-o", out)
+    assert status == 2
+    assert visible(out) == ["2.png", "4.png", "5.png", "6.png"]
+    assert err.startswith("omnisight: 2 of 6 pictures were left out")
+    assert "1.jpg: truncated JPEG" in err
+    assert "3.png: the picture is 100x100, the camera 640x480" in err
+
+
+def test_mask_and_camera_of_a_view(run, photo, camera_file, tmp_path):
+    mask, camera = tmp_path / "mask.png", tmp_path / "view.json"
+    run(
+        *("view", photo, "--camera", camera_file, "--to", "cylinder", "--size", "400", "--yaw", "30"),
+        *("-o", tmp_path / "v.png", "--mask", mask, "--view-camera", camera),
+    )
+    shown = read_image(mask)
+    assert set(np.unique(shown)) == {0, 255}
+    written = load(camera)
+    assert written.model.name == "cylindrical"
+    assert written.size == shown.shape[::-1]
+    turn = np.array(written.provenance["target_from_source"])
+    np.testing.assert_allclose(turn, omnisight.look(yaw=30))
+    assert np.array_equal(shown > 0, omnisight.Remapper(TRUTH, written, turn).mask)
+    # The view is a picture of a camera: it can be looked into again.
+    status, _, _ = run("view", tmp_path / "v.png", "--camera", camera, "--fov", "60", "-o", tmp_path / "again.png")
+    assert status == 0
+
+
+def test_a_picture_keeps_its_depth(run, photo, camera_file, tmp_path):
+    write_image(tmp_path / "deep.png", read_image(photo).astype(np.uint16) * 257)
+    run("view", tmp_path / "deep.png", "--camera", camera_file, "-o", tmp_path / "v.png")
+    assert read_image(tmp_path / "v.png").dtype == np.uint16
+
+
+def test_a_resized_picture_needs_a_scaled_camera(run, refuses, photo, camera_file, tmp_path):
+    half = tmp_path / "half.png"
+    write_image(half, cv2.resize(read_image(photo), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    small, large = tmp_path / "small.png", tmp_path / "large.png"
+    said = refuses("view", half, "--camera", camera_file, "-o", small)
+    assert "half.png: the picture is 320x240, the camera 640x480: the same shape, 0.5 times as large" in said
+    assert "--scale-camera" in said
+    assert not small.exists()
+    options = ("--camera", camera_file, "--size", "200x150", "--fov", "70")
+    assert run("view", half, *options, "--scale-camera", "-o", small)[0] == 0
+    run("view", photo, *options, "-o", large)
+    apart = np.abs(read_image(small).astype(float) - read_image(large))
+    assert apart.mean() < 4
+
+
+def test_a_turned_picture_is_told_as_such(refuses, photo, camera_file, tmp_path):
+    for options in ((), ("--scale-camera",)):
+        turned = tmp_path / "turned.png"
+        write_image(turned, np.ascontiguousarray(np.rot90(read_image(photo))))
+        said = refuses("view", turned, "--camera", camera_file, *options, "-o", tmp_path / "v.png")
+        assert "turned.png: the picture is 480x640, the camera 640x480: turned by 90 degrees" in said
+        assert "EXIF" in said
+
+
+def test_a_camera_without_a_size_takes_that_of_the_pictures(run, photo, camera_file, tmp_path):
+    unsized = save(Camera(TRUTH.model, (0, 0)), tmp_path / "unsized.json").path
+    views = [tmp_path / "one.png", tmp_path / "other.png"]
+    for camera, view in zip((camera_file, unsized), views, strict=True):
+        assert run("view", photo, "--camera", camera, "-o", view)[0] == 0
+    assert np.array_equal(*(read_image(view) for view in views))
+    status, out, _ = run("inspect", unsized)
+    assert status == 0
+    assert "size        not in the file" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--fov", "160"), "a perspective view cannot show 160 degrees, 150 at most: use cylinder, panini"),
+        (("--fov", "0"), "a perspective view cannot show 0 degrees"),
+        (("--to", "panini", "--fov", "359"), "a Panini view of distance 1 cannot show 359 degrees, 353 at most"),
+        (("--to", "fisheye", "--fov", "0"), "cannot show 0 degrees"),
+        (("--to", "fisheye", "--fov", "200", "--projection", "orthographic"), "180 at most"),
+        (("--to", "cylinder", "--elevation", "-95:10"), "elevation must be (low, high) within -89 to 89 degrees"),
+        (("--to", "cylinder", "--elevation", "10"), "--elevation must be two numbers in degrees, such as"),
+        (("--to", "sphere", "--azimuth", "a:b"), "--azimuth must be two numbers in degrees"),
+        (("--elevation", "-10:10"), "--elevation is for cylinder, mercator and sphere; a perspective takes --fov"),
+        (("--to", "sphere", "--fov", "90"), "--fov is not for a sphere; use --azimuth"),
+        (("--to", "cube", "--fov", "90"), "--fov is not for a cube; its faces are 90 degrees"),
+        (("--size", "0x10"), "--size must be WIDTHxHEIGHT in px, such as 1280x720, got '0x10'"),
+        (("--size", "tall"), "--size must be WIDTHxHEIGHT"),
+        (("--size", "50000x10"), "a view is 1 to 32767 px a side, got 50000 x 10"),
+        (("--yaw", "nan"), "--yaw must be a number of degrees, got nan"),
+        (("--roll", "inf"), "--roll must be a number of degrees, got inf"),
+    ],
+)
+def test_a_view_that_cannot_be_is_refused_and_nothing_is_written(refuses, photo, camera_file, tmp_path, options, said):
+    before = visible(tmp_path)
+    assert said in refuses("view", photo, "--camera", camera_file, "-o", tmp_path / "v.png", *options)
+    assert visible(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("v", "cannot write extension ''. Supported: png jpg"),
+        ("v.xyz", "v.xyz: cannot write extension '.xyz'"),
+        ("missing/v.png", "the folder"),
+    ],
+)
+def test_a_view_that_cannot_be_written_says_why(refuses, photo, camera_file, tmp_path, name, said):
+    assert said in refuses("view", photo, "--camera", camera_file, "-o", tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
+def test_a_picture_may_go_to_a_folder_too(run, photo, camera_file, tmp_path):
+    place = tmp_path / "place"
+    place.mkdir()
+    status, out, _ = run("view", photo, "--camera", camera_file, "-o", place)
+    assert status == 0
+    assert f"written: {place / '1.png'}" in out
+    assert visible(place) == ["1.png"]
+
+
+@pytest.mark.parametrize("command", ["one view", "views", "mask", "drawings"])
+def test_pictures_are_never_written_over(refuses, folder, camera_file, tmp_path, command):
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    arguments = {
+        "one view": ("view", folder / "1.png", "--camera", camera_file, "-o", folder / "1.png"),
+        "views": ("view", folder, "--camera", camera_file, "-o", folder),
+        "mask": (
+            "view",
+            folder / "1.png",
+            "--camera",
+            camera_file,
+            "-o",
+            tmp_path / "v.png",
+            "--mask",
+            folder / "1.png",
+        ),
+        "drawings": ("calibrate", folder, *QUICK, "--draw", folder),
+    }[command]
+    said = refuses(*arguments)
+    assert f"{folder / '1.png'}: is one of the pictures and would be lost" in said
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_several_pictures_cannot_go_to_one_file(refuses, shots, camera_file, tmp_path):
+    (tmp_path / "v.png").write_text("mine")
+    said = refuses("view", shots, "--camera", camera_file, "-o", tmp_path / "v.png")
+    assert f"{tmp_path / 'v.png'}: is a file; 6 pictures go to a folder" in said
+    assert (tmp_path / "v.png").read_text() == "mine"
+
+
+DAMAGED = {
+    "empty": ("", "empty file"),
+    "prose": ("hello there", "no calibration file that is known (begins with 'hello there')"),
+    "half": ('{"format": "omnisight-camera", "version": 1, "mod', "omnisight JSON"),
+    "other": ('{"format": "omnisight-scene", "version": 1}', "\"format\" is 'omnisight-scene'"),
+    "newer": ('{"format": "omnisight-camera", "version": 99}', "version 99; this omnisight reads up to 1"),
+    "bare": ('{"format": "omnisight-camera", "version": 1}', "missing model, params, size"),
+    "model": (
+        '{"format": "omnisight-camera", "version": 1, "model": "pinhol", "params": {}, "size": [1, 1]}',
+        "unknown camera model 'pinhol'; there are: cylindrical",
+    ),
+    "number": (
+        '{"format": "omnisight-camera", "version": 1, "model": "pinhole",'
+        ' "params": {"fx": "x", "fy": 1, "cx": 1, "cy": 1}, "size": [1, 1]}',
+        "fx must be a number, got 'x'",
+    ),
+}
+
+
+@pytest.mark.parametrize("command", ["view", "inspect", "convert"])
+@pytest.mark.parametrize("how", DAMAGED)
+def test_a_damaged_camera_file_is_told_by_name(refuses, photo, tmp_path, how, command):
+    text, expected = DAMAGED[how]
+    path = tmp_path / "camera.json"
+    path.write_text(text)
+    arguments = {
+        "view": ("view", photo, "--camera", path, "-o", tmp_path / "v.png"),
+        "inspect": ("inspect", path),
+        "convert": ("convert", path, "--to", "native", "-o", tmp_path / "v.json"),
+    }[command]
+    said = refuses(*arguments)
+    assert str(path) in said
+    assert expected in said
+    assert visible(tmp_path) == ["camera.json"]
+
+
+@pytest.mark.parametrize("what", ["missing", "folder", "picture"])
+def test_what_is_no_camera_file_is_told_by_name(refuses, photo, tmp_path, what):
+    path = {"missing": tmp_path / "no.json", "folder": tmp_path, "picture": photo}[what]
+    said = refuses("view", photo, "--camera", path, "-o", tmp_path / "v.png")
+    assert str(path) in said
+    expected = {"missing": "No such file", "folder": "is a folder", "picture": "no calibration file that is known"}
+    assert expected[what] in said
