@@ -20,3 +20,15 @@ def data():
         return path
 
     return folder
+
+
+@pytest.fixture
+def get(tmp_path):
+    """Give a function that reads the camera of a calibration file's text."""
+    from omnisight.formats import load
+
+    def camera(text):
+        (tmp_path / "file").write_text(text)
+        return load(tmp_path / "file")
+
+    return camera

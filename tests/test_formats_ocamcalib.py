@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omnisight.camera import Camera
-from omnisight.formats import FormatError, load, save
+from omnisight.formats import FormatError, save
 from omnisight.models import model_class
 
 OCAM = """#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB).
@@ -23,15 +23,6 @@ OCAM = """#polynomial coefficients for the DIRECT mapping function (ocam_model.s
 #image size
 600 800
 """
-
-
-@pytest.fixture
-def get(tmp_path):
-    def camera(text):
-        (tmp_path / "file").write_text(text)
-        return load(tmp_path / "file")
-
-    return camera
 
 
 def params(camera):

@@ -25,15 +25,6 @@ distortion_coefficients: !!opencv-matrix
 """
 
 
-@pytest.fixture
-def get(tmp_path):
-    def camera(text):
-        (tmp_path / "file").write_text(text)
-        return load(tmp_path / "file")
-
-    return camera
-
-
 def params(camera):
     return camera.model.to_dict()
 

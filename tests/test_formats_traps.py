@@ -10,15 +10,6 @@ from omnisight.formats import FormatError, format_named, load, load_all, save
 from omnisight.models import model_class
 
 
-@pytest.fixture
-def get(tmp_path):
-    def camera(text):
-        (tmp_path / "file").write_text(text)
-        return load(tmp_path / "file")
-
-    return camera
-
-
 def params(camera):
     return camera.model.to_dict()
 

@@ -38,9 +38,9 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
         _describe(value, camera)
     if svg is not None:
         from omnisight.cli._profile import radial_profile, to_svg
-        from omnisight.formats._registry import write_text
+        from omnisight.images import write_bytes
 
-        write_text(svg, to_svg(radial_profile(next(iter(cameras.values())))))
+        write_bytes(svg, to_svg(radial_profile(next(iter(cameras.values())))).encode())
         print(f"written: {svg}")
 
 

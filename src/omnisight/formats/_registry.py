@@ -2,9 +2,7 @@
 
 import dataclasses
 import importlib
-import os
 import pkgutil
-import tempfile
 from functools import cache
 from pathlib import Path
 from typing import cast
@@ -13,6 +11,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.formats._protocol import Format, FormatError, Written
+from omnisight.images import write_bytes
 
 LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
 # What reading a damaged file runs into, where no check of its own says it better.
@@ -115,7 +114,10 @@ def save(camera: Camera, path: str | Path, *, format: str = "native", max_error:
         raise FormatError(
             f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing is written"
         )
-    write_text(Path(path), text)
+    try:
+        write_bytes(path, text.encode())
+    except OSError as error:
+        raise FormatError(str(error)) from error
     return Written(Path(path), error_px, notes)
 
 
@@ -131,22 +133,6 @@ def difference_px(camera: Camera, other: Camera) -> float:
         return 0.0
     seen, valid = other.model.project_numpy(bearings)
     return float(np.linalg.norm(seen - pixels, axis=1).max()) if valid.all() else float("inf")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be written: {error.strerror} ({path.parent})") from error
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        Path(temporary).unlink(missing_ok=True)
-        raise FormatError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _read(path: Path) -> str:
