@@ -99,8 +99,8 @@ def fit_candidate(
 
 def freed(model: CameraModel, fixed: Sequence[str], free: Sequence[str]) -> NDArray[np.bool_]:
     """Say which parameters move (P,); names that the model lacks are passed over."""
-    known = [name for name in fixed if name in model.param_names]
-    return free_params(model, known) | np.array([name in free for name in model.param_names])
+    still, moving = (np.array([name in names for name in model.param_names]) for names in (fixed, free))
+    return (free_params(model) & ~still) | moving
 
 
 def held_out_rms(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> float:

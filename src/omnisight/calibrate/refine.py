@@ -1,6 +1,6 @@
 """Refining a camera and the poses of its boards together (bundle adjustment)."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -99,17 +99,9 @@ class Bundle:
         return np.array([p.low for p in model.parameters]), np.array([p.high for p in model.parameters])
 
 
-def free_params(model: CameraModel, fixed: Sequence[str] = ()) -> NDArray[np.bool_]:
-    """Say which parameters a calibration estimates (P,): those free by default and not named as fixed.
-
-    Raises
-    ------
-    ValueError
-        If a name is none of the model's.
-    """
-    if unknown := sorted(set(fixed) - set(model.param_names)):
-        raise ValueError(f"{model.name} has no {', '.join(unknown)}; it has {', '.join(model.param_names)}")
-    return np.array([p.free and p.name not in fixed for p in model.parameters])
+def free_params(model: CameraModel) -> NDArray[np.bool_]:
+    """Say which parameters a calibration estimates unless told otherwise (P,)."""
+    return np.array([p.free for p in model.parameters])
 
 
 def refine(
