@@ -1,4 +1,7 @@
-"""Run all benchmarks, or those named: `python -m benchmarks points views calibration startup`."""
+"""Run all benchmarks, or those named: `python -m benchmarks points views calibration startup`.
+
+`boards`, which takes a quarter of an hour, runs only where it is named; `python -m benchmarks.boards` has its options.
+"""
 
 import os
 import sys
@@ -19,6 +22,13 @@ if not hasattr(cv2, "omnidir"):
     )
 cv2.setNumThreads(2)
 chosen = sys.argv[1:] or list(ALL)
+if "boards" in chosen:
+    from benchmarks import boards
+
+    boards.main([])
+    chosen.remove("boards")
+    if not chosen:
+        sys.exit()
 races = [race for name in chosen for race in ALL[name].run()]
 print(f"OpenCV {cv2.__version__}, two threads, medians of runs in turn\n")
 print(table(races))

@@ -10,23 +10,19 @@ import omnisight as om
 from omnisight.simulate import fisheye_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-board = om.Board.parse("8x5", "40mm")  # inner corners, and the side of a square
+board = om.Checkerboard.parse("8x5", "40mm")  # inner corners, and the side of a square
 
 setup = fisheye_setup(640)  # stands for your camera: put your own pictures into the folder instead
 renderer = setup.renderer()
 for i, held in enumerate(setup.boards(8, board)):
     om.write_image(folder / f"shot{i}.png", renderer([held], np.random.default_rng(i)).image)
 
-found = om.find_boards(sorted(folder.glob("shot*.png")), board)
-seen = [picture for picture in found if picture.detection]
-views = om.BoardViews.of(
-    [(board.points[p.detection.ids], p.detection.pixels) for p in seen],
-    [p.path.name for p in seen],
-)
-result = om.calibrate_camera(views, seen[0].size)
+search = om.find_boards(sorted(folder.glob("shot*.png")), board)
+views = om.BoardViews.of_search(search)
+result = om.calibrate_camera(views, search.size)
 om.save(result.camera, folder / "camera.json")
 
-print(f"{len(seen)} of {len(found)} pictures, {len(views.pixels)} corners, rms {result.rms:.3f} px")
+print(f"{len(search.found)} of {len(search.pictures)} pictures, {len(views.pixels)} corners, rms {result.rms:.3f} px")
 print(result.reason)
 print(f"corners reach {np.degrees(result.camera.theta_max or 0):.0f} degrees from the axis")
 print(f"written: {folder / 'camera.json'}")

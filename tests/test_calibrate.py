@@ -10,9 +10,9 @@ from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.refine import refine
 from omnisight.geometry import rotation as so3
 from omnisight.models import model_class, model_names
-from omnisight.targets import Board
+from omnisight.targets import Checkerboard
 
-BOARD = Board(9, 6)
+BOARD = Checkerboard(9, 6)
 SIZE = (960, 960)
 CENTRE = (481.3, 476.2)
 RIM = 470.0  # px from the centre to the edge of the picture's circle
@@ -435,7 +435,7 @@ def test_real_corners_are_explained_as_well_as_opencv_explains_them(data, name):
     with np.load(folder / f"{name}.npz") as stored:
         columns, rows = (int(n) for n in stored["pattern"])
         corners = stored["corners"].astype(float)
-    points = Board(columns, rows).points
+    points = Checkerboard(columns, rows).points
     views = BoardViews.of([(points, pixels) for pixels in corners])
     found = calibrate_camera(views, CORNERS[name], model="mei", free=("skew",), loss="squared")
     assert found.rms <= 1.01 * theirs["mei_rms"]

@@ -8,7 +8,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from omnisight.images import collect_images, read_image, to_gray8
-from omnisight.targets import Board, Detection, detect_checkerboard, guess_pattern, parse_length
+from omnisight.targets import Checkerboard, Detection, detect_checkerboard, parse_length
+from omnisight.targets.grids.search import find_grids
 
 SIZE = (640, 480)
 FOCAL = 190.0  # px per radian: 640 px across are 190 degrees
@@ -86,7 +87,7 @@ POSES = [
 
 @pytest.mark.parametrize("view", POSES)
 def test_corners_of_a_fisheye_picture_are_where_they_are(view):
-    board = Board(9, 6)
+    board = Checkerboard(9, 6)
     picture, truth = render(board, *pose(board, *view))
     found = detect_checkerboard(picture, board)
     assert found is not None
@@ -97,7 +98,7 @@ def test_corners_of_a_fisheye_picture_are_where_they_are(view):
     assert error.max() < 0.35
 
 
-@pytest.mark.parametrize("board", [Board(8, 6), Board(7, 7), Board(9, 6)])
+@pytest.mark.parametrize("board", [Checkerboard(8, 6), Checkerboard(7, 7), Checkerboard(9, 6)])
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("roll", [0, 100, 200, 290])
 def test_the_order_has_one_handedness_in_every_picture(board, mirrored, roll):
@@ -114,23 +115,23 @@ def test_the_order_has_one_handedness_in_every_picture(board, mirrored, roll):
 
 
 def test_a_swapped_pattern_works_and_keeps_its_own_order():
-    board = Board(9, 6)
+    board = Checkerboard(9, 6)
     picture, _ = render(board, *pose(board, *POSES[1]))
-    as_given, swapped = detect_checkerboard(picture, board), detect_checkerboard(picture, Board(6, 9))
+    as_given, swapped = detect_checkerboard(picture, board), detect_checkerboard(picture, Checkerboard(6, 9))
     assert len(swapped) == 54
     assert {tuple(p) for p in np.round(as_given.pixels, 3)} == {tuple(p) for p in np.round(swapped.pixels, 3)}
 
 
 @pytest.mark.parametrize("asked", [(8, 6), (9, 5), (8, 5), (10, 6), (10, 7)])
 def test_another_board_is_not_accepted_and_its_pattern_is_told(asked):
-    board = Board(9, 6)
+    board = Checkerboard(9, 6)
     picture, _ = render(board, *pose(board, *POSES[0]))
-    assert detect_checkerboard(picture, Board(*asked)) is None
-    assert guess_pattern(picture) == (9, 6)
+    assert detect_checkerboard(picture, Checkerboard(*asked)) is None
+    assert [sorted(grid.shape) for grid in find_grids(picture)] == [[6, 9]]
 
 
 def test_covered_corners_are_left_out():
-    board = Board(9, 6)
+    board = Checkerboard(9, 6)
     picture, truth = render(board, *pose(board, *POSES[1]))
     u, v = truth[20].astype(int)
     picture[v - 18 : v + 19, u - 18 : u + 19] = 120
@@ -149,18 +150,18 @@ def test_pictures_without_a_board_give_none_fast(kind):
         "ramp": lambda: np.broadcast_to(np.linspace(0, 255, size[1]).astype(np.uint8), size),
     }.get(kind, lambda: np.full(size, 255 if kind == "white" else 0, np.uint8))()
     start = time.perf_counter()
-    assert detect_checkerboard(picture, Board(9, 6)) is None
+    assert detect_checkerboard(picture, Checkerboard(9, 6)) is None
     assert time.perf_counter() - start < 5  # on a busy machine; a tenth of it on an idle one
 
 
 def test_the_wrong_kind_of_picture_is_an_error():
     with pytest.raises(ValueError, match=r"expected a gray picture .* got shape \(40, 40, 3\) of uint8"):
-        detect_checkerboard(np.zeros((40, 40, 3), np.uint8), Board(9, 6))
+        detect_checkerboard(np.zeros((40, 40, 3), np.uint8), Checkerboard(9, 6))
 
 
 @pytest.mark.parametrize("pattern", ["8x6", "8,6", "8X6", " 8 x 6 ", "8×6"])
 def test_a_pattern_is_read_as_people_write_it(pattern):
-    board = Board.parse(pattern, square="32.5mm")
+    board = Checkerboard.parse(pattern, square="32.5mm")
     assert (board.columns, board.rows, board.unit) == (8, 6, "m")
     assert board.square == pytest.approx(0.0325)
     assert str(board) == "8x6"
@@ -185,19 +186,19 @@ def test_a_length_is_read_in_metres(text, metres):
 )
 def test_a_pattern_that_cannot_be_read_says_why(pattern, square, message):
     with pytest.raises(ValueError, match=message):
-        Board.parse(pattern, square)
+        Checkerboard.parse(pattern, square)
 
 
 def test_points_run_along_columns_first():
-    points = Board(4, 3, 0.5).points
+    points = Checkerboard(4, 3, 0.5).points
     np.testing.assert_array_equal(points[[0, 1, 4, 11]], [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [1.5, 1, 0]])
-    assert Board(8, 6).symmetric
-    assert not Board(9, 6).symmetric
+    assert Checkerboard(8, 6).symmetric
+    assert not Checkerboard(9, 6).symmetric
 
 
 def test_a_detection_checks_its_shapes():
-    with pytest.raises(ValueError, match=r"shapes \(2,\) and \(3, 2\)"):
-        Detection(np.arange(2), np.zeros((3, 2)))
+    with pytest.raises(ValueError, match=r"shapes \(2,\), \(3, 2\) and \(3, 2, 2\)"):
+        Detection(np.arange(2), np.zeros((3, 2)), np.zeros((3, 2, 2)))
 
 
 @pytest.mark.slow
@@ -205,7 +206,7 @@ def test_a_detection_checks_its_shapes():
 def test_real_boards_are_found(folder, names, pattern, corners, boards, points):
     if not (DATA / folder).is_dir():
         pytest.skip(f"needs the picture set {folder}")
-    board = Board.parse(pattern)
+    board = Checkerboard.parse(pattern)
     given = np.load(DATA / "corners" / f"{corners}.npz")
     given = {Path(str(f)).stem: c for f, c in zip(given["files"], given["corners"], strict=True)}
     found, apart = {}, []

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from omnisight.images import write_image
-from omnisight.targets import Board, find, find_boards, pattern_hint
+from omnisight.targets import Checkerboard, find_boards, look
 from test_checkerboard import POSES, pose, render
 from test_images import jpeg
 
-BOARD = Board(9, 6)
+BOARD = Checkerboard(9, 6)
 
 
 @pytest.fixture(autouse=True)
@@ -32,6 +32,8 @@ def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
     names = ["a.png", "b.jpg", "c.jpg", "d.png", "e.png"]
     done = []
     found = find_boards([tmp_path / n for n in names], BOARD, progress=lambda *state: done.append(state))
+    assert found.board is BOARD
+    found = found.pictures
     assert [p.path.name for p in found] == names
     assert [p.note for p in found[:4]] == [
         "",
@@ -66,28 +68,28 @@ def test_exif_rotation_is_told_once_and_applied_on_request(tmp_path, picture):
     for name in ("a.jpg", "b.jpg"):
         (tmp_path / name).write_bytes(jpeg(picture, orientation=6))
     paths = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
-    found = find_boards(paths, BOARD)
+    found = find_boards(paths, BOARD).pictures
     assert [p.size for p in found] == [(640, 480)] * 2
     assert "EXIF orientation 6 ignored" in found[0].note
     assert found[1].note == ""
-    turned = find_boards(paths, BOARD, apply_exif=True)
+    turned = find_boards(paths, BOARD, apply_exif=True).pictures
     assert [p.size for p in turned] == [(480, 640)] * 2
     assert [p.note for p in turned] == ["", ""]
 
 
 def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypatch):
     write_image(tmp_path / "a.png", picture)
-    first = find_boards([tmp_path / "a.png"], BOARD)
+    (first,) = find_boards([tmp_path / "a.png"], BOARD).pictures
     (tmp_path / "a.png").rename(tmp_path / "renamed.png")
-    monkeypatch.setattr(find, "search_checkerboard", None)
-    second = find_boards([tmp_path / "renamed.png"], BOARD)
-    np.testing.assert_array_equal(first[0].detection.pixels, second[0].detection.pixels)
-    np.testing.assert_array_equal(first[0].detection.ids, second[0].detection.ids)
-    assert first[0].sharpness == second[0].sharpness
+    monkeypatch.setattr(look, "find_grids", None)
+    (second,) = find_boards([tmp_path / "renamed.png"], BOARD).pictures
+    for name in ("pixels", "covariance", "ids"):
+        np.testing.assert_array_equal(getattr(first.detection, name), getattr(second.detection, name))
+    assert (first.sharpness, first.exposure, first.blur) == (second.sharpness, second.exposure, second.blur)
+    # What a picture shows does not depend on the board that is asked for.
+    assert find_boards([tmp_path / "renamed.png"], Checkerboard(8, 6)).pictures[0].note.endswith("but one of 9x6")
     with pytest.raises(TypeError):
         find_boards([tmp_path / "renamed.png"], BOARD, cache=False)
-    with pytest.raises(TypeError):
-        find_boards([tmp_path / "renamed.png"], Board(8, 6))
 
 
 @pytest.mark.parametrize(
@@ -97,8 +99,8 @@ def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypat
         b"\xff\xfe",
         b"[1]",
         b"{}",
-        json.dumps({"size": [640, 480], "ids": [99], "pixels": [[1, 2]], "sharpness": 1, "other_pattern": None}),
-        json.dumps({"size": [640, 480], "ids": [1], "pixels": [1, 2], "sharpness": 1, "other_pattern": None}),
+        json.dumps({"size": [640, 480], "grids": [{}], "boards": [], "sharpness": 1, "exposure": 1}),
+        json.dumps({"size": [640, 480], "grids": [], "boards": [{"ids": [1]}], "sharpness": 1, "exposure": 1}),
         "[" * 100_000,
     ],
 )
@@ -107,7 +109,7 @@ def test_a_damaged_cache_entry_is_ignored(tmp_path, picture, cache_folder, conte
     find_boards([tmp_path / "a.png"], BOARD)
     (entry,) = cache_folder.rglob("*.json")
     entry.write_bytes(content if isinstance(content, bytes) else content.encode())
-    assert len(find_boards([tmp_path / "a.png"], BOARD)[0].detection) == BOARD.size
+    assert len(find_boards([tmp_path / "a.png"], BOARD).pictures[0].detection) == BOARD.size
     assert json.loads(entry.read_bytes())["size"] == [640, 480]
 
 
@@ -115,7 +117,7 @@ def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, picture, monkeypat
     (tmp_path / "file").write_bytes(b"")
     monkeypatch.setenv("OMNISIGHT_CACHE", str(tmp_path / "file"))
     write_image(tmp_path / "a.png", picture)
-    assert find_boards([tmp_path / "a.png"], BOARD)[0].detection is not None
+    assert find_boards([tmp_path / "a.png"], BOARD).pictures[0].detection is not None
 
 
 def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
@@ -123,12 +125,14 @@ def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
         write_image(tmp_path / name, cv2.convertScaleAbs(picture, alpha=0.9 if name == "a.png" else 1.0))
     write_image(tmp_path / "c.png", np.zeros_like(picture))
     paths = [tmp_path / n for n in ("a.png", "b.png", "c.png")]
-    found = find_boards(paths, Board(8, 6))
-    assert found[0].note == "no 8x6 board found, but one of 9x6"
-    assert pattern_hint(found, Board(8, 6)) == (
+    found = find_boards(paths, Checkerboard(8, 6))
+    assert found.pictures[0].note == "no 8x6 board found, but one of 9x6"
+    assert found.hint == (
         "found a 9x6 grid of inner corners in 2/3 pictures but --pattern is 8x6 "
         "(did you count squares?). Use --pattern 9x6."
     )
-    squares = Board(10, 7)
-    assert "10x7 squares have 9x6 inner corners" in pattern_hint(find_boards(paths, squares), squares)
-    assert pattern_hint(find_boards(paths, BOARD), BOARD) is None
+    assert "10x7 squares have 9x6 inner corners" in find_boards(paths, Checkerboard(10, 7)).hint
+    assert find_boards(paths, BOARD).hint is None
+    untold = find_boards(paths, square=0.03)
+    assert untold.board == Checkerboard(9, 6, 0.03)
+    assert len(untold.found) == 2

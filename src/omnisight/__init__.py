@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from omnisight.geometry.rotation import look
     from omnisight.images import read_image, write_image
     from omnisight.models import CameraModel, model_class, model_names
-    from omnisight.targets import Board, Detection, find_boards
+    from omnisight.targets import Checkerboard, Detection, find_boards
     from omnisight.views import (
         Remapper,
         cube_face,
@@ -35,7 +35,7 @@ _HOME = {
     "geometry.rotation": ("look",),
     "images": ("read_image", "write_image"),
     "models": ("CameraModel", "model_class", "model_names"),
-    "targets": ("Board", "Detection", "find_boards"),
+    "targets": ("Checkerboard", "Detection", "find_boards"),
     "views": (
         *("Remapper", "cube_face", "cylinder", "fisheye", "mercator"),
         *("panini", "perspective", "planet", "remap", "sphere"),
@@ -44,11 +44,11 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "Board",
     "BoardViews",
     "Calibration",
     "Camera",
     "CameraModel",
+    "Checkerboard",
     "Detection",
     "Pose",
     "Remapper",

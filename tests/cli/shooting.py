@@ -8,10 +8,10 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.images import read_image, write_image
 from omnisight.models import model_class
-from omnisight.targets import Board
+from omnisight.targets import Checkerboard
 from test_checkerboard import CENTRE, FOCAL, SIZE
 
-BOARD = Board(9, 6)
+BOARD = Checkerboard(9, 6)
 TRUTH = Camera(model_class("equidistant")(FOCAL, FOCAL, *CENTRE), SIZE, theta_max=1.4)
 QUICK = ("--pattern", "9x6", "--model", "equidistant")
 

@@ -29,7 +29,7 @@ def test_a_calibration_needs_no_options_and_prints_a_line_per_picture(run, shots
     found = load(tmp_path / "camera.json")
     assert found.size == SIZE
     assert found.provenance["pattern"] == "9x6"
-    assert found.provenance["square_m"] == 0.03
+    assert found.provenance["target"] == {"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}
     pixels, _ = TRUTH.project([[0.6, 0.2, 1.0], [-0.8, 0.1, 1.0], [0.0, -0.7, 1.0]])
     true, shown = TRUTH.unproject(pixels)[0], found.unproject(pixels)[0]
     assert np.degrees(np.arccos(np.sum(true @ true.T * (shown @ shown.T), 1) / 3)).max() < 90  # three directions apart
@@ -45,7 +45,7 @@ def test_the_native_file_says_what_it_holds(run, shots, tmp_path):
     assert stored["size"] == [640, 480]
     assert set(stored["params"]) == {"fx", "fy", "cx", "cy"}
     assert "x right, y down, z forward" in stored["convention"]
-    assert stored["provenance"]["square_m"] is None
+    assert stored["provenance"]["target"]["square"] is None
     assert stored["calibration"]["pictures"] == 6
 
 
@@ -90,7 +90,7 @@ def test_a_second_run_takes_what_the_first_one_found(run, shots, tmp_path, monke
     first = run("calibrate", shots, *QUICK)[1]
     renamed = tmp_path / "elsewhere"
     shutil.copytree(shots, renamed)
-    monkeypatch.setattr("omnisight.targets.find.search_checkerboard", raising(AssertionError("searched again")))
+    monkeypatch.setattr("omnisight.targets.look.find_grids", raising(AssertionError("searched again")))
     assert lines_of(run("calibrate", renamed, *QUICK)[1]) == lines_of(first)
     assert run("calibrate", shots, *QUICK, "--no-cache")[0] == 1
 

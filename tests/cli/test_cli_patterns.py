@@ -7,7 +7,7 @@ import pytest
 from shooting import raising
 
 from omnisight.images import write_image
-from omnisight.targets import Board
+from omnisight.targets import Checkerboard
 from test_checkerboard import POSES, pose, render
 
 
@@ -34,7 +34,7 @@ def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern,
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--pattern", "9"), "cannot read the pattern '9': give inner corners as COLUMNSxROWS, such as 8x6"),
+        (("--pattern", "9"), "cannot read the pattern '9': give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6"),
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
         (("--square", "30"), "the length '30' has no unit: write 30mm if millimetres are meant"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
@@ -44,7 +44,7 @@ def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern,
 )
 def test_an_option_that_cannot_be_is_told_before_any_picture_is_read(refuses, shots, monkeypatch, options, said):
     monkeypatch.setattr("omnisight.images.read.read_bytes", raising(AssertionError("a picture was read")))
-    monkeypatch.setattr("omnisight.targets.find.read_bytes", raising(AssertionError("a picture was read")))
+    monkeypatch.setattr("omnisight.targets.look.read_bytes", raising(AssertionError("a picture was read")))
     assert said in refuses("calibrate", shots, *options)
 
 
@@ -58,7 +58,7 @@ def test_an_unknown_loss_is_told_with_those_there_are(run, shots):
 def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
-    assert "no checkerboard found in the first 3 pictures, so its size is unknown: give --pattern" in refuses(
+    assert "no checkerboard found in 3 pictures, so its size is unknown: give --pattern" in refuses(
         "calibrate", tmp_path
     )
     said = refuses("calibrate", tmp_path, "--pattern", "9x6")
@@ -67,7 +67,7 @@ def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
 
 
 def test_a_board_that_looks_the_same_upside_down_is_noted(run, tmp_path):
-    board = Board(8, 6)
+    board = Checkerboard(8, 6)
     for i, view in enumerate(POSES[:4]):
         write_image(tmp_path / f"{i}.png", render(board, *pose(board, *view))[0])
     status, out, _ = run("calibrate", tmp_path, "--model", "equidistant")

@@ -20,7 +20,7 @@ from omnisight.calibrate.candidates import (
     starts_of,
 )
 from omnisight.calibrate.initialise import initialise
-from omnisight.calibrate.refine import Bundle, State, robust_threshold
+from omnisight.calibrate.refine import Bundle, State, robust_threshold, weight_roots
 from omnisight.calibrate.views import BoardViews
 from omnisight.calibrate.warn import doubts
 from omnisight.camera import Camera
@@ -157,7 +157,7 @@ def _hold_out(fitted: Sequence[Candidate], views: BoardViews, loss: str, report:
     if len(views) < FEWEST_VIEWS:
         return list(fitted)
     sharpest = min(fitted, key=lambda c: robust_sigma(c.state.lengths(views)))
-    usable = sharpest.state.lengths(views) <= robust_threshold(sharpest.state, views)
+    usable = ~_outliers(sharpest.state, views)
     least = min(c.rms for c in fitted)
     judged: list[Candidate] = []
     for i, candidate in enumerate(fitted):
@@ -180,8 +180,7 @@ def _conclude(
     auto: bool,
 ) -> Calibration:
     state = best.state
-    lengths = state.lengths(views)
-    outliers = lengths > robust_threshold(state, views)
+    outliers = _outliers(state, views)
     points, _ = state.points(views)
     shown = np.isfinite(state.residuals(views)).all(1)  # in the model's domain
     angles = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
@@ -214,11 +213,17 @@ def _conclude(
     )
 
 
+def _outliers(state: State, views: BoardViews) -> NDArray[np.bool_]:
+    roots = weight_roots(state, views)
+    return state.lengths(views, roots) > robust_threshold(state, views, roots)
+
+
 def _covariance(best: Candidate, views: BoardViews) -> Array:
     """Give the covariance (P, P) of the camera's parameters, zero for those that stood still."""
-    threshold = robust_threshold(best.state, views)
-    normal = Bundle(views, Huber(threshold), best.free).linearise(best.state)
-    sigma = robust_sigma(best.state.lengths(views))
+    roots = weight_roots(best.state, views)
+    threshold = robust_threshold(best.state, views, roots)
+    normal = Bundle(views, Huber(threshold), best.free, roots).linearise(best.state)
+    sigma = robust_sigma(best.state.lengths(views, roots))
     covariance = np.zeros((len(best.free), len(best.free)))
     covariance[np.ix_(best.free, best.free)] = sigma**2 * normal.shared_covariance()
     return covariance

@@ -49,22 +49,41 @@ class State:
         pixels, _ = self.model.project_numpy(self.points(views)[0])
         return pixels - views.pixels
 
-    def lengths(self, views: BoardViews) -> Array:
-        """Give the length (px) of each corner's residual (N,); `OUTSIDE` outside the model's domain."""
-        length = np.linalg.norm(self.residuals(views), axis=1)
+    def lengths(self, views: BoardViews, roots: Array | None = None) -> Array:
+        """Give the length (px) of each corner's residual (N,), times `roots` (N, 2, 2) if there are any.
+
+        `OUTSIDE` outside the model's domain.
+        """
+        residuals = self.residuals(views)
+        if roots is not None:
+            residuals = np.einsum("nij,nj->ni", roots, residuals)
+        length = np.linalg.norm(residuals, axis=1)
         return np.where(np.isfinite(length), length, OUTSIDE)
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """The least-squares problem over `State`; `free` names the camera's parameters that move."""
+    """The least-squares problem over `State`.
+
+    Attributes
+    ----------
+    views
+        The corners.
+    loss
+        What a residual of a certain length costs.
+    free
+        (P,) which of the camera's parameters move.
+    roots
+        (N, 2, 2) what each residual is multiplied with, from `weight_roots`.
+    """
 
     views: BoardViews
     loss: Huber
     free: NDArray[np.bool_]
+    roots: Array
 
     def cost(self, state: State) -> float:
-        return self.loss.cost(state.lengths(self.views))
+        return self.loss.cost(state.lengths(self.views, self.roots))
 
     def linearise(self, state: State) -> GroupedNormal:
         points, turned = state.points(self.views)
@@ -72,11 +91,13 @@ class Bundle:
         residuals = pixels - self.views.pixels
         outside = ~valid | ~np.isfinite(d_params).all((1, 2))
         residuals[outside], d_point[outside], d_params[outside] = 0.0, 0.0, 0.0
+        residuals = np.einsum("nij,nj->ni", self.roots, residuals)
         root = np.sqrt(self.loss.weight(np.linalg.norm(residuals, axis=1)))[:, None]
-        d_point *= root[..., None]
+        weight = self.roots * root[..., None]
+        d_point = weight @ d_point
         # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
         d_local = np.concatenate([np.cross(turned[:, None, :], d_point), d_point], -1)
-        d_shared, residuals = d_params[..., self.free] * root[..., None], residuals * root
+        d_shared, residuals = weight @ d_params[..., self.free], residuals * root
         low, high = self._bounds(state.model)
         gradient = np.einsum("nrp,nr->p", d_shared, residuals)
         d_shared[..., held_back(state.model.params[self.free], gradient, low[self.free], high[self.free])] = 0.0
@@ -132,19 +153,51 @@ def refine(
     """
     free = free_params(state.model) if free is None else free
     if loss == "squared":
-        return minimise(Bundle(views, Huber(), free), state, iterations=iterations, tolerance=tolerance, watch=watch)
+        equal = np.broadcast_to(np.eye(2), (len(views.pixels), 2, 2))
+        problem = Bundle(views, Huber(), free, equal)
+        return minimise(problem, state, iterations=iterations, tolerance=tolerance, watch=watch)
     if loss != "huber":
         raise ValueError(f"loss must be 'huber' or 'squared', got {loss!r}")
-    used, threshold = 0, robust_threshold(state, views)
+    used = 0
+    roots = weight_roots(state, views)
+    threshold = robust_threshold(state, views, roots)
     while True:
-        problem = Bundle(views, Huber(threshold), free)
+        problem = Bundle(views, Huber(threshold), free, roots)
         solution = minimise(problem, state, iterations=iterations, tolerance=tolerance, watch=watch)
         used += solution.iterations
-        state, before, threshold = solution.state, threshold, robust_threshold(solution.state, views)
+        state, before = solution.state, threshold
+        roots = weight_roots(state, views)
+        threshold = robust_threshold(state, views, roots)
         if abs(threshold - before) <= 0.02 * before or used >= 4 * iterations:
             return replace(solution, iterations=used)
 
 
-def robust_threshold(state: State, views: BoardViews) -> float:
-    """Give the residual length (px) past which a corner counts as doubtful."""
-    return max(HUBER_SIGMAS * robust_sigma(state.lengths(views)), 1e-6)
+def robust_threshold(state: State, views: BoardViews, roots: Array) -> float:
+    """Give the length (px) of a weighted residual past which a corner counts as doubtful."""
+    return max(HUBER_SIGMAS * robust_sigma(state.lengths(views, roots)), 1e-6)
+
+
+def weight_roots(state: State, views: BoardViews) -> Array:
+    """Give matrices (N, 2, 2) that make residuals alike: times them, all have the same spread, in px.
+
+    A residual's covariance is the corner's own C plus t^2 I, what model, print and light add to every corner alike.
+    t is such that the median of r^T (C + t^2 I)^-1 r is that of two normal variables, 2 ln 2. Where no covariance is
+    known the matrices are I.
+    """
+    own = np.trace(views.covariance, axis1=1, axis2=2) / 2
+    if not own.any():
+        return np.broadcast_to(np.eye(2), (len(own), 2, 2))
+    squares = state.lengths(views) ** 2
+
+    def excess(shared: float) -> float:
+        return float(np.median(squares / (own + shared))) - 2 * np.log(2)
+
+    low, high = 1e-12, float(squares.max()) + 1e-6
+    if excess(low) <= 0:
+        high = low
+    while high > 1.001 * low:  # by bisection of the exponent
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    covariance = views.covariance + high * np.eye(2)
+    scale = np.median(own) + high
+    return np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance) * scale), 1, 2)

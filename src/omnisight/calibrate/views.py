@@ -2,16 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from omnisight.targets import BoardSearch
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class BoardViews:
-    """Corners of boards seen in pictures, all pictures in one array.
+    """Corners of boards seen in pictures, all of them in one array.
 
     Attributes
     ----------
@@ -19,50 +22,77 @@ class BoardViews:
         (N, 3) corners in the frame of their board.
     pixels
         (N, 2) where they are seen.
+    covariance
+        (N, 2, 2) of `pixels`, px^2; zero where it is not known.
     groups
-        One slice of the rows per picture.
+        One slice of the rows per view: a board in a picture.
     names
-        One name per picture.
+        One name per view.
     """
 
     points: Array
     pixels: Array
+    covariance: Array
     groups: tuple[slice, ...]
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, views: Sequence[tuple[ArrayLike, ArrayLike]], names: Sequence[str] | None = None) -> "BoardViews":
-        """Join pictures, each (points (n, 3), pixels (n, 2)).
+    def of(cls, views: Sequence[Sequence[ArrayLike]], names: Sequence[str] | None = None) -> Self:
+        """Join views, each (points (n, 3), pixels (n, 2)) or (points, pixels, covariance (n, 2, 2)).
 
         Raises
         ------
         ValueError
-            If a picture's arrays do not fit together, or are not finite.
+            If a view's arrays do not fit together, or are not finite.
         """
         names = tuple(names) if names is not None else tuple(f"view {i}" for i in range(len(views)))
-        points, pixels, groups, start = [np.zeros((0, 3))], [np.zeros((0, 2))], list[slice](), 0
-        for name, (view_points, view_pixels) in zip(names, views, strict=True):
+        points, pixels, covariance = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
+        groups, start = list[slice](), 0
+        for name, (view_points, view_pixels, *rest) in zip(names, views, strict=True):
             x, p = np.asarray(view_points, float), np.asarray(view_pixels, float)
+            c = np.asarray(rest[0], float) if rest else np.zeros((len(x), 2, 2))
             if x.ndim != 2 or x.shape[1] != 3 or p.shape != (len(x), 2):
                 raise ValueError(f"{name}: needs points (n, 3) and pixels (n, 2), got {x.shape} and {p.shape}")
-            if not (np.isfinite(x).all() and np.isfinite(p).all()):
+            if c.shape != (len(x), 2, 2):
+                raise ValueError(f"{name}: needs a covariance (n, 2, 2), got {c.shape} with {len(x)} corners")
+            if not (np.isfinite(x).all() and np.isfinite(p).all() and np.isfinite(c).all()):
                 raise ValueError(f"{name}: a corner is not a finite number")
             points.append(x)
             pixels.append(p)
+            covariance.append(c)
             groups.append(slice(start, start + len(x)))
             start += len(x)
-        return cls(np.concatenate(points), np.concatenate(pixels), tuple(groups), names)
+        return cls(np.concatenate(points), np.concatenate(pixels), np.concatenate(covariance), tuple(groups), names)
+
+    @classmethod
+    def of_search(cls, search: BoardSearch, names: Sequence[str] | None = None) -> Self:
+        """Give every board that was found, picture by picture; `names` are the pictures'.
+
+        A board seen twice in a picture gives two views, the second named `picture #2`.
+        """
+        if search.board is None:
+            return cls.of([])
+        names = [picture.path.name for picture in search.pictures] if names is None else names
+        points = search.board.points
+        views = [(points[d.ids], d.pixels, d.covariance) for picture in search.pictures for d in picture.boards]
+        labels = [
+            name if k == 0 else f"{name} #{k + 1}"
+            for name, picture in zip(names, search.pictures, strict=True)
+            for k in range(len(picture.boards))
+        ]
+        return cls.of(views, labels)
 
     def __len__(self) -> int:
-        """Give the number of pictures."""
+        """Give the number of views."""
         return len(self.groups)
 
     @property
     def view_of_row(self) -> NDArray[np.intp]:
-        """(N,) the picture of each corner."""
+        """(N,) the view of each corner."""
         return np.repeat(np.arange(len(self)), [g.stop - g.start for g in self.groups])
 
-    def subset(self, views: Sequence[int] | NDArray[np.intp]) -> "BoardViews":
-        """Give some of the pictures."""
-        chosen = [(self.points[self.groups[i]], self.pixels[self.groups[i]]) for i in views]
-        return BoardViews.of(chosen, [self.names[i] for i in views])
+    def subset(self, views: Sequence[int] | NDArray[np.intp]) -> Self:
+        """Give some of the views."""
+        rows = [self.groups[i] for i in views]
+        chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
+        return self.of(chosen, [self.names[i] for i in views])

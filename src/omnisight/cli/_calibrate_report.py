@@ -1,26 +1,27 @@
 """What `omnisight calibrate` says when it is done."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from omnisight.calibrate import Calibration
 from omnisight.camera import Camera
+from omnisight.cli._draw import rows_of_pictures
 from omnisight.cli._names import labels
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
-from omnisight.targets import Board, PictureDetection
+from omnisight.targets import BoardSearch, Checkerboard
 
 
-def rows(found: Sequence[PictureDetection], calibration: Calibration) -> list[dict[str, Any]]:
+def rows(search: BoardSearch, calibration: Calibration) -> list[dict[str, Any]]:
     """Give one row per picture: name, found, corners, rms and worst residual (px), note."""
     lengths = calibration.residual_lengths
-    groups = iter(calibration.views.groups)
+    groups = iter(rows_of_pictures(search))
     table: list[dict[str, Any]] = []
-    for picture, name in zip(found, labels([p.path for p in found]), strict=True):
-        residual = None if picture.detection is None else lengths[next(groups)]
+    for picture, name in zip(search.pictures, labels([p.path for p in search.pictures]), strict=True):
+        residual = lengths[next(groups)] if picture.boards else None
         table.append(
             {
                 "name": name,
@@ -35,23 +36,21 @@ def rows(found: Sequence[PictureDetection], calibration: Calibration) -> list[di
 
 
 def as_json(
-    found: Sequence[PictureDetection],
-    board: Board,
+    search: BoardSearch,
     calibration: Calibration,
     camera: Camera,
     seconds: Mapping[str, float],
-    hint: str | None,
 ) -> None:
     """Print one object on stdout, and nothing else."""
     result = {
-        "pictures": rows(found, calibration),
-        "pattern": f"{board.columns}x{board.rows}",
+        "pictures": rows(search, calibration),
+        "pattern": str(search.board),
         "model": camera.model.name,
         "rms": calibration.rms,
         "mean": calibration.mean,
         "held_out_rms": calibration.held_out_rms,
         "reason": calibration.reason,
-        "warnings": [*([hint] if hint else []), *calibration.warnings],
+        "warnings": [*([search.hint] if search.hint else []), *calibration.warnings],
         "candidates": [c.as_dict() for c in calibration.candidates],
         "seconds": dict(seconds),
         "camera": to_json(camera),
@@ -60,11 +59,9 @@ def as_json(
 
 
 def print_report(
-    found: Sequence[PictureDetection],
-    board: Board,
+    search: BoardSearch,
     calibration: Calibration,
     seconds: Mapping[str, float],
-    hint: str | None,
     written: Written | None,
 ) -> None:
     """Print the tables and what to make of them."""
@@ -75,7 +72,7 @@ def print_report(
     table = Table("picture", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
     for column in table.columns[2:5]:
         column.justify = "right"
-    for row in rows(found, calibration):
+    for row in rows(search, calibration):
         table.add_row(
             row["name"],
             "yes" if row["found"] else "no",
@@ -95,16 +92,15 @@ def print_report(
     console.print()
     console.print(models)
     camera = calibration.camera
-    pictures = sum(1 for p in found if p.detection is not None)
     console.print()
     console.print(calibration.reason, soft_wrap=True)
     console.print(
-        f"{pictures} of {len(found)} pictures, {len(calibration.views.pixels)} corners,"
+        f"{len(search.found)} of {len(search.pictures)} pictures, {len(calibration.views.pixels)} corners,"
         f" {int(calibration.outliers.sum())} doubtful; rms {calibration.rms:.3f} px, mean {calibration.mean:.3f} px;"
         f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
         soft_wrap=True,
     )
-    for warning in [*([hint] if hint else []), *calibration.warnings, *_about(board)]:
+    for warning in [*([search.hint] if search.hint else []), *calibration.warnings, *_about(search)]:
         console.print(f"note: {warning}", soft_wrap=True)
     console.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
     if written is not None:
@@ -113,14 +109,20 @@ def print_report(
         console.print("nothing written: give -o camera.json")
 
 
-def _about(board: Board) -> list[str]:
+def _about(search: BoardSearch) -> list[str]:
     notes: list[str] = []
-    if board.symmetric:
+    board = search.board
+    if isinstance(board, Checkerboard) and board.symmetric:
         notes.append(
-            f"a {board.columns}x{board.rows} board looks the same upside-down: fine for one camera, unsafe for several;"
+            f"a {board} board looks the same upside-down: fine for one camera, unsafe for several;"
             f" {board.columns}x{board.rows - 1} would not."
         )
-    if board.square is None:
+    if unsure := sum(not d.located for picture in search.pictures for d in picture.boards):
+        notes.append(
+            f"{unsure} boards are seen in part, and which part is not known: their corners count for the camera, which"
+            " does not depend on it, but the origin of their poses is open."
+        )
+    if board is not None and board.unit == "squares":
         notes.append("lengths are in squares (no --square was given), which changes nothing about the camera.")
     return notes
 

@@ -1,7 +1,6 @@
 """Pictures with what was found drawn in."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,25 +9,29 @@ import numpy as np
 from omnisight.calibrate import Calibration
 from omnisight.cli._names import outputs
 from omnisight.images import read_image, to_gray8, write_image
-from omnisight.targets import PictureDetection
+from omnisight.targets import BoardSearch
 
 GREEN, RED, YELLOW = (60, 220, 60), (255, 60, 60), (255, 220, 0)
 # A residual is drawn this many times longer than it is.
 EXAGGERATION = 50
 
 
-def draw_residuals(
-    seen: Sequence[PictureDetection], calibration: Calibration, folder: Path, *, apply_exif: bool = False
-) -> None:
+def draw_residuals(search: BoardSearch, calibration: Calibration, folder: Path, *, apply_exif: bool = False) -> None:
     """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture."""
     folder.mkdir(parents=True, exist_ok=True)
     residuals = calibration.state.residuals(calibration.views)
-    files = outputs([picture.path for picture in seen], folder)
-    for picture, rows, file in zip(seen, calibration.views.groups, files, strict=True):
+    files = outputs([picture.path for picture in search.found], folder)
+    for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):
         image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
         zoom = max(1, round(1600 / image.shape[1]))
         canvas = _draw(image, calibration.views.pixels[rows], residuals[rows], calibration.outliers[rows], zoom)
         write_image(file, canvas)
+
+
+def rows_of_pictures(search: BoardSearch) -> list[slice]:
+    """Give the rows of `BoardViews` that each picture with a board has."""
+    ends = list(accumulate((sum(map(len, picture.boards)) for picture in search.found), initial=0))
+    return [slice(start, stop) for start, stop in pairwise(ends)]
 
 
 def _as_rgb(image: Any) -> Any:

@@ -15,6 +15,7 @@ def calibrate(
     *,
     pattern: Annotated[str | None, Parameter(alias="--size")] = None,
     square: str | None = None,
+    target: Path | None = None,
     model: str = "auto",
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
@@ -25,7 +26,7 @@ def calibrate(
     json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Calibrate a camera from pictures of a checkerboard.
+    """Calibrate a camera from pictures of a board.
 
     No guess is needed, of focal length, field of view or centre: lenses and mirrors from 60 to 280 degrees start alone.
 
@@ -38,6 +39,9 @@ def calibrate(
         absent.
     square
         Side of a square with its unit: 32.5mm. Without it lengths are in squares; the camera is the same.
+    target
+        The board as a file, in place of --pattern and --square: what `omnisight target make` wrote, or a target of
+        Kalibr's (YAML).
     model
         A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and
         the one that explains best what it was not calibrated on is taken.
@@ -61,86 +65,53 @@ def calibrate(
     begun = time.perf_counter()
     from omnisight.calibrate import BoardViews, calibrate_camera
     from omnisight.calibrate.calibration import FEWEST_VIEWS
+    from omnisight.cli._board import asked_board
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._names import labels, outputs
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.models import model_class
-    from omnisight.targets import Board, find_boards, parse_length, pattern_hint
+    from omnisight.targets import find_boards, parse_length
 
     # What cannot work is said before the work.
     if output is not None:
         _must_be_writable(output)
     if model != "auto":
         model_class(model)
-    if square is not None:
-        parse_length(square)
+    board = asked_board(pattern, square, target)
     paths = collect_images(pictures)
     if draw is not None:
         outputs(paths, draw)
     with progress(quiet or json) as report:
-        asked = pattern if pattern is not None else _inferred(paths, report)
-        board = Board.parse(asked, square=square)
-        found = find_boards(
+        search = find_boards(
             paths,
             board,
+            square=None if square is None else parse_length(square),
             apply_exif=apply_exif,
             cache=cache,
             progress=lambda done, all_: report("find boards", done, all_),
         )
         detected = time.perf_counter()
-        hint = pattern_hint(found, board)
-        seen = [p for p in found if p.detection is not None and p.size is not None]
         least = 1 if force else FEWEST_VIEWS
-        if len(seen) < least:
-            raise ValueError(_too_few_found(found, board, hint, least))
-        views = BoardViews.of(
-            [(board.points[p.detection.ids], p.detection.pixels) for p in seen if p.detection],
-            labels([p.path for p in seen]),
-        )
-        size = seen[0].size or (0, 0)
-        calibration = calibrate_camera(views, size, model=model, loss=loss, force=force, progress=report)
+        views = BoardViews.of_search(search, labels(paths))
+        if len(views) < least:
+            raise ValueError(_too_few_found(search, least))
+        calibration = calibrate_camera(views, search.size, model=model, loss=loss, force=force, progress=report)
     solved = time.perf_counter()
-    camera = _with_provenance(calibration.camera, board, seen, len(paths))
+    camera = _with_provenance(calibration.camera, search)
     # The result first: what is drawn afterwards cannot lose it.
     written = save(camera, output) if output is not None else None
     seconds = {"detect": detected - begun, "solve": solved - detected, "total": time.perf_counter() - begun}
     if json:
-        as_json(found, board, calibration, camera, seconds, hint)
+        as_json(search, calibration, camera, seconds)
     else:
-        print_report(found, board, calibration, seconds, hint, written)
+        print_report(search, calibration, seconds, written)
     if draw is not None:
         from omnisight.cli._draw import draw_residuals
 
-        draw_residuals(seen, calibration, draw, apply_exif=apply_exif)
+        draw_residuals(search, calibration, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}")
-
-
-def _inferred(paths: list[Path], report: Any) -> str:
-    """Give the pattern that most of the first pictures agree on."""
-    from collections import Counter
-
-    from omnisight.images import UnreadableImage, read_image, to_gray8
-    from omnisight.targets import guess_pattern
-
-    votes: Counter[tuple[int, int]] = Counter()
-    asked = paths[:12]
-    for i, path in enumerate(asked):
-        report("infer the pattern", i, len(asked))
-        try:
-            guess = guess_pattern(to_gray8(read_image(path)))
-        except UnreadableImage:
-            continue
-        if guess:
-            votes[(max(guess), min(guess))] += 1
-    if not votes:
-        raise ValueError(
-            f"no checkerboard found in the first {len(asked)} pictures, so its size is unknown: give --pattern, inner"
-            " corners as columns x rows, such as 9x6"
-        )
-    (columns, rows), _ = votes.most_common(1)[0]
-    return f"{columns}x{rows}"
 
 
 def _must_be_writable(output: Path) -> None:
@@ -157,22 +128,27 @@ def _must_be_writable(output: Path) -> None:
         raise ValueError(f"{output}: cannot be written: {error.strerror} ({output.parent})") from error
 
 
-def _too_few_found(found: Any, board: Any, hint: str | None, least: int) -> str:
+def _too_few_found(search: Any, least: int) -> str:
+    pictures = search.pictures
     # The reason why a file cannot be read names the file.
-    reasons = [p.note if p.note.startswith(p.path.name) else f"{p.path.name}: {p.note}" for p in found if p.note]
+    reasons = [p.note if p.note.startswith(p.path.name) else f"{p.path.name}: {p.note}" for p in pictures if p.note]
     notes = [f"  {reason}" for reason in reasons[:5]] + ["  ..."] * (len(reasons) > 5)
-    number = sum(1 for p in found if p.detection is not None)
-    said = f"a {board.columns}x{board.rows} board was found in {number} of {len(found)} pictures"
+    if search.board is None:
+        said = f"no checkerboard found in {len(pictures)} pictures, so its size is unknown"
+        advice = "give --pattern, inner corners as columns x rows, such as 9x6"
+        return "\n".join([f"{said}: {advice}", *notes])
+    number = len(search.found)
+    said = f"a {search.board} board was found in {number} of {len(pictures)} pictures"
     if number:
         said += f", {least} is the least and 10 to 20 are good"
     advice = (
-        hint
+        search.hint
         or "does --pattern count inner corners (one less than squares each way)? Is all of the board in the picture?"
     )
     return "\n".join([f"{said}: {advice}", *notes])
 
 
-def _with_provenance(camera: Any, board: Any, seen: Any, given: int) -> Any:
+def _with_provenance(camera: Any, search: Any) -> Any:
     import dataclasses
     import datetime
 
@@ -181,9 +157,9 @@ def _with_provenance(camera: Any, board: Any, seen: Any, given: int) -> Any:
     provenance = {
         "tool": f"omnisight {omnisight.__version__}",
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "pattern": f"{board.columns}x{board.rows}",
-        "square_m": board.square,
-        "pictures": [p.path.name for p in seen],
-        "pictures_given": given,
+        "pattern": str(search.board),
+        "target": search.board.to_dict(),
+        "pictures": [p.path.name for p in search.found],
+        "pictures_given": len(search.pictures),
     }
     return dataclasses.replace(camera, provenance=provenance)

@@ -66,15 +66,14 @@ def _calibrate(name: str, setup: Any, folder: Path, report: Any) -> tuple[Any, A
         paths.append(folder / "pictures" / f"{i + 1:02d}.jpg")
         om.write_image(paths[-1], renderer([board], np.random.default_rng(i)).image)
         report(f"{name}: render", i + 1, PICTURES)
-    found = om.find_boards(paths, BOARD, progress=lambda done, total: report(f"{name}: find boards", done, total))
-    seen = [p for p in found if p.detection is not None]
-    views = om.BoardViews.of([(BOARD.points[p.detection.ids], p.detection.pixels) for p in seen if p.detection])
+    search = om.find_boards(paths, BOARD, progress=lambda done, total: report(f"{name}: find boards", done, total))
+    views = om.BoardViews.of_search(search)
     stage = f"{name}: calibrate, "
     calibration = om.calibrate_camera(
         views, truth.size, progress=lambda what, done, total: report(stage + what, done, total)
     )
     om.save(calibration.camera, folder / "camera.json")
-    return empty, calibration, len(seen), truth
+    return empty, calibration, len(search.found), truth
 
 
 def _views(name: str, camera: Any, picture: Any, folder: Path) -> list[str]:

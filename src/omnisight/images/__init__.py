@@ -1,6 +1,7 @@
 """Picture files in and out, of any depth and with hostile bytes; knows no cameras and no boards."""
 
 from .collect import EXTENSIONS, collect_images
+from .field import ImageField, estimate_field
 from .gray import to_gray8
 from .headers import exif_orientation
 from .read import UnreadableImage, decode_image, read_bytes, read_image
@@ -8,9 +9,11 @@ from .write import write_bytes, write_image
 
 __all__ = [
     "EXTENSIONS",
+    "ImageField",
     "UnreadableImage",
     "collect_images",
     "decode_image",
+    "estimate_field",
     "exif_orientation",
     "read_bytes",
     "read_image",

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
-from omnisight.targets import Board
+from omnisight.targets import Checkerboard
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -25,10 +25,10 @@ class BoardInScene:
     board
         The checkerboard.
     cam_from_board
-        Its pose, in the unit of `Board.points`; it is printed on the side that looks along its own -z.
+        Its pose, in the unit of `Checkerboard.points`; it is printed on the side that looks along its own -z.
     """
 
-    board: Board
+    board: Checkerboard
     cam_from_board: Pose
 
     @property
@@ -42,7 +42,7 @@ class BoardInScene:
         return float(np.linalg.norm(self.cam_from_board @ self.board.points.mean(0)))
 
     def corners(self, camera: Camera) -> Array:
-        """Give the exact pixels (N, 2) of the inner corners, in the order of `Board.points`; NaN where not valid."""
+        """Give the exact pixels (N, 2) of the inner corners, in the order of `board.points`; NaN where not valid."""
         return camera.project(self.cam_from_board @ self.board.points)[0]
 
     def outline(self, per_side: int = 24) -> Array:

@@ -12,9 +12,9 @@ from omnisight.models.unified import Unified
 from omnisight.simulate.board import BoardInScene
 from omnisight.simulate.poses import board_poses
 from omnisight.simulate.render import Renderer
-from omnisight.targets import Board
+from omnisight.targets import Checkerboard
 
-BOARD = Board(8, 5, 0.04)
+BOARD = Checkerboard(8, 5, 0.04)
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Setup:
         """Set the camera up in the furnished room."""
         return Renderer(self.camera, self.world_from_cam, theta=self.theta, samples=samples)
 
-    def boards(self, count: int = 12, board: Board = BOARD, *, seed: int = 0) -> list[BoardInScene]:
+    def boards(self, count: int = 12, board: Checkerboard = BOARD, *, seed: int = 0) -> list[BoardInScene]:
         """Hold a board up in so many places, one for each picture."""
         poses = board_poses(self.camera, board, count, seed=seed, theta=self.theta)
         return [BoardInScene(board, pose) for pose in poses]

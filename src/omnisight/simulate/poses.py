@@ -7,7 +7,7 @@ from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.simulate.board import BoardInScene
-from omnisight.targets import Board
+from omnisight.targets import Checkerboard
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ MARGIN_PX = 6.0
 
 def board_poses(
     camera: Camera,
-    board: Board,
+    board: Checkerboard,
     count: int = 12,
     *,
     seed: int = 0,
@@ -71,7 +71,7 @@ def board_poses(
 
 
 def _held(
-    board: Board,
+    board: Checkerboard,
     theta: float,
     azimuth: float,
     rng: np.random.Generator,

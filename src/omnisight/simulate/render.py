@@ -27,7 +27,7 @@ class Picture:
     image
         (H, W, 3) uint8 RGB.
     corners
-        For each board the exact pixels (N, 2) of its corners, in the order of `Board.points`.
+        For each board the exact pixels (N, 2) of its corners, in the order of `Checkerboard.points`.
     """
 
     image: NDArray[np.uint8]

@@ -1,17 +1,21 @@
 """What is held in front of a camera to calibrate it, and how it is found in pictures."""
 
-from .board import Board, parse_length
-from .checkerboard import detect_checkerboard, guess_pattern
+from .boards import Board, board_class, board_kinds
+from .boards.checkerboard import Checkerboard
 from .detection import Detection
-from .find import PictureDetection, find_boards, pattern_hint
+from .find import BoardSearch, PictureDetection, find_boards
+from .length import parse_length
+from .placing import detect_checkerboard
 
 __all__ = [
     "Board",
+    "BoardSearch",
+    "Checkerboard",
     "Detection",
     "PictureDetection",
+    "board_class",
+    "board_kinds",
     "detect_checkerboard",
     "find_boards",
-    "guess_pattern",
     "parse_length",
-    "pattern_hint",
 ]

@@ -18,15 +18,24 @@ class Detection:
         Which rows of `Board.points`, ascending.
     pixels : (N, 2) array of float64
         Where they were seen: (u, v), integers at pixel centres, the top-left pixel is (0, 0).
+    covariance : (N, 2, 2) array of float64
+        Of `pixels`, in px^2.
+    located : bool
+        Whether the place on the board is sure. If not, `ids` are those of one of several places that look the same: the
+        steps between the points are right, which is all that a camera is calibrated from, but the origin may not be.
     """
 
     ids: NDArray[np.int64]
     pixels: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    located: bool = True
 
     def __post_init__(self) -> None:
-        if self.ids.ndim != 1 or self.pixels.shape != (len(self.ids), 2):
+        count = len(self.ids)
+        if self.ids.ndim != 1 or self.pixels.shape != (count, 2) or self.covariance.shape != (count, 2, 2):
             raise ValueError(
-                f"expected ids (N,) and pixels (N, 2), got shapes {self.ids.shape} and {self.pixels.shape}"
+                f"expected ids (N,), pixels (N, 2) and covariance (N, 2, 2), got shapes {self.ids.shape},"
+                f" {self.pixels.shape} and {self.covariance.shape}"
             )
 
     def __len__(self) -> int:

@@ -1,24 +1,21 @@
-"""Finds a board in many pictures: skips what cannot be read, says why, and remembers what it found."""
+"""Finds the board in many pictures: learns which one it is, skips what cannot be read, and says why."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from omnisight.images import UnreadableImage
 
-from omnisight.images import UnreadableImage, decode_image, exif_orientation, read_bytes, to_gray8
-
-from .board import Board
-from .cache import cache_key, load_entry, save_entry
-from .checkerboard import DETECTOR_VERSION, search_checkerboard
+from .boards import Board
+from .boards.checkerboard import Checkerboard
 from .detection import Detection
+from .grids.grid import Grid
+from .look import Look, look_at
+from .placing import agreed_pattern, pattern_of, place
 
 
 @dataclass(frozen=True)
@@ -30,38 +27,81 @@ class PictureDetection:
     path : Path
     size : (int, int) or None
         Width and height in pixels; None if the file could not be read.
-    detection : Detection or None
+    boards : tuple of Detection
+        The board, each time it is seen, the one with most points first.
     note : str
-        Why there is no detection, or what else the user should know; may be empty.
+        Why there is none, or what else the user should know; may be empty.
     sharpness : float
         Laplacian energy over contrast energy on the board (on the picture where there is none): higher is
         sharper, to be compared within one set; NaN if the file could not be read.
-    other_pattern : (int, int) or None
-        Columns and rows of another checkerboard that was seen instead.
+    exposure : float
+        Gray level of the board's white (of the brightest quarter of the picture where there is none): 255 is
+        overexposed; NaN if the file could not be read.
+    blur : float
+        Standard deviation in px of the blur across the board's edges; NaN where it was not measured.
     """
 
     path: Path
     size: tuple[int, int] | None = None
-    detection: Detection | None = None
+    boards: tuple[Detection, ...] = ()
     note: str = ""
     sharpness: float = float("nan")
-    other_pattern: tuple[int, int] | None = None
+    exposure: float = float("nan")
+    blur: float = float("nan")
+
+    @property
+    def detection(self) -> Detection | None:
+        """The board seen best; None if there is none."""
+        return self.boards[0] if self.boards else None
+
+
+@dataclass(frozen=True)
+class BoardSearch:
+    """What a set of pictures gave.
+
+    Attributes
+    ----------
+    board : Board or None
+        The one that was asked for, or that the pictures agree on; None if they show none.
+    pictures : list of PictureDetection
+        One for each path, in the order given.
+    hint : str or None
+        Said where the pictures show another board than the one that was asked for.
+    """
+
+    board: Board | None
+    pictures: list[PictureDetection] = field(default_factory=list[PictureDetection])
+    hint: str | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, px; (0, 0) if none could be read."""
+        return next((picture.size for picture in self.pictures if picture.size is not None), (0, 0))
+
+    @property
+    def found(self) -> list[PictureDetection]:
+        """The pictures that show the board."""
+        return [picture for picture in self.pictures if picture.boards]
 
 
 def find_boards(
     paths: Iterable[str | Path],
-    board: Board,
+    board: Board | None = None,
     *,
+    square: float | None = None,
     apply_exif: bool = False,
     cache: bool = True,
     progress: Callable[[int, int], None] | None = None,
-) -> list[PictureDetection]:
+) -> BoardSearch:
     """Find a board in each picture.
 
     Parameters
     ----------
     paths : iterable of str or Path
-    board : Board
+    board : Board, optional
+        Without one a checkerboard is looked for, of the size that most pictures agree on.
+    square : float, optional
+        Side in metres of such a checkerboard's squares.
     apply_exif : bool
         Turn pictures upright by their EXIF orientation first.
     cache : bool
@@ -69,39 +109,45 @@ def find_boards(
     progress : callable, optional
         Called with (pictures done, pictures in all) after each.
 
-    Returns
-    -------
-    list of PictureDetection
-        One for each path, in the order given.
-
     Raises
     ------
     ValueError
         If the pictures differ in size.
     """
     paths = [Path(path) for path in paths]
-    pictures: list[PictureDetection] = []
+
+    def see(path: Path) -> Look | UnreadableImage:
+        try:
+            return look_at(path, board, apply_exif=apply_exif, cache=cache)
+        except UnreadableImage as error:
+            return error
+
+    looks: list[Look | UnreadableImage] = []
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        results = pool.map(lambda path: _find(path, board, apply_exif, cache), paths)
-        turned_before = False
-        for picture, orientation in results:
-            turned = orientation != 1 and not apply_exif
-            if turned and not turned_before:
-                picture = replace(picture, note=_joined(picture.note, _exif_note(orientation)))
-            turned_before |= turned
-            pictures.append(picture)
+        for look in pool.map(see, paths):
+            looks.append(look)
             if progress is not None:
-                progress(len(pictures), len(paths))
-    check_sizes(pictures)
-    return pictures
+                progress(len(looks), len(paths))
+    check_sizes([(path.name, look.size) for path, look in zip(paths, looks, strict=True) if isinstance(look, Look)])
+    agreed = agreed_pattern([look.grids for look in looks if isinstance(look, Look)])
+    if board is None and agreed is not None:
+        board = Checkerboard(*agreed, square=square)
+    pictures = [_picture(path, look, board) for path, look in zip(paths, looks, strict=True)]
+    turned = [isinstance(look, Look) and look.orientation != 1 and not apply_exif for look in looks]
+    if any(turned):
+        first = turned.index(True)
+        orientation = next(look.orientation for look in looks[first:] if isinstance(look, Look))
+        note = f"EXIF orientation {orientation} ignored, here and in the other pictures: the sensor does not turn"
+        pictures[first] = replace(pictures[first], note="; ".join(filter(None, (pictures[first].note, note))))
+    hint = _hint(looks, pictures, board, agreed) if isinstance(board, Checkerboard) else None
+    return BoardSearch(board, pictures, hint)
 
 
-def check_sizes(pictures: Iterable[PictureDetection]) -> None:
-    """Raise ValueError, with the counts, if pictures differ in size."""
+def check_sizes(named: Sequence[tuple[str, tuple[int, int]]]) -> None:
+    """Raise ValueError, with the counts, if pictures, each (name, size), differ in size."""
     by_size: dict[tuple[int, int], list[str]] = {}
-    for picture in pictures:
-        if picture.size is not None:
-            by_size.setdefault(picture.size, []).append(picture.path.name)
+    for name, size in named:
+        by_size.setdefault(size, []).append(name)
     if len(by_size) < 2:
         return
     ordered = sorted(by_size.items(), key=lambda item: -len(item[1]))
@@ -117,94 +163,61 @@ def check_sizes(pictures: Iterable[PictureDetection]) -> None:
     raise ValueError(f"pictures have {len(by_size)} sizes: {'; '.join(parts)}. Calibrate one size at a time.")
 
 
-def pattern_hint(pictures: Iterable[PictureDetection], board: Board) -> str | None:
-    """Say that pictures show another board than the given one, if more of them do than not."""
-    pictures = [picture for picture in pictures if picture.size is not None]
-    others = Counter(p.other_pattern for p in pictures if p.other_pattern is not None)
-    found = sum(picture.detection is not None for picture in pictures)
-    if not others:
-        return None
-    (columns, rows), count = others.most_common(1)[0]
-    if count <= found:
-        return None
-    squares = sorted((board.columns - 1, board.rows - 1)) == sorted((columns, rows))
-    reason = f"{board} squares have {columns}x{rows} inner corners" if squares else "did you count squares?"
-    return (
-        f"found a {columns}x{rows} grid of inner corners in {count}/{len(pictures)} pictures "
-        f"but --pattern is {board} ({reason}). Use --pattern {columns}x{rows}."
+def _picture(path: Path, look: Look | UnreadableImage, board: Board | None) -> PictureDetection:
+    if isinstance(look, UnreadableImage):
+        return PictureDetection(path, note=str(look))
+    placed = list(look.boards)
+    used: list[Grid] = []
+    if isinstance(board, Checkerboard):
+        for grid in look.grids:
+            detection = place(grid, board)
+            if detection is not None:
+                placed.append(detection)
+                used.append(grid)
+    return PictureDetection(
+        path,
+        look.size,
+        tuple(placed),
+        _note(look, placed, board),
+        look.sharpness,
+        used[0].white if used else look.exposure,
+        used[0].blur if used else float("nan"),
     )
 
 
-def _find(path: Path, board: Board, apply_exif: bool, cache: bool) -> tuple[PictureDetection, int]:
-    try:
-        data = read_bytes(path)
-        orientation = exif_orientation(data)
-        key = cache_key(data, board.columns, board.rows, apply_exif, DETECTOR_VERSION)
-        entry = load_entry(key) if cache else None
-        picture = None if entry is None else _from_entry(path, entry, board)
-        if picture is None:
-            gray = to_gray8(decode_image(data, path.name, apply_exif=apply_exif))
-            picture = _search(path, gray, board)
-            if cache:
-                save_entry(key, _to_entry(picture))
-    except UnreadableImage as error:
-        return PictureDetection(path, note=str(error)), 1
-    if picture.detection is None:
-        picture = replace(picture, note=_missing_note(board, picture.other_pattern))
-    elif len(picture.detection) < board.size:
-        picture = replace(picture, note=f"{len(picture.detection)} of {board.size} corners")
-    return picture, orientation
+def _note(look: Look, placed: Sequence[Detection], board: Board | None) -> str:
+    if board is None:
+        return "no checkerboard found"
+    if not placed:
+        other = [pattern_of(grid) for grid in look.grids]
+        seen = f", but one of {other[0][0]}x{other[0][1]}" if other else ""
+        return f"no {board} board found{seen}"
+    notes = [f"{len(placed)} boards"] if len(placed) > 1 else []
+    missing = [d for d in placed if len(d) < board.size]
+    notes += [f"{len(d)} of {board.size} corners" for d in missing[:1]]
+    if not all(d.located for d in placed):
+        notes.append("which part of the board is not known")
+    return "; ".join(notes)
 
 
-def _search(path: Path, gray: NDArray[np.uint8], board: Board) -> PictureDetection:
-    detection, other = search_checkerboard(gray, board)
-    size = (gray.shape[1], gray.shape[0])
-    return PictureDetection(path, size, detection, "", _sharpness(gray, detection), other)
-
-
-def _sharpness(gray: NDArray[np.uint8], detection: Detection | None) -> float:
-    import cv2
-
-    if detection is not None:
-        (left, top), (right, bottom) = detection.pixels.min(axis=0), detection.pixels.max(axis=0)
-        gray = gray[max(int(top), 0) : int(bottom) + 2, max(int(left), 0) : int(right) + 2]
-    return float(cv2.Laplacian(gray, cv2.CV_32F).var() / max(float(gray.var()), 1.0))
-
-
-def _missing_note(board: Board, other: tuple[int, int] | None) -> str:
-    return f"no {board} board found" + ("" if other is None else f", but one of {other[0]}x{other[1]}")
-
-
-def _exif_note(orientation: int) -> str:
-    return f"EXIF orientation {orientation} ignored, here and in the other pictures: the sensor does not turn"
-
-
-def _joined(*notes: str) -> str:
-    return "; ".join(note for note in notes if note)
-
-
-def _to_entry(picture: PictureDetection) -> dict[str, Any]:
-    detection = picture.detection
-    return {
-        "size": picture.size,
-        "ids": None if detection is None else detection.ids.tolist(),
-        "pixels": None if detection is None else detection.pixels.tolist(),
-        "sharpness": picture.sharpness,
-        "other_pattern": picture.other_pattern,
-    }
-
-
-def _from_entry(path: Path, entry: dict[str, Any], board: Board) -> PictureDetection | None:
-    """Rebuild a picture's result; None if the entry is not what was written."""
-    try:
-        width, height = (int(length) for length in entry["size"])
-        detection = None
-        if entry["ids"] is not None:
-            detection = Detection(np.array(entry["ids"], np.int64), np.array(entry["pixels"], np.float64))
-            if not set(entry["ids"]) <= set(range(board.size)) or not np.isfinite(detection.pixels).all():
-                return None
-        other = entry["other_pattern"]
-        other = None if other is None else (int(other[0]), int(other[1]))
-        return PictureDetection(path, (width, height), detection, "", float(entry["sharpness"]), other)
-    except (KeyError, IndexError, TypeError, ValueError):
+def _hint(
+    looks: Sequence[Look | UnreadableImage],
+    pictures: Sequence[PictureDetection],
+    board: Checkerboard,
+    agreed: tuple[int, int] | None,
+) -> str | None:
+    """Say that pictures show another board than the given one, if more of them do than not."""
+    if agreed is None or sorted(agreed) == sorted((board.columns, board.rows)):
         return None
+    readable = [look for look in looks if isinstance(look, Look)]
+    count = sum(any(pattern_of(grid) == agreed for grid in look.grids) for look in readable)
+    whole = sum(any(len(d) > 0.9 * board.size for d in picture.boards) for picture in pictures)
+    if count <= whole:
+        return None
+    columns, rows = agreed
+    squares = sorted((board.columns - 1, board.rows - 1)) == sorted(agreed)
+    reason = f"{board} squares have {columns}x{rows} inner corners" if squares else "did you count squares?"
+    return (
+        f"found a {columns}x{rows} grid of inner corners in {count}/{len(readable)} pictures "
+        f"but --pattern is {board} ({reason}). Use --pattern {columns}x{rows}."
+    )

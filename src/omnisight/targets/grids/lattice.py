@@ -25,6 +25,22 @@ def steps(lattice: Lattice) -> tuple[Lattice, Lattice]:
     return along[0], along[1]
 
 
+def bends(lattice: Lattice) -> tuple[Lattice, Lattice]:
+    """Second-order terms (rows, columns, 2) in px of the curves through rows and columns, NaN where unknown.
+
+    With c the corner, s a number of squares and the local step, a row runs through c + s step + s^2 bend. At the end
+    of a row the neighbour's bend counts.
+    """
+    bent: list[Lattice] = []
+    for i, j in ((0, 1), (1, 0)):
+        own = (shifted(lattice, i, j) + shifted(lattice, -i, -j)) / 2 - lattice
+        for k in (-1, 1):
+            beside = shifted(own, k * i, k * j)
+            own = np.where(np.isfinite(own), own, beside)
+        bent.append(own)
+    return bent[0], bent[1]
+
+
 def spacing(lattice: Lattice) -> NDArray[np.float64]:
     """Distance (rows, columns) in pixels to the nearest neighbour along the row or the column."""
     others = [shifted(lattice, i, j) for i, j in ((0, 1), (0, -1), (1, 0), (-1, 0))]

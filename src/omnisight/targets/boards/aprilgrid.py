@@ -1,0 +1,129 @@
+"""Kalibr's AprilGrid: a grid of AprilTags, of which any part is enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.targets.boards._markers import cell_shapes, marker_cells, marker_count
+from omnisight.targets.boards._protocol import Board
+from omnisight.targets.detection import Detection
+from omnisight.targets.printing.drawing import Shape, rectangle
+
+
+@dataclass(frozen=True)
+class AprilGrid(Board):
+    """A grid of tags of the family 36h11, as `kalibr_create_target_pdf --type apriltag` prints it; four points per tag.
+
+    Tags and points are numbered as Kalibr numbers them, from the BOTTOM left of the print: tags row by row upwards;
+    points row by row as well, two rows for each row of tags. Of 2 x 2 tags:
+
+        12-----13  14-----15
+        | TAG 2 |  | TAG 3 |
+         8------9  10-----11
+         4------5   6------7
+        | TAG 0 |  | TAG 1 |
+         0------1   2------3
+
+    The origin is point 0, in Kalibr's frame as in ours. Kalibr's y goes up the print and its z out of the paper; ours
+    goes down, with z into the paper, as everywhere here, so all y are zero or negative. A point (x, y, z) of ours is
+    (x, -y, -z) of Kalibr: the same board, turned half around x.
+
+    Each tag has a black border of two cells (OpenCV: `markerBorderBits = 2`), and a black square sits on each of its
+    corners in the gaps: a corner is where two squares meet, as on a checkerboard.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Tags along the board's x and y; Kalibr's tagCols, tagRows.
+    tag : float
+        Side of a tag with its black border, in metres; Kalibr's tagSize.
+    spacing : float
+        Gap between two tags over the side of a tag; Kalibr's tagSpacing.
+    """
+
+    kind: ClassVar[str] = "aprilgrid"
+    dictionary: ClassVar[str] = "DICT_APRILTAG_36h11"
+    """OpenCV's name of the family."""
+    border: ClassVar[int] = 2
+    """Width of a tag's black border in cells."""
+
+    tag: float = field(metadata={"length": True})
+    spacing: float = field(metadata={"usual": (0.3, None)})
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 1:
+            raise ValueError(f"an aprilgrid needs 1x1 tags or more, got {self.columns}x{self.rows}")
+        if not 0 < self.tag < np.inf:
+            raise ValueError(f"a tag needs a positive side in metres, got {self.tag}")
+        if not 0 < self.spacing <= 1:
+            raise ValueError(
+                f"spacing is {self.spacing:g}: expected the gap between tags as a part of a tag's side, above 0 and"
+                " at most 1, such as 0.3"
+            )
+        needed, there_are = self.columns * self.rows, marker_count(self.dictionary)
+        if needed > there_are:
+            raise ValueError(f"an aprilgrid of {self} needs {needed} tags; the family 36h11 has {there_are}")
+
+    @property
+    def symmetric(self) -> bool:
+        return False
+
+    @property
+    def unit(self) -> str:
+        return "m"
+
+    @property
+    def pitch(self) -> float:
+        """Distance in metres from a tag to the next, edge to like edge."""
+        return (1 + self.spacing) * self.tag
+
+    @property
+    def quiet(self) -> float:
+        return self.spacing * self.tag
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Corners of the tags (4 x tags, 3) in metres, numbered as in the picture above; y is zero or negative."""
+        j, i = np.mgrid[: 2 * self.rows, : 2 * self.columns]
+        x, y = (n // 2 * self.pitch + n % 2 * self.tag for n in (i.ravel(), j.ravel()))
+        return np.stack([x, 0.0 - y, np.zeros(x.size)], axis=1)
+
+    @property
+    def corners(self) -> NDArray[np.int64]:
+        """Points (tags, 4) at the corners of each tag, in the order in which OpenCV's detector gives them.
+
+        OpenCV holds the tags of this family upside down, compared with Kalibr's print: its first corner, the top left
+        of its tag, is the bottom right of the printed one; the others follow clockwise.
+        """
+        tag = np.arange(self.columns * self.rows)
+        width = 2 * self.columns
+        bottom_left = tag // self.columns * 2 * width + tag % self.columns * 2
+        return bottom_left[:, None] + np.array([1, 0, width, width + 1])
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        gap = self.spacing * self.tag
+        return -gap, -self.rows * self.pitch, self.columns * self.pitch, gap
+
+    def drawing(self) -> list[Shape]:
+        """Give the tags and the squares at their corners."""
+        gap = self.spacing * self.tag
+        shapes: list[Shape] = [
+            rectangle(i * self.pitch - gap, -j * self.pitch, gap, gap)
+            for j in range(self.rows + 1)
+            for i in range(self.columns + 1)
+        ]
+        for tag in range(self.columns * self.rows):
+            row, column = divmod(tag, self.columns)
+            upright = marker_cells(self.dictionary, tag, border=self.border)[::-1, ::-1]
+            shapes += cell_shapes(upright, column * self.pitch, -row * self.pitch - self.tag, self.tag)
+        return shapes
+
+    def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
+        from omnisight.targets.markers import detect_aprilgrid
+
+        return detect_aprilgrid(gray, self)

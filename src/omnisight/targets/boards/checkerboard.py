@@ -1,0 +1,104 @@
+"""The checkerboard: where four squares meet is a corner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.targets.boards._protocol import Board, parse_pattern
+from omnisight.targets.detection import Detection
+from omnisight.targets.length import parse_length
+from omnisight.targets.printing.drawing import Shape, rectangle
+
+SMALLEST = 3
+
+
+@dataclass(frozen=True)
+class Checkerboard(Board):
+    """A checkerboard, by its inner corners: the points where four squares meet.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Inner corners along the board's x and y; a board of 10 x 7 squares has 9 x 6.
+    square : float or None
+        Side of a square in metres; None where it is not known.
+    """
+
+    kind = "checkerboard"
+
+    columns: int
+    rows: int
+    square: float | None = field(default=None, metadata={"length": True})
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < SMALLEST:
+            raise ValueError(
+                f"a board needs {SMALLEST}x{SMALLEST} inner corners or more, got {self.columns}x{self.rows}"
+            )
+        if self.square is not None and not 0 < self.square < np.inf:
+            raise ValueError(f"a square needs a positive side in metres, got {self.square}")
+
+    @classmethod
+    def parse(cls, pattern: str, square: str | None = None) -> Checkerboard:
+        """Read a board as a user writes it.
+
+        Parameters
+        ----------
+        pattern : str
+            Inner corners, columns then rows: `8x6`, `8,6`, `8 x 6`.
+        square : str, optional
+            Side of a square with its unit: `32.5mm`, `3.25 cm`, `0.0325m`, `1in`.
+
+        Raises
+        ------
+        ValueError
+            If either cannot be read, or the unit is missing.
+        """
+        return cls(**parse_pattern(pattern), square=None if square is None else parse_length(square))
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the board looks the same upside-down: its origin may be either of two corners."""
+        return (self.columns + self.rows) % 2 == 0
+
+    @property
+    def unit(self) -> str:
+        return "squares" if self.square is None else "m"
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Corner positions (N, 3) in `unit`: x along columns, y along rows, z = 0; x runs fastest."""
+        y, x = np.mgrid[: self.rows, : self.columns]
+        points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+        return points * (1.0 if self.square is None else self.square)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        side = self._side()
+        return -side, -side, self.columns * side, self.rows * side
+
+    def drawing(self) -> list[Shape]:
+        """Give its dark squares; the one between the first corners of the first two rows is dark."""
+        side = self._side()
+        return [
+            rectangle((i - 1) * side, (j - 1) * side, side, side)
+            for j in range(self.rows + 1)
+            for i in range(self.columns + 1)
+            if (i + j) % 2 == 0
+        ]
+
+    def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
+        from omnisight.targets.placing import detect_checkerboards
+
+        return detect_checkerboards(gray, self)
+
+    def _side(self) -> float:
+        if self.square is None:
+            raise ValueError(f"the side of a square of the {self} board is not known: give it, such as 30mm")
+        return self.square
+
+    def __str__(self) -> str:
+        return f"{self.columns}x{self.rows}"

@@ -1,0 +1,266 @@
+"""The compiled part of `crossing`: one small least-squares problem per corner.
+
+Unknowns, in this order: light (level, slope along u and v), amplitude, directions of both edges, logarithm of the
+blur, and the corner (u, v) relative to a whole pixel. The corner comes last, so that its covariance is read off the
+last rows of the normal matrix's Cholesky factor.
+"""
+
+# Compiled code takes its types from its arguments.
+# pyright: basic
+
+import math
+
+import numba
+import numpy as np
+
+FIGURES = 8
+"""u, v, the covariance's three entries, amplitude, blur, explained share."""
+
+_REACH = 15
+_SIDE = 2 * _REACH + 1
+_ROUNDS = 12
+_TRIAL, _HOPELESS = 4, 0.5  # after so many rounds, what is left of the variation says that no edges cross here
+_SETTLED = 5e-3
+_LEAST_SAMPLES = 20
+_BLUR = (math.log(0.3), math.log(8.0))
+_ROUNDING = 1 / 12  # variance of a gray level rounded to a whole one
+
+
+@numba.njit(cache=True, nogil=True)
+def fit(gray, pixels, steps, bend, share, usable, figures):
+    """Fit the usable corners into `figures` (N, FIGURES); give the residuals' power, and what neighbours share."""
+    values = np.empty(_SIDE * _SIDE)
+    xs = np.empty(_SIDE * _SIDE)
+    ys = np.empty(_SIDE * _SIDE)
+    residual = np.empty(_SIDE * _SIDE)
+    kept = np.empty(_SIDE * _SIDE)
+    image = np.empty((_SIDE, _SIDE))
+    normal = np.empty((9, 9))
+    factor = np.empty((9, 9))
+    gradient = np.empty(9)
+    step = np.empty(9)
+    theta = np.empty(9)
+    best = np.empty(9)
+    power = np.zeros(2)
+    for k in range(len(pixels)):
+        if not usable[k]:
+            continue
+        u0, v0 = round(pixels[k, 0]), round(pixels[k, 1])
+        theta[4] = math.atan2(steps[k, 0, 1], steps[k, 0, 0])
+        theta[5] = math.atan2(steps[k, 1, 1], steps[k, 1, 0])
+        theta[6] = 0.0
+        theta[7], theta[8] = pixels[k, 0] - u0, pixels[k, 1] - v0
+        cost, variation, count = np.inf, 1.0, 0
+        for _attempt in range(2):
+            u, v = theta[7], theta[8]
+            count = _window(gray, u0, v0, u, v, steps[k], share[k], values, xs, ys)
+            if count < _LEAST_SAMPLES:
+                break
+            variation = _light(theta, bend[k], values, xs, ys, count)
+            cost = np.inf
+            damping = 1e-3
+            for turn in range(_ROUNDS):
+                now = _linearise(theta, bend[k], values, xs, ys, count, factor, step, residual)
+                if now <= cost:
+                    cost = now
+                    best[:], normal[:], gradient[:], kept[:] = theta, factor, step, residual
+                    damping *= 0.1
+                else:
+                    damping *= 20.0
+                if turn == _TRIAL and cost > _HOPELESS * variation:
+                    cost = np.inf
+                    break
+                if damping > 1e6 or not _solve(normal, gradient, damping, factor, step):
+                    break
+                shrink = 1.0
+                for i, limit in ((4, 0.2), (5, 0.2), (6, 0.4), (7, 1.0), (8, 1.0)):
+                    shrink = min(shrink, limit / max(abs(step[i]), 1e-12))
+                for i in range(9):
+                    theta[i] = best[i] + shrink * step[i]
+                theta[6] = min(max(theta[6], _BLUR[0]), _BLUR[1])
+                if shrink == 1.0 and now <= cost and max(abs(step[7]), abs(step[8])) < _SETTLED:
+                    best[:] = theta  # so short a step needs no further look
+                    break
+            if cost == np.inf:
+                break
+            theta[:] = best
+            moved = max(abs(best[7] - u), abs(best[8] - v))
+            if moved < 0.25:
+                break
+        if count < _LEAST_SAMPLES or not np.isfinite(cost):
+            continue
+        away = math.hypot(u0 + best[7] - pixels[k, 0], v0 + best[8] - pixels[k, 1])
+        room = 0.0
+        for i in range(2):
+            room = max(room, share[k, i] * math.hypot(steps[k, i, 0], steps[k, i, 1]))
+        if away > 0.6 * room + 1 or not _solve(normal, gradient, 1e-9, factor, step):
+            continue
+        noise = max(cost / (count - 9), _ROUNDING)
+        # The inverse's last 2x2 block is (L L^T)^-1 of the factor's last block.
+        a, b, c = factor[7, 7], factor[8, 7], factor[8, 8]
+        figures[k, 0], figures[k, 1] = u0 + best[7], v0 + best[8]
+        figures[k, 2] = noise * (1 / (a * a) + (b * b) / (a * a * c * c))
+        figures[k, 3] = -noise * b / (a * c * c)
+        figures[k, 4] = noise / (c * c)
+        # Ahead, between both steps, is on opposite sides of the two edges.
+        figures[k, 5], figures[k, 6] = -best[3], math.exp(best[6])
+        figures[k, 7] = 1 - cost / variation
+        _correlate(kept, xs, ys, count, image, power)
+    return power
+
+
+@numba.njit(cache=True, nogil=True)
+def _window(gray, u0, v0, u, v, steps, share, values, xs, ys):
+    """Collect the pixels of the parallelogram of both steps around the corner; give their number."""
+    a, b, c, d = steps[0, 0], steps[1, 0], steps[0, 1], steps[1, 1]
+    determinant = a * d - b * c
+    reach_u = abs(a) * share[0] + abs(b) * share[1]
+    reach_v = abs(c) * share[0] + abs(d) * share[1]
+    low_u, low_v = max(math.ceil(u - reach_u), -_REACH, -u0), max(math.ceil(v - reach_v), -_REACH, -v0)
+    high_u = min(math.floor(u + reach_u), _REACH, gray.shape[1] - 1 - u0)
+    high_v = min(math.floor(v + reach_v), _REACH, gray.shape[0] - 1 - v0)
+    count = 0
+    for y in range(low_v, high_v + 1):
+        for x in range(low_u, high_u + 1):
+            p = (d * (x - u) - b * (y - v)) / determinant
+            q = (a * (y - v) - c * (x - u)) / determinant
+            if abs(p) <= share[0] and abs(q) <= share[1]:
+                values[count], xs[count], ys[count] = gray[v0 + y, u0 + x], x, y
+                count += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def _edges(theta):
+    """Give cosine and sine of both directions, the blur, and the correlation of its parts across the two edges."""
+    c0, s0, c1, s1 = math.cos(theta[4]), math.sin(theta[4]), math.cos(theta[5]), math.sin(theta[5])
+    return c0, s0, c1, s1, math.exp(theta[6]), c0 * c1 + s0 * s1
+
+
+@numba.njit(cache=True, nogil=True)
+def _shape(x, y, edges, bend):
+    """Give the blurred product of both signs, its derivatives along the distances across, those, and those along.
+
+    Distances across are in standard deviations of the blur. For edges at right angles it is the product of their error
+    functions. Otherwise the blurs across them correlate by r, which adds 4 int_0^r density(x, y; q) dq (R. L. Plackett,
+    A reduction formula for normal multivariate integrals, Biometrika 1954), here by the midpoint rule.
+    """
+    c0, s0, c1, s1, blur, r = edges
+    along0, along1 = c0 * x + s0 * y, c1 * x + s1 * y
+    a = (c0 * y - s0 * x - bend[0] * along0 * along0) / blur
+    b = (c1 * y - s1 * x - bend[1] * along1 * along1) / blur
+    e0, w0 = _step(a)
+    e1, w1 = _step(b)
+    shape, d0, d1 = e0 * e1, w0 * e1, w1 * e0
+    if w0 != 0.0 and w1 != 0.0:
+        q = r / 2
+        rest = 1 - q * q
+        bump = 2 * r / (math.pi * math.sqrt(rest)) * math.exp(-(a * a - 2 * q * a * b + b * b) / (2 * rest))
+        shape += bump
+        d0 -= bump * (a - q * b) / rest
+        d1 -= bump * (b - q * a) / rest
+    return shape, d0, d1, a, b, along0, along1
+
+
+@numba.njit(cache=True, nogil=True)
+def _step(t):
+    """Give a blurred sign and its derivative; far from the edge there is none to compute."""
+    if t > 4.0:
+        return 1.0, 0.0
+    if t < -4.0:
+        return -1.0, 0.0
+    return math.erf(t * math.sqrt(0.5)), math.sqrt(2 / math.pi) * math.exp(-0.5 * t * t)
+
+
+@numba.njit(cache=True, nogil=True)
+def _light(theta, bend, values, xs, ys, count):
+    """Set level and amplitude to fit the window as it stands, no slopes; give the sum of squares about its mean."""
+    edges = _edges(theta)
+    mean = shape = product = square = power = 0.0
+    for i in range(count):
+        m = _shape(xs[i] - theta[7], ys[i] - theta[8], edges, bend)[0]
+        mean += values[i]
+        shape += m
+        product += m * values[i]
+        square += m * m
+        power += values[i] * values[i]
+    mean, shape = mean / count, shape / count
+    theta[3] = (product / count - mean * shape) / max(square / count - shape * shape, 1e-9)
+    theta[0], theta[1], theta[2] = mean - theta[3] * shape, 0.0, 0.0
+    return power - count * mean * mean + 1e-6
+
+
+@numba.njit(cache=True, nogil=True)
+def _linearise(theta, bend, values, xs, ys, count, normal, gradient, residual):
+    """Set normal matrix (9, 9), gradient (9,) and residuals of the fit at theta; give the sum of their squares."""
+    normal[:] = 0.0
+    gradient[:] = 0.0
+    row = np.empty(9)
+    edges = _edges(theta)
+    c0, s0, c1, s1, blur, _ = edges
+    amplitude = theta[3]
+    row[0] = 1.0
+    cost = 0.0
+    for i in range(count):
+        x, y = xs[i] - theta[7], ys[i] - theta[8]
+        shape, d0, d1, a, b, along0, along1 = _shape(x, y, edges, bend)
+        d0, d1 = amplitude * d0, amplitude * d1
+        row[1], row[2], row[3] = x, y, shape
+        row[4], row[5] = -d0 * along0 / blur, -d1 * along1 / blur
+        row[6] = -d0 * a - d1 * b
+        row[7] = (d0 * s0 + d1 * s1) / blur - theta[1]
+        row[8] = -(d0 * c0 + d1 * c1) / blur - theta[2]
+        left = values[i] - (theta[0] + theta[1] * x + theta[2] * y + amplitude * shape)
+        residual[i] = left
+        cost += left * left
+        for j in range(9):
+            gradient[j] += row[j] * left
+            for k in range(j + 1):
+                normal[j, k] += row[j] * row[k]
+    return cost
+
+
+@numba.njit(cache=True, nogil=True)
+def _solve(normal, gradient, damping, factor, step):
+    """Solve (normal + damping diag) step = gradient by Cholesky into `factor` and `step`; whether it has one."""
+    for j in range(9):
+        for k in range(j + 1):
+            total = normal[j, k]
+            if j == k:
+                total = total * (1 + damping) + 1e-9
+            for i in range(k):
+                total -= factor[j, i] * factor[k, i]
+            if j == k:
+                if total <= 1e-12 * normal[j, j]:
+                    return False
+                factor[j, j] = math.sqrt(total)
+            else:
+                factor[j, k] = total / factor[k, k]
+    for j in range(9):
+        total = gradient[j]
+        for k in range(j):
+            total -= factor[j, k] * step[k]
+        step[j] = total / factor[j, j]
+    for j in range(8, -1, -1):
+        total = step[j]
+        for k in range(j + 1, 9):
+            total -= factor[k, j] * step[k]
+        step[j] = total / factor[j, j]
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _correlate(residual, xs, ys, count, image, power):
+    """Add the residuals' power, and twice their products over all shifts of up to two pixels."""
+    image[:] = 0.0
+    for i in range(count):
+        image[int(ys[i]) + _REACH, int(xs[i]) + _REACH] = residual[i]
+    for i in range(count):
+        y, x = int(ys[i]) + _REACH, int(xs[i]) + _REACH
+        power[0] += residual[i] * residual[i]
+        near = 0.0
+        for dy in range(3):
+            for dx in range(-2, 3):
+                if (dy > 0 or dx > 0) and y + dy < _SIDE and 0 <= x + dx < _SIDE:
+                    near += image[y + dy, x + dx]
+        power[1] += 2 * residual[i] * near

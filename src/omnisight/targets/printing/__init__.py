@@ -1,0 +1,1 @@
+"""Boards on paper: true to size, as vectors."""

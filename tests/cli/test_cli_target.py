@@ -1,0 +1,120 @@
+"""omnisight target make."""
+
+import pytest
+from shooting import TRUTH, visible
+
+from omnisight.formats import save
+from omnisight.targets.target_file import load_board
+
+
+@pytest.fixture
+def make(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: run("target", "make", *arguments)
+
+
+@pytest.fixture
+def cannot(refuses, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: refuses("target", "make", *arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "values"),
+    [
+        (("checkerboard", "9x6", "--square", "24mm"), {"square": "24mm"}),
+        (("charuco", "9x6", "--square", "24mm"), {"square": "24mm", "marker": "18mm", "dictionary": "DICT_5X5_100"}),
+        (
+            ("charuco", "9x6", "--square", "24mm", "--marker", "12mm", "--dictionary", "DICT_4X4_50", "--legacy"),
+            {"marker": "12mm", "dictionary": "DICT_4X4_50", "legacy": True},
+        ),
+        (("aprilgrid", "6x6", "--tag", "24mm"), {"tag": "24mm", "spacing": 0.3}),
+        (("aprilgrid", "6x6", "--tag", "2cm", "--spacing", "0.25"), {"tag": "20mm", "spacing": 0.25}),
+        (("circles", "4x11", "--spacing", "18mm"), {"spacing": "18mm", "diameter": "18mm"}),
+        (("circles", "4x11", "--spacing", "18mm", "--diameter", "1cm"), {"diameter": "10mm"}),
+    ],
+)
+def test_a_board_is_written_three_times_and_described(make, tmp_path, arguments, values):
+    status, out, err = make(*arguments)
+    assert (status, err) == (0, "")
+    kind, pattern = arguments[:2]
+    assert visible(tmp_path) == sorted(f"{kind}_{pattern}.{suffix}" for suffix in ("json", "pdf", "svg"))
+    board = load_board(tmp_path / f"{kind}_{pattern}.json")
+    assert (board.kind, str(board)) == (kind, pattern)
+    assert values.items() <= board.to_dict().items()
+    assert (tmp_path / f"{kind}_{pattern}.pdf").read_bytes().startswith(b"%PDF")
+    assert (tmp_path / f"{kind}_{pattern}.svg").read_text().startswith("<svg")
+    for said in ("paper    A4, ", "print    at 100 %", "must measure 100 mm", f"--target {kind}_{pattern}.json"):
+        assert said in out
+    assert f"board    {kind} {pattern}, {board.size} points, " in out
+    assert "note" not in out
+
+
+@pytest.mark.parametrize("name", ["b.pdf", "b", "b.svg", "b.json", "b.PDF", "b.2"])
+def test_the_three_files_lie_side_by_side(make, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    status, out, _ = make("checkerboard", "9x6", "--square", "35mm", "--paper", "a3", "-o", f"out/{name}")
+    assert status == 0
+    assert "paper    a3, 420 x 297 mm" in out
+    stem = "b.2" if name == "b.2" else "b"
+    assert visible(tmp_path / "out") == [f"{stem}.json", f"{stem}.pdf", f"{stem}.svg"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "pattern", "options", "better"),
+    [
+        ("checkerboard", "8x6", ("--square", "20mm"), "9x6"),
+        ("checkerboard", "9x7", ("--square", "20mm"), "10x7"),
+        ("checkerboard", "7x7", ("--square", "20mm"), "8x7"),
+        ("circles", "4x10", ("--spacing", "15mm"), "4x11"),
+    ],
+)
+def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, options, better):
+    status, out, _ = make(kind, pattern, *options)
+    assert status == 0
+    assert f"note     a {pattern} {kind} looks the same upside-down" in out
+    assert f"{better} can tell" in out
+    assert ("quarter turn" in out) is (pattern == "7x7")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("dots", "9x6"), "unknown kind of target 'dots'; there are: aprilgrid, charuco, checkerboard, circles"),
+        (("checkerboard", "nine"), "cannot read the pattern 'nine': give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6"),
+        (("checkerboard", "9x6"), "the side of a square of the 9x6 board is not known: give it, such as 30mm"),
+        (("checkerboard", "9x6", "--square", "30"), "square: the length '30' has no unit: write 30mm"),
+        (("checkerboard", "9x6", "--square", "30mm", "--tag", "3mm"), "the target checkerboard has no 'tag'"),
+        (("checkerboard", "9x6", "--square", "30mm", "--paper", "A4"), "or use A3"),
+        (("checkerboard", "9x6", "--square", "30mm", "--paper", "B4"), "cannot read the paper 'B4'"),
+        (("checkerboard", "2x6", "--square", "30mm"), "needs 3x3 inner corners or more, got 2x6"),
+        (("checkerboard", "9x6", "--square", "3m"), "more than A0: give --paper"),
+        (("charuco", "9x6"), "the target charuco needs square, marker"),
+        (("charuco", "9x6", "--square", "x"), "cannot read the length 'x'"),
+        (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_9"), "unknown dictionary of markers 'DICT_9'"),
+        (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "9mm"), "--spacing must be a number, such as 0.3"),
+        (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "nan"), "spacing is nan"),
+        (("circles", "4x11"), "the target circles needs spacing"),
+        (("checkerboard", "9x6", "--square", "24mm", "-o", "."), "is a folder; name a file in it"),
+        (("checkerboard", "9x6", "--square", "24mm", "-o", "none/b.pdf"), "the folder none does not exist"),
+    ],
+)
+def test_a_board_that_cannot_be_says_why_and_leaves_nothing(cannot, tmp_path, arguments, said):
+    assert said in cannot(*arguments)
+    assert visible(tmp_path) == []
+
+
+def test_a_board_is_made_again_but_never_over_another_file(make, cannot, tmp_path):
+    board = ("checkerboard", "9x6", "--square", "24mm", "-o", "b.pdf")
+    assert make(*board)[0] == 0
+    assert make(*board[:3], "20mm", "-o", "b.pdf")[0] == 0
+    assert load_board(tmp_path / "b.json").square == 0.02
+    camera = save(TRUTH, tmp_path / "camera.json").path
+    kept = camera.read_bytes()
+    assert "is there and is no target, so it is kept" in cannot(*board[:4], "-o", "camera.pdf")
+    assert camera.read_bytes() == kept
+    assert "camera.pdf" not in visible(tmp_path)
+
+
+def test_an_unknown_action_is_wrong_usage(run):
+    assert run("target", "bake", "checkerboard", "9x6")[0] == 2
