@@ -6,10 +6,12 @@ Each cell holds five poses for each of five cameras.
 
 import multiprocessing as mp
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -79,18 +81,20 @@ def _mixed(count: int) -> Iterator[Shot]:
 
 def measure(only: Iterable[str] = (), *, quick: bool = False, names: Iterable[str] = tuple(DETECTORS)) -> list[Result]:
     """Run the detectors over the pictures, two processes of one thread each."""
-    for variable in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[variable] = "1"  # for the processes to come
     names = tuple(names)
     jobs = [(cell, shot, names) for cell, shots in cells(only, quick=quick).items() for shot in shots]
+    results: list[Result] = []
     with ProcessPoolExecutor(2, mp.get_context("spawn"), _prepare, (names,)) as pool:
-        return list(pool.map(judge, jobs, chunksize=2))
+        for result in pool.map(judge, jobs, chunksize=2):
+            results.append(result)
+            print(f"\r{len(results)} of {len(jobs)} pictures", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return results
 
 
 def _prepare(names: tuple[str, ...]) -> None:
-    import cv2
-
     cv2.setNumThreads(1)
+    os.environ["NUMBA_NUM_THREADS"] = "1"  # read when it is first imported, which is below
     easy = shoot(Shot("fisheye 100", 0.0, 0.0, 40.0, 0)).image
     for name in names:  # compiled and warm
         timed(name, easy, BOARD)

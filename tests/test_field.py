@@ -134,7 +134,7 @@ def filled(rng):
 
 def test_finds_no_border_where_the_lens_fills_the_picture():
     rng = np.random.default_rng(1)
-    found = {name: estimate_field([expose(rng, picture)]) for name, picture in filled(rng).items()}
+    found = {name: estimate_field([expose(rng, picture[::2, ::2])]) for name, picture in filled(rng).items()}
     assert {name: field.outer for name, field in found.items() if field.outer is not None} == {}
     assert found["scene"].describe() == "no border seen: the lens fills the picture"
 

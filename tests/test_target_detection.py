@@ -35,7 +35,7 @@ def rays(lens):
 
 
 @cache
-def texture(board, scale=8000):
+def texture(board, scale=25000 / 3):
     """Paint the board at `scale` texels per metre, chosen so that the edges that matter fall between texels."""
     left, top, right, bottom = board.extent
     pad = board.quiet

@@ -23,12 +23,15 @@ class Detection:
     located : bool
         Whether the place on the board is sure. If not, `ids` are those of one of several places that look the same: the
         steps between the points are right, which is all that a camera is calibrated from, but the origin may not be.
+    note : str
+        What the user should know, such as that the print is not quite the board that was asked for; may be empty.
     """
 
     ids: NDArray[np.int64]
     pixels: NDArray[np.float64]
     covariance: NDArray[np.float64]
     located: bool = True
+    note: str = ""
 
     def __post_init__(self) -> None:
         count = len(self.ids)

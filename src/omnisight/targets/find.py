@@ -31,6 +31,8 @@ class PictureDetection:
         The board, each time it is seen, the one with most points first.
     note : str
         Why there is none, or what else the user should know; may be empty.
+    remark : str
+        The part of `note` that is not about the boards.
     sharpness : float
         Laplacian energy over contrast energy on the board (on the picture where there is none): higher is
         sharper, to be compared within one set; NaN if the file could not be read.
@@ -45,9 +47,18 @@ class PictureDetection:
     size: tuple[int, int] | None = None
     boards: tuple[Detection, ...] = ()
     note: str = ""
+    remark: str = ""
     sharpness: float = float("nan")
     exposure: float = float("nan")
     blur: float = float("nan")
+
+    def with_remark(self, remark: str) -> PictureDetection:
+        """Give it with something more to know."""
+        return replace(self, note=_joined(self.note, remark), remark=_joined(self.remark, remark))
+
+    def with_boards(self, boards: Sequence[Detection], board: Board) -> PictureDetection:
+        """Give it with other detections of the board."""
+        return replace(self, boards=tuple(boards), note=_joined(_boards_note(boards, board), self.remark))
 
     @property
     def detection(self) -> Detection | None:
@@ -138,7 +149,7 @@ def find_boards(
         first = turned.index(True)
         orientation = next(look.orientation for look in looks[first:] if isinstance(look, Look))
         note = f"EXIF orientation {orientation} ignored, here and in the other pictures: the sensor does not turn"
-        pictures[first] = replace(pictures[first], note="; ".join(filter(None, (pictures[first].note, note))))
+        pictures[first] = pictures[first].with_remark(note)
     hint = _hint(looks, pictures, board, agreed) if isinstance(board, Checkerboard) else None
     return BoardSearch(board, pictures, hint)
 
@@ -179,9 +190,9 @@ def _picture(path: Path, look: Look | UnreadableImage, board: Board | None) -> P
         look.size,
         tuple(placed),
         _note(look, placed, board),
-        look.sharpness,
-        used[0].white if used else look.exposure,
-        used[0].blur if used else float("nan"),
+        sharpness=look.sharpness,
+        exposure=used[0].white if used else look.exposure,
+        blur=used[0].blur if used else float("nan"),
     )
 
 
@@ -192,12 +203,20 @@ def _note(look: Look, placed: Sequence[Detection], board: Board | None) -> str:
         other = [pattern_of(grid) for grid in look.grids]
         seen = f", but one of {other[0][0]}x{other[0][1]}" if other else ""
         return f"no {board} board found{seen}"
+    return _boards_note(placed, board)
+
+
+def _boards_note(placed: Sequence[Detection], board: Board) -> str:
+    """Say what is unusual about the boards found in a picture."""
     notes = [f"{len(placed)} boards"] if len(placed) > 1 else []
-    missing = [d for d in placed if len(d) < board.size]
-    notes += [f"{len(d)} of {board.size} corners" for d in missing[:1]]
+    notes += [f"{len(d)} of {board.size} corners" for d in placed if len(d) < board.size]
     if not all(d.located for d in placed):
         notes.append("which part of the board is not known")
-    return "; ".join(notes)
+    return _joined(*notes)
+
+
+def _joined(*notes: str) -> str:
+    return "; ".join(filter(None, notes))
 
 
 def _hint(

@@ -7,7 +7,7 @@ import reprlib
 from abc import ABC, abstractmethod
 from dataclasses import MISSING, Field, dataclass, fields
 from types import NoneType
-from typing import Any, ClassVar, Self, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,12 @@ from numpy.typing import NDArray
 from omnisight.targets.detection import Detection
 from omnisight.targets.length import format_length, parse_length
 from omnisight.targets.printing.drawing import Shape
+
+if TYPE_CHECKING:
+    from omnisight.targets.grids.crossing import Crossings
+
+CLEAR_SHARE = 0.46
+"""Part of a step around a point, each way, that must be free of other edges: the window's 0.42, and some blur."""
 
 LARGEST_COUNT = 1000
 LONGEST_TEXT = 100  # characters
@@ -63,6 +69,37 @@ class Board(ABC):
     @abstractmethod
     def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
         """Find all boards of this kind in a gray picture (H, W) of uint8, the one with most points first."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Length, in the unit of `points`, of the steps that `measure` takes along x and along y.
+
+        So short that the window, which goes a part of the step each way, shows nothing but the point itself.
+        """
+
+    def measure(
+        self,
+        gray: NDArray[Any],
+        pixels: NDArray[np.float64],
+        steps: NDArray[np.float64],
+        bends: NDArray[np.float64],
+    ) -> Crossings:
+        """Measure points where they are expected, such as by a calibrated camera.
+
+        Parameters
+        ----------
+        gray : (H, W) array of uint8
+        pixels : (N, 2) array
+            Where they are expected.
+        steps : (N, 2, 2) array
+            Steps in px for `reach` along x (first row) and along y.
+        bends : (N, 2, 2) array
+            How the lines along x and y bend: one runs through c + s step + s^2 bend.
+        """
+        from omnisight.targets.grids.crossing import fit_crossings
+
+        return fit_crossings(gray, pixels, steps, bends)
 
     @property
     def quiet(self) -> float:

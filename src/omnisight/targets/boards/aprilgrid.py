@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.targets.boards._markers import cell_shapes, marker_cells, marker_count
-from omnisight.targets.boards._protocol import Board
+from omnisight.targets.boards._protocol import CLEAR_SHARE, Board
 from omnisight.targets.detection import Detection
 from omnisight.targets.printing.drawing import Shape, rectangle
 
@@ -103,6 +103,18 @@ class AprilGrid(Board):
         width = 2 * self.columns
         bottom_left = tag // self.columns * 2 * width + tag % self.columns * 2
         return bottom_left[:, None] + np.array([1, 0, width, width + 1])
+
+    @property
+    def reach(self) -> float:
+        """Length in metres as `Board.reach` says: a tag's black border ends it, or the squares between tags."""
+        cells = len(marker_cells(self.dictionary, 0, border=self.border))
+        return min(self.border / cells, self.spacing) * self.tag / CLEAR_SHARE
+
+    @property
+    def bright(self) -> NDArray[np.bool_]:
+        """Whether what is ahead of each point (N,), towards +x and +y, is white: neither its tag nor a square."""
+        j, i = np.mgrid[: 2 * self.rows, : 2 * self.columns]
+        return ((i + j) % 2 == 0).ravel()
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.targets.boards._markers import cell_shapes, marker_cells, marker_count
-from omnisight.targets.boards._protocol import Board
+from omnisight.targets.boards._protocol import CLEAR_SHARE, Board
 from omnisight.targets.detection import Detection
 from omnisight.targets.printing.drawing import Shape, rectangle
+if TYPE_CHECKING:
+    from omnisight.targets.grids.crossing import Crossings
 
 SMALLEST = 2
+LEAST_STEP = 6.0
+"""Step in px below which a corner's window holds too few pixels to measure it well."""
+LARGEST_WINDOW = 0.7
+"""Longest step of a window, over the side of a square."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,16 @@ class Charuco(Board):
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * self.square
 
     @property
+    def reach(self) -> float:
+        """Length in metres as `Board.reach` says: the markers in the white squares end it."""
+        return min(self.square, (self.square - self.marker) / 2 / CLEAR_SHARE)
+
+    @property
+    def bright(self) -> NDArray[np.bool_]:
+        """Whether the square ahead of each point (N,), towards +x and +y, is a white one."""
+        return np.array([not self._dark(i + 1, j + 1) for j in range(self.rows) for i in range(self.columns)])
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         return -self.square, -self.square, self.columns * self.square, self.rows * self.square
 
@@ -99,6 +115,22 @@ class Charuco(Board):
         from omnisight.targets.markers import detect_charuco
 
         return detect_charuco(gray, self)
+
+    def measure(
+        self,
+        gray: NDArray[Any],
+        pixels: NDArray[np.float64],
+        steps: NDArray[np.float64],
+        bends: NDArray[np.float64],
+    ) -> Crossings:
+        """Measure corners as `Board.measure` says, where the board is small with a window that lets the markers in.
+
+        Both markers at a corner are equally far from it and begin with black: they do not move it.
+        """
+        shortest = np.linalg.norm(steps, axis=2).min(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            longer = np.clip(LEAST_STEP / shortest, 1.0, max(1.0, LARGEST_WINDOW * self.square / self.reach))
+        return super().measure(gray, pixels, steps * longer[:, None, None], bends * longer[:, None, None] ** 2)
 
     def _dark(self, column: int, row: int) -> bool:
         first_is_white = self.legacy and self.rows % 2 == 1

@@ -76,6 +76,10 @@ class Checkerboard(Board):
         return points * (1.0 if self.square is None else self.square)
 
     @property
+    def reach(self) -> float:
+        return 1.0 if self.square is None else self.square
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         side = self._side()
         return -side, -side, self.columns * side, self.rows * side

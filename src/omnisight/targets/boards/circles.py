@@ -73,6 +73,10 @@ class CircleGrid(Board):
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * self.spacing
 
     @property
+    def reach(self) -> float:
+        return self.spacing
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         radius = self._radius()
         right, bottom = (2 * self.columns - 1) * self.spacing, (self.rows - 1) * self.spacing

@@ -53,7 +53,7 @@ def find_grids(gray: NDArray[np.uint8]) -> list[Grid]:
     for lattice in _candidates(gray):
         if any(len(grid) >= seen(lattice) and _overlap(lattice, grid) for grid in grids):
             continue
-        grid = _as_grid(gray, completed(gray, lattice))
+        grid = as_grid(gray, completed(gray, lattice))
         if grid is None:
             continue
         same = [other for other in grids if _overlap(grid.pixels, other)]
@@ -87,7 +87,7 @@ def _overlap(lattice: Lattice, grid: Grid) -> bool:
     return bool((away < 0.7 * near).mean() > 0.2)
 
 
-def _as_grid(gray: NDArray[np.uint8], found: Measured) -> Grid | None:
+def as_grid(gray: NDArray[np.uint8], found: Measured) -> Grid | None:
     """Give a measured lattice its handedness, colours and ends; None if there is too little to be a board."""
     lattice = found.pixels
     if min(lattice.shape[:2]) < 3 or seen(lattice) < _SMALLEST or not np.nanmedian(found.explained) > _EXPLAINED:

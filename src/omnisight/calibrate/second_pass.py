@@ -1,0 +1,202 @@
+"""Looking again, with a first calibration: where every corner must be, and how edges bend there, is known then."""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.refine import State, robust_threshold, weight_roots
+from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
+from omnisight.geometry.rotation import look
+from omnisight.images import read_image, to_gray8
+from omnisight.models import CameraModel
+from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, PictureDetection
+from omnisight.targets.grids.evidence import Measured
+from omnisight.targets.grids.search import as_grid, find_grids
+from omnisight.targets.placing import place
+from omnisight.views import perspective, remap
+
+Array = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+FAR_DEG = 80.0
+# Steps of the board's points, over their reach, between which the picture's steps and bends are taken.
+SPAN = 0.4
+# A corner that is measured this share of a step off where the first calibration puts it is another point.
+STRAY = 0.2
+EXPLAINED = 0.6
+# Contrast across a corner below this part of the board's median is none.
+FAINT = 0.2
+# Flat views in which a board that was missed is looked for: (angle from the axis, how many around it), degrees.
+VIEWS = ((0, 1), (50, 6), (90, 8), (120, 8))
+VIEW_DEG, VIEW_PX = 90.0, 800
+
+
+@dataclass(frozen=True)
+class Won:
+    """What the second look brought.
+
+    Attributes
+    ----------
+    corners, far
+        Corners that the first look had not found, and those of them beyond 80 degrees from the axis.
+    dropped
+        Corners of the first look that the second does not confirm.
+    boards
+        Boards found only in rectified views.
+    """
+
+    corners: int = 0
+    far: int = 0
+    dropped: int = 0
+    boards: int = 0
+
+    def __add__(self, other: "Won") -> "Won":
+        return Won(
+            self.corners + other.corners,
+            self.far + other.far,
+            self.dropped + other.dropped,
+            self.boards + other.boards,
+        )
+
+    def __str__(self) -> str:
+        said = f"second look: +{self.corners} corners, {self.far} of them beyond {FAR_DEG:.0f} degrees"
+        said += f", +{self.boards} boards" if self.boards else ""
+        return said + (f", {self.dropped} not confirmed" if self.dropped else "")
+
+
+def second_pass(
+    search: BoardSearch,
+    views: BoardViews,
+    state: State,
+    *,
+    apply_exif: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[BoardSearch, Won]:
+    """Measure every corner again where a calibration puts it.
+
+    A corner's window then follows the board through the lens: its edges run, turn and bend as the camera says. Corners
+    that were missed are looked for there. Pictures without a board are searched in flat views, each a camera of its
+    own, where a lens bends nothing.
+
+    Parameters
+    ----------
+    search, views
+        The first look, and `BoardViews.of_search` of it.
+    state
+        A camera and the poses of those boards.
+    apply_exif
+        As the pictures were read before.
+    progress
+        Called with (pictures done, pictures in all) after each.
+    """
+    board = search.board
+    if board is None:
+        return search, Won()
+    gate = robust_threshold(state, views, weight_roots(state, views))
+    first = np.concatenate([[0], np.cumsum([len(p.boards) for p in search.pictures])])
+    camera = Camera(state.model, search.size)
+
+    def again(i: int) -> tuple[PictureDetection, Won]:
+        picture = search.pictures[i]
+        if picture.size is None:
+            return picture, Won()
+        gray = to_gray8(read_image(picture.path, apply_exif=apply_exif))
+        if not picture.boards:
+            found = _in_flat_views(gray, camera, board)
+            if not found:
+                return picture, Won()
+            better = picture.with_boards(found, board).with_remark("found in a rectified view")
+            return better, Won(sum(map(len, found)), 0, 0, len(found))
+        won, boards = Won(), list[Detection]()
+        for k, detection in enumerate(picture.boards):
+            pose = state.rotations[first[i] + k], state.translations[first[i] + k]
+            measured, more = _again(gray, board, detection, state.model, pose, gate)
+            boards.append(measured)
+            won += more
+        return picture.with_boards(boards, board), won
+
+    pictures, total = list[PictureDetection](), Won()
+    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
+        for picture, won in pool.map(again, range(len(search.pictures))):
+            pictures.append(picture)
+            total += won
+            if progress is not None:
+                progress(len(pictures), len(search.pictures))
+    return replace(search, pictures=pictures), total
+
+
+def _again(
+    gray: Bytes,
+    board: Board,
+    detection: Detection,
+    model: CameraModel,
+    cam_from_board: tuple[Array, Array],
+    gate: float,
+) -> tuple[Detection, Won]:
+    """Measure the points of a board whose pose is known."""
+    rotation, translation = cam_from_board
+    shift = SPAN * board.reach * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    points = board.points[:, None] + shift
+    seen, valid = model.project_numpy(points.reshape(-1, 3) @ rotation.T + translation)
+    seen, valid = seen.reshape(-1, 5, 2), valid.reshape(-1, 5)
+    seen[~valid.all(1)] = np.nan
+    there = seen[:, 0].copy()
+    steps = np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], 1) / (2 * SPAN)
+    bends = np.stack([seen[:, 1] + seen[:, 2], seen[:, 3] + seen[:, 4]], 1) / 2 - there[:, None]
+    start = there.copy()
+    start[detection.ids] = detection.pixels
+    found = board.measure(gray, start, steps, bends / SPAN**2)
+    off = np.linalg.norm(found.pixels - there, axis=1)
+    near = np.maximum(gate, 1.0)
+    good = (off < np.minimum(near, STRAY * np.linalg.norm(steps, axis=-1).min(1))) & (found.explained > EXPLAINED)
+    known = np.zeros(board.size, bool)
+    known[detection.ids] = True
+    if isinstance(board, Checkerboard):  # its colours alternate
+        j, i = np.divmod(np.arange(board.size), board.columns)
+        alternating = found.amplitude * (1 - 2 * ((i + j) % 2))
+        level = np.nanmedian(alternating[known])
+        good &= alternating * np.sign(level) > FAINT * abs(level)
+    # One that was found before and lies a little off is for the robust loss to judge.
+    good |= known & (found.explained > EXPLAINED) & (off < 3 * near)
+    ids = np.flatnonzero(good)
+    new = good & ~known
+    directions = board.points @ rotation.T + translation
+    angle = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
+    won = Won(int(new.sum()), int((new & (angle > FAR_DEG)).sum()), int((known & ~good).sum()))
+    return Detection(ids, found.pixels[ids], found.covariance[ids], located=detection.located), won
+
+
+def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]:
+    """Look for a board in flat views of a picture that shows none as it is."""
+    for target, rotation in _flat_views(camera):
+        view = np.asarray(remap(gray, camera, target, rotation), np.uint8)
+        if not isinstance(board, Checkerboard):
+            continue
+        for grid in find_grids(view):
+            bearings, _ = target.unproject(grid.pixels)
+            pixels, valid = camera.project(bearings @ rotation)
+            lattice = np.where(valid[..., None], pixels, np.nan)
+            measured = Measured.empty(lattice.shape)
+            measured.measure(gray, lattice, grid.there)
+            measured.check(gray, np.ones(grid.shape, bool))
+            found = as_grid(gray, measured)
+            placed = None if found is None else place(found, board)
+            if placed is not None:
+                return [placed]
+    return []
+
+
+def _flat_views(camera: Camera) -> Iterator[tuple[Camera, Array]]:
+    reach = np.degrees(camera.image_theta_max())
+    target = perspective(VIEW_DEG, (VIEW_PX, VIEW_PX))
+    for angle, count in VIEWS:
+        if angle - VIEW_DEG / 2 > reach:
+            return
+        for k in range(count):
+            yield target, look(pitch=angle) @ look(roll=k * 360 / count)
+
