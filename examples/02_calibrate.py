@@ -18,11 +18,11 @@ for i, held in enumerate(setup.boards(8, board)):
     om.write_image(folder / f"shot{i}.png", renderer([held], np.random.default_rng(i)).image)
 
 search = om.find_boards(sorted(folder.glob("shot*.png")), board)
-views = om.BoardViews.of_search(search)
-result = om.calibrate_camera(views, search.size)
+result = om.calibrate_pictures(search).calibration
 om.save(result.camera, folder / "camera.json")
 
-print(f"{len(search.found)} of {len(search.pictures)} pictures, {len(views.pixels)} corners, rms {result.rms:.3f} px")
+print(f"{len(search.found)} of {len(search.pictures)} pictures, {len(result.views.pixels)} corners")
+print(f"rms {result.rms:.3f} px")
 print(result.reason)
 print(f"corners reach {np.degrees(result.camera.theta_max or 0):.0f} degrees from the axis")
 print(f"written: {folder / 'camera.json'}")

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from omnisight.calibrate import BoardViews, Calibration, calibrate_camera
+    from omnisight.calibrate import BoardViews, Calibration, calibrate_camera, calibrate_pictures
     from omnisight.camera import Camera
     from omnisight.formats import load, save
     from omnisight.geometry.pose import Pose
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 # Where each name lives: imported when it is first used, so that a fresh process starts fast.
 _HOME = {
-    "calibrate": ("BoardViews", "Calibration", "calibrate_camera"),
+    "calibrate": ("BoardViews", "Calibration", "calibrate_camera", "calibrate_pictures"),
     "camera": ("Camera",),
     "formats": ("load", "save"),
     "geometry.pose": ("Pose",),
@@ -53,6 +53,7 @@ __all__ = [
     "Pose",
     "Remapper",
     "calibrate_camera",
+    "calibrate_pictures",
     "cube_face",
     "cylinder",
     "find_boards",

@@ -2,6 +2,16 @@
 
 from omnisight.calibrate.calibration import Calibration, calibrate_camera
 from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.pictures import PicturesCalibration, calibrate_pictures
+from omnisight.calibrate.second_pass import Won
 from omnisight.calibrate.views import BoardViews
 
-__all__ = ["BoardViews", "Calibration", "Candidate", "calibrate_camera"]
+__all__ = [
+    "BoardViews",
+    "Calibration",
+    "Candidate",
+    "PicturesCalibration",
+    "Won",
+    "calibrate_camera",
+    "calibrate_pictures",
+]

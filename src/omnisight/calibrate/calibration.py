@@ -19,7 +19,7 @@ from omnisight.calibrate.candidates import (
     held_out_rms,
     starts_of,
 )
-from omnisight.calibrate.initialise import initialise
+from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.refine import Bundle, State, robust_threshold, weight_roots
 from omnisight.calibrate.views import BoardViews
 from omnisight.calibrate.warn import doubts
@@ -83,6 +83,7 @@ def calibrate_camera(
     fixed: Sequence[str] = (),
     free: Sequence[str] = (),
     force: bool = False,
+    start: CameraModel | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Calibrate a camera from corners of a plane board.
@@ -103,6 +104,8 @@ def calibrate_camera(
         Parameters by name that stay at their start (0 for a skew), or that move although they do not by default.
     force
         Calibrate also from fewer than three pictures.
+    start
+        A camera near enough to begin from, if one is known.
     progress
         Called with a stage, how much of it is done, and how much there is.
 
@@ -113,27 +116,32 @@ def calibrate_camera(
     """
     if model != "auto" and model not in model_names():
         raise ValueError(f"unknown camera model {model!r}; there are: auto, {', '.join(model_names())}")
-    if len(views) < (1 if force else FEWEST_VIEWS):
-        raise ValueError(
-            f"{len(views)} pictures with a board are too few: {FEWEST_VIEWS} is the least, 10 to 20 are good;"
-            " the board tilted, and everywhere in the picture"
-        )
+    must_be_enough(views, force=force)
     report = progress or (lambda stage, done, total: None)
     report("start", 0, 1)
-    start = initialise(views, size)
+    begun = initialise(views, size) if start is None else posed(start, views)
     report("start", 1, 1)
-    started = [found for name in _models(model, start, views) for found in starts_of(name, start, views)]
+    started = [found for name in _models(model, begun, views) for found in starts_of(name, begun, views)]
     _must_be_known([*fixed, *free], [state.model for _, state in started], model)
     fitted: list[Candidate] = []
     for i, (name, state) in enumerate(started):
         report("fit", i, len(started))
         fitted.append(fit_candidate(name, state, views, loss=loss, fixed=fixed, free=free))
     if not fitted:
-        raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(start, views):.0f} degrees")
+        raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(begun, views):.0f} degrees")
     judged = _hold_out(fitted, views, loss, report)
     best, reason = choose(judged)
     ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     return _conclude(best, reason, tuple(ranked), views, size, auto=model == "auto")
+
+
+def must_be_enough(views: BoardViews, *, force: bool) -> None:
+    """Raise ValueError if there are too few pictures to calibrate from."""
+    if len(views) < (1 if force else FEWEST_VIEWS):
+        raise ValueError(
+            f"{len(views)} pictures with a board are too few: {FEWEST_VIEWS} is the least, 10 to 20 are good;"
+            " the board tilted, and everywhere in the picture"
+        )
 
 
 def _models(model: str, start: State, views: BoardViews) -> tuple[str, ...]:

@@ -46,7 +46,7 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     """
     if len(views) > ENOUGH:
         few = np.unique(np.linspace(0, len(views) - 1, ENOUGH).round().astype(np.intp))
-        return _posed(initialise(views.subset(few), size).model, views)
+        return posed(initialise(views.subset(few), size).model, views)
     ranked = sorted(_ideal_starts(views, size), key=lambda start: _score(start, views))
     if not ranked:
         raise ValueError("no camera explains these corners: are they corners of one flat board, in order?")
@@ -105,10 +105,10 @@ def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
             np.array([[np.sin(theta), 0.0, np.cos(theta)]])
         )
         focal = reach / radius[0, 0]
-        yield _posed(cls.from_dict({"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]}), views)
+        yield posed(cls.from_dict({"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]}), views)
 
 
-def _posed(model: CameraModel, views: BoardViews) -> State:
+def posed(model: CameraModel, views: BoardViews) -> State:
     """Pose every board from its bearings."""
     bearings, _ = model.unproject_numpy(views.pixels)
     rotations, translations = plane_poses(views, bearings)

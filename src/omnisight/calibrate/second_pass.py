@@ -199,4 +199,3 @@ def _flat_views(camera: Camera) -> Iterator[tuple[Camera, Array]]:
             return
         for k in range(count):
             yield target, look(pitch=angle) @ look(roll=k * 360 / count)
-

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from omnisight.calibrate import Calibration
+from omnisight.calibrate import Calibration, PicturesCalibration
 from omnisight.camera import Camera
 from omnisight.cli._draw import rows_of_pictures
 from omnisight.cli._names import labels
@@ -36,13 +37,13 @@ def rows(search: BoardSearch, calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def as_json(
-    search: BoardSearch,
-    calibration: Calibration,
+    result: PicturesCalibration,
     camera: Camera,
     seconds: Mapping[str, float],
 ) -> None:
     """Print one object on stdout, and nothing else."""
-    result = {
+    search, calibration = result.search, result.calibration
+    said = {
         "pictures": rows(search, calibration),
         "pattern": str(search.board),
         "model": camera.model.name,
@@ -50,21 +51,22 @@ def as_json(
         "mean": calibration.mean,
         "held_out_rms": calibration.held_out_rms,
         "reason": calibration.reason,
+        "second_look": asdict(result.won),
         "warnings": [*([search.hint] if search.hint else []), *calibration.warnings],
         "candidates": [c.as_dict() for c in calibration.candidates],
         "seconds": dict(seconds),
         "camera": to_json(camera),
     }
-    print(json.dumps(result, indent=2, allow_nan=False))
+    print(json.dumps(said, indent=2, allow_nan=False))
 
 
 def print_report(
-    search: BoardSearch,
-    calibration: Calibration,
+    result: PicturesCalibration,
     seconds: Mapping[str, float],
     written: Written | None,
 ) -> None:
     """Print the tables and what to make of them."""
+    search, calibration = result.search, result.calibration
     from rich.console import Console
     from rich.table import Table
 
@@ -100,6 +102,7 @@ def print_report(
         f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
         soft_wrap=True,
     )
+    console.print(str(result.won), soft_wrap=True)
     for warning in [*([search.hint] if search.hint else []), *calibration.warnings, *_about(search)]:
         console.print(f"note: {warning}", soft_wrap=True)
     console.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")

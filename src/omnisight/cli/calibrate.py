@@ -63,7 +63,7 @@ def calibrate(
         Show no progress.
     """
     begun = time.perf_counter()
-    from omnisight.calibrate import BoardViews, calibrate_camera
+    from omnisight.calibrate import calibrate_pictures
     from omnisight.calibrate.calibration import FEWEST_VIEWS
     from omnisight.cli._board import asked_board
     from omnisight.cli._calibrate_report import as_json, print_report
@@ -93,23 +93,34 @@ def calibrate(
         )
         detected = time.perf_counter()
         least = 1 if force else FEWEST_VIEWS
-        views = BoardViews.of_search(search, labels(paths))
-        if len(views) < least:
+        if sum(len(picture.boards) for picture in search.pictures) < least:
             raise ValueError(_too_few_found(search, least))
-        calibration = calibrate_camera(views, search.size, model=model, loss=loss, force=force, progress=report)
+        result = calibrate_pictures(
+            search,
+            names=labels(paths),
+            model=model,
+            loss=loss,
+            force=force,
+            apply_exif=apply_exif,
+            progress=report,
+        )
     solved = time.perf_counter()
-    camera = _with_provenance(calibration.camera, search)
+    camera = _with_provenance(result.calibration.camera, result.search)
     # The result first: what is drawn afterwards cannot lose it.
     written = save(camera, output) if output is not None else None
-    seconds = {"detect": detected - begun, "solve": solved - detected, "total": time.perf_counter() - begun}
+    seconds = {
+        "detect": detected - begun,
+        "solve": solved - detected,
+        "total": time.perf_counter() - begun,
+    }
     if json:
-        as_json(search, calibration, camera, seconds)
+        as_json(result, camera, seconds)
     else:
-        print_report(search, calibration, seconds, written)
+        print_report(result, seconds, written)
     if draw is not None:
         from omnisight.cli._draw import draw_residuals
 
-        draw_residuals(search, calibration, draw, apply_exif=apply_exif)
+        draw_residuals(result, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}")
 

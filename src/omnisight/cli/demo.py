@@ -67,13 +67,11 @@ def _calibrate(name: str, setup: Any, folder: Path, report: Any) -> tuple[Any, A
         om.write_image(paths[-1], renderer([board], np.random.default_rng(i)).image)
         report(f"{name}: render", i + 1, PICTURES)
     search = om.find_boards(paths, BOARD, progress=lambda done, total: report(f"{name}: find boards", done, total))
-    views = om.BoardViews.of_search(search)
     stage = f"{name}: calibrate, "
-    calibration = om.calibrate_camera(
-        views, truth.size, progress=lambda what, done, total: report(stage + what, done, total)
-    )
+    result = om.calibrate_pictures(search, progress=lambda what, done, total: report(stage + what, done, total))
+    calibration = result.calibration
     om.save(calibration.camera, folder / "camera.json")
-    return empty, calibration, len(search.found), truth
+    return empty, calibration, len(result.search.found), truth
 
 
 def _views(name: str, camera: Any, picture: Any, folder: Path) -> list[str]:

@@ -135,9 +135,9 @@ def linked(markers: Markers, places: Array) -> Markers:
     middle, centre = on_board.mean(axis=1), markers.corners.mean(axis=1)
     square = on_board - middle[:, None]
     # Corners of a square: their scatter is a multiple of the identity, so the affine map needs no solving.
-    jacobian = np.swapaxes(markers.corners - centre[:, None], 1, 2) @ square / (square[..., 0] ** 2).sum(axis=1)[
-        :, None, None
-    ]
+    jacobian = (
+        np.swapaxes(markers.corners - centre[:, None], 1, 2) @ square / (square[..., 0] ** 2).sum(axis=1)[:, None, None]
+    )
     area = np.linalg.det(jacobian)
     proper = np.abs(area) > 1e-9 * np.abs(area).max()
     inverse = np.linalg.inv(np.where(proper[:, None, None], jacobian, np.eye(2)))

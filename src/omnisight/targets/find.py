@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from omnisight.images import UnreadableImage
+from omnisight.images import ImageField, UnreadableImage
 
 from .boards import Board
 from .boards.checkerboard import Checkerboard
@@ -16,6 +16,10 @@ from .detection import Detection
 from .grids.grid import Grid
 from .look import Look, look_at
 from .placing import agreed_pattern, pattern_of, place
+from .shown import shown_field
+
+_RIM_PX = 2.0
+"""How far outside the image circle a corner may seem to be before that is said."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +82,14 @@ class BoardSearch:
         One for each path, in the order given.
     hint : str or None
         Said where the pictures show another board than the one that was asked for.
+    field : ImageField or None
+        Where the lens or mirror shows anything.
     """
 
     board: Board | None
     pictures: list[PictureDetection] = field(default_factory=list[PictureDetection])
     hint: str | None = None
+    field: ImageField | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -143,7 +150,12 @@ def find_boards(
     agreed = agreed_pattern([look.grids for look in looks if isinstance(look, Look)])
     if board is None and agreed is not None:
         board = Checkerboard(*agreed, square=square)
+    readable = [(path, look.key) for path, look in zip(paths, looks, strict=True) if isinstance(look, Look)]
+    shown = shown_field(
+        [path for path, _ in readable], [key for _, key in readable], apply_exif=apply_exif, cache=cache
+    )
     pictures = [_picture(path, look, board) for path, look in zip(paths, looks, strict=True)]
+    pictures = [_flagged(picture, shown) for picture in pictures]
     turned = [isinstance(look, Look) and look.orientation != 1 and not apply_exif for look in looks]
     if any(turned):
         first = turned.index(True)
@@ -151,7 +163,7 @@ def find_boards(
         note = f"EXIF orientation {orientation} ignored, here and in the other pictures: the sensor does not turn"
         pictures[first] = pictures[first].with_remark(note)
     hint = _hint(looks, pictures, board, agreed) if isinstance(board, Checkerboard) else None
-    return BoardSearch(board, pictures, hint)
+    return BoardSearch(board, pictures, hint, shown)
 
 
 def check_sizes(named: Sequence[tuple[str, tuple[int, int]]]) -> None:
@@ -194,6 +206,14 @@ def _picture(path: Path, look: Look | UnreadableImage, board: Board | None) -> P
         exposure=used[0].white if used else look.exposure,
         blur=used[0].blur if used else float("nan"),
     )
+
+
+def _flagged(picture: PictureDetection, shown: ImageField | None) -> PictureDetection:
+    """Say it where corners lie outside of what the lens shows."""
+    if shown is None or not picture.boards:
+        return picture
+    outside = sum(int((~shown.contains(d.pixels, -_RIM_PX)).sum()) for d in picture.boards)
+    return picture.with_remark(f"{outside} corners outside of what the lens shows") if outside else picture
 
 
 def _note(look: Look, placed: Sequence[Detection], board: Board | None) -> str:

@@ -85,6 +85,4 @@ def local_map(
     mean = (weight[..., None] * seen).sum(axis=1)
     terms = np.linalg.solve(normal, np.swapaxes(weighted, 1, 2) @ (seen - mean[:, None]))
     terms = np.where(known[:, None, None], terms, np.nan)
-    return LocalMap(
-        mean + terms[:, 0], np.swapaxes(terms[:, 1:3], 1, 2) / pitch, terms[:, [3, 5]] / pitch**2
-    )
+    return LocalMap(mean + terms[:, 0], np.swapaxes(terms[:, 1:3], 1, 2) / pitch, terms[:, [3, 5]] / pitch**2)

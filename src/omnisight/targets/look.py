@@ -39,6 +39,8 @@ class Look:
         Gray level of the brightest quarter of that part: 255 is overexposed.
     orientation : int
         The EXIF orientation, 1 to 8.
+    key : str
+        Digest of the file's content and of how it was read.
     """
 
     size: tuple[int, int]
@@ -47,6 +49,7 @@ class Look:
     sharpness: float
     exposure: float
     orientation: int
+    key: str
 
 
 def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool) -> Look:
@@ -62,16 +65,16 @@ def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool) -
     asked = None if board is None or isinstance(board, Checkerboard) else board
     key = cache_key(data, None if asked is None else asked.to_dict(), apply_exif, DETECTOR_VERSION)
     entry = load_entry(key) if cache else None
-    look = None if entry is None else _from_entry(entry, orientation)
+    look = None if entry is None else _from_entry(entry, orientation, key)
     if look is None:
         gray = to_gray8(decode_image(data, path.name, apply_exif=apply_exif))
-        look = _look(gray, asked, orientation)
+        look = _look(gray, asked, orientation, key)
         if cache:
             save_entry(key, _to_entry(look))
     return look
 
 
-def _look(gray: NDArray[np.uint8], asked: Board | None, orientation: int) -> Look:
+def _look(gray: NDArray[np.uint8], asked: Board | None, orientation: int, key: str) -> Look:
     grids = tuple(find_grids(gray)) if asked is None else ()
     boards = () if asked is None else tuple(asked.detect(gray))
     size = (gray.shape[1], gray.shape[0])
@@ -80,7 +83,7 @@ def _look(gray: NDArray[np.uint8], asked: Board | None, orientation: int) -> Loo
     if found:
         (left, top), (right, bottom) = found[0].min(axis=0), found[0].max(axis=0)
         part = gray[max(int(top), 0) : int(bottom) + 2, max(int(left), 0) : int(right) + 2]
-    return Look(size, grids, boards, _sharpness(part), float(np.percentile(part, 75)), orientation)
+    return Look(size, grids, boards, _sharpness(part), float(np.percentile(part, 75)), orientation, key)
 
 
 def _sharpness(gray: NDArray[np.uint8]) -> float:
@@ -113,7 +116,7 @@ def _to_entry(look: Look) -> dict[str, Any]:
     }
 
 
-def _from_entry(entry: dict[str, Any], orientation: int) -> Look | None:
+def _from_entry(entry: dict[str, Any], orientation: int, key: str) -> Look | None:
     """Rebuild what was seen; None if the entry is not what was written."""
     try:
         width, height = (int(length) for length in entry["size"])
@@ -126,7 +129,9 @@ def _from_entry(entry: dict[str, Any], orientation: int) -> Look | None:
         )
         if not all(np.isfinite(b.pixels).all() for b in boards):
             return None
-        return Look((width, height), grids, boards, float(entry["sharpness"]), float(entry["exposure"]), orientation)
+        return Look(
+            (width, height), grids, boards, float(entry["sharpness"]), float(entry["exposure"]), orientation, key
+        )
     except (KeyError, IndexError, TypeError, ValueError):
         return None
 

@@ -152,7 +152,9 @@ def parse_pattern(text: str) -> dict[str, int]:
     """Read `columns` and `rows` as a user writes them: `9x6`, `9,6`, `9 x 6`."""
     match = re.fullmatch(r"\s*([0-9]{1,4})\s*[xX×,]\s*([0-9]{1,4})\s*", text)
     if match is None:
-        raise ValueError(f"cannot read the pattern {text[:40]!r}: give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6")
+        raise ValueError(
+            f"cannot read the pattern {text[:40]!r}: give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6"
+        )
     return {"columns": int(match[1]), "rows": int(match[2])}
 
 

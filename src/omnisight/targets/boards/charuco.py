@@ -12,11 +12,12 @@ from omnisight.targets.boards._markers import cell_shapes, marker_cells, marker_
 from omnisight.targets.boards._protocol import CLEAR_SHARE, Board
 from omnisight.targets.detection import Detection
 from omnisight.targets.printing.drawing import Shape, rectangle
+
 if TYPE_CHECKING:
     from omnisight.targets.grids.crossing import Crossings
 
 SMALLEST = 2
-LEAST_STEP = 6.0
+LEAST_STEP = 5.0
 """Step in px below which a corner's window holds too few pixels to measure it well."""
 LARGEST_WINDOW = 0.7
 """Longest step of a window, over the side of a square."""

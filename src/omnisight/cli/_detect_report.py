@@ -1,0 +1,105 @@
+"""What `omnisight detect` says."""
+
+import json
+import math
+from typing import Any
+
+from omnisight.cli._names import labels
+from omnisight.targets import BoardSearch, Checkerboard, Detection, PictureDetection
+
+CLIPPED, DARK = 253, 70
+BLURRED = 2.5  # px
+
+
+def as_json(search: BoardSearch) -> None:
+    """Print one object on stdout, and nothing else."""
+    names = labels([picture.path for picture in search.pictures])
+    field = search.field
+    result = {
+        "pattern": None if search.board is None else str(search.board),
+        "target": None if search.board is None else search.board.to_dict(),
+        "hint": search.hint,
+        "field": None if field is None else field.describe(),
+        "pictures": [
+            {
+                "name": name,
+                "size": picture.size,
+                "boards": [_board(search, d) for d in picture.boards],
+                "sharpness": _finite(picture.sharpness),
+                "blur": _finite(picture.blur),
+                "exposure": _finite(picture.exposure),
+                "note": picture.note,
+            }
+            for name, picture in zip(names, search.pictures, strict=True)
+        ],
+    }
+    print(json.dumps(result, indent=2, allow_nan=False))
+
+
+def print_report(search: BoardSearch) -> None:
+    """Print a line per picture, and what they have in common."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False)
+    table = Table("picture", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
+    for column in table.columns[1:6]:
+        column.justify = "right"
+    for picture, name in zip(search.pictures, labels([p.path for p in search.pictures]), strict=True):
+        table.add_row(
+            name,
+            str(len(picture.boards) or "-"),
+            str(sum(map(len, picture.boards)) or ""),
+            _figure(picture.blur, ".2f"),
+            _figure(picture.sharpness, ".2f"),
+            _figure(picture.exposure, ".0f"),
+            "; ".join(filter(None, (picture.note, *light(picture)))),
+        )
+    console.print(table)
+    console.print()
+    if search.board is None:
+        console.print("no checkerboard found: for a board with markers or circles give --target")
+    else:
+        kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
+        corners = sum(len(d) for p in search.pictures for d in p.boards)
+        console.print(
+            f"{kind}{search.board}: {len(search.found)} of {len(search.pictures)} pictures, {corners} corners",
+            soft_wrap=True,
+        )
+    if search.field is not None:
+        console.print(search.field.describe(), soft_wrap=True)
+    if search.hint:
+        console.print(f"note: {search.hint}", soft_wrap=True)
+
+
+def light(picture: PictureDetection) -> list[str]:
+    """Say what is wrong with a picture's sharpness or light."""
+    notes: list[str] = []
+    if picture.blur > BLURRED:
+        notes.append("blurred")
+    if picture.boards and picture.exposure >= CLIPPED:
+        notes.append("overexposed")
+    if picture.boards and picture.exposure < DARK:
+        notes.append("dark")
+    return notes
+
+
+def _board(search: BoardSearch, detection: Detection) -> dict[str, Any]:
+    shown = search.field
+    outside = [] if shown is None else detection.ids[~shown.contains(detection.pixels)].tolist()
+    return {
+        "pattern": str(search.board),
+        "ids": detection.ids.tolist(),
+        "pixels": detection.pixels.tolist(),
+        "covariance": detection.covariance.tolist(),
+        "located": detection.located,
+        "outside": outside,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _figure(value: float, form: str) -> str:
+    return format(value, form) if math.isfinite(value) else ""

@@ -1,0 +1,81 @@
+"""omnisight detect."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+
+FOLDER = Path("omnisight-detect")
+
+
+def detect(
+    pictures: list[str],
+    /,
+    *,
+    pattern: Annotated[str | None, Parameter(alias="--size")] = None,
+    square: str | None = None,
+    target: Path | None = None,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    apply_exif: bool = False,
+    cache: bool = True,
+    json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Find the board in pictures and show what was found, without calibrating.
+
+    Writes each picture with the corners drawn in: their order, an ellipse for how sure each one is (magnified), and the
+    border of what the lens shows.
+
+    Parameters
+    ----------
+    pictures
+        Folders, files or patterns such as 'left*.jpg'.
+    pattern
+        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. What most pictures agree on if
+        absent.
+    square
+        Side of a square with its unit: 32.5mm.
+    target
+        The board as a file, in place of --pattern and --square: what `omnisight target make` wrote, or a target of
+        Kalibr's (YAML).
+    output
+        A folder for the drawn pictures: omnisight-detect unless told otherwise; with --json none are drawn unless told.
+    apply_exif
+        Turn pictures as their EXIF orientation says.
+    cache
+        Remember found boards, by the content of the pictures.
+    json
+        Print one JSON object and nothing else.
+    quiet
+        Show no progress.
+    """
+    from omnisight.cli._board import asked_board
+    from omnisight.cli._detect_report import as_json, print_report
+    from omnisight.cli._draw import draw_boards
+    from omnisight.cli._names import outputs
+    from omnisight.images import collect_images
+    from omnisight.targets import find_boards, parse_length
+
+    board = asked_board(pattern, square, target)
+    paths = collect_images(pictures)
+    folder = output if output is not None or json else FOLDER
+    files = outputs(paths, folder) if folder is not None else []
+    with progress(quiet or json) as report:
+        search = find_boards(
+            paths,
+            board,
+            square=None if square is None else parse_length(square),
+            apply_exif=apply_exif,
+            cache=cache,
+            progress=lambda done, all_: report("find boards", done, all_),
+        )
+        if json:
+            as_json(search)
+        else:
+            print_report(search)
+        if folder is not None:
+            draw_boards(search, files, apply_exif=apply_exif, progress=lambda done, all_: report("draw", done, all_))
+    if folder is not None and not json:
+        print(f"drawn: {folder}")
