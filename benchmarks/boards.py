@@ -19,10 +19,9 @@ TITLES = {"rendered": "Rendered pictures", "real": "Real pictures", "times": "Ti
 TABLES = {"rendered": boards_rendered.table, "real": boards_real.table, "times": boards_times.table}
 ABOUT = {
     "rendered": "Recall and precision by corners within 2 px of a visible true one. An id of ours that is wrong counts"
-    " as wrong, except where a cut board hides both ends of its columns or of its rows: its place on the lattice is"
-    " then open, and corners count by the nearest. NEES is e^T C^-1 e / 2, its mean and its median over that of"
-    " chi-square: 1 is a covariance that keeps its word. Milliseconds are medians of one thread. OpenCV is told the"
-    " pattern and finds whole boards only.",
+    " as wrong, except where it says itself that the place on a cut board is open. NEES is e^T C^-1 e / 2, its mean"
+    " and its median over that of chi-square: 1 is a covariance that keeps its word. Milliseconds are medians of one"
+    " thread. OpenCV is told the pattern and finds whole boards only.",
     "real": "Wrong: more than 2 px from the fit of the picture's pose by the camera that our corners calibrate. rms: of"
     " a mei model by plain least squares on the corners that both found, their number in brackets. Ours is told no"
     " pattern.",

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -32,12 +32,15 @@ class Found:
         (N, 2, 2), or None where the detector does not tell.
     seconds
         Time taken.
+    located
+        Whether the detector is sure of the ids.
     """
 
     ids: NDArray[np.int64]
     pixels: Array
     covariance: Array | None = None
     seconds: float = 0.0
+    located: bool = True
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -47,7 +50,7 @@ def ours(gray: Gray, board: Checkerboard) -> Found:
     found = detect_checkerboard(gray, board)
     if found is None:
         return nothing()
-    return Found(found.ids, found.pixels, getattr(found, "covariance", None))
+    return Found(found.ids, found.pixels, found.covariance, located=found.located)
 
 
 def classic(gray: Gray, board: Checkerboard) -> Found:
@@ -84,7 +87,7 @@ DETECTORS: dict[str, Callable[[Gray, Checkerboard], Found]] = {
 def timed(name: str, gray: Gray, board: Checkerboard) -> Found:
     begun = time.perf_counter()
     found = DETECTORS[name](gray, board)
-    return Found(found.ids, found.pixels, found.covariance, time.perf_counter() - begun)
+    return replace(found, seconds=time.perf_counter() - begun)
 
 
 def nothing() -> Found:
@@ -138,7 +141,7 @@ def score(
 ) -> Score:
     """Count corners; `names` (54,) are the ids that the true corners should have, None where ids are not judged.
 
-    Where not `strict`, the board is cut so that its place on the lattice is open: an id may then be any.
+    Where not `strict`, a wrong id is no error.
     """
     total = int(visible.sum())
     in_picture = np.isfinite(corners).all(1)

@@ -50,8 +50,8 @@ def cells(only: Iterable[str] = (), *, quick: bool = False) -> dict[str, list[Sh
     only = set(only)
     if unknown := only - {"base", "mix", *FACTORS}:
         raise ValueError(f"unknown cells {', '.join(sorted(unknown))}; there are base, mix, {', '.join(FACTORS)}")
-    poses = POSES[1::3] if quick else POSES
-    base = [Shot(lens, *pose, seed=i) for lens in LENSES for i, pose in enumerate(poses)]
+    poses = list(enumerate(POSES))[1::3] if quick else list(enumerate(POSES))
+    base = [Shot(lens, *pose, seed=i) for lens in LENSES for i, pose in poses]
     made = {"base": base} if not only or "base" in only else {}
     for factor, values in FACTORS.items():
         if not only or factor in only:
@@ -111,14 +111,7 @@ def judge(job: tuple[str, Shot, tuple[str, ...]]) -> Result:
 def rate(name: str, found: Found, scene: Scene) -> Score:
     """Score a detector; only ours promises what id a corner has."""
     ids = true_ids(scene.corners) if name == "omnisight" else None
-    return score(found, scene.corners, scene.visible, ids, strict=placed(scene.visible))
-
-
-def placed(visible: NDArray[np.bool_]) -> bool:
-    """Say whether a board's visible corners reach an end of its columns and one of its rows: its place is then seen."""
-    seen = visible.reshape(BOARD.rows, BOARD.columns)
-    columns, rows = seen.any(0), seen.any(1)
-    return bool((columns[0] or columns[-1]) and (rows[0] or rows[-1]))
+    return score(found, scene.corners, scene.visible, ids, strict=found.located)
 
 
 def true_ids(corners: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -36,7 +36,7 @@ def rays(lens):
 
 @cache
 def texture(board, scale=25000 / 3):
-    """Paint the board at `scale` texels per metre, chosen so that the edges that matter fall between texels."""
+    """Paint the board at `scale` texels per metre, chosen so that the edges that are measured fall between texels."""
     left, top, right, bottom = board.extent
     pad = board.quiet
     left, top = left - pad, top - pad
@@ -49,19 +49,13 @@ def texture(board, scale=25000 / 3):
             v, u = np.mgrid[v0:v1, u0:u1]
             paper[v0:v1, u0:u1][np.hypot(u - at[0], v - at[1]) < radius] = tone
         else:
-            corners = (np.array(shape.corners) - (left, top)) * scale
-            u, v = np.rint(corners).astype(int).T
-            filled = np.zeros_like(paper)
-            _fill(filled, u, v)
-            paper[filled > 0] = tone
+            u, v = np.rint((np.array(shape.corners) - (left, top)) * scale).astype(int).T
+            inside = np.zeros((np.ptp(v), np.ptp(u)), bool)
+            # All sides run along the axes: every upright one flips what is to its right.
+            for a, b, c in zip(u - u.min(), v - v.min(), np.roll(v, -1) - v.min(), strict=True):
+                inside[min(b, c) : max(b, c), a:] ^= True
+            paper[v.min() : v.max(), u.min() : u.max()][inside] = tone
     return paper, (left, top), scale
-
-
-def _fill(mask, u, v):
-    """Fill a polygon whose sides run along the axes, exactly: texels on the inner side of each upright side."""
-    for a, b, c in zip(u, v, np.roll(v, -1), strict=True):
-        low, high = min(b, c), max(b, c)
-        mask[low:high, a:] ^= 1
 
 
 def pose(board, angle, *, roll=20.0, distance=0.17, tilt=(20, -15), azimuth=30.0):
@@ -81,17 +75,213 @@ def render(board, lens, placed, *, noise=0.02, mirrored=False, seed=0):
     """Give the picture and the true places of the board's points."""
     paper, (left, top), scale = texture(board)
     rotation, position = (a.astype(np.float32) for a in placed)
-    seen, start = rays(lens) @ rotation, -position @ rotation
+    # Rays are only traced where the paper is seen.
+    y, x = np.mgrid[0 : paper.shape[0] : 25j, 0 : paper.shape[1] : 25j].reshape(2, -1) / scale
+    seen = projector(lens, placed)(np.stack([x + left, y + top, 0 * x], axis=1))
+    low, high = np.clip([np.nanmin(seen, axis=0) - 9, np.nanmax(seen, axis=0) + 9], 0, SIZE).astype(int)
+    part = (slice(low[1] * FINE, high[1] * FINE), slice(low[0] * FINE, high[0] * FINE))
+    seen, start = rays(lens)[part] @ rotation, -position @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = -start[2] / seen[..., 2]
         x, y = (start[k] + distance * seen[..., k] for k in (0, 1))
         hit = distance > 0
     u, v = (np.where(hit, (a - b) * scale - 0.5, -1e6).astype(np.float32) for a, b in ((x, left), (y, top)))
     fine = cv2.remap(paper, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=120)
-    picture = cv2.GaussianBlur(cv2.resize(fine, SIZE, interpolation=cv2.INTER_AREA).astype(np.float32), (0, 0), 0.8)
+    picture = np.full(SIZE[::-1], 120, np.float32)
+    shown = fine.reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
+    picture[low[1] : high[1], low[0] : high[0]] = shown
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.8)
     picture += np.random.default_rng(seed).normal(0, 255 * noise, picture.shape)
     picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
     truth = projector(lens, placed)(board.points)
     if mirrored:
         return np.ascontiguousarray(picture[:, ::-1]), np.stack([SIZE[0] - 1 - truth[:, 0], truth[:, 1]], axis=1)
     return picture, truth
+
+
+def middles(board, lens, placed, truth, *, mirrored=False):
+    """Give where the pictures of the discs have their middles."""
+    shift = circle_shift(projector(lens, placed), board.points, board.diameter / 2)
+    return truth + shift * ([-1, 1] if mirrored else [1, 1])
+
+
+def inside(pixels, margin):
+    return ((pixels > margin) & (pixels < np.array(SIZE) - 1 - margin)).all(axis=1)
+
+
+def errors(found, truth):
+    """Give the rms error in px, and the mean normalised squared error: 1 where the covariance is right."""
+    error = found.pixels - truth[found.ids]
+    normalised = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error) / 2
+    return np.sqrt((error**2).sum(axis=1).mean()), normalised.mean()
+
+
+VIEWS = [("fisheye", 0, 0.17), ("fisheye", 60, 0.17), ("fisheye", 85, 0.12), ("mirror", 30, 0.17), ("mirror", 85, 0.14)]
+
+
+@pytest.mark.parametrize("board", [CHARUCO, APRIL], ids=["charuco", "aprilgrid"])
+@pytest.mark.parametrize(("lens", "angle", "distance"), VIEWS)
+def test_points_of_marker_boards_are_where_they_are(board, lens, angle, distance):
+    picture, truth = render(board, lens, pose(board, angle, distance=distance))
+    (found,) = board.detect(picture)
+    there = inside(truth, 5)
+    assert len(found) >= 0.9 * there.sum()  # where the picture cuts the board, what is left of it
+    rms, normalised = errors(found, truth)
+    assert rms < 0.1
+    assert 0.5 < normalised < 2
+    assert found.located
+    assert found.note == ""
+
+
+@pytest.mark.parametrize("board", [CIRCLES, CircleGrid(5, 8, spacing=0.02, diameter=0.016)], ids=str)
+@pytest.mark.parametrize(("lens", "angle", "distance"), VIEWS)
+def test_middles_of_discs_are_where_they_are(board, lens, angle, distance):
+    placed = pose(board, angle, distance=distance)
+    picture, truth = render(board, lens, placed)
+    (found,) = board.detect(picture)
+    assert len(found) >= 0.9 * inside(truth, 16).sum()
+    truth = middles(board, lens, placed, truth)
+    rms, normalised = min(errors(found, t) for t in ((truth, truth[::-1]) if board.symmetric else (truth,)))
+    assert rms < 0.05
+    assert 0.5 < normalised < 2
+    assert found.located
+
+
+@pytest.mark.parametrize("board", [CHARUCO, APRIL], ids=["charuco", "aprilgrid"])
+def test_in_a_mirror_ids_are_right(board):
+    picture, truth = render(board, "fisheye", pose(board, 40), mirrored=True)
+    (found,) = board.detect(picture)
+    assert len(found) >= 0.95 * board.size
+    assert errors(found, truth)[0] < 0.1
+
+
+@pytest.mark.parametrize("board", [CIRCLES, CircleGrid(5, 8, spacing=0.02)], ids=str)
+def test_in_a_mirror_circles_are_right_as_far_as_they_tell(board):
+    shown = CircleGrid(board.columns, board.rows, board.spacing, 0.016)  # the diameter need not be known
+    placed = pose(shown, 40, distance=0.15)
+    picture, truth = render(shown, "fisheye", placed, mirrored=True)
+    (found,) = board.detect(picture)
+    assert len(found) == board.size
+    grid = middles(shown, "fisheye", placed, truth, mirrored=True).reshape(board.rows, board.columns, 2)
+    # Of an odd number of rows the mirrored grid is the grid, so it is taken for one that is not mirrored.
+    likely = [grid, grid[::-1, ::-1]] if board.symmetric else [grid[::-1]]
+    assert min(errors(found, t.reshape(-1, 2))[0] for t in likely) < 0.05
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"legacy": True}, {"columns": 5, "rows": 8}, {"columns": 5, "rows": 8, "legacy": True}]
+)
+def test_a_charuco_of_another_layout_is_found_and_said(wrong):
+    shown = Charuco(8, 5, square=0.024, marker=0.018)
+    asked = Charuco(**{"columns": 8, "rows": 5, "square": 0.024, "marker": 0.018, **wrong})
+    if "rows" in wrong and asked.legacy:
+        shown = Charuco(8, 5, square=0.024, marker=0.018, legacy=True)
+    placed = pose(shown, 30)
+    picture, _ = render(shown, "fisheye", placed)
+    (found,) = asked.detect(picture)
+    assert len(found) == asked.size
+    assert "the print has" in found.note
+    # The points of the board that was asked for, turned onto the other by a quarter where they must be.
+    points = asked.points
+    if asked.columns == 5:
+        points = np.stack([points[:, 1], (asked.columns - 1) * asked.square - points[:, 0], points[:, 2]], axis=1)
+    assert errors(found, projector("fisheye", placed)(points))[0] < 0.1
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_both_layouts_of_charuco_are_found_as_themselves(legacy):
+    board = Charuco(8, 5, square=0.024, marker=0.018, legacy=legacy)
+    picture, truth = render(board, "fisheye", pose(board, 30))
+    (found,) = board.detect(picture)
+    assert (len(found), found.note) == (board.size, "")
+    assert errors(found, truth)[0] < 0.1
+
+
+@pytest.mark.parametrize("board", [CHARUCO, APRIL], ids=["charuco", "aprilgrid"])
+def test_part_of_a_marker_board_has_its_ids(board):
+    picture, truth = render(board, "fisheye", pose(board, 30))
+    middle = int(np.median(truth[:, 0]))
+    part = np.ascontiguousarray(picture[:, middle:])
+    (found,) = board.detect(part)
+    moved = truth - (middle, 0)
+    assert len(found) >= 0.9 * (moved[:, 0] > 5).sum()
+    assert (moved[found.ids, 0] > 3).all()
+    assert errors(found, moved)[0] < 0.1
+
+
+def test_part_of_a_circle_grid_has_its_ids_where_the_rest_tells():
+    placed = pose(CIRCLES, 30)
+    picture, truth = render(CIRCLES, "fisheye", placed)
+    truth = middles(CIRCLES, "fisheye", placed, truth)
+    low = int(np.percentile(truth[:, 0], 25))
+    (found,) = CIRCLES.detect(np.ascontiguousarray(picture[:, low:]))
+    assert found.located
+    assert 0.5 * CIRCLES.size < len(found) < 0.8 * CIRCLES.size
+    assert errors(found, truth - (low, 0))[0] < 0.05
+
+
+def test_bright_circles_on_dark_are_found():
+    placed = pose(CIRCLES, 30)
+    picture, truth = render(CIRCLES, "fisheye", placed)
+    (found,) = CIRCLES.detect(255 - picture)
+    assert errors(found, middles(CIRCLES, "fisheye", placed, truth))[0] < 0.05
+
+
+def test_other_boards_are_not_taken_for_this_one():
+    picture, _ = render(CHARUCO, "fisheye", pose(CHARUCO, 0))
+    circles, _ = render(CIRCLES, "fisheye", pose(CIRCLES, 0))
+    start = time.perf_counter()
+    assert Charuco(9, 6, square=0.024, marker=0.018, dictionary="DICT_4X4_100").detect(picture) == []
+    assert APRIL.detect(picture) == []
+    assert CIRCLES.detect(picture) == []
+    assert CHARUCO.detect(circles) == []
+    for columns, rows in ((4, 9), (3, 11), (5, 13), (5, 11), (4, 12)):
+        assert CircleGrid(columns, rows, spacing=0.02).detect(circles) == []
+    assert time.perf_counter() - start < 10  # on a busy machine; a fifth of it on an idle one
+
+
+@pytest.mark.parametrize("board", [CHARUCO, APRIL, CIRCLES], ids=["charuco", "aprilgrid", "circles"])
+@pytest.mark.parametrize("kind", ["black", "white", "noise", "ramp", "tiny", "empty"])
+def test_pictures_without_a_board_give_none_fast(kind, board):
+    size = {"tiny": (3, 5), "empty": (0, 0)}.get(kind, (1000, 1200))
+    picture = {
+        "noise": lambda: np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8),
+        "ramp": lambda: np.ascontiguousarray(np.broadcast_to(np.linspace(0, 255, size[1]).astype(np.uint8), size)),
+    }.get(kind, lambda: np.full(size, 255 if kind == "white" else 0, np.uint8))()
+    start = time.perf_counter()
+    assert board.detect(picture) == []
+    assert time.perf_counter() - start < 4  # on a busy machine; a quarter of it on an idle one
+
+
+def test_the_middle_of_a_tilted_discs_picture_is_off_the_picture_of_its_middle():
+    tilt = Rotation.from_euler("X", 50, degrees=True)
+
+    def project(points):
+        seen = tilt.apply(points) + np.array([0.02, 0.01, 0.1])
+        return 400 * seen[:, :2] / seen[:, 2:]
+
+    radius = 0.02
+    at = (np.arange(600) - 299.5) / 300 * radius
+    x, y = (a.ravel() for a in np.meshgrid(at, at))
+    x, y = x[np.hypot(x, y) < radius], y[np.hypot(x, y) < radius]
+    disc = np.stack([x, y, 0 * x], axis=1)
+    # The area that a piece of the disc covers in this picture goes with the cube of its inverse depth.
+    weight = (tilt.apply(disc)[:, 2] + 0.1) ** -3
+    expected = (project(disc) * weight[:, None]).sum(axis=0) / weight.sum() - project(np.zeros((1, 3)))[0]
+    np.testing.assert_allclose(circle_shift(project, np.zeros((1, 3)), radius)[0], expected, atol=0.03)
+    assert np.linalg.norm(expected) > 2
+
+
+@pytest.mark.parametrize("board", [CHARUCO, APRIL, CIRCLES], ids=["charuco", "aprilgrid", "circles"])
+def test_points_are_measured_where_a_camera_expects_them(board):
+    placed = pose(board, 50)
+    picture, truth = render(board, "fisheye", placed)
+    at = projector("fisheye", placed)
+    ahead = [at(board.points + board.reach * np.eye(3)[k]) - truth for k in (0, 1)]
+    behind = [at(board.points - board.reach * np.eye(3)[k]) - truth for k in (0, 1)]
+    steps, bends = ((np.stack(ahead, 1) + sign * np.stack(behind, 1)) / 2 for sign in (-1, 1))
+    measured = board.measure(picture, truth + 0.4, steps, bends)
+    wanted = middles(board, "fisheye", placed, truth) if board is CIRCLES else truth
+    assert np.sqrt(((measured.pixels - wanted) ** 2).sum(axis=1).mean()) < 0.1
+    if board is not CIRCLES:
+        assert ((measured.amplitude > 0) == board.bright).all()

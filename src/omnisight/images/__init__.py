@@ -1,7 +1,7 @@
 """Picture files in and out, of any depth and with hostile bytes; knows no cameras and no boards."""
 
 from .collect import EXTENSIONS, collect_images
-from .field import ImageField, estimate_field
+from .field import ImageField, estimate_field, shrunk
 from .gray import to_gray8
 from .headers import exif_orientation
 from .read import UnreadableImage, decode_image, read_bytes, read_image
@@ -17,6 +17,7 @@ __all__ = [
     "exif_orientation",
     "read_bytes",
     "read_image",
+    "shrunk",
     "to_gray8",
     "write_bytes",
     "write_image",

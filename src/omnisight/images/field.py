@@ -56,6 +56,17 @@ class ImageField:
             shown = shown & ~self.inner.grown(margin_px - self.inner_fade).contains(pixels)
         return np.asarray(shown)
 
+    def resized(self, size: tuple[int, int]) -> ImageField:
+        """Give it for the same pictures in another size (width, height) px."""
+        scale = np.array(size) / np.array(self.size)
+        return ImageField(
+            size,
+            self.outer and _scaled(self.outer, scale),
+            self.inner and _scaled(self.inner, scale),
+            self.outer_fade * float(scale.mean()),
+            self.inner_fade * float(scale.mean()),
+        )
+
     def describe(self) -> str:
         """Say in one sentence what was found."""
         if self.outer is None:
@@ -110,14 +121,14 @@ def estimate_field(pictures: Iterable[NDArray[np.uint8]]) -> ImageField:
         return ImageField((width, height))
     outer = find_border(bright, (0.25 * min(h, w), 0.65 * float(np.hypot(h, w))))
     inner = outer and find_hole(bright, outer.ellipse)
-    scale = np.array([width / w, height / h])
-    return ImageField(
-        (width, height),
-        outer and _scaled(outer.ellipse, scale),
-        inner and _scaled(inner.ellipse, scale),
-        outer.fade * float(scale.mean()) if outer else 0.0,
-        inner.fade * float(scale.mean()) if inner else 0.0,
+    field = ImageField(
+        (w, h),
+        outer and outer.ellipse,
+        inner and inner.ellipse,
+        outer.fade if outer else 0.0,
+        inner.fade if inner else 0.0,
     )
+    return field.resized((width, height))
 
 
 def _scaled(ellipse: Ellipse, scale: NDArray[np.float64]) -> Ellipse:
@@ -129,19 +140,13 @@ def _brightest(pictures: Iterable[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8]
 
     The second, for one flare, or one hand before the lens' rim, must not light up what is dark else.
     """
-    import cv2
-
     first = second = np.zeros((0, 0), np.uint8)
     size, count = (0, 0), 0
     for picture in pictures:
         if picture.ndim != 2 or picture.dtype != np.uint8 or picture.size == 0:
             raise ValueError(f"expected gray pictures (H, W) of uint8, got {picture.dtype} of shape {picture.shape}")
         h, w = picture.shape
-        shrink = max(1.0, (h * w / _PIXELS) ** 0.5)
-        small = picture
-        if shrink > 1:
-            to = (max(1, round(w / shrink)), max(1, round(h / shrink)))
-            small = np.asarray(cv2.resize(picture, to, interpolation=cv2.INTER_AREA), np.uint8)
+        small = shrunk(picture)
         if count == 0:
             size, first, second = (w, h), small, np.zeros_like(small)
         elif size != (w, h):
@@ -153,3 +158,15 @@ def _brightest(pictures: Iterable[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8]
     if count == 0:
         raise ValueError("expected at least one picture, got none")
     return (second if count > 2 else first), size
+
+
+def shrunk(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Average a gray picture down to what `estimate_field` looks at: its result is the same but for the size."""
+    import cv2
+
+    h, w = picture.shape
+    shrink = max(1.0, (h * w / _PIXELS) ** 0.5)
+    if shrink == 1:
+        return picture
+    size = (max(1, round(w / shrink)), max(1, round(h / shrink)))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 
@@ -21,6 +21,11 @@ _DARKER = 6.0
 
 _SHORTEST = 10
 """Length of an outline in px below which it is noise."""
+
+_LEAST_AREA = 4.0  # px^2
+
+_CONVEX = 0.85
+"""Least area of an outline over that of its hull; pixels make a small disc's a little jagged."""
 
 _MOST = 4000
 """How many outlines are looked at, the longest first: a noisy picture has a hundred thousand."""
@@ -37,7 +42,8 @@ class Blobs(NamedTuple):
 
     Attributes
     ----------
-    centres : (N, 2) array, px
+    centres : (N, 2) array
+        In px.
     matrices : (N, 2, 2) array
         Symmetric; each maps the unit circle onto the outline, px.
     """
@@ -64,7 +70,7 @@ def find_blobs(gray: NDArray[np.uint8]) -> Blobs:
         outlines = [o for o in outlines if _SHORTEST <= len(o) <= longest]
         if len(outlines) > _MOST:
             outlines = sorted(outlines, key=len, reverse=True)[:_MOST]
-        kept += [blob for o in outlines if (blob := _blob(o.reshape(-1, 2).astype(np.float64))) is not None]
+        kept += [blob for o in outlines if (blob := _blob(o)) is not None]
     kept.sort(key=lambda blob: blob[0])
     if not kept:
         return Blobs(np.zeros((0, 2)), np.zeros((0, 2, 2)))
@@ -73,36 +79,32 @@ def find_blobs(gray: NDArray[np.uint8]) -> Blobs:
     return Blobs((centres[first] + 0.5) / scale - 0.5, matrices[first] / scale)
 
 
-def _blob(outline: Array) -> tuple[float, Array, Array] | None:
-    """Give how uneven an outline (N, 2) is, its centroid and its matrix; None if it is no ellipse."""
-    x, y = (outline - outline[0]).T
-    x1, y1 = np.roll(x, -1), np.roll(y, -1)
-    cross = x * y1 - x1 * y
-    area = float(cross.sum()) / 2
-    # Outlines of dark spots run one way around, of bright holes the other.
-    if abs(area) < 4:
+def _blob(outline: NDArray[Any]) -> tuple[float, Array, Array] | None:
+    """Give how uneven an outline (N, 1, 2) is, its centroid and its matrix; None if it is no ellipse."""
+    import cv2
+
+    hull = cv2.contourArea(cv2.convexHull(outline))
+    if hull < _LEAST_AREA or cv2.contourArea(outline) < _CONVEX * hull:
         return None
-    cx, cy = float(((x + x1) * cross).sum()) / (6 * area), float(((y + y1) * cross).sum()) / (6 * area)
-    xx = float(((x * x + x * x1 + x1 * x1) * cross).sum()) / (12 * area) - cx * cx
-    yy = float(((y * y + y * y1 + y1 * y1) * cross).sum()) / (12 * area) - cy * cy
-    xy = float(((x * (2 * y + y1) + x1 * (2 * y1 + y)) * cross).sum()) / (24 * area) - cx * cy
-    # Of an ellipse the second moments are a quarter of its squared axes. Its outline runs through pixels' middles.
-    variance, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    m = cv2.moments(outline)
+    centre = np.array([m["m10"], m["m01"]]) / m["m00"]
+    # Of an ellipse the second moments are a quarter of its squared axes.
+    variance, axes = np.linalg.eigh(np.array([[m["mu20"], m["mu11"]], [m["mu11"], m["mu02"]]]) / m["m00"])
     if variance[0] <= 0 or variance[1] > _FLATTEST**2 * variance[0]:
         return None
     radii = 2 * np.sqrt(variance)
-    away = (np.stack([x, y], axis=1) - (cx, cy)) @ axes / radii
-    uneven = float(np.hypot(away[:, 0], away[:, 1]).std())
+    uneven = float(np.linalg.norm((outline[:, 0] - centre) @ axes / radii, axis=1).std())
     if uneven > _UNEVEN[0] + _UNEVEN[1] / radii[0]:
         return None
-    return uneven, outline[0] + (cx, cy), axes * (radii + 0.5) @ axes.T
+    # The outline runs through the middles of pixels: half a pixel inside.
+    return uneven, centre, axes * (radii + 0.5) @ axes.T
 
 
 def _distinct(centres: Array, radii: Array) -> NDArray[np.int64]:
-    """Give the blobs that are not inside an earlier one's middle half."""
-    tree = cKDTree(centres)
+    """Give the blobs that are not an earlier one seen again: of about its size, in its middle half."""
     free = np.ones(len(centres), bool)
-    for k, near in enumerate(tree.query_ball_point(centres, radii / 2)):
+    for k, near in enumerate(KDTree(centres).query_ball_point(centres, radii / 2)):
         if free[k]:
-            free[[other for other in near if other > k]] = False
+            later = [other for other in near if other > k and 0.5 < radii[other] / radii[k] < 2]
+            free[later] = False
     return np.flatnonzero(free)

@@ -61,8 +61,8 @@ def decode(
     found = Markers(np.zeros(0, np.int64), np.zeros((0, 4, 2)))
     for scaled, scale in _scaled(gray):
         corners, ids, _ = detector.detectMarkers(scaled)
-        if ids is None or not len(ids):
-            continue
+        if not len(corners):
+            continue  # ids are None
         ids, corners = np.asarray(ids, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 4, 2)
         mirrored = ids >= count
         # What is the top left of a mirrored marker is the top right of the marker.
@@ -87,7 +87,7 @@ def _with_mirrored(name: str, count: int) -> Any:
     return cv2.aruco.Dictionary(np.concatenate([known.bytesList[:count], *mirrored]), side, known.maxCorrectionBits)
 
 
-def _scaled(gray: NDArray[np.uint8]) -> Iterator[tuple[NDArray[np.uint8], float]]:
+def _scaled(gray: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
     """Give the picture at several scales, the one that most likely decodes first.
 
     Slightly blurred: noise and jagged edges cost more markers than sharpness wins. Two dark squares that touch at a
@@ -115,7 +115,8 @@ def _merged(known: Markers, new: Markers) -> Markers:
     reach = np.linalg.norm(new.corners[:, 0] - new.corners[:, 2], axis=1) / 2
     apart = np.linalg.norm(new.corners.mean(axis=1)[:, None] - known.corners.mean(axis=1), axis=2)
     fresh = ~((apart < reach[:, None]) & (new.ids[:, None] == known.ids)).any(axis=1)
-    return Markers(*(np.concatenate([a, b[fresh]]) for a, b in zip(known, new, strict=True)))
+    ids = np.concatenate([known.ids, new.ids[fresh]])
+    return Markers(ids, np.concatenate([known.corners, new.corners[fresh]]))
 
 
 def linked(markers: Markers, places: Array) -> Markers:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,17 +19,14 @@ _LEAST_PIXELS = 24
 _LEAST_RADIUS = 1.2  # px
 _ROUNDS = 15
 _SETTLED = 1e-3  # px
-_BLUR = (0.3, 6.0)  # px
+_LOG_BLUR = (np.log(0.3), np.log(6.0))  # of px
 _ROUNDING = 1 / 12  # variance of a gray level rounded to a whole one
 
-_FLOOR = 0.005
-"""Error in px that no model of light, lens or print goes below."""
+_FLOOR = 0.01
+"""Error in px that no fit goes below: a lens does not quite make an ellipse of a disc."""
 
 _MOST_CORRELATED = 8.0
 """How much correlated noise may widen a covariance: more is no noise."""
-
-_OUTLINE = 64
-"""Corners of the polygon that stands for a circle."""
 
 
 class _Disc(NamedTuple):
@@ -60,8 +56,8 @@ def fit_discs(gray: NDArray[Any], pixels: Array, matrices: Array, clear: float) 
     Returns
     -------
     Crossings
-        Of the middles of the ellipses, which are not the pictures of the discs' middles: see `circle_shift`. The
-        amplitude is half the contrast, positive where the disc is brighter than what is around it.
+        Of the middles of the ellipses, which are not the pictures of the discs' middles: see `circle_shift` beside
+        this. The amplitude is half the contrast, positive where the disc is brighter than what is around it.
     """
     count = len(pixels)
     found = Crossings(np.full((count, 2), np.nan), np.full((count, 2, 2), np.nan), *np.full((3, count), np.nan))
@@ -77,36 +73,6 @@ def fit_discs(gray: NDArray[Any], pixels: Array, matrices: Array, clear: float) 
     return found._replace(covariance=found.covariance * widened + _FLOOR**2 * np.eye(2))
 
 
-def circle_shift(project: Callable[[Array], Array], points: Array, radius: float) -> Array:
-    """Give how far the middle of a disc's picture is from the picture of the disc's middle.
-
-    What is found of a disc is the centroid of the area that it covers in the picture. Where scale changes across the
-    disc, by perspective or by the lens, that is not where its middle is seen.
-
-    Parameters
-    ----------
-    project : callable
-        Maps points (N, 3) of the board to pixels (N, 2).
-    points : (N, 3) array
-        Middles on the board, z = 0 all around.
-    radius : float
-        In the unit of `points`.
-
-    Returns
-    -------
-    (N, 2) array
-        In px: subtract it from what was found.
-    """
-    turn = (np.arange(_OUTLINE) + 0.5) * (2 * np.pi / _OUTLINE)
-    rim = radius * np.stack([np.cos(turn), np.sin(turn), np.zeros(_OUTLINE)], axis=1)
-    middle = project(points)
-    outline = project((points[:, None] + rim).reshape(-1, 3)).reshape(-1, _OUTLINE, 2) - middle[:, None]
-    # The integral over an area is one along its border (Green): for a polygon, a sum over its sides.
-    ahead = np.roll(outline, -1, axis=1)
-    area = outline[..., 0] * ahead[..., 1] - outline[..., 1] * ahead[..., 0]
-    return ((outline + ahead) * area[..., None]).sum(axis=1) / (3 * area.sum(axis=1))[:, None]
-
-
 def _fit(gray: NDArray[Any], pixel: Array, matrix: Array, clear: float) -> _Disc | None:
     """Fit one disc by Gauss and Newton; None if it is too small, not in the picture, or no disc."""
     if not (np.isfinite(pixel).all() and np.isfinite(matrix).all()):
@@ -120,7 +86,7 @@ def _fit(gray: NDArray[Any], pixel: Array, matrix: Array, clear: float) -> _Disc
         return None
     values, offsets, corner = window
     # Centre, the whitening matrix's entries xx, xy and yy, logarithm of the blur; then light and contrast.
-    theta = np.array([0, 0, whiten[0, 0], whiten[0, 1], whiten[1, 1], 0.0])
+    theta: Array = np.array([0, 0, whiten[0, 0], whiten[0, 1], whiten[1, 1], 0.0])
     cost, damping = np.inf, 1e-3
     best, light, jacobian, residual = theta, np.zeros(4), np.zeros((0, 0)), values
     for _ in range(_ROUNDS):
@@ -145,8 +111,8 @@ def _fit(gray: NDArray[Any], pixel: Array, matrix: Array, clear: float) -> _Disc
         # Not positive definite only where the disc has left the window.
         step = np.linalg.solve(normal + np.diag(damping * normal.diagonal() + 1e-9), jacobian.T @ residual)[:6]
         step *= min(1.0, 0.3 * axes[1] / max(float(np.abs(step[:2]).max()), 1e-12), 0.4 / max(abs(step[5]), 1e-12))
-        theta = best + step
-        theta[5] = np.clip(theta[5], *np.log(_BLUR))
+        theta = np.asarray(best + step, np.float64)
+        theta[5] = np.clip(theta[5], *_LOG_BLUR)
         if theta[2] * theta[4] <= theta[3] ** 2 or theta[2] <= 0:
             return None
     normal = jacobian.T @ jacobian

@@ -16,7 +16,7 @@ from .detection import Detection
 from .grids.grid import Grid
 from .look import Look, look_at
 from .placing import agreed_pattern, pattern_of, place
-from .shown import shown_field
+from .shown import shown_field, telling
 
 _RIM_PX = 2.0
 """How far outside the image circle a corner may seem to be before that is said."""
@@ -134,15 +134,17 @@ def find_boards(
     """
     paths = [Path(path) for path in paths]
 
-    def see(path: Path) -> Look | UnreadableImage:
+    told = set(telling(len(paths)).tolist())
+
+    def see(index: int) -> Look | UnreadableImage:
         try:
-            return look_at(path, board, apply_exif=apply_exif, cache=cache)
+            return look_at(paths[index], board, apply_exif=apply_exif, cache=cache, keep=index in told)
         except UnreadableImage as error:
             return error
 
     looks: list[Look | UnreadableImage] = []
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        for look in pool.map(see, paths):
+        for look in pool.map(see, range(len(paths))):
             looks.append(look)
             if progress is not None:
                 progress(len(looks), len(paths))
@@ -150,10 +152,9 @@ def find_boards(
     agreed = agreed_pattern([look.grids for look in looks if isinstance(look, Look)])
     if board is None and agreed is not None:
         board = Checkerboard(*agreed, square=square)
-    readable = [(path, look.key) for path, look in zip(paths, looks, strict=True) if isinstance(look, Look)]
-    shown = shown_field(
-        [path for path, _ in readable], [key for _, key in readable], apply_exif=apply_exif, cache=cache
-    )
+    chosen = [(path, look) for i, (path, look) in enumerate(zip(paths, looks, strict=True)) if i in told]
+    readable = {path: look for path, look in chosen if isinstance(look, Look)}
+    shown = shown_field(list(readable), list(readable.values()), apply_exif=apply_exif, cache=cache)
     pictures = [_picture(path, look, board) for path, look in zip(paths, looks, strict=True)]
     pictures = [_flagged(picture, shown) for picture in pictures]
     turned = [isinstance(look, Look) and look.orientation != 1 and not apply_exif for look in looks]
@@ -232,6 +233,7 @@ def _boards_note(placed: Sequence[Detection], board: Board) -> str:
     notes += [f"{len(d)} of {board.size} corners" for d in placed if len(d) < board.size]
     if not all(d.located for d in placed):
         notes.append("which part of the board is not known")
+    notes += dict.fromkeys(d.note for d in placed)
     return _joined(*notes)
 
 

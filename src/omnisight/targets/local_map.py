@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def local_map(
     count = len(targets)
     if len(board) < 3 or count == 0:
         return LocalMap(*(np.full((count, *shape), np.nan) for shape in ((2,), (2, 2), (2, 2))))
-    distance, nearest = cKDTree(board).query(targets, k=min(_NEAREST + leave_out, len(board)))
+    distance, nearest = KDTree(board).query(targets, k=min(_NEAREST + leave_out, len(board)))
     away = (board[nearest] - targets[:, None]) / pitch
     weight = weights[nearest] * np.exp(-0.5 * (distance / pitch / _WIDTH) ** 2)
     if leave_out:

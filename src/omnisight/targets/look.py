@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import decode_image, exif_orientation, read_bytes, to_gray8
+from omnisight.images import decode_image, exif_orientation, read_bytes, shrunk, to_gray8
 
 from .boards import Board
 from .boards.checkerboard import Checkerboard
@@ -41,6 +41,8 @@ class Look:
         The EXIF orientation, 1 to 8.
     key : str
         Digest of the file's content and of how it was read.
+    small : (h, w) array of uint8 or None
+        The picture averaged down, if it was asked for and had to be read.
     """
 
     size: tuple[int, int]
@@ -50,10 +52,11 @@ class Look:
     exposure: float
     orientation: int
     key: str
+    small: NDArray[np.uint8] | None = None
 
 
-def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool) -> Look:
-    """Read a picture file and find what it shows.
+def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool, keep: bool = False) -> Look:
+    """Read a picture file and find what it shows; `keep` it small, if it has to be read.
 
     Raises
     ------
@@ -71,6 +74,8 @@ def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool) -
         look = _look(gray, asked, orientation, key)
         if cache:
             save_entry(key, _to_entry(look))
+        if keep:
+            look = replace(look, small=shrunk(gray))
     return look
 
 
@@ -108,7 +113,13 @@ def _to_entry(look: Look) -> dict[str, Any]:
             for grid in look.grids
         ],
         "boards": [
-            {"ids": b.ids.tolist(), "pixels": b.pixels.tolist(), "covariance": b.covariance.tolist()}
+            {
+                "ids": b.ids.tolist(),
+                "pixels": b.pixels.tolist(),
+                "covariance": b.covariance.tolist(),
+                "located": b.located,
+                "note": b.note,
+            }
             for b in look.boards
         ],
         "sharpness": look.sharpness,
@@ -123,7 +134,11 @@ def _from_entry(entry: dict[str, Any], orientation: int, key: str) -> Look | Non
         grids = tuple(_grid(g) for g in entry["grids"])
         boards = tuple(
             Detection(
-                np.array(b["ids"], np.int64), np.array(b["pixels"], np.float64), np.array(b["covariance"], np.float64)
+                np.array(b["ids"], np.int64),
+                np.array(b["pixels"], np.float64),
+                np.array(b["covariance"], np.float64),
+                bool(b["located"]),
+                str(b["note"]),
             )
             for b in entry["boards"]
         )

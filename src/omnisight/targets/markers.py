@@ -7,12 +7,9 @@ to be decoded are found as well. Nothing assumes that the lens keeps straight li
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .boards.aprilgrid import AprilGrid
 from .boards.charuco import Charuco
@@ -20,6 +17,7 @@ from .decoding import Markers, decode, linked
 from .detection import Detection
 from .grids.crossing import Crossings
 from .local_map import local_map
+from .marker_sheets import Sheet, aprilgrid_sheet, charuco_sheet, charuco_variants
 
 Array = NDArray[np.float64]
 
@@ -46,10 +44,11 @@ _SEARCH = 0.3
 """Distance, over that to the next point, at which a point is looked for that was not where it was expected."""
 _AROUND = np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)], np.float64)
 
-_STRAY = 0.12
+_STRAY = 0.18
 """How far a point may be from where its neighbours expect it, over the distance to the next; or, where they scatter
 more, `_STRAY_SCATTER` times their median distance from theirs."""
-_STRAY_SCATTER = 6.0
+_STRAY_SCATTER = 5.0
+_PASSES = 3
 
 _MARKER_WEIGHT = 0.02
 """What a decoded marker's corner, a pixel off, counts against a measured point."""
@@ -60,31 +59,6 @@ once where it begins right, before it knows the blur."""
 
 _ROUNDS = 12
 """How often measured points may predict further ones: a step each time."""
-
-
-class _Sheet(NamedTuple):
-    """What the search needs to know of a board: all lengths in the unit of its points.
-
-    Attributes
-    ----------
-    points : (N, 2) array
-    bright : (N,) array of bool
-        Whether the square between +x and +y of a point is the bright one.
-    places : (M, 4, 2) array
-        Corners of the markers.
-    pitch : float
-        Distance from a marker to the next.
-    gap : float
-        Least distance between two points.
-    board : Charuco or AprilGrid
-    """
-
-    points: Array
-    bright: NDArray[np.bool_]
-    places: Array
-    pitch: float
-    gap: float
-    board: Charuco | AprilGrid
 
 
 def detect_charuco(gray: NDArray[np.uint8], board: Charuco) -> list[Detection]:
@@ -105,8 +79,8 @@ def detect_charuco(gray: NDArray[np.uint8], board: Charuco) -> list[Detection]:
     list of Detection
         One, or none.
     """
-    variants = _variants(board)
-    sheets = [_charuco_sheet(variant) for variant, _, _ in variants]
+    variants = charuco_variants(board)
+    sheets = [charuco_sheet(variant) for variant, _, _ in variants]
     markers = decode(
         gray,
         board.dictionary,
@@ -139,51 +113,19 @@ def detect_aprilgrid(gray: NDArray[np.uint8], board: AprilGrid) -> list[Detectio
     list of Detection
         One, or none.
     """
-    points = board.points[:, :2]
-    gap = min(board.tag, board.spacing * board.tag)
-    sheet = _Sheet(points, board.bright, points[board.corners], board.pitch, gap, board)
+    sheet = aprilgrid_sheet(board)
     count = len(sheet.places)
     markers = decode(gray, board.dictionary, count, board.border, lambda m: len(_of(m, sheet).ids) == count)
     found = _measured(gray, _of(markers, sheet), sheet)
     return [] if found is None else [found]
 
 
-def _charuco_sheet(board: Charuco) -> _Sheet:
-    side, half = board.square, board.marker / 2
-    middles = (np.array(board.marker_squares, np.float64) - 0.5) * side
-    places = middles[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return _Sheet(board.points[:, :2], board.bright, places, side, side, board)
-
-
-def _variants(board: Charuco) -> list[tuple[Charuco, NDArray[np.int64], str]]:
-    """Give the board, and those that it may be mistaken for: each, the numbers of its points on the board, a note."""
-    same = np.arange(board.size)
-    variants = [(board, same, "")]
-    layout = "the layout of OpenCV {} 4.6 (legacy: {})"
-    swapped = replace(board, columns=board.rows, rows=board.columns)
-    # A quarter turn takes the swapped board onto this one: x' and y' of the one are y and -x of the other.
-    row, column = np.divmod(same, swapped.columns)
-    turned = column * board.columns + board.columns - 1 - row
-    for other, numbers, also in ((board, same, ""), (swapped, turned, f"columns and rows swapped ({swapped})")):
-        for legacy in (board.legacy, not board.legacy):
-            if other == board and legacy == board.legacy:
-                continue
-            if legacy != board.legacy and other.rows % 2 == 0:
-                continue  # both layouts are the same
-            if other is not board and board.columns == board.rows:
-                continue
-            told = layout.format(*(("before", "true") if legacy else ("since", "false")))
-            said = ", and ".join(filter(None, (also, told if legacy != board.legacy else "")))
-            variants.append((replace(other, legacy=legacy), numbers, f"the print has {said}"))
-    return variants
-
-
-def _of(markers: Markers, sheet: _Sheet) -> Markers:
+def _of(markers: Markers, sheet: Sheet) -> Markers:
     known = markers.ids < len(sheet.places)
     return linked(Markers(markers.ids[known], markers.corners[known]), sheet.places)
 
 
-def _measured(gray: NDArray[np.uint8], markers: Markers, sheet: _Sheet) -> Detection | None:
+def _measured(gray: NDArray[np.uint8], markers: Markers, sheet: Sheet) -> Detection | None:
     """Measure the points around the markers, and on from there."""
     if len(markers.ids) < min(_LEAST_MARKERS, len(sheet.places)):
         return None
@@ -196,7 +138,7 @@ def _measured(gray: NDArray[np.uint8], markers: Markers, sheet: _Sheet) -> Detec
         anchors = np.concatenate([places, sheet.points[there]])
         seen = np.concatenate([corners, pixels[there]])
         weights = np.where(np.arange(len(anchors)) < len(places), _MARKER_WEIGHT, 1.0)
-        near = cKDTree(anchors).query(sheet.points)[0] < 1.1 * sheet.pitch
+        near = KDTree(anchors).query(sheet.points)[0] < 1.1 * sheet.step
         wanted = np.flatnonzero(near & ~there & (tried < 4))
         if not len(wanted):
             break
@@ -234,9 +176,9 @@ def _shortest(jacobian: Array) -> Array:
     return np.linalg.norm(jacobian, axis=1).min(axis=1)
 
 
-def _confirmed(gray: NDArray[np.uint8], pixels: Array, sheet: _Sheet) -> Detection | None:
+def _confirmed(gray: NDArray[np.uint8], pixels: Array, sheet: Sheet) -> Detection | None:
     """Measure the points again, each window laid by the others; drop those that the others do not expect there."""
-    for _ in range(2):
+    for _ in range(_PASSES):
         there = np.flatnonzero(np.isfinite(pixels[:, 0]))
         if len(there) < _LEAST_POINTS:
             return None
@@ -244,19 +186,21 @@ def _confirmed(gray: NDArray[np.uint8], pixels: Array, sheet: _Sheet) -> Detecti
         others = local_map(points, pixels[there], np.ones(len(there)), points, sheet.pitch, leave_out=True)
         room = sheet.gap * _shortest(others.jacobian)
         stray = np.linalg.norm(others.pixels - pixels[there], axis=1) / room
-        scatter = np.nanmedian(stray) if np.isfinite(stray).any() else 0.0
-        bad = ~(stray < max(_STRAY, _STRAY_SCATTER * scatter))
+        stray[~np.isfinite(stray)] = np.inf
+        # No two points are at one place: of such a pair the one that its neighbours expect less.
+        apart, nearest = (np.asarray(a)[:, 1] for a in KDTree(pixels[there]).query(pixels[there], k=2))
+        double = (apart < 0.5 * room) & (stray >= stray[nearest])
+        bad = double | (stray > max(_STRAY, _STRAY_SCATTER * float(np.median(stray))))
         if not bad.any():
             break
         # One stray point makes its neighbours look so: first the worst of all, those around it are judged again.
-        worst = bad & (np.nan_to_num(stray, nan=np.inf) > 0.5 * np.nanmax(np.where(bad, stray, 0.0)))
-        pixels[there[worst]] = np.nan
+        pixels[there[bad & (double | (stray > 0.5 * stray.max()))]] = np.nan
     there = np.flatnonzero(np.isfinite(pixels[:, 0]))
     if len(there) < _LEAST_POINTS:
         return None
     points = sheet.points[there]
     near = local_map(points, pixels[there], np.ones(len(there)), points, sheet.pitch)
-    fit = sheet.board.measure(gray, pixels[there] + _NUDGE, *near.window(sheet.board.reach))
+    fit = sheet.board.measure(gray, pixels[there], *near.window(sheet.board.reach))
     room = _MOVED * sheet.gap * _shortest(near.jacobian)
     good = _judged(gray, fit, pixels[there], room, sheet.bright[there], np.zeros(0))
     if good.sum() < _LEAST_POINTS:

@@ -2,50 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnisight.images import ImageField, estimate_field, read_image, to_gray8
+from omnisight.images import ImageField, estimate_field, read_image, shrunk, to_gray8
 from omnisight.images.ellipse import Ellipse
 
 from .cache import cache_key, load_entry, save_entry
+from .look import Look
 
 _ENOUGH = 16
 """Pictures that tell it."""
 
 
-def shown_field(paths: Sequence[Path], keys: Sequence[str], *, apply_exif: bool, cache: bool) -> ImageField | None:
+def telling(count: int) -> NDArray[np.intp]:
+    """Choose the pictures, of so many, that the field is learned from."""
+    return np.unique(np.linspace(0, count - 1, min(_ENOUGH, count)).round().astype(np.intp))
+
+
+def shown_field(paths: Sequence[Path], looks: Sequence[Look], *, apply_exif: bool, cache: bool) -> ImageField | None:
     """Give the image circle or the mirror's borders; None without pictures.
 
     Parameters
     ----------
     paths : sequence of Path
-        Pictures of one camera and one size, which can be read.
-    keys : sequence of str
-        Digest of each, by which the result is remembered.
+        Pictures of one camera and one size.
+    looks : sequence of Look
+        What was seen in each; the picture is read again where it did not keep it.
     apply_exif, cache : bool
         As in `find_boards`.
     """
-    if not paths:
+    if not looks:
         return None
-    chosen = np.unique(np.linspace(0, len(paths) - 1, min(_ENOUGH, len(paths))).round().astype(int))
-    key = cache_key(b"", "field", *(keys[i] for i in chosen))
+    key = cache_key(b"", "field", *(look.key for look in looks))
     entry = load_entry(key) if cache else None
     field = None if entry is None else _from_entry(entry)
     if field is None:
-
-        def pictures() -> Iterator[Any]:
-            for i in chosen:
-                yield to_gray8(read_image(paths[i], apply_exif=apply_exif))
-
-        field = estimate_field(pictures())
+        field = estimate_field(_small(path, look, apply_exif) for path, look in zip(paths, looks, strict=True))
+        field = field.resized(looks[0].size)
         if cache:
             save_entry(key, asdict(field))
     return field
+
+
+def _small(path: Path, look: Look, apply_exif: bool) -> NDArray[np.uint8]:
+    return shrunk(to_gray8(read_image(path, apply_exif=apply_exif))) if look.small is None else look.small
 
 
 def _from_entry(entry: dict[str, Any]) -> ImageField | None:

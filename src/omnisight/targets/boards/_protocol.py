@@ -19,8 +19,8 @@ from omnisight.targets.printing.drawing import Shape
 if TYPE_CHECKING:
     from omnisight.targets.grids.crossing import Crossings
 
-CLEAR_SHARE = 0.46
-"""Part of a step around a point, each way, that must be free of other edges: the window's 0.42, and some blur."""
+CLEAR_SHARE = 0.55
+"""Part of a step around a point, each way, that must be free of other edges: as far as a small board's window goes."""
 
 LARGEST_COUNT = 1000
 LONGEST_TEXT = 100  # characters

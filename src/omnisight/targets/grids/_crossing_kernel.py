@@ -20,15 +20,20 @@ _REACH = 15
 _SIDE = 2 * _REACH + 1
 _ROUNDS = 12
 _TRIAL, _HOPELESS = 4, 0.5  # after so many rounds, what is left of the variation says that no edges cross here
-_SETTLED = 5e-3
 _LEAST_SAMPLES = 20
+_LEAST_WINDOW = 0.6  # part of the window that must lie in the picture
+_RIM = 1.5  # px from the picture's edge within which nothing is measured
 _BLUR = (math.log(0.3), math.log(8.0))
+_LAGS = 2  # px over which noise is looked at for correlation
 _ROUNDING = 1 / 12  # variance of a gray level rounded to a whole one
 
 
 @numba.njit(cache=True, nogil=True)
-def fit(gray, pixels, steps, bend, share, usable, figures):
-    """Fit the usable corners into `figures` (N, FIGURES); give the residuals' power, and what neighbours share."""
+def fit(gray, pixels, steps, bend, share, usable, settled, figures):
+    """Fit the usable corners into `figures` (N, FIGURES); give the residuals' power, and what neighbours share of it.
+
+    The fit ends with a step below `settled` px and radians.
+    """
     values = np.empty(_SIDE * _SIDE)
     xs = np.empty(_SIDE * _SIDE)
     ys = np.empty(_SIDE * _SIDE)
@@ -78,7 +83,8 @@ def fit(gray, pixels, steps, bend, share, usable, figures):
                 for i in range(9):
                     theta[i] = best[i] + shrink * step[i]
                 theta[6] = min(max(theta[6], _BLUR[0]), _BLUR[1])
-                if shrink == 1.0 and now <= cost and max(abs(step[7]), abs(step[8])) < _SETTLED:
+                short = max(abs(step[4]), abs(step[5]), abs(step[7]), abs(step[8])) < settled
+                if shrink == 1.0 and now <= cost and short and abs(step[6]) < 4 * settled:
                     best[:] = theta  # so short a step needs no further look
                     break
             if cost == np.inf:
@@ -93,6 +99,12 @@ def fit(gray, pixels, steps, bend, share, usable, figures):
         room = 0.0
         for i in range(2):
             room = max(room, share[k, i] * math.hypot(steps[k, i, 0], steps[k, i, 1]))
+        u, v = u0 + best[7], v0 + best[8]
+        rim = min(u, v, gray.shape[1] - 1 - u, gray.shape[0] - 1 - v)
+        determinant = steps[k, 0, 0] * steps[k, 1, 1] - steps[k, 0, 1] * steps[k, 1, 0]
+        whole = 4 * share[k, 0] * share[k, 1] * abs(determinant)
+        if rim < _RIM or (rim < room and count < _LEAST_WINDOW * whole):
+            continue
         if away > 0.6 * room + 1 or not _solve(normal, gradient, 1e-9, factor, step):
             continue
         noise = max(cost / (count - 9), _ROUNDING)
@@ -251,7 +263,7 @@ def _solve(normal, gradient, damping, factor, step):
 
 @numba.njit(cache=True, nogil=True)
 def _correlate(residual, xs, ys, count, image, power):
-    """Add the residuals' power, and twice their products over all shifts of up to two pixels."""
+    """Add the residuals' power, and twice their products over all shifts of up to `_LAGS` px."""
     image[:] = 0.0
     for i in range(count):
         image[int(ys[i]) + _REACH, int(xs[i]) + _REACH] = residual[i]
@@ -259,8 +271,8 @@ def _correlate(residual, xs, ys, count, image, power):
         y, x = int(ys[i]) + _REACH, int(xs[i]) + _REACH
         power[0] += residual[i] * residual[i]
         near = 0.0
-        for dy in range(3):
-            for dx in range(-2, 3):
+        for dy in range(_LAGS + 1):
+            for dx in range(-_LAGS, _LAGS + 1):
                 if (dy > 0 or dx > 0) and y + dy < _SIDE and 0 <= x + dx < _SIDE:
                     near += image[y + dy, x + dx]
         power[1] += 2 * residual[i] * near

@@ -11,6 +11,9 @@ import numpy as np
 _NEGATIVE = -0.3
 """Neighbours on a checkerboard are negatives of each other: their rings correlate below this."""
 
+_EDGE = 0.3
+"""Contrast across the edge between two neighbours, over the fainter one's amplitude, below which there is none."""
+
 _FAINTER = 0.2
 """Of two neighbours the fainter has at least this part of the other's amplitude."""
 
@@ -20,31 +23,40 @@ _REACH = 0.3
 _CONE = 0.35
 """How far in radians off an edge of the seed its first neighbours may lie."""
 
-_NEAR = (2.0, 160.0)
+_NEAR = (2.0, 100.0)
 """Least and most distance of the seed's first neighbours, px: a board of larger squares is found at a coarser scale."""
+
+_UNEVEN = 1.6
+"""How much longer one of two opposite steps of a seed amid a board may be."""
+
+_CLEAR, _SPACING = 0.6, 3.0
+"""Part of the edge between two neighbours that is looked at, amid it, and px from one look to the next."""
 
 _SPAN = 96
 """Rows and columns that a grid may have on each side of its seed."""
 
 
 @numba.njit(cache=True, nogil=True)
-def grow(pixels, rings, edges, amplitude, items, starts, wide, high, bucket, smallest):
+def grow(smooth, pixels, rings, edges, amplitude, space, smallest):
     """Give the number of grids, and for each saddle point its grid (-1: none), row and column (N, 3)."""
     count = len(pixels)
     cells = np.full((count, 3), -1, np.int64)
     table = np.full((2 * _SPAN + 1, 2 * _SPAN + 1), -1, np.int64)
     queue = np.empty((table.size, 2), np.int64)
     rings = rings.astype(np.float32)
-    space = (items, starts, wide, high, bucket)
     grids = 0
-    for seed in range(count):
+    # Seeds amid a board first: another's first neighbours may be another board's, or none, and it would take them away.
+    for turn in range(2 * count):
+        seed, amid = turn % count, turn < count
         if cells[seed, 0] >= 0:
             continue
         cells[seed, 0] = grids
         table[_SPAN, _SPAN] = seed
         queue[0] = _SPAN, _SPAN
-        tail = _first_cells(seed, pixels, rings, edges, amplitude, space, cells, grids, table, queue)
+        tail = _first_cells(seed, smooth, pixels, rings, edges, amplitude, space, cells, grids, table, queue)
         head = 0
+        if amid and not _amid(seed, pixels, table):
+            head = tail  # not yet
         while head < tail:
             i, j = queue[head]
             head += 1
@@ -58,7 +70,7 @@ def grow(pixels, rings, edges, amplitude, items, starts, wide, high, bucket, sma
                 if not known:
                     continue
                 reach = _REACH * math.hypot(u - pixels[here, 0], v - pixels[here, 1])
-                found = _nearest(u, v, reach, here, pixels, rings, amplitude, space, cells)
+                found = _nearest(u, v, reach, here, smooth, pixels, rings, amplitude, space, cells)
                 if found >= 0:
                     table[i + di, j + dj] = found
                     cells[found, 0] = grids
@@ -78,19 +90,55 @@ def grow(pixels, rings, edges, amplitude, items, starts, wide, high, bucket, sma
 
 
 @numba.njit(cache=True, nogil=True)
-def _negatives(a, b, rings, amplitude):
-    """Say whether two saddle points may be neighbours by what surrounds them."""
+def _amid(seed, pixels, table):
+    """Say whether a seed's first cells are four, in two lines of nearly equal steps."""
+    for i, j in ((0, 1), (1, 0)):
+        a, b = table[_SPAN + i, _SPAN + j], table[_SPAN - i, _SPAN - j]
+        if a < 0 or b < 0:
+            return False
+        ahead = math.hypot(pixels[a, 0] - pixels[seed, 0], pixels[a, 1] - pixels[seed, 1])
+        behind = math.hypot(pixels[b, 0] - pixels[seed, 0], pixels[b, 1] - pixels[seed, 1])
+        if max(ahead, behind) > _UNEVEN * min(ahead, behind):
+            return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _neighbours(a, b, smooth, pixels, rings, amplitude):
+    """Say whether two saddle points may be neighbours by what surrounds them and by the edge between them."""
     fainter, stronger = min(amplitude[a], amplitude[b]), max(amplitude[a], amplitude[b])
     if fainter < _FAINTER * stronger:
         return False
     total = np.float32(0.0)
     for k in range(rings.shape[1]):
         total += rings[a, k] * rings[b, k]
-    return total < _NEGATIVE
+    if total >= _NEGATIVE:
+        return False
+    # Bright on one side and dark on the other all the way: two corners of a board that are no neighbours may well be
+    # negatives of each other, but there are squares between them.
+    du, dv = pixels[b, 0] - pixels[a, 0], pixels[b, 1] - pixels[a, 1]
+    length = math.hypot(du, dv)
+    aside = max(1.5, 0.15 * length) / length
+    samples = max(1, int(_CLEAR * length / _SPACING))
+    sign = 0.0
+    for k in range(samples):
+        s = 0.5 + _CLEAR * ((k + 0.5) / samples - 0.5)
+        u, v = pixels[a, 0] + s * du, pixels[a, 1] + s * dv
+        across = _at(smooth, u - aside * dv, v + aside * du) - _at(smooth, u + aside * dv, v - aside * du)
+        if across * sign < 0.0 or abs(across) < _EDGE * fainter:
+            return False
+        sign = across
+    return True
 
 
 @numba.njit(cache=True, nogil=True)
-def _nearest(u, v, reach, here, pixels, rings, amplitude, space, cells):
+def _at(image, u, v):
+    """Give the pixel nearest to a place."""
+    return image[min(max(round(v), 0), image.shape[0] - 1), min(max(round(u), 0), image.shape[1] - 1)]
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest(u, v, reach, here, smooth, pixels, rings, amplitude, space, cells):
     """Give the free saddle point nearest to a place that may be a neighbour of `here`; -1 if none is within reach."""
     items, starts, wide, high, bucket = space
     best, least = -1, reach * reach
@@ -99,13 +147,13 @@ def _nearest(u, v, reach, here, pixels, rings, amplitude, space, cells):
             for k in range(starts[y * wide + x], starts[y * wide + x + 1]):
                 other = items[k]
                 away = (pixels[other, 0] - u) ** 2 + (pixels[other, 1] - v) ** 2
-                if away < least and cells[other, 0] < 0 and _negatives(here, other, rings, amplitude):
+                if away < least and cells[other, 0] < 0 and _neighbours(here, other, smooth, pixels, rings, amplitude):
                     best, least = other, away
     return best
 
 
 @numba.njit(cache=True, nogil=True)
-def _first_cells(seed, pixels, rings, edges, amplitude, space, cells, grid, table, queue):
+def _first_cells(seed, smooth, pixels, rings, edges, amplitude, space, cells, grid, table, queue):
     """Give the seed's nearest negatives along both its edges the cells around it; the length of the queue then."""
     items, starts, wide, high, bucket = space
     u, v = pixels[seed, 0], pixels[seed, 1]
@@ -122,7 +170,9 @@ def _first_cells(seed, pixels, rings, edges, amplitude, space, cells, grid, tabl
                 bearing = math.atan2(dv, du)
                 for side in range(4):
                     off = (bearing - edges[seed, side // 2] - (side % 2) * math.pi + math.pi) % (2 * math.pi) - math.pi
-                    if abs(off) < _CONE and distance < least[side] and _negatives(seed, other, rings, amplitude):
+                    if abs(off) >= _CONE or distance >= least[side]:
+                        continue
+                    if _neighbours(seed, other, smooth, pixels, rings, amplitude):
                         best[side], least[side] = other, distance
     tail = 1
     for side in range(4):

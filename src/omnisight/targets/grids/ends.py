@@ -17,6 +17,9 @@ _ALIKE = 0.3
 _MOST = 0.6
 """Part of the places along a side that must agree."""
 
+_FASTEST = 0.35
+"""Part by which squares may shrink from one line to the next for the place of the next edge to be foretold."""
+
 _BORDER = 1.0
 """Px from the picture's edge within which nothing is found."""
 
@@ -61,8 +64,13 @@ def _end(gray: NDArray[np.uint8], lines: Lattice, bright: NDArray[np.bool_], con
     level = np.where(bright, inner, inner + contrast)  # of paper beside the outer square
     black = (outer < level - 0.85 * contrast) & ~(inner > level - 0.3 * contrast) | (outer < 0.25 * level)
     margin = within & (np.abs(outer - level) < _ALIKE * contrast)
-    if (margin | ~known)[known].mean() >= _MOST:
+    if margin[known].mean() >= _MOST and not _shrinking(step[known], bend[known]):
         return "margin"
     if (~within | black)[known].mean() >= _MOST:
         return "cut"
     return "open"
+
+
+def _shrinking(step: NDArray[np.float64], bend: NDArray[np.float64]) -> bool:
+    """Say whether squares change so fast that a further line of them may hide before the margin."""
+    return bool(np.median(np.linalg.norm(bend, axis=-1) / np.linalg.norm(step, axis=-1)) > _FASTEST)

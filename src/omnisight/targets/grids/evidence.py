@@ -28,6 +28,12 @@ _FAINT = 0.2
 _EXPLAINED = 0.6
 """Share of a window's variation that two crossing edges must explain."""
 
+_LEAST_IN_LINE = 2
+"""Corners that an outer line needs in any case."""
+
+_NIGHT = 0.3
+"""Brightness over the board's contrast below which a place is dark outside of what the lens shows."""
+
 _FEWEST = 6
 """Corners below which there is nothing to grow."""
 
@@ -58,12 +64,16 @@ class Measured:
         """Give a lattice of `shape` with nothing measured yet."""
         return cls(*(np.full((*shape[:2], *more), np.nan) for more in ((2,), (2, 2), (), (), ())))
 
-    def measure(self, gray: NDArray[np.uint8], lattice: Lattice, where: NDArray[np.bool_]) -> None:
+    def measure(
+        self, gray: NDArray[np.uint8], lattice: Lattice, where: NDArray[np.bool_], *, rough: bool = False
+    ) -> None:
         """Measure the corners (R, C) that `where` says, with the steps and bends of `lattice`."""
         i, j = np.nonzero(where & np.isfinite(lattice[..., 0]))
         along = np.stack(steps(lattice), axis=-2)[i, j]
         bent = np.nan_to_num(np.stack(bends(lattice), axis=-2)[i, j])
-        for own, found in zip(self._arrays(), fit_crossings(gray, lattice[i, j], along, bent), strict=True):
+        for own, found in zip(
+            self._arrays(), fit_crossings(gray, lattice[i, j], along, bent, rough=rough), strict=True
+        ):
             own[i, j] = found
 
     def padded(self) -> Measured:
@@ -154,7 +164,7 @@ def completed(gray: NDArray[np.uint8], lattice: Lattice) -> Measured:
     likely = sound(gray, lattice)  # costs less than measuring what is no board
     found = Measured.empty(lattice.shape)
     if likely.sum() >= _FEWEST:
-        found.measure(gray, lattice, likely)
+        found.measure(gray, lattice, likely, rough=True)
         found.check(gray, everywhere)
     for _ in range(_ROUNDS):
         before = seen(found.pixels)
@@ -163,17 +173,17 @@ def completed(gray: NDArray[np.uint8], lattice: Lattice) -> Measured:
         found = cropped(found).padded()
         missing = np.isnan(found.pixels[..., 0])
         place = predictions(found.pixels)
-        found.measure(gray, np.where(missing[..., None], place, found.pixels), missing)
+        found.measure(gray, np.where(missing[..., None], place, found.pixels), missing, rough=True)
         found.check(gray, missing)
         if seen(found.pixels) == before:
             break
-    found = trimmed(found)
+    found = trimmed(gray, found)
     # Once more, now that neighbours tell how the edges bend.
     final = Measured.empty(found.pixels.shape)
     everywhere = np.ones(found.pixels.shape[:2], bool)
     final.measure(gray, found.pixels, everywhere)
     final.check(gray, everywhere)
-    return trimmed(final)
+    return trimmed(gray, final)
 
 
 def cropped(found: Measured) -> Measured:
@@ -185,19 +195,46 @@ def cropped(found: Measured) -> Measured:
     return found.part(slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
 
 
-def trimmed(found: Measured) -> Measured:
-    """Cut off outer lines of which less than half is there, the emptiest first."""
+def trimmed(gray: NDArray[np.uint8], found: Measured) -> Measured:
+    """Cut off outer lines of which less than half is there, the emptiest first.
+
+    Places that nobody could see, outside of the picture or of what the lens shows of it, do not count.
+    """
     there = np.isfinite(found.pixels[..., 0])
+    if not there.any():
+        return found.part(slice(0), slice(0))
+    counted = there | ~hidden(gray, found)
     top, bottom, left, right = 0, there.shape[0], 0, there.shape[1]
     while top < bottom and left < right:
-        part = there[top:bottom, left:right]
-        filled = [float(line.mean()) for line in (part[0], part[-1], part[:, 0], part[:, -1])]
+        part = (slice(top, bottom), slice(left, right))
+        filled = [
+            a.sum() / max(b.sum(), 1) if a.sum() >= _LEAST_IN_LINE else 0.0
+            for a, b in zip(_outer(there[part]), _outer(counted[part]), strict=True)
+        ]
         emptiest = int(np.argmin(filled))
         if filled[emptiest] >= _LEAST_FILLED:
             break
         top, bottom = top + (emptiest == 0), bottom - (emptiest == 1)
         left, right = left + (emptiest == 2), right - (emptiest == 3)
     return found.part(slice(top, bottom), slice(left, right))
+
+
+def _outer(there: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
+    return there[0], there[-1], there[:, 0], there[:, -1]
+
+
+def hidden(gray: NDArray[np.uint8], found: Measured) -> NDArray[np.bool_]:
+    """Say which missing corners (rows, columns) lie where nothing is to be seen: off the picture, or all dark there."""
+    lattice = found.pixels
+    place = lattice
+    for _ in range(3):  # a line with few corners left is continued from one predicted corner to the next
+        place = np.where(np.isfinite(place), place, predictions(place))
+    column, row = steps(place)
+    around = np.stack([place + s * column + t * row for s, t in ((0.3, 0.3), (-0.3, 0.3), (0.3, -0.3), (-0.3, -0.3))])
+    dark = bilinear(gray, around).max(axis=0) < _NIGHT * 2 * np.nanmedian(np.abs(found.amplitude))
+    size = np.array(gray.shape[::-1])
+    outside = ((place < 1) | (place > size - 2)).any(axis=-1)
+    return np.isnan(lattice[..., 0]) & (outside | dark)
 
 
 def seen(lattice: Lattice) -> int:

@@ -28,9 +28,8 @@ def grow_lattices(saddles: Saddles, smallest: int = 9) -> list[Lattice]:
     bucket = place[:, 1] * wide + place[:, 0]
     items = np.argsort(bucket, kind="stable")
     starts = np.searchsorted(bucket[items], np.arange(wide * high + 1))
-    count, cells = grow(
-        pixels, saddles.rings, saddles.edges, saddles.amplitude, items, starts, wide, high, _BUCKET, smallest
-    )
+    space = (items, starts, wide, high, _BUCKET)
+    count, cells = grow(saddles.smooth, pixels, saddles.rings, saddles.edges, saddles.amplitude, space, smallest)
     grids = [np.flatnonzero(cells[:, 0] == grid) for grid in range(count)]
     return [_as_lattice(pixels[members], cells[members, 1:]) for members in sorted(grids, key=len, reverse=True)]
 

@@ -7,12 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .sampling import bilinear
-
-_SIGMA = 1.2
+_SIGMA = (1.2, 0.7)
 """Smoothing in px before derivatives are taken."""
 
-_RADIUS = 3.5
+_APART = (2, 1)
+"""Px around a point that hold no stronger one."""
+
+_WEAKEST = 0.3
+"""Determinant of second derivatives, gray levels squared per px^4, below which there is no saddle."""
+
+_RADIUS = (3.5, 2.3)
 _SAMPLES = 32
 """Radius in px and number of samples of the ring around a saddle point."""
 
@@ -36,35 +40,41 @@ class Saddles(NamedTuple):
         Directions in radians, mod pi, of the two edges that cross there.
     amplitude : (N,) array
         Half the contrast, in gray levels.
+    smooth : (H, W) array of float32
+        The smoothed picture that they were found in.
     """
 
     pixels: NDArray[np.float64]
     rings: NDArray[np.float64]
     edges: NDArray[np.float64]
     amplitude: NDArray[np.float64]
+    smooth: NDArray[np.float32]
 
 
-def find_saddles(gray: NDArray[Any]) -> Saddles:
-    """Find the points of an (H, W) picture around which dark, bright, dark, bright follow each other."""
+def find_saddles(gray: NDArray[Any], *, fine: bool = False) -> Saddles:
+    """Find the points of an (H, W) picture around which dark, bright, dark, bright follow each other.
+
+    Looked at less smoothed and more closely where `fine`: squares of a few pixels need that, and noise forbids it.
+    """
     import cv2
 
-    smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), _SIGMA)
-    uu, vv, uv = (cv2.Sobel(smooth, cv2.CV_32F, *order, ksize=3) for order in ((2, 0), (0, 2), (1, 1)))
-    strength = uv * uv * 4 - uu * vv  # Sobel's mixed kernel weighs half of its straight ones
-    peak = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > _FAINTEST**2)
-    edge = int(_RADIUS) + 1
-    peak[:edge] = peak[-edge:] = False
-    peak[:, :edge] = peak[:, -edge:] = False
-    v, u = np.nonzero(peak)
-    order = np.argsort(-strength[v, u])[:_STRONGEST]
-    pixels = np.stack([u[order], v[order]], axis=1).astype(np.float64)
-    return _crossings(smooth, pixels)
+    from ._saddle_kernel import find_peaks
+
+    smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), _SIGMA[fine])
+    pixels, strength = find_peaks(smooth, _WEAKEST, _APART[fine], int(_RADIUS[fine]) + 1)
+    if len(strength) > _STRONGEST:
+        strongest = np.argpartition(-strength, _STRONGEST)[:_STRONGEST]
+        pixels, strength = pixels[strongest], strength[strongest]
+    pixels = pixels[np.argsort(-strength)]
+    return _crossings(smooth, pixels, _RADIUS[fine])
 
 
-def _crossings(smooth: NDArray[Any], pixels: NDArray[np.float64]) -> Saddles:
+def _crossings(smooth: NDArray[Any], pixels: NDArray[np.float64], radius: float) -> Saddles:
+    from ._saddle_kernel import sample_rings
+
     angle = np.arange(_SAMPLES) * (2 * np.pi / _SAMPLES)
-    circle = _RADIUS * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ring = bilinear(smooth, pixels[:, None] + circle)
+    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring = sample_rings(smooth, pixels, circle)
     ring -= ring.mean(axis=1, keepdims=True)
     energy = np.linalg.norm(ring, axis=1)
     ring /= np.maximum(energy, 1e-9)[:, None]
@@ -78,4 +88,4 @@ def _crossings(smooth: NDArray[Any], pixels: NDArray[np.float64]) -> Saddles:
     row, k = np.nonzero(flips)
     crossing = k + even[row, k] / (even[row, k] - following[row, k])
     edges = (crossing * (2 * np.pi / _SAMPLES)).reshape(-1, 2)
-    return Saddles(pixels[good], ring, edges, energy[good] / np.sqrt(_SAMPLES))
+    return Saddles(pixels[good], ring, edges, energy[good] / np.sqrt(_SAMPLES), smooth)

@@ -19,8 +19,11 @@ DETECTOR_VERSION = 2
 _COARSE_PIXELS = 2_500_000
 """Corners are searched in a picture of at most this size, and measured in the full one."""
 
-_LEVELS = (1.0, 0.5)
-"""Scales of the search: most boards, then blurred, overexposed or large ones."""
+_LEVELS = ((1.0, False), (0.5, False), (1.0, True))
+"""Scales of the search, and whether to look closely: most boards; blurred, overexposed or large ones; tiny ones."""
+
+_PLENTY = 20
+"""Corners of a grid that make it needless to look for tiny boards."""
 
 _SMALLEST = 9
 """Corners that a grid must have, in three rows and three columns at least."""
@@ -68,13 +71,14 @@ def _candidates(gray: NDArray[np.uint8]) -> list[Lattice]:
 
     found: list[Lattice] = []
     base = min(1.0, (_COARSE_PIXELS / max(gray.size, 1)) ** 0.5)
-    for scale in (base * level for level in _LEVELS):
-        size = (round(gray.shape[1] * scale), round(gray.shape[0] * scale))
-        if min(size) < 16:
+    for level, fine in _LEVELS:
+        size = (round(gray.shape[1] * base * level), round(gray.shape[0] * base * level))
+        if min(size) < 16 or (fine and any(seen(lattice) >= _PLENTY for lattice in found)):
             continue
-        picture = gray if scale == 1 else cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+        picture = gray if size == gray.shape[::-1] else cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
         zoom = np.array(gray.shape[::-1]) / size
-        found += [(grown + 0.5) * zoom - 0.5 for grown in grow_lattices(find_saddles(picture), _SMALLEST)[:_TRIED]]
+        grown = grow_lattices(find_saddles(picture, fine=fine), _SMALLEST)[:_TRIED]
+        found += [(lattice + 0.5) * zoom - 0.5 for lattice in grown]
     return sorted(found, key=seen, reverse=True)
 
 
