@@ -107,6 +107,7 @@ def second_pass(
             return picture, Won()
         gray = to_gray8(read_image(picture.path, apply_exif=apply_exif))
         if not picture.boards:
+            # Nothing there but what a lens bends beyond recognition.
             found = _in_flat_views(gray, camera, board)
             if not found:
                 return picture, Won()
@@ -140,26 +141,28 @@ def _again(
 ) -> tuple[Detection, Won]:
     """Measure the points of a board whose pose is known."""
     rotation, translation = cam_from_board
+
+    def project(points: Array) -> Array:
+        pixels, valid = model.project_numpy(points @ rotation.T + translation)
+        return np.where(valid[:, None], pixels, np.nan)
+
     shift = SPAN * board.reach * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    points = board.points[:, None] + shift
-    seen, valid = model.project_numpy(points.reshape(-1, 3) @ rotation.T + translation)
-    seen, valid = seen.reshape(-1, 5, 2), valid.reshape(-1, 5)
-    seen[~valid.all(1)] = np.nan
-    there = seen[:, 0].copy()
+    seen = project((board.points[:, None] + shift).reshape(-1, 3)).reshape(-1, 5, 2)
+    there = seen[:, 0]
     steps = np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], 1) / (2 * SPAN)
     bends = np.stack([seen[:, 1] + seen[:, 2], seen[:, 3] + seen[:, 4]], 1) / 2 - there[:, None]
     start = there.copy()
     start[detection.ids] = detection.pixels
     found = board.measure(gray, start, steps, bends / SPAN**2)
-    off = np.linalg.norm(found.pixels - there, axis=1)
+    pixels = found.pixels - board.offset(project)
+    off = np.linalg.norm(pixels - there, axis=1)
     near = np.maximum(gate, 1.0)
     good = (off < np.minimum(near, STRAY * np.linalg.norm(steps, axis=-1).min(1))) & (found.explained > EXPLAINED)
     known = np.zeros(board.size, bool)
     known[detection.ids] = True
-    if isinstance(board, Checkerboard):  # its colours alternate
-        j, i = np.divmod(np.arange(board.size), board.columns)
-        alternating = found.amplitude * (1 - 2 * ((i + j) % 2))
-        level = np.nanmedian(alternating[known])
+    if board.bright is not None:
+        alternating = np.where(board.bright, found.amplitude, -found.amplitude)
+        level = np.nanmedian(alternating[known])  # the other way round in a mirror
         good &= alternating * np.sign(level) > FAINT * abs(level)
     # One that was found before and lies a little off is for the robust loss to judge.
     good |= known & (found.explained > EXPLAINED) & (off < 3 * near)
@@ -168,15 +171,15 @@ def _again(
     directions = board.points @ rotation.T + translation
     angle = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
     won = Won(int(new.sum()), int((new & (angle > FAR_DEG)).sum()), int((known & ~good).sum()))
-    return Detection(ids, found.pixels[ids], found.covariance[ids], located=detection.located), won
+    return replace(detection, ids=ids, pixels=pixels[ids], covariance=found.covariance[ids]), won
 
 
 def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]:
     """Look for a board in flat views of a picture that shows none as it is."""
+    if not isinstance(board, Checkerboard):
+        return []
     for target, rotation in _flat_views(camera):
         view = np.asarray(remap(gray, camera, target, rotation), np.uint8)
-        if not isinstance(board, Checkerboard):
-            continue
         for grid in find_grids(view):
             bearings, _ = target.unproject(grid.pixels)
             pixels, valid = camera.project(bearings @ rotation)

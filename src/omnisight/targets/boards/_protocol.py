@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import reprlib
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from types import NoneType
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_type_hints
@@ -100,6 +101,15 @@ class Board(ABC):
         from omnisight.targets.grids.crossing import fit_crossings
 
         return fit_crossings(gray, pixels, steps, bends)
+
+    @property
+    def bright(self) -> NDArray[np.bool_] | None:
+        """Whether the square ahead of each point (N,), towards +x and +y, is a bright one; None without squares."""
+        return None
+
+    def offset(self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Give how far (N, 2), px, what `measure` finds is from the point's picture; `project` maps (N, 3) to px."""
+        return np.zeros((self.size, 2))
 
     @property
     def quiet(self) -> float:

@@ -80,6 +80,11 @@ class Checkerboard(Board):
         return 1.0 if self.square is None else self.square
 
     @property
+    def bright(self) -> NDArray[np.bool_]:
+        j, i = np.divmod(np.arange(self.size), self.columns)
+        return (i + j) % 2 == 1
+
+    @property
     def extent(self) -> tuple[float, float, float, float]:
         side = self._side()
         return -side, -side, self.columns * side, self.rows * side

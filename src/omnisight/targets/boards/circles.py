@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -81,6 +82,13 @@ class CircleGrid(Board):
     @property
     def reach(self) -> float:
         return self.spacing
+
+    def offset(self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
+        from omnisight.targets.circles import circle_shift
+
+        if self.diameter is None:
+            return super().offset(project)
+        return circle_shift(project, self.points, self.diameter / 2)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

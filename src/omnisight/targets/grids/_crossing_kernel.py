@@ -10,8 +10,9 @@ last rows of the normal matrix's Cholesky factor.
 
 import math
 
-import numba
 import numpy as np
+
+from ._compiled import inner, outer
 
 FIGURES = 8
 """u, v, the covariance's three entries, amplitude, blur, explained share."""
@@ -28,7 +29,7 @@ _LAGS = 2  # px over which noise is looked at for correlation
 _ROUNDING = 1 / 12  # variance of a gray level rounded to a whole one
 
 
-@numba.njit(cache=True, nogil=True)
+@outer
 def fit(gray, pixels, steps, bend, share, usable, settled, figures):
     """Fit the usable corners into `figures` (N, FIGURES); give the residuals' power, and what neighbours share of it.
 
@@ -40,8 +41,8 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
     residual = np.empty(_SIDE * _SIDE)
     kept = np.empty(_SIDE * _SIDE)
     image = np.empty((_SIDE, _SIDE))
-    normal = np.empty((9, 9))
-    factor = np.empty((9, 9))
+    normal = np.empty(81)  # (9, 9), its lower half
+    factor = np.empty(81)
     gradient = np.empty(9)
     step = np.empty(9)
     theta = np.empty(9)
@@ -68,7 +69,10 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
                 now = _linearise(theta, bend[k], values, xs, ys, count, factor, step, residual)
                 if now <= cost:
                     cost = now
-                    best[:], normal[:], gradient[:], kept[:] = theta, factor, step, residual
+                    _copy(best, theta, 9)
+                    _copy(normal, factor, 81)
+                    _copy(gradient, step, 9)
+                    _copy(kept, residual, count)
                     damping *= 0.1
                 else:
                     damping *= 20.0
@@ -85,11 +89,11 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
                 theta[6] = min(max(theta[6], _BLUR[0]), _BLUR[1])
                 short = max(abs(step[4]), abs(step[5]), abs(step[7]), abs(step[8])) < settled
                 if shrink == 1.0 and now <= cost and short and abs(step[6]) < 4 * settled:
-                    best[:] = theta  # so short a step needs no further look
+                    _copy(best, theta, 9)  # so short a step needs no further look
                     break
             if cost == np.inf:
                 break
-            theta[:] = best
+            _copy(theta, best, 9)
             moved = max(abs(best[7] - u), abs(best[8] - v))
             if moved < 0.25:
                 break
@@ -109,7 +113,7 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
             continue
         noise = max(cost / (count - 9), _ROUNDING)
         # The inverse's last 2x2 block is (L L^T)^-1 of the factor's last block.
-        a, b, c = factor[7, 7], factor[8, 7], factor[8, 8]
+        a, b, c = factor[70], factor[79], factor[80]
         figures[k, 0], figures[k, 1] = u0 + best[7], v0 + best[8]
         figures[k, 2] = noise * (1 / (a * a) + (b * b) / (a * a * c * c))
         figures[k, 3] = -noise * b / (a * c * c)
@@ -121,7 +125,7 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
     return power
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _window(gray, u0, v0, u, v, steps, share, values, xs, ys):
     """Collect the pixels of the parallelogram of both steps around the corner; give their number."""
     a, b, c, d = steps[0, 0], steps[1, 0], steps[0, 1], steps[1, 1]
@@ -142,14 +146,14 @@ def _window(gray, u0, v0, u, v, steps, share, values, xs, ys):
     return count
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _edges(theta):
     """Give cosine and sine of both directions, the blur, and the correlation of its parts across the two edges."""
     c0, s0, c1, s1 = math.cos(theta[4]), math.sin(theta[4]), math.cos(theta[5]), math.sin(theta[5])
     return c0, s0, c1, s1, math.exp(theta[6]), c0 * c1 + s0 * s1
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _shape(x, y, edges, bend):
     """Give the blurred product of both signs, its derivatives along the distances across, those, and those along.
 
@@ -174,7 +178,7 @@ def _shape(x, y, edges, bend):
     return shape, d0, d1, a, b, along0, along1
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _step(t):
     """Give a blurred sign and its derivative; far from the edge there is none to compute."""
     if t > 4.0:
@@ -184,7 +188,7 @@ def _step(t):
     return math.erf(t * math.sqrt(0.5)), math.sqrt(2 / math.pi) * math.exp(-0.5 * t * t)
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _light(theta, bend, values, xs, ys, count):
     """Set level and amplitude to fit the window as it stands, no slopes; give the sum of squares about its mean."""
     edges = _edges(theta)
@@ -202,11 +206,13 @@ def _light(theta, bend, values, xs, ys, count):
     return power - count * mean * mean + 1e-6
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _linearise(theta, bend, values, xs, ys, count, normal, gradient, residual):
-    """Set normal matrix (9, 9), gradient (9,) and residuals of the fit at theta; give the sum of their squares."""
-    normal[:] = 0.0
-    gradient[:] = 0.0
+    """Set normal matrix (81,), gradient (9,) and residuals of the fit at theta; give the sum of their squares."""
+    for j in range(9):
+        gradient[j] = 0.0
+        for k in range(9):
+            normal[9 * j + k] = 0.0
     row = np.empty(9)
     edges = _edges(theta)
     c0, s0, c1, s1, blur, _ = edges
@@ -228,43 +234,51 @@ def _linearise(theta, bend, values, xs, ys, count, normal, gradient, residual):
         for j in range(9):
             gradient[j] += row[j] * left
             for k in range(j + 1):
-                normal[j, k] += row[j] * row[k]
+                normal[9 * j + k] += row[j] * row[k]
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _solve(normal, gradient, damping, factor, step):
     """Solve (normal + damping diag) step = gradient by Cholesky into `factor` and `step`; whether it has one."""
     for j in range(9):
         for k in range(j + 1):
-            total = normal[j, k]
+            total = normal[9 * j + k]
             if j == k:
                 total = total * (1 + damping) + 1e-9
             for i in range(k):
-                total -= factor[j, i] * factor[k, i]
+                total -= factor[9 * j + i] * factor[9 * k + i]
             if j == k:
-                if total <= 1e-12 * normal[j, j]:
+                if total <= 1e-12 * normal[10 * j]:
                     return False
-                factor[j, j] = math.sqrt(total)
+                factor[10 * j] = math.sqrt(total)
             else:
-                factor[j, k] = total / factor[k, k]
+                factor[9 * j + k] = total / factor[10 * k]
     for j in range(9):
         total = gradient[j]
         for k in range(j):
-            total -= factor[j, k] * step[k]
-        step[j] = total / factor[j, j]
+            total -= factor[9 * j + k] * step[k]
+        step[j] = total / factor[10 * j]
     for j in range(8, -1, -1):
         total = step[j]
         for k in range(j + 1, 9):
-            total -= factor[k, j] * step[k]
-        step[j] = total / factor[j, j]
+            total -= factor[9 * k + j] * step[k]
+        step[j] = total / factor[10 * j]
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
+def _copy(to, origin, count):
+    for i in range(count):
+        to[i] = origin[i]
+
+
+@inner
 def _correlate(residual, xs, ys, count, image, power):
     """Add the residuals' power, and twice their products over all shifts of up to `_LAGS` px."""
-    image[:] = 0.0
+    for y in range(_SIDE):
+        for x in range(_SIDE):
+            image[y, x] = 0.0
     for i in range(count):
         image[int(ys[i]) + _REACH, int(xs[i]) + _REACH] = residual[i]
     for i in range(count):

@@ -5,8 +5,9 @@
 
 import math
 
-import numba
 import numpy as np
+
+from ._compiled import inner, outer
 
 _NEGATIVE = -0.3
 """Neighbours on a checkerboard are negatives of each other: their rings correlate below this."""
@@ -36,7 +37,7 @@ _SPAN = 96
 """Rows and columns that a grid may have on each side of its seed."""
 
 
-@numba.njit(cache=True, nogil=True)
+@outer
 def grow(smooth, pixels, rings, edges, amplitude, space, smallest):
     """Give the number of grids, and for each saddle point its grid (-1: none), row and column (N, 3)."""
     count = len(pixels)
@@ -52,13 +53,13 @@ def grow(smooth, pixels, rings, edges, amplitude, space, smallest):
             continue
         cells[seed, 0] = grids
         table[_SPAN, _SPAN] = seed
-        queue[0] = _SPAN, _SPAN
+        queue[0, 0] = queue[0, 1] = _SPAN
         tail = _first_cells(seed, smooth, pixels, rings, edges, amplitude, space, cells, grids, table, queue)
         head = 0
         if amid and not _amid(seed, pixels, table):
             head = tail  # not yet
         while head < tail:
-            i, j = queue[head]
+            i, j = queue[head, 0], queue[head, 1]
             head += 1
             here = table[i, j]
             if not (2 < i < 2 * _SPAN - 2 and 2 < j < 2 * _SPAN - 2):
@@ -74,10 +75,10 @@ def grow(smooth, pixels, rings, edges, amplitude, space, smallest):
                 if found >= 0:
                     table[i + di, j + dj] = found
                     cells[found, 0] = grids
-                    queue[tail] = i + di, j + dj
+                    queue[tail, 0], queue[tail, 1] = i + di, j + dj
                     tail += 1
         for k in range(tail):
-            i, j = queue[k]
+            i, j = queue[k, 0], queue[k, 1]
             member = table[i, j]
             table[i, j] = -1
             if tail >= smallest:
@@ -89,7 +90,7 @@ def grow(smooth, pixels, rings, edges, amplitude, space, smallest):
     return grids, cells
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _amid(seed, pixels, table):
     """Say whether a seed's first cells are four, in two lines of nearly equal steps."""
     for i, j in ((0, 1), (1, 0)):
@@ -103,7 +104,7 @@ def _amid(seed, pixels, table):
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _neighbours(a, b, smooth, pixels, rings, amplitude):
     """Say whether two saddle points may be neighbours by what surrounds them and by the edge between them."""
     fainter, stronger = min(amplitude[a], amplitude[b]), max(amplitude[a], amplitude[b])
@@ -131,13 +132,13 @@ def _neighbours(a, b, smooth, pixels, rings, amplitude):
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _at(image, u, v):
     """Give the pixel nearest to a place."""
     return image[min(max(round(v), 0), image.shape[0] - 1), min(max(round(u), 0), image.shape[1] - 1)]
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _nearest(u, v, reach, here, smooth, pixels, rings, amplitude, space, cells):
     """Give the free saddle point nearest to a place that may be a neighbour of `here`; -1 if none is within reach."""
     items, starts, wide, high, bucket = space
@@ -152,7 +153,7 @@ def _nearest(u, v, reach, here, smooth, pixels, rings, amplitude, space, cells):
     return best
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _first_cells(seed, smooth, pixels, rings, edges, amplitude, space, cells, grid, table, queue):
     """Give the seed's nearest negatives along both its edges the cells around it; the length of the queue then."""
     items, starts, wide, high, bucket = space
@@ -181,25 +182,25 @@ def _first_cells(seed, smooth, pixels, rings, edges, amplitude, space, cells, gr
             i, j = _SPAN + sign * (side // 2), _SPAN + sign * (1 - side // 2)
             table[i, j] = best[side]
             cells[best[side], 0] = grid
-            queue[tail] = i, j
+            queue[tail, 0], queue[tail, 1] = i, j
             tail += 1
     return tail
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _predict(pixels, table, i, j, di, dj):
     """Guess where the next corner is: continue this line, or copy the step from the lines beside it."""
-    here = pixels[table[i, j]]
-    behind = table[i - di, j - dj]
+    here, behind = table[i, j], table[i - di, j - dj]
+    here_u, here_v = pixels[here, 0], pixels[here, 1]
     if behind >= 0:
         further = table[i - 2 * di, j - 2 * dj]
-        u, v = 2 * here[0] - pixels[behind, 0], 2 * here[1] - pixels[behind, 1]
+        u, v = 2 * here_u - pixels[behind, 0], 2 * here_v - pixels[behind, 1]
         if further >= 0:
-            u += here[0] - 2 * pixels[behind, 0] + pixels[further, 0]
-            v += here[1] - 2 * pixels[behind, 1] + pixels[further, 1]
+            u += here_u - 2 * pixels[behind, 0] + pixels[further, 0]
+            v += here_v - 2 * pixels[behind, 1] + pixels[further, 1]
         return True, u, v
     for side in (1, -1):
         a, b = table[i + side * dj, j + side * di], table[i + side * dj + di, j + side * di + dj]
         if a >= 0 and b >= 0:
-            return True, here[0] + pixels[b, 0] - pixels[a, 0], here[1] + pixels[b, 1] - pixels[a, 1]
+            return True, here_u + pixels[b, 0] - pixels[a, 0], here_v + pixels[b, 1] - pixels[a, 1]
     return False, 0.0, 0.0

@@ -3,11 +3,12 @@
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
-import numba
 import numpy as np
 
+from ._compiled import outer
 
-@numba.njit(cache=True, nogil=True)
+
+@outer
 def sample_rings(image, pixels, circle):
     """Give the brightness (N, S) of a float picture around N whole pixels at S places (S, 2), bilinearly."""
     rings = np.empty((len(pixels), len(circle)), np.float32)
@@ -22,7 +23,7 @@ def sample_rings(image, pixels, circle):
     return rings
 
 
-@numba.njit(cache=True, nogil=True)
+@outer
 def find_peaks(smooth, floor, apart, rim):
     """Give the places (N, 2) and strengths (N,) where minus the Hessian's determinant is largest within `apart` px.
 
@@ -40,8 +41,9 @@ def find_peaks(smooth, floor, apart, rim):
             vv = above[u] + below[u] - twice
             uv = (below[u + 1] - below[u - 1] - above[u + 1] + above[u - 1]) * quarter
             out[u] = uv * uv - uu * vv
-    places = np.empty((1024, 2), np.float64)
-    strengths = np.empty(1024, np.float64)
+    most = (rows // (apart + 1) + 1) * (columns // (apart + 1) + 1)
+    places = np.empty((most, 2), np.float64)
+    strengths = np.empty(most, np.float64)
     count = 0
     for v in range(rim, rows - rim):
         for u in range(rim, columns - rim):
@@ -56,10 +58,7 @@ def find_peaks(smooth, floor, apart, rim):
                         break
                 if not largest:
                     break
-            if largest:
-                if count == len(places):
-                    places = np.concatenate((places, np.empty_like(places)))
-                    strengths = np.concatenate((strengths, np.empty_like(strengths)))
+            if largest and count < most:  # of equals there may be more
                 places[count, 0], places[count, 1] = u, v
                 strengths[count] = best
                 count += 1
