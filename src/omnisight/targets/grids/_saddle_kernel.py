@@ -24,12 +24,8 @@ def sample_rings(image, pixels, circle):
 
 
 @outer
-def find_peaks(smooth, floor, apart, rim):
-    """Give the places (N, 2) and strengths (N,) where minus the Hessian's determinant is largest within `apart` px.
-
-    Positive at a saddle, the same however it is turned; below `floor` it is noise. Nothing is found within `rim` px of
-    the picture's edge.
-    """
+def saddle_strength(smooth):
+    """Give minus the Hessian's determinant (H, W): positive at a saddle, the same however it is turned."""
     rows, columns = smooth.shape
     strength = np.zeros((rows, columns), np.float32)
     quarter = np.float32(0.25)
@@ -41,6 +37,13 @@ def find_peaks(smooth, floor, apart, rim):
             vv = above[u] + below[u] - twice
             uv = (below[u + 1] - below[u - 1] - above[u + 1] + above[u - 1]) * quarter
             out[u] = uv * uv - uu * vv
+    return strength
+
+
+@outer
+def find_peaks(strength, floor, apart, rim):
+    """Give the places (N, 2) and heights (N,) above `floor` that are highest within `apart` px, `rim` px from the edge."""
+    rows, columns = strength.shape
     most = (rows // (apart + 1) + 1) * (columns // (apart + 1) + 1)
     places = np.empty((most, 2), np.float64)
     strengths = np.empty(most, np.float64)

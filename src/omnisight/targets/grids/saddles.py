@@ -20,6 +20,9 @@ _RADIUS = (3.5, 2.3)
 _SAMPLES = 32
 """Radius in px and number of samples of the ring around a saddle point."""
 
+_NOISE = 6.0
+"""The same over the median in the picture, most of which is noise."""
+
 _STRONGEST = 3000
 """How many saddle points are kept, the strongest first."""
 
@@ -58,10 +61,12 @@ def find_saddles(gray: NDArray[Any], *, fine: bool = False) -> Saddles:
     """
     import cv2
 
-    from ._saddle_kernel import find_peaks
+    from ._saddle_kernel import find_peaks, saddle_strength
 
     smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), _SIGMA[fine])
-    pixels, strength = find_peaks(smooth, _WEAKEST, _APART[fine], int(_RADIUS[fine]) + 1)
+    strengths = saddle_strength(smooth)
+    floor = max(_WEAKEST, _NOISE * float(np.median(np.abs(strengths[::8, ::8]))))
+    pixels, strength = find_peaks(strengths, floor, _APART[fine], int(_RADIUS[fine]) + 1)
     if len(strength) > _STRONGEST:
         strongest = np.argpartition(-strength, _STRONGEST)[:_STRONGEST]
         pixels, strength = pixels[strongest], strength[strongest]
