@@ -13,7 +13,7 @@ from .sampling import bilinear
 
 Array = NDArray[np.float64]
 
-_TOLERANCE = 0.2
+_TOLERANCE = 0.3
 """How far a corner may be from where its neighbours put it, over the distance to the nearest of them."""
 
 _ROUNDS = 12
