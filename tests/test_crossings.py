@@ -1,0 +1,303 @@
+"""Where two edges cross: the fit is as good as the picture allows, knows how good, and says when there is nothing."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from omnisight.targets.grids.crossing import fit_crossings
+
+TILE = 44
+FINE = 6  # samples per pixel and axis
+STEP = 22.0  # px to the next corner
+LIGHT, AMPLITUDE = 128.0, 70.0
+
+
+@dataclass(frozen=True)
+class Corner:
+    """Two edges that start at angles `along` (radians) and bend by `bend` (px per px squared) cross in a tile."""
+
+    place: tuple[float, float]
+    along: tuple[float, float]
+    bend: tuple[float, float] = (0.0, 0.0)
+    bright: bool = True  # the square ahead, between both directions
+    amplitude: float = AMPLITUDE
+    slope: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def directions(self):
+        return np.stack([np.cos(self.along), np.sin(self.along)], axis=1)
+
+    @property
+    def normals(self):
+        return self.directions[:, ::-1] * [-1, 1]
+
+
+def draw(corner, blur=0.8):
+    """Give the tile of a corner: every pixel is the mean light over its square, edges sharper than a sample."""
+    at = ((np.arange(TILE * FINE) + 0.5) / FINE - 0.5).astype(np.float32)
+    x, y = at[None] - np.float32(corner.place[0]), at[:, None] - np.float32(corner.place[1])
+    signs = []
+    for (a, b), (n, m), bend in zip(corner.directions.tolist(), corner.normals.tolist(), corner.bend, strict=True):
+        away = n * x + m * y
+        if bend:
+            away -= bend * (a * x + b * y) ** 2
+        signs.append(np.clip(2 * FINE * away, -1, 1))
+    # Ahead lies on the far side of one edge and on the near side of the other.
+    fine = -signs[0] * signs[1] * (1 if corner.bright else -1)
+    if blur:
+        fine = cv2.GaussianBlur(fine, (0, 0), blur * FINE, borderType=cv2.BORDER_REPLICATE)
+    tile = fine.reshape(TILE, FINE, TILE, FINE).mean(axis=(1, 3))
+    x, y = np.meshgrid(np.arange(TILE) - corner.place[0], np.arange(TILE) - corner.place[1])
+    return LIGHT + corner.amplitude * tile + corner.slope[0] * x + corner.slope[1] * y
+
+
+def sheet(corners, *, blur=0.8, noise=0.0, seed=0, bends_known=True):
+    """Give the arguments of the fit for one picture of many corners, and where they are; the start is a little off."""
+    rng = np.random.default_rng(seed)
+    picture = np.concatenate([draw(corner, blur) for corner in corners], axis=1)
+    picture = picture + 255 * noise * rng.standard_normal(picture.shape)
+    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    truth = np.array([corner.place for corner in corners]) + np.outer(np.arange(len(corners)), [TILE, 0])
+    steps = STEP * np.array([corner.directions for corner in corners])
+    bends = np.array([STEP**2 * np.array(corner.bend)[:, None] * corner.normals for corner in corners])
+    start = truth + rng.uniform(-1, 1, truth.shape)
+    return (picture, start, steps, bends * bends_known), truth
+
+
+def corners(count, *, seed=0, oblique=True, bent=0.0):
+    """Give corners anywhere in a pixel, turned at random, of angles from 50 to 130 degrees."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for _ in range(count):
+        first = rng.uniform(-np.pi, np.pi)
+        between = np.radians(rng.uniform(50, 130)) if oblique else np.pi / 2
+        made.append(
+            Corner(
+                tuple(TILE / 2 + rng.uniform(-0.5, 0.5, 2)),
+                (first, first + rng.choice([-1, 1]) * between),
+                tuple(rng.uniform(-bent, bent, 2)),
+                bool(rng.random() < 0.5),
+            )
+        )
+    return made
+
+
+def rms(error):
+    return float(np.sqrt((error**2).sum(axis=1).mean()))
+
+
+CONDITIONS = [
+    # oblique, bent (px per px squared), blur (px), noise, rms error allowed (px), bias allowed (px)
+    (False, 0.0, 0.0, 0.0, 0.02, 0.004),
+    (False, 0.0, 0.8, 0.0, 0.005, 0.001),
+    (True, 0.0, 0.0, 0.0, 0.02, 0.004),
+    (True, 0.0, 0.8, 0.0, 0.005, 0.001),
+    (True, 0.0, 2.0, 0.0, 0.01, 0.002),
+    (True, 0.008, 0.8, 0.0, 0.015, 0.003),
+    (False, 0.0, 0.8, 0.02, 0.035, 0.01),
+    (True, 0.0, 0.5, 0.05, 0.07, 0.02),
+    (True, 0.0, 0.8, 0.02, 0.035, 0.01),
+    (True, 0.0, 2.0, 0.02, 0.07, 0.02),
+    (True, 0.008, 0.8, 0.02, 0.04, 0.01),
+    (True, 0.008, 1.2, 0.05, 0.1, 0.03),
+]
+
+
+@pytest.mark.parametrize(("oblique", "bent", "blur", "noise", "most", "bias"), CONDITIONS)
+def test_corners_are_found_as_well_as_the_picture_allows_and_said_to_be(oblique, bent, blur, noise, most, bias):
+    shown = corners(80, oblique=oblique, bent=bent)
+    arguments, truth = sheet(shown, blur=blur, noise=noise)
+    found = fit_crossings(*arguments)
+    error = found.pixels - truth
+    assert rms(error) < most
+    assert np.abs(error.mean(axis=0)).max() < bias
+    assert np.abs(error).max() < 5 * most
+    # Squared errors over what the covariance expects: 1 on average. Without noise rounding is left, and the print.
+    normalised = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error) / 2
+    assert (0.7 if noise else 0) < normalised.mean() < (1.4 if noise else 3)
+    np.testing.assert_array_equal(found.covariance, np.swapaxes(found.covariance, 1, 2))
+    assert (np.linalg.eigvalsh(found.covariance) > 0).all()
+    assert ((found.amplitude > 0) == [corner.bright for corner in shown]).all()
+    assert np.abs(found.amplitude) == pytest.approx(AMPLITUDE, rel=0.05 + 3 * noise)
+    assert found.explained.min() > 0.85
+    if blur:  # a pixel, being a square, blurs too
+        assert np.median(found.blur) == pytest.approx(np.hypot(blur, 12**-0.5), rel=0.1)
+
+
+def test_a_longer_edge_narrows_the_error_along_it():
+    """Two edges at 50 degrees leave most doubt along the line halfway between them."""
+    arguments, _ = sheet([Corner((22, 22), (0.3, 0.3 + np.radians(50)))] * 3, noise=0.03)
+    for covariance in fit_crossings(*arguments).covariance:
+        _, axes = np.linalg.eigh(covariance)
+        assert abs(axes[:, 1] @ [np.cos(0.3 + np.radians(25)), np.sin(0.3 + np.radians(25))]) > 0.98
+
+
+def test_bends_that_are_known_keep_the_corner_in_its_place():
+    shown = corners(30, bent=0.008)
+    known, truth = sheet(shown)
+    unknown, _ = sheet(shown, bends_known=False)
+    with_bends, without = (rms(fit_crossings(*arguments).pixels - truth) for arguments in (known, unknown))
+    assert with_bends < 0.2 * without
+
+
+def test_light_that_changes_across_the_window_does_not_move_the_corner():
+    plain = corners(30)
+    slanted = [Corner(c.place, c.along, c.bend, c.bright, slope=(1.5, -1.0)) for c in plain]
+    arguments, truth = sheet(slanted)
+    assert rms(fit_crossings(*arguments).pixels - truth) < 0.01
+
+
+def test_more_noise_and_less_contrast_are_felt():
+    def sigma(noise, amplitude):
+        shown = [Corner(c.place, c.along, amplitude=amplitude) for c in corners(20)]
+        found = fit_crossings(*sheet(shown, noise=noise)[0])
+        return np.sqrt(np.median(found.covariance[:, 0, 0]))
+
+    assert sigma(0.04, 70) == pytest.approx(2 * sigma(0.02, 70), rel=0.2)
+    assert sigma(0.02, 35) == pytest.approx(2 * sigma(0.02, 70), rel=0.2)
+
+
+def test_noise_that_neighbours_share_widens_the_covariance():
+    arguments, truth = sheet(corners(80), noise=0.0)
+    rough = cv2.GaussianBlur(np.random.default_rng(5).standard_normal(arguments[0].shape), (0, 0), 1.0)
+    spoilt = np.clip(np.rint(arguments[0] + 5 * rough / rough.std()), 0, 255).astype(np.uint8)
+    found = fit_crossings(spoilt, *arguments[1:])
+    error = found.pixels - truth
+    normalised = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error) / 2
+    assert 0.5 < normalised.mean() < 1.6
+    assert rms(error) > 0.05  # more than noise of its own in every pixel would make
+
+
+def test_a_rough_look_is_good_to_a_tenth_of_a_pixel():
+    arguments, truth = sheet(corners(80), noise=0.02)
+    found = fit_crossings(*arguments, rough=True)
+    assert rms(found.pixels - truth) < 0.1
+    assert np.isfinite(found.covariance).all()
+
+
+def nothing(found):
+    """Say for which corners nothing could be fitted; then every figure is missing."""
+    missing = np.isnan(found.pixels).any(axis=1)
+    for array in found:
+        assert np.isnan(array[missing]).all()
+        assert np.isfinite(array[~missing]).all()
+    return missing
+
+
+def at(places, angle=0.2, step=STEP, between=np.pi / 2):
+    places = np.atleast_2d(np.asarray(places, float))
+    along = np.array([[np.cos(a), np.sin(a)] for a in (angle, angle + between)])
+    steps = np.broadcast_to(step * along, (len(places), 2, 2))
+    return places, steps, np.zeros_like(steps)
+
+
+def pictures_of_nothing():
+    v, u = np.mgrid[:60, :60]
+    noise = np.random.default_rng(1).normal(0, 12, (60, 60))
+    edge = 128 + 70 * np.tanh((u * np.cos(0.2) + v * np.sin(0.2) - 36.3) / 1.5)
+    return {
+        "flat": np.full((60, 60), 128.0),
+        "noise": 128 + noise,
+        "edge": edge,
+        "noisy edge": edge + noise,
+        "line": 200 - 120 * np.exp(-(((u - 30) / 2.0) ** 2)),
+        "disc": 200.0 - 120 * (np.hypot(u - 30, v - 30) < 6),
+        "L": 200.0 - 120 * ((u > 30) & (v > 30)),
+        "slope": 40.0 + 2 * u + v,
+    }
+
+
+@pytest.mark.parametrize("kind", pictures_of_nothing())
+@pytest.mark.parametrize("angle", [0.0, 0.2, 0.8])
+def test_what_is_no_corner_gives_nothing_or_is_not_explained(kind, angle):
+    picture = np.clip(np.rint(pictures_of_nothing()[kind]), 0, 255).astype(np.uint8)
+    found = fit_crossings(picture, *at([[30, 30], [30.4, 29.1], [28, 31]], angle))
+    missing = nothing(found)
+    assert (missing | (found.explained < 0.85) | (np.abs(found.amplitude) < 5)).all()
+
+
+def test_outside_of_the_picture_and_at_its_edge_there_is_nothing():
+    (picture, *_), _ = sheet([Corner((21.6, 22.3), (0.2, 0.2 + np.pi / 2))], noise=0.01)
+    outside = [[-5, 20], [20, -5], [TILE + 5, 20], [20, TILE + 900], [-1e9, 1e9], [np.nan, 20], [20, np.inf]]
+    assert nothing(fit_crossings(picture, *at(outside))).all()
+    for cut in (21, 23):  # the corner is nearer to the edge than can be measured, or outside
+        assert nothing(fit_crossings(picture[:, cut:], *at([21.6 - cut, 22.3]))).all()
+    # Where most of the window is left, so is the corner; where two edges cut it, it is not.
+    found = fit_crossings(picture[:, 17:], *at([4.4, 22.5]))
+    assert np.abs(found.pixels - [4.6, 22.3]).max() < 0.05
+    assert nothing(fit_crossings(picture[18:, 17:], *at([4.6, 4.3]))).all()
+
+
+@pytest.mark.parametrize("wrong", ["place", "step", "bend", "short", "parallel", "away"])
+def test_a_start_that_cannot_be_gives_nothing_and_spoils_no_neighbour(wrong):
+    (picture, start, steps, bends), truth = sheet(corners(3, seed=4))
+    match wrong:
+        case "place":
+            start[1, 0] = np.nan
+        case "step":
+            steps[1, 0] = np.nan
+        case "bend":
+            bends[1, 1] = np.inf
+        case "short":
+            steps[1] *= 0.1
+        case "parallel":
+            steps[1, 1] = steps[1, 0] + 0.1
+        case "away":
+            start[1] += 16
+    found = fit_crossings(picture, start, steps, bends)
+    np.testing.assert_array_equal(nothing(found), [False, True, False])
+    assert np.abs((found.pixels - truth)[[0, 2]]).max() < 0.02
+
+
+def test_a_square_of_a_few_pixels_is_enough():
+    fine = [Corner(c.place, c.along) for c in corners(40, oblique=False)]
+    (picture, start, steps, bends), truth = sheet(fine, noise=0.02)
+    found = fit_crossings(picture, truth + 0.3 * (start - truth), steps * (6 / STEP), bends)
+    assert np.isfinite(found.pixels).all()
+    assert rms(found.pixels - truth) < 0.15
+
+
+@pytest.mark.parametrize("size", [(0, 0), (1, 1), (1, 40), (40, 1), (2, 2), (3, 5), (8, 8)])
+def test_tiny_pictures_give_nothing(size):
+    picture = np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8)
+    assert nothing(fit_crossings(picture, *at([[0, 0], [2, 2], [4, 4]]))).all()
+
+
+def test_no_corners_are_none():
+    found = fit_crossings(np.zeros((9, 9), np.uint8), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)))
+    assert [array.shape for array in found] == [(0, 2), (0, 2, 2), (0,), (0,), (0,)]
+
+
+def test_arrays_in_any_order_give_the_same_and_are_left_as_they_were():
+    arguments, _ = sheet(corners(6), noise=0.02)
+    expected = fit_crossings(*arguments)
+    wide = np.repeat(np.repeat(arguments[0], 2, axis=0), 2, axis=1)[::2, ::2]
+    strange = [wide, *(np.asfortranarray(a) for a in arguments[1:])]
+    turned = [np.asfortranarray(arguments[0]), *(a[::-1][::-1] for a in arguments[1:])]
+    for given in (strange, turned):
+        kept = [a.copy() for a in given]
+        found = fit_crossings(*given)
+        for a, b in zip(found, expected, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9)
+        for a, b in zip(given, kept, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_a_mirrored_or_turned_picture_gives_the_mirrored_or_turned_corner():
+    (picture, start, steps, bends), _ = sheet(corners(8, bent=0.006), noise=0.02)
+    straight = fit_crossings(picture, start, steps, bends)
+    last = picture.shape[1] - 1
+    mirror = np.array([-1.0, 1.0])
+    mirrored = fit_crossings(picture[:, ::-1], start * mirror + [last, 0], steps * mirror, bends * mirror)
+    np.testing.assert_allclose(mirrored.pixels * mirror + [last, 0], straight.pixels, atol=0.005)
+    np.testing.assert_allclose(mirrored.amplitude, straight.amplitude, rtol=0.01)
+    swapped = fit_crossings(picture.T, start[:, ::-1], steps[..., ::-1], bends[..., ::-1])
+    np.testing.assert_allclose(swapped.pixels[:, ::-1], straight.pixels, atol=0.005)
+    # Exchanging the edges changes nothing; turning one round puts another square ahead.
+    np.testing.assert_allclose(
+        fit_crossings(picture, start, steps[:, ::-1], bends[:, ::-1]).amplitude, straight.amplitude, rtol=0.01
+    )
+    turned = steps * np.array([1, -1])[:, None]
+    np.testing.assert_allclose(fit_crossings(picture, start, turned, bends).amplitude, -straight.amplitude, rtol=0.01)
