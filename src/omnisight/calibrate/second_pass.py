@@ -116,7 +116,7 @@ def second_pass(
         won, boards = Won(), list[Detection]()
         for k, detection in enumerate(picture.boards):
             pose = state.rotations[first[i] + k], state.translations[first[i] + k]
-            measured, more = _again(gray, board, detection, state.model, pose, gate)
+            measured, more = _settled(gray, board, detection, state.model, pose, gate)
             boards.append(measured)
             won += more
         return picture.with_boards(boards, board), won
@@ -172,6 +172,38 @@ def _again(
     angle = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
     won = Won(int(new.sum()), int((new & (angle > FAR_DEG)).sum()), int((known & ~good).sum()))
     return replace(detection, ids=ids, pixels=pixels[ids], covariance=found.covariance[ids]), won
+
+
+def _settled(
+    gray: Bytes,
+    board: Board,
+    detection: Detection,
+    model: CameraModel,
+    cam_from_board: tuple[Array, Array],
+    gate: float,
+) -> tuple[Detection, Won]:
+    """Measure the points of a board; where its place on the lattice is open, at every place, and keep the best.
+
+    The best is the one at which most of the board is there. It is sure if it alone reaches to all four ends.
+    """
+    if detection.located or not isinstance(board, Checkerboard):
+        return _again(gray, board, detection, model, cam_from_board, gate)
+    rotation, translation = cam_from_board
+    diagonal = board.points[board.columns + 1] - board.points[0]
+    j, i = np.divmod(detection.ids, board.columns)
+    tries: list[tuple[Detection, Won]] = []
+    for down in range(-int(j.min()), board.rows - int(j.max())):
+        for right in range(-int(i.min()), board.columns - int(i.max())):
+            if board.symmetric or (down + right) % 2 == 0:  # the colours agree
+                shifted = replace(detection, ids=detection.ids + down * board.columns + right)
+                pose = rotation, translation - rotation @ (np.array([right, down, 0]) * diagonal)
+                tries.append(_again(gray, board, shifted, model, pose, gate))
+    tries.sort(key=lambda found: len(found[0]), reverse=True)
+    best, won = tries[0]
+    alone = len(tries) == 1 or len(tries[1][0]) < len(best)
+    j, i = np.divmod(best.ids, board.columns)
+    spans = (i.min(), i.max(), j.min(), j.max()) == (0, board.columns - 1, 0, board.rows - 1)
+    return replace(best, located=bool(alone and spans)), won
 
 
 def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]:

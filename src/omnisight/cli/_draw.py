@@ -10,7 +10,7 @@ import numpy as np
 from omnisight.calibrate import PicturesCalibration
 from omnisight.cli._names import outputs
 from omnisight.images import read_image, to_gray8, write_image
-from omnisight.targets import BoardSearch, PictureDetection
+from omnisight.targets import BoardSearch, Detection, PictureDetection
 
 GREEN, RED, YELLOW, BLUE = (60, 220, 60), (255, 60, 60), (255, 220, 0), (80, 160, 255)
 WIDE = 1600  # px; pictures are drawn about so large
@@ -26,10 +26,16 @@ def draw_residuals(result: PicturesCalibration, folder: Path, *, apply_exif: boo
     residuals = calibration.state.residuals(calibration.views)
     files = outputs([picture.path for picture in search.found], folder)
     for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):
-        image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
-        zoom = max(1, round(WIDE / image.shape[1]))
-        canvas = _draw(image, calibration.views.pixels[rows], residuals[rows], calibration.outliers[rows], zoom)
-        write_image(file, canvas)
+        sheet = _Sheet(picture, apply_exif)
+        for detection in picture.boards:
+            sheet.rows(detection, search)
+        for p, r, bad in zip(calibration.views.pixels[rows], residuals[rows], calibration.outliers[rows], strict=True):
+            color = RED if bad else GREEN
+            sheet.ellipse(p, np.zeros(2), 0.0, color)
+            if np.isfinite(r).all():
+                sheet.line([p, p + EXAGGERATION * r], color)
+        sheet.label(f"residuals x{EXAGGERATION}, rms {np.sqrt(np.nanmean((residuals[rows] ** 2).sum(1))):.3f} px")
+        write_image(file, sheet.canvas)
 
 
 def draw_boards(
@@ -39,63 +45,36 @@ def draw_boards(
     apply_exif: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Draw every picture that could be read with its corners, a colour per row, and the border of what the lens shows.
+    """Draw every picture that could be read with its corners, row by row, and the border of what the lens shows.
 
-    The first point has a square around it; ellipses are 3 standard deviations, magnified.
+    The first point has a square around it; ellipses are a standard deviation, magnified.
     """
     if files:
         files[0].parent.mkdir(parents=True, exist_ok=True)
     for i, (picture, file) in enumerate(zip(search.pictures, files, strict=True)):
         if picture.size is not None:
-            image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
-            write_image(file, _draw_boards(image, picture, search))
+            write_image(file, _drawn(picture, search, apply_exif))
         if progress is not None:
             progress(i + 1, len(files))
 
 
-def _draw_boards(image: Any, picture: PictureDetection, search: BoardSearch) -> Any:
-    import cv2
-
-    zoom = max(1, round(WIDE / image.shape[1]))
-    thick = max(1, round(zoom * image.shape[1] / WIDE))
-    canvas = cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
-
-    def place(pixels: Any) -> Any:
-        return np.rint(((np.asarray(pixels) + 0.5) * zoom - 0.5) * 16).astype(int)  # sixteenths, with shift=4
-
+def _drawn(picture: PictureDetection, search: BoardSearch, apply_exif: bool) -> Any:
+    sheet = _Sheet(picture, apply_exif)
     shown = search.field
     for border in () if shown is None else (shown.outer, shown.inner):
         if border is not None:
-            cv2.polylines(canvas, [place(border.outline(180))], True, BLUE, thick, cv2.LINE_AA, 4)
+            sheet.line([*border.outline(180), border.outline(180)[0]], BLUE)
     for detection in picture.boards:
-        columns = getattr(search.board, "columns", 1)
-        at = place(detection.pixels)
-        for (p, i), (q, j) in pairwise(zip(at, detection.ids, strict=True)):
-            cv2.line(
-                canvas, tuple(p), tuple(q), YELLOW, thick, cv2.LINE_AA, 4
-            ) if i // columns == j // columns else None
-        inside = np.ones(len(at), bool) if shown is None else shown.contains(detection.pixels)
-        for p, covariance, good in zip(at, detection.covariance, inside, strict=True):
+        sheet.rows(detection, search)
+        inside = np.ones(len(detection), bool) if shown is None else shown.contains(detection.pixels)
+        for p, covariance, good in zip(detection.pixels, detection.covariance, inside, strict=True):
             size, axes = np.linalg.eigh(covariance)
             angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
-            half = np.maximum(np.rint(MAGNIFIED * zoom * np.sqrt(size[::-1]) * 16), 48 * thick).astype(int)
-            color = GREEN if good else RED
-            cv2.ellipse(canvas, tuple(p), tuple(half), angle, 0, 360, color, thick, cv2.LINE_AA, 4)
-        first = at[0]
-        cv2.rectangle(
-            canvas, tuple(first - 10 * thick * 16), tuple(first + 10 * thick * 16), RED, thick, cv2.LINE_AA, 4
-        )
+            sheet.ellipse(p, MAGNIFIED * np.sqrt(size[::-1]), angle, GREEN if good else RED)
+        sheet.square(detection.pixels[0], RED)
     corners = sum(map(len, picture.boards))
-    said = f"{search.board}: {corners} corners, ellipses {MAGNIFIED} sigma" if corners else picture.note
-    _label(canvas, said)
-    return canvas
-
-
-def _label(canvas: Any, said: str) -> None:
-    import cv2
-
-    cv2.rectangle(canvas, (0, 0), (16 * len(said), 40), (0, 0, 0), -1)
-    cv2.putText(canvas, said, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
+    sheet.label(f"{search.board}: {corners} corners, ellipses {MAGNIFIED} sigma" if corners else picture.note)
+    return sheet.canvas
 
 
 def rows_of_pictures(search: BoardSearch) -> list[slice]:
@@ -104,30 +83,54 @@ def rows_of_pictures(search: BoardSearch) -> list[slice]:
     return [slice(start, stop) for start, stop in pairwise(ends)]
 
 
+class _Sheet:
+    """A picture, enlarged where it is small, to draw on; places are pixels of the picture."""
+
+    def __init__(self, picture: PictureDetection, apply_exif: bool) -> None:
+        import cv2
+
+        image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
+        self.zoom = max(1, round(WIDE / image.shape[1]))
+        self.canvas = cv2.resize(image, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_CUBIC)
+        self.thick = max(1, round(self.canvas.shape[1] / WIDE))
+
+    def line(self, pixels: Any, color: tuple[int, int, int]) -> None:
+        import cv2
+
+        cv2.polylines(self.canvas, [self._at(pixels)], False, color, self.thick, cv2.LINE_AA, 4)
+
+    def rows(self, detection: Detection, search: BoardSearch) -> None:
+        """Join the points of each row of the board."""
+        columns = getattr(search.board, "columns", 1)
+        for row in np.unique(detection.ids // columns):
+            self.line(detection.pixels[detection.ids // columns == row], YELLOW)
+
+    def ellipse(self, pixel: Any, half: Any, angle_deg: float, color: tuple[int, int, int]) -> None:
+        import cv2
+
+        axes = np.maximum(np.rint(half * self.zoom * 16), 48 * self.thick).astype(int)
+        cv2.ellipse(self.canvas, self._at(pixel), axes, angle_deg, 0, 360, color, self.thick, cv2.LINE_AA, 4)
+
+    def square(self, pixel: Any, color: tuple[int, int, int]) -> None:
+        import cv2
+
+        at, half = self._at(pixel), 160 * self.thick
+        cv2.rectangle(self.canvas, at - half, at + half, color, self.thick, cv2.LINE_AA, 4)
+
+    def label(self, said: str) -> None:
+        import cv2
+
+        cv2.rectangle(self.canvas, (0, 0), (16 * len(said), 40), (0, 0, 0), -1)
+        cv2.putText(self.canvas, said, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
+
+    def _at(self, pixels: Any) -> Any:
+        """Give places on the canvas in sixteenths of its pixels, as cv2 wants with shift=4."""
+        return np.rint(((np.asarray(pixels) + 0.5) * self.zoom - 0.5) * 16).astype(np.int32)
+
+
 def _as_rgb(image: Any) -> Any:
     import cv2
 
     if image.ndim == 3 and image.dtype == np.uint8:
         return np.ascontiguousarray(image[..., :3])
     return cv2.cvtColor(to_gray8(image), cv2.COLOR_GRAY2RGB)
-
-
-def _draw(image: Any, pixels: Any, residuals: Any, outliers: Any, zoom: int) -> Any:
-    import cv2
-
-    canvas = cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
-    at = (pixels + 0.5) * zoom - 0.5
-
-    def point(p: Any) -> tuple[int, int]:
-        return round(float(p[0]) * 16), round(float(p[1]) * 16)  # cv2 draws in sixteenths with shift=4
-
-    for a, b in pairwise(at):
-        cv2.line(canvas, point(a), point(b), YELLOW, 1, cv2.LINE_AA, 4)
-    for p, r, bad in zip(at, residuals, outliers, strict=True):
-        color = RED if bad else GREEN
-        cv2.circle(canvas, point(p), 4 * 16, color, 1, cv2.LINE_AA, 4)
-        if np.isfinite(r).all():
-            cv2.line(canvas, point(p), point(p + EXAGGERATION * zoom * r), color, 1, cv2.LINE_AA, 4)
-    said = f"residuals x{EXAGGERATION}, rms {np.sqrt((residuals**2).sum(1).mean()):.3f} px"
-    _label(canvas, said)
-    return canvas
