@@ -25,22 +25,22 @@ _LEAST_SAMPLES = 20
 _LEAST_WINDOW = 0.6  # part of the window that must lie in the picture
 _RIM = 1.5  # px from the picture's edge within which nothing is measured
 _BLUR = (math.log(0.3), math.log(8.0))
-_LAGS = 2  # px over which noise is looked at for correlation
+_BLOCK = 4  # px: pixels this near share their noise, if they do
+_BLOCKS = _SIDE // _BLOCK + 1
 _ROUNDING = 1 / 12  # variance of a gray level rounded to a whole one
 
 
 @outer
-def fit(gray, pixels, steps, bend, share, usable, settled, figures):
-    """Fit the usable corners into `figures` (N, FIGURES); give the residuals' power, and what neighbours share of it.
+def fit(gray, pixels, steps, bend, share, usable, settled, rough, figures):
+    """Fit the usable corners into `figures` (N, FIGURES); give what `_told_apart` adds up, zero if `rough`.
 
     The fit ends with a step below `settled` px and radians.
     """
     values = np.empty(_SIDE * _SIDE)
     xs = np.empty(_SIDE * _SIDE)
     ys = np.empty(_SIDE * _SIDE)
-    residual = np.empty(_SIDE * _SIDE)
-    kept = np.empty(_SIDE * _SIDE)
-    image = np.empty((_SIDE, _SIDE))
+    pulls = np.empty((_BLOCKS * _BLOCKS, 2))
+    shares = np.empty((_BLOCKS * _BLOCKS, 2, 9))
     normal = np.empty(81)  # (9, 9), its lower half
     factor = np.empty(81)
     gradient = np.empty(9)
@@ -66,13 +66,12 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
             cost = np.inf
             damping = 1e-3
             for turn in range(_ROUNDS):
-                now = _linearise(theta, bend[k], values, xs, ys, count, factor, step, residual)
+                now = _linearise(theta, bend[k], values, xs, ys, count, factor, step)
                 if now <= cost:
                     cost = now
                     _copy(best, theta, 9)
                     _copy(normal, factor, 81)
                     _copy(gradient, step, 9)
-                    _copy(kept, residual, count)
                     damping *= 0.1
                 else:
                     damping *= 20.0
@@ -121,7 +120,8 @@ def fit(gray, pixels, steps, bend, share, usable, settled, figures):
         # Ahead, between both steps, is on opposite sides of the two edges.
         figures[k, 5], figures[k, 6] = -best[3], math.exp(best[6])
         figures[k, 7] = 1 - cost / variation
-        _correlate(kept, xs, ys, count, image, power)
+        if not rough:
+            _told_apart(best, bend[k], values, xs, ys, count, factor, noise, pulls, shares, power)
     return power
 
 
@@ -207,29 +207,31 @@ def _light(theta, bend, values, xs, ys, count):
 
 
 @inner
-def _linearise(theta, bend, values, xs, ys, count, normal, gradient, residual):
-    """Set normal matrix (81,), gradient (9,) and residuals of the fit at theta; give the sum of their squares."""
+def _row(x, y, theta, edges, bend, row):
+    """Set the derivatives (9,) of the model at a pixel; give the model."""
+    c0, s0, c1, s1, blur, _ = edges
+    shape, d0, d1, a, b, along0, along1 = _shape(x, y, edges, bend)
+    d0, d1 = theta[3] * d0, theta[3] * d1
+    row[0], row[1], row[2], row[3] = 1.0, x, y, shape
+    row[4], row[5] = -d0 * along0 / blur, -d1 * along1 / blur
+    row[6] = -d0 * a - d1 * b
+    row[7] = (d0 * s0 + d1 * s1) / blur - theta[1]
+    row[8] = -(d0 * c0 + d1 * c1) / blur - theta[2]
+    return theta[0] + theta[1] * x + theta[2] * y + theta[3] * shape
+
+
+@inner
+def _linearise(theta, bend, values, xs, ys, count, normal, gradient):
+    """Set normal matrix (81,) and gradient (9,) of the fit at theta; give the sum of squared residuals."""
     for j in range(9):
         gradient[j] = 0.0
         for k in range(9):
             normal[9 * j + k] = 0.0
     row = np.empty(9)
     edges = _edges(theta)
-    c0, s0, c1, s1, blur, _ = edges
-    amplitude = theta[3]
-    row[0] = 1.0
     cost = 0.0
     for i in range(count):
-        x, y = xs[i] - theta[7], ys[i] - theta[8]
-        shape, d0, d1, a, b, along0, along1 = _shape(x, y, edges, bend)
-        d0, d1 = amplitude * d0, amplitude * d1
-        row[1], row[2], row[3] = x, y, shape
-        row[4], row[5] = -d0 * along0 / blur, -d1 * along1 / blur
-        row[6] = -d0 * a - d1 * b
-        row[7] = (d0 * s0 + d1 * s1) / blur - theta[1]
-        row[8] = -(d0 * c0 + d1 * c1) / blur - theta[2]
-        left = values[i] - (theta[0] + theta[1] * x + theta[2] * y + amplitude * shape)
-        residual[i] = left
+        left = values[i] - _row(xs[i] - theta[7], ys[i] - theta[8], theta, edges, bend, row)
         cost += left * left
         for j in range(9):
             gradient[j] += row[j] * left
@@ -274,19 +276,37 @@ def _copy(to, origin, count):
 
 
 @inner
-def _correlate(residual, xs, ys, count, image, power):
-    """Add the residuals' power, and twice their products over all shifts of up to `_LAGS` px."""
-    for y in range(_SIDE):
-        for x in range(_SIDE):
-            image[y, x] = 0.0
-    for i in range(count):
-        image[int(ys[i]) + _REACH, int(xs[i]) + _REACH] = residual[i]
-    for i in range(count):
-        y, x = int(ys[i]) + _REACH, int(xs[i]) + _REACH
-        power[0] += residual[i] * residual[i]
-        near = 0.0
-        for dy in range(_LAGS + 1):
-            for dx in range(-_LAGS, _LAGS + 1):
-                if (dy > 0 or dx > 0) and y + dy < _SIDE and 0 <= x + dx < _SIDE:
-                    near += image[y + dy, x + dx]
-        power[1] += 2 * residual[i] * near
+def _told_apart(theta, bend, values, xs, ys, count, factor, noise, pulls, shares, power):
+    """Add up what blocks of pixels pull the corner, squared, and what they would if the noise in pixels were its own.
+
+    Residuals of neighbouring pixels that agree pull together. With J the rows of derivatives, r the residuals and B a
+    block, its pull is J_B^T r_B, and for noise of its own in each pixel the expectation of its square is
+    noise (J_B^T J_B - J_B^T J (J^T J)^-1 J^T J_B), for the fit has taken its share.
+    """
+    for b in range(_BLOCKS * _BLOCKS):
+        for i in range(2):
+            pulls[b, i] = 0.0
+            for j in range(9):
+                shares[b, i, j] = 0.0
+    row, solved = np.empty(9), np.empty(9)
+    edges = _edges(theta)
+    for n in range(count):
+        left = values[n] - _row(xs[n] - theta[7], ys[n] - theta[8], theta, edges, bend, row)
+        b = int(ys[n] + _REACH) // _BLOCK * _BLOCKS + int(xs[n] + _REACH) // _BLOCK
+        for i in range(2):
+            pulls[b, i] += row[7 + i] * left
+            for j in range(9):
+                shares[b, i, j] += row[7 + i] * row[j]
+    for b in range(_BLOCKS * _BLOCKS):
+        for i in range(2):
+            expected = shares[b, i, 7 + i]
+            if expected == 0.0:
+                continue
+            for j in range(9):
+                total = shares[b, i, j]
+                for k in range(j):
+                    total -= factor[9 * j + k] * solved[k]
+                solved[j] = total / factor[10 * j]
+                expected -= solved[j] * solved[j]
+            power[0] += pulls[b, i] * pulls[b, i]
+            power[1] += noise * expected
