@@ -56,11 +56,11 @@ def corners(board, placed):
 
 
 @cache
-def shot(view, columns=9, rows=6, *, dark=True, sees=np.pi):
+def shot(view, columns=9, rows=6, *, dark=True):
     """Give a picture of one board and its true corners."""
     board = Checkerboard(columns, rows)
     placed = pose(board, *view)
-    picture = scene((board, placed, dark), sees=sees)
+    picture = scene((board, placed, dark))
     picture.flags.writeable = False
     return picture, corners(board, placed)
 
@@ -71,7 +71,6 @@ def right(found, truth, board=BOARD):
     true = away.argmin(axis=1)
     assert away.min(axis=1).max() < 0.35
     assert (np.diff(found.ids) > 0).all()
-    assert ((found.ids >= 0) & (found.ids < board.size)).all()
     if found.located and not board.symmetric:
         np.testing.assert_array_equal(found.ids, true)
         return
@@ -84,9 +83,9 @@ def right(found, truth, board=BOARD):
 VIEW, TILTED = (0, 0, 8, 8), (20, 10, 130, 6)
 
 
-def kept(truth, cut):
-    """Say which corners are well inside a part (left, top, right, bottom) of the picture."""
-    return ((truth > np.array(cut[:2]) + 6) & (truth < np.array(cut[2:]) - 7)).all(axis=1)
+def kept(truth, size):
+    """Say which corners are well inside a picture."""
+    return ((truth > 6) & (truth < np.array(size) - 7)).all(axis=1)
 
 
 @pytest.mark.parametrize("view", [VIEW, TILTED, (-30, 10, -50, 7)])
@@ -99,7 +98,7 @@ def test_a_board_cut_by_the_edge_of_the_picture_is_found_as_far_as_it_goes(view,
         k = ["left", "top", "right", "bottom"].index(name)
         cut[k] = round(np.quantile(truth[:, k % 2], part if k < 2 else 1 - part)) + 4
     truth = truth - cut[:2]
-    seen = kept(truth, [0, 0, cut[2] - cut[0], cut[3] - cut[1]])
+    seen = kept(truth, [cut[2] - cut[0], cut[3] - cut[1]])
     found = detect_checkerboard(picture[cut[1] : cut[3], cut[0] : cut[2]], BOARD)
     if seen.sum() < 12:  # a fifth of the board
         assert found is None or found.located is False
@@ -117,7 +116,7 @@ def test_a_board_that_reaches_into_the_dark_around_the_circle_is_found_as_far_as
     radius = np.linalg.norm(truth - CENTRE, axis=1)
     sees = min(np.radians(sees), np.quantile(radius, 0.8) / FOCAL)
     found = detect_checkerboard(scene((BOARD, placed, True), sees=sees), BOARD)
-    seen = (radius < sees * FOCAL - 6) & kept(truth, (0, 0, *SIZE))
+    seen = (radius < sees * FOCAL - 6) & kept(truth, SIZE)
     assert found is not None
     assert len(found) > 0.8 * seen.sum()
     away = np.linalg.norm(found.pixels[:, None] - truth, axis=2)
@@ -134,23 +133,20 @@ def covered(columns):
     picture, truth = shot(VIEW)
     grid = truth.reshape(6, 9, 2)
     low, high = columns
-    edge = [2.5 * grid[0, k] - 1.5 * grid[2, k] for k in (low, high)] + [
-        2.5 * grid[-1, k] - 1.5 * grid[-3, k] for k in (high, low)
-    ]
-    outward = 80 * (grid[0, 8] - grid[0, 0]) / np.linalg.norm(grid[0, 8] - grid[0, 0])
-    moves = [outward * (k == 8) - outward * (k == 0) for k in (low, high, high, low)]
+    above, below = (2.5 * grid[a, [low, high]] - 1.5 * grid[b, [low, high]] for a, b in ((0, 2), (-1, -3)))
+    outward = 80 * np.array([-(low == 0), high == 8])[:, None] * [1, 0.1]
     hand = picture.copy()
-    cv2.fillPoly(hand, [np.rint(np.array(edge) + moves).astype(np.int32)], HAND)
+    cv2.fillPoly(hand, [np.rint(np.concatenate([above + outward, (below + outward)[::-1]])).astype(np.int32)], HAND)
     return hand, truth
 
 
-@pytest.mark.parametrize(("columns", "located"), [((6, 8), True), ((0, 2), True), ((7, 8), True)])
-def test_a_hand_over_one_end_leaves_the_rest_of_the_board_in_its_place(columns, located):
+@pytest.mark.parametrize("columns", [(6, 8), (0, 2), (7, 8)])
+def test_a_hand_over_one_end_leaves_the_rest_of_the_board_in_its_place(columns):
     hand, truth = covered(columns)
     found = detect_checkerboard(hand, BOARD)
     assert found is not None
     right(found, truth)
-    assert found.located is located
+    assert found.located
     hidden = np.isin(np.arange(BOARD.size) % 9, np.arange(columns[0], columns[1] + 1))
     assert not hidden[found.ids].any()
     assert len(found) >= 0.85 * (~hidden).sum()
@@ -175,23 +171,20 @@ def test_a_grid_tells_how_it_ends_on_each_side():
     picture, truth = shot(VIEW)
     (whole,) = find_grids(picture)
     assert whole.ends == ("margin",) * 4
-    assert whole.shape == (6, 9)
-    middle = round(truth[:, 0].mean())
-    (cut,) = find_grids(picture[:, :middle])
+    (cut,) = find_grids(picture[:, : round(truth[:, 0].mean())])
     assert cut.ends == ("margin", "margin", "margin", "cut")
     (circle,) = find_grids(scene((BOARD, pose(BOARD, *VIEW), True), sees=np.radians(20)))
     assert "margin" not in circle.ends
     (hand,) = find_grids(covered((6, 8))[0])
     assert hand.ends == ("margin", "margin", "margin", "open")
-    assert hand.shape == (6, 6)
 
 
 @pytest.mark.parametrize("quarters", range(4))
 def test_a_turned_grid_keeps_its_corners_colours_and_ends(quarters):
     picture, truth = shot(VIEW)
-    (grid,) = find_grids(picture[:, : round(truth[:, 0].mean())])
+    half = picture[:, : round(truth[:, 0].mean())]
+    (grid,), (seen,) = find_grids(half), find_grids(np.rot90(half, quarters))
     turned = grid.turned(quarters)
-    (seen,) = find_grids(np.rot90(picture[:, : round(truth[:, 0].mean())], quarters))
     assert (turned.shape, turned.ends, turned.dark) == (seen.shape, seen.ends, seen.dark)
     back = turned.turned(-quarters)
     np.testing.assert_array_equal(back.pixels, grid.pixels)
@@ -266,14 +259,12 @@ def test_what_turns_a_board_allows_depends_on_its_squares():
 
 
 @pytest.mark.parametrize("view", [VIEW, TILTED])
-def test_a_mirrored_board_is_found_with_the_handedness_of_all_boards(view):
+def test_a_mirrored_board_is_found_and_numbered_as_one_seen_straight(view):
     picture, truth = shot(view)
     found = detect_checkerboard(picture[:, ::-1], BOARD)
     assert len(found) == BOARD.size
     assert found.located
     grid = found.pixels.reshape(6, 9, 2)
-    column, row = grid[:-1, 1:] - grid[:-1, :-1], grid[1:, :-1] - grid[:-1, :-1]
-    assert (column[..., 0] * row[..., 1] > column[..., 1] * row[..., 0]).all()
     flipped = np.stack([SIZE[0] - 1 - truth[:, 0], truth[:, 1]], axis=1).reshape(6, 9, 2)[::-1]
     assert np.abs(grid - flipped).max() < 0.35
     half = picture[:, ::-1][:, : round(flipped[..., 0].mean())]
@@ -284,8 +275,7 @@ def test_a_mirrored_board_is_found_with_the_handedness_of_all_boards(view):
 
 def test_a_set_agrees_on_the_board_that_most_of_it_shows_whole():
     picture, truth = shot(VIEW)
-    middle = round(truth[:, 0].mean())
-    whole, cut = find_grids(picture), find_grids(picture[:, :middle])
+    whole, cut = find_grids(picture), find_grids(picture[:, : round(truth[:, 0].mean())])
     other, none = find_grids(shot(VIEW, 7, 5)[0]), []
     assert agreed_pattern([whole, cut, cut, none]) == (9, 6)
     assert agreed_pattern([cut, cut, cut, whole, none, whole]) == (9, 6)
@@ -293,10 +283,8 @@ def test_a_set_agrees_on_the_board_that_most_of_it_shows_whole():
     assert agreed_pattern([[*other, *whole], whole]) == (9, 6)
     assert agreed_pattern([[*whole, *whole], other, other]) == (7, 5)  # pictures count, not boards
     assert agreed_pattern([cut, none]) == pattern_of(cut[0])
-    assert agreed_pattern([none, none]) is None
-    assert agreed_pattern([]) is None
-    turned = find_grids(np.rot90(picture))
-    assert agreed_pattern([turned]) == (9, 6)
+    assert agreed_pattern([none, none]) is agreed_pattern([]) is None
+    assert agreed_pattern([find_grids(np.rot90(picture))]) == (9, 6)
 
 
 def clutter(kind, rng, size=(640, 480)):
@@ -309,10 +297,6 @@ def clutter(kind, rng, size=(640, 480)):
                 box = (rng.uniform((0, 0), size).tolist(), rng.uniform(8, 120, 2).tolist(), float(rng.uniform(0, 180)))
                 corners = np.rint(cv2.boxPoints(box) * 16).astype(np.int32)
                 cv2.fillConvexPoly(picture, corners, rng.uniform(15, 235), cv2.LINE_AA, 4)
-        case "upright boxes":
-            for _ in range(150):
-                (left, top), (w, h) = rng.integers(0, size), rng.integers(8, 100, 2)
-                picture[top : top + h, left : left + w] = rng.integers(15, 235)
         case "text":
             for line in range(20, 480, 24):
                 words = "".join(rng.choice(list("HEXLMTFKAZ#%+=H "), 40))
@@ -325,12 +309,10 @@ def clutter(kind, rng, size=(640, 480)):
             picture = np.where((v // 24 == 8) | (v // 24 == 9), 30 + 190 * ((u // 24 + v // 24) % 2), picture)
         case "grout":
             picture = np.where((u % 40 < 2) | (v % 40 < 2), 60, 190)
-        case "windows":
-            picture = np.where((u % 40 < 22) & (v % 40 < 22), 30, 120)
     return np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8)
 
 
-KINDS = ("boxes", "upright boxes", "text", "noise", "stripes", "a line of tiles", "grout", "windows")
+KINDS = ("boxes", "text", "noise", "stripes", "a line of tiles", "grout")
 
 
 @pytest.mark.parametrize("seed", range(3))

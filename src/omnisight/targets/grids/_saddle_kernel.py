@@ -42,7 +42,7 @@ def saddle_strength(smooth):
 
 @outer
 def find_peaks(strength, floor, apart, rim):
-    """Give the places (N, 2) and heights (N,) above `floor` that are highest within `apart` px, `rim` px from the edge."""
+    """Give the places (N, 2) and heights (N,) above `floor` that are highest within `apart` px; none near the edge."""
     rows, columns = strength.shape
     most = (rows // (apart + 1) + 1) * (columns // (apart + 1) + 1)
     places = np.empty((most, 2), np.float64)
