@@ -159,15 +159,17 @@ def test_more_noise_and_less_contrast_are_felt():
     assert sigma(0.02, 35) == pytest.approx(2 * sigma(0.02, 70), rel=0.2)
 
 
-def test_noise_that_neighbours_share_widens_the_covariance():
+@pytest.mark.parametrize(("over", "most"), [(0.5, 1.4), (1.0, 2.2)])
+def test_noise_that_neighbours_share_widens_the_covariance(over, most):
+    """What is left unsaid of noise blurred over a pixel is a factor of two, in place of more than ten."""
     arguments, truth = sheet(corners(80), noise=0.0)
-    rough = cv2.GaussianBlur(np.random.default_rng(5).standard_normal(arguments[0].shape), (0, 0), 1.0)
+    rough = cv2.GaussianBlur(np.random.default_rng(5).standard_normal(arguments[0].shape), (0, 0), over)
     spoilt = np.clip(np.rint(arguments[0] + 5 * rough / rough.std()), 0, 255).astype(np.uint8)
     found = fit_crossings(spoilt, *arguments[1:])
     error = found.pixels - truth
     normalised = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error) / 2
-    assert 0.5 < normalised.mean() < 1.6
-    assert rms(error) > 0.05  # more than noise of its own in every pixel would make
+    assert 0.7 < normalised.mean() < most
+    assert rms(error) > 0.03  # more than noise of its own in every pixel would make
 
 
 def test_a_rough_look_is_good_to_a_tenth_of_a_pixel():

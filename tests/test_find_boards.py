@@ -129,7 +129,7 @@ def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
     found = find_boards(paths, Checkerboard(8, 6))
     assert found.pictures[0].note == "no 8x6 board found, but one of 9x6"
     assert found.hint == (
-        "found a 9x6 grid of inner corners in 2/3 pictures but --pattern is 8x6 "
+        "found a 9x6 grid of inner corners in 2/3 pictures but the board asked for is 8x6 "
         "(did you count squares?). Use --pattern 9x6."
     )
     assert "10x7 squares have 9x6 inner corners" in find_boards(paths, Checkerboard(10, 7)).hint

@@ -55,7 +55,7 @@ def test_too_few_good_pictures_are_told_with_the_bad_ones(refuses, folder):
     for i, how in enumerate(("text", "empty", "truncated", "black")):
         spoil(folder / f"{i + 1}.png", how)
     said = refuses("calibrate", folder, *QUICK)
-    assert "a 9x6 board was found in 2 of 6 pictures" in said
+    assert "the 9x6 board was found in 2 of 6 pictures" in said
     assert "3 is the least" in said
     for note in ("1.jpg: not an image", "2.jpg: empty file", "3.jpg: truncated JPEG", "4.png: no 9x6 board"):
         assert note in said

@@ -26,15 +26,18 @@ def test_columns_and_rows_may_be_exchanged(run, shots):
 )
 def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern, reason):
     said = refuses("calibrate", shots, "--pattern", pattern)
-    assert f"a {pattern} board was found in 0 of 6 pictures" in said
-    assert f"found a 9x6 grid of inner corners in 6/6 pictures but --pattern is {pattern} ({reason})" in said
+    assert f"the {pattern} board was found in 0 of 6 pictures" in said
+    assert f"found a 9x6 grid of inner corners in 6/6 pictures but the board asked for is {pattern} ({reason})" in said
     assert "Use --pattern 9x6." in said
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--pattern", "9"), "cannot read the pattern '9': give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6"),
+        (
+            ("--pattern", "9"),
+            "cannot read the pattern '9': give COLUMNSxROWS, inner corners of a checkerboard",
+        ),
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
         (("--square", "30"), "the length '30' has no unit: write 30mm if millimetres are meant"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
@@ -62,7 +65,7 @@ def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
         "calibrate", tmp_path
     )
     said = refuses("calibrate", tmp_path, "--pattern", "9x6")
-    assert "a 9x6 board was found in 0 of 3 pictures: does --pattern count inner corners" in said
+    assert "the 9x6 board was found in 0 of 3 pictures: does --pattern count inner corners" in said
     assert "0.png: no 9x6 board found" in said
 
 

@@ -81,7 +81,10 @@ def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, o
     ("arguments", "said"),
     [
         (("dots", "9x6"), "unknown kind of target 'dots'; there are: aprilgrid, charuco, checkerboard, circles"),
-        (("checkerboard", "nine"), "cannot read the pattern 'nine': give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6"),
+        (
+            ("checkerboard", "nine"),
+            "cannot read the pattern 'nine': give COLUMNSxROWS, inner corners",
+        ),
         (("checkerboard", "9x6"), "the side of a square of the 9x6 board is not known: give it, such as 30mm"),
         (("checkerboard", "9x6", "--square", "30"), "square: the length '30' has no unit: write 30mm"),
         (("checkerboard", "9x6", "--square", "30mm", "--tag", "3mm"), "the target checkerboard has no 'tag'"),

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 HUBER_SIGMAS = 5.0
 # What a corner outside the model's domain costs, px: a large miss, but no reason to stop.
 OUTSIDE = 100.0
+# What corners are off by in any case, px: a covariance of zero must not outweigh all others.
+LEAST_SPREAD = 1e-4
 
 
 @dataclass(frozen=True)
@@ -185,14 +187,14 @@ def weight_roots(state: State, views: BoardViews) -> Array:
     known the matrices are I.
     """
     own = np.trace(views.covariance, axis1=1, axis2=2) / 2
-    if not own.any():
+    if not own.any():  # nor if there are no corners
         return np.broadcast_to(np.eye(2), (len(own), 2, 2))
     squares = state.lengths(views) ** 2
 
     def excess(shared: float) -> float:
         return float(np.median(squares / (own + shared))) - 2 * np.log(2)
 
-    low, high = 1e-12, float(squares.max()) + 1e-6
+    low, high = LEAST_SPREAD**2, float(squares.max()) + 1e-6
     if excess(low) <= 0:
         high = low
     while high > 1.001 * low:  # by bisection of the exponent

@@ -12,10 +12,10 @@ from omnisight.calibrate.refine import State, robust_threshold, weight_roots
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.rotation import look
-from omnisight.images import read_image, to_gray8
+from omnisight.images import UnreadableImage, read_image, to_gray8
 from omnisight.models import CameraModel
 from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, PictureDetection
-from omnisight.targets.grids.evidence import Measured
+from omnisight.targets.grids.evidence import EXPLAINED, FAINT, Measured
 from omnisight.targets.grids.search import as_grid, find_grids
 from omnisight.targets.placing import place
 from omnisight.views import perspective, remap
@@ -26,14 +26,21 @@ Bytes = NDArray[np.uint8]
 FAR_DEG = 80.0
 # Steps of the board's points, over their reach, between which the picture's steps and bends are taken.
 SPAN = 0.4
-# A corner that is measured this share of a step off where the first calibration puts it is another point.
-STRAY = 0.2
-EXPLAINED = 0.6
-# Contrast across a corner below this part of the board's median is none.
-FAINT = 0.2
+# A corner that is measured this share of a step off where the first calibration puts it is another point; one that was
+# found before may be this many times as far off in px: it is for the robust loss to judge.
+STRAY, LENIENT = 0.2, 3.0
 # Flat views in which a board that was missed is looked for: (angle from the axis, how many around it), degrees.
 VIEWS = ((0, 1), (50, 6), (90, 8), (120, 8))
 VIEW_DEG, VIEW_PX = 90.0, 800
+# Pictures in a row that flat views were of no use for, after which the others are not tried.
+PATIENCE = 6
+# Part of a board's corners that the second look may miss before the board as a whole is doubted.
+CONTRADICTED = 0.5
+# What two edges may leave unexplained at a corner that the first look did not find: so much, and so many times as much
+# as at those that it found. Where a board ends three edges meet, and a sixth or more is left.
+POORER = 0.05, 3.0
+# A point less sure than this, px, says nothing.
+VAGUE = 2.0
 
 
 @dataclass(frozen=True)
@@ -101,25 +108,35 @@ def second_pass(
     first = np.concatenate([[0], np.cumsum([len(p.boards) for p in search.pictures])])
     camera = Camera(state.model, search.size)
 
+    fruitless = [0]  # pictures without a board in which flat views showed none either
+
     def again(i: int) -> tuple[PictureDetection, Won]:
         picture = search.pictures[i]
-        if picture.size is None:
+        if picture.size is None or (not picture.boards and fruitless[0] >= PATIENCE):
             return picture, Won()
-        gray = to_gray8(read_image(picture.path, apply_exif=apply_exif))
+        try:
+            gray = to_gray8(read_image(picture.path, apply_exif=apply_exif))
+        except UnreadableImage:  # it was read before: what was found then stays
+            return picture, Won()
         if not picture.boards:
-            # Nothing there but what a lens bends beyond recognition.
             found = _in_flat_views(gray, camera, board)
+            fruitless[0] = 0 if found else fruitless[0] + 1
             if not found:
                 return picture, Won()
             better = picture.with_boards(found, board).with_remark("found in a rectified view")
-            return better, Won(sum(map(len, found)), 0, 0, len(found))
+            far = camera.angle_of(found[0].pixels) > np.radians(FAR_DEG)
+            return better, Won(len(found[0]), int(far.sum()), 0, 1)
         won, boards = Won(), list[Detection]()
         for k, detection in enumerate(picture.boards):
             pose = state.rotations[first[i] + k], state.translations[first[i] + k]
             measured, more = _settled(gray, board, detection, state.model, pose, gate)
-            boards.append(measured)
             won += more
-        return picture.with_boards(boards, board), won
+            if more.dropped <= CONTRADICTED * len(detection):
+                boards.append(measured)
+        better = picture.with_boards(boards, board)
+        if len(boards) < len(picture.boards):
+            better = better.with_remark("a board left out: it is not where the others say the camera sees it")
+        return better, won
 
     pictures, total = list[PictureDetection](), Won()
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
@@ -156,16 +173,18 @@ def _again(
     found = board.measure(gray, start, steps, bends / SPAN**2)
     pixels = found.pixels - board.offset(project)
     off = np.linalg.norm(pixels - there, axis=1)
-    near = np.maximum(gate, 1.0)
-    good = (off < np.minimum(near, STRAY * np.linalg.norm(steps, axis=-1).min(1))) & (found.explained > EXPLAINED)
+    step = np.linalg.norm(steps, axis=-1).min(1)
+    room, more = np.minimum(max(gate, 1.0), STRAY * step), np.minimum(LENIENT * max(gate, 1.0), STRAY * step)
     known = np.zeros(board.size, bool)
     known[detection.ids] = True
-    if board.bright is not None:
-        alternating = np.where(board.bright, found.amplitude, -found.amplitude)
-        level = np.nanmedian(alternating[known])  # the other way round in a mirror
-        good &= alternating * np.sign(level) > FAINT * abs(level)
-    # One that was found before and lies a little off is for the robust loss to judge.
-    good |= known & (found.explained > EXPLAINED) & (off < 3 * near)
+    left = 1 - found.explained
+    usual = np.nanmedian(left[known]) if np.isfinite(left[known]).any() else 0.0
+    most = np.where(known, 1 - EXPLAINED, min(POORER[0] + POORER[1] * usual, 1 - EXPLAINED))
+    clear = (left < most) & (np.trace(found.covariance, axis1=1, axis2=2) < VAGUE**2)
+    contrast = found.amplitude if board.bright is None else np.where(board.bright, found.amplitude, -found.amplitude)
+    level = np.nanmedian(contrast[known]) if np.isfinite(contrast[known]).any() else np.nan
+    clear &= contrast * np.sign(level) > FAINT * abs(level)  # the other way round in a mirror
+    good = clear & (off < np.where(known, more, room))
     ids = np.flatnonzero(good)
     new = good & ~known
     directions = board.points @ rotation.T + translation
@@ -189,15 +208,23 @@ def _settled(
     if detection.located or not isinstance(board, Checkerboard):
         return _again(gray, board, detection, model, cam_from_board, gate)
     rotation, translation = cam_from_board
-    diagonal = board.points[board.columns + 1] - board.points[0]
-    j, i = np.divmod(detection.ids, board.columns)
+    diagonal, last = board.points[board.columns + 1], board.points[-1]
+    poses = [(detection.ids, rotation, translation)]
+    if not board.symmetric:  # else half a turn changes nothing
+        poses.append((board.size - 1 - detection.ids, rotation * (-1, -1, 1), translation + rotation @ last))
     tries: list[tuple[Detection, Won]] = []
-    for down in range(-int(j.min()), board.rows - int(j.max())):
-        for right in range(-int(i.min()), board.columns - int(i.max())):
-            if board.symmetric or (down + right) % 2 == 0:  # the colours agree
-                shifted = replace(detection, ids=detection.ids + down * board.columns + right)
-                pose = rotation, translation - rotation @ (np.array([right, down, 0]) * diagonal)
-                tries.append(_again(gray, board, shifted, model, pose, gate))
+    for half, (ids, turned, origin) in enumerate(poses):
+        order = np.argsort(ids)
+        ordered = replace(
+            detection, ids=ids[order], pixels=detection.pixels[order], covariance=detection.covariance[order]
+        )
+        j, i = np.divmod(ids, board.columns)
+        for down in range(-int(j.min()), board.rows - int(j.max())):
+            for right in range(-int(i.min()), board.columns - int(i.max())):
+                if board.symmetric or (down + right) % 2 == half:  # the colours agree
+                    shifted = replace(ordered, ids=ordered.ids + down * board.columns + right)
+                    pose = turned, origin - turned @ (np.array([right, down, 0]) * diagonal)
+                    tries.append(_again(gray, board, shifted, model, pose, gate))
     tries.sort(key=lambda found: len(found[0]), reverse=True)
     best, won = tries[0]
     alone = len(tries) == 1 or len(tries[1][0]) < len(best)
@@ -208,8 +235,9 @@ def _settled(
 
 def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]:
     """Look for a board in flat views of a picture that shows none as it is."""
+    best: list[Detection] = []
     if not isinstance(board, Checkerboard):
-        return []
+        return best
     for target, rotation in _flat_views(camera):
         view = np.asarray(remap(gray, camera, target, rotation), np.uint8)
         for grid in find_grids(view):
@@ -221,9 +249,11 @@ def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]
             measured.check(gray, np.ones(grid.shape, bool))
             found = as_grid(gray, measured)
             placed = None if found is None else place(found, board)
-            if placed is not None:
-                return [placed]
-    return []
+            if placed is not None and (not best or len(placed) > len(best[0])):
+                best = [placed]
+        if best and len(best[0]) == board.size:
+            break
+    return best
 
 
 def _flat_views(camera: Camera) -> Iterator[tuple[Camera, Array]]:

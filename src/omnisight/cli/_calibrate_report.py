@@ -9,6 +9,7 @@ import numpy as np
 
 from omnisight.calibrate import Calibration, PicturesCalibration
 from omnisight.camera import Camera
+from omnisight.cli._console import console
 from omnisight.cli._draw import rows_of_pictures
 from omnisight.cli._names import labels
 from omnisight.formats import Written
@@ -67,10 +68,9 @@ def print_report(
 ) -> None:
     """Print the tables and what to make of them."""
     search, calibration = result.search, result.calibration
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    out = console()
     table = Table("picture", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
     for column in table.columns[2:5]:
         column.justify = "right"
@@ -83,7 +83,7 @@ def print_report(
             _figure(row["worst"]),
             row["note"],
         )
-    console.print(table)
+    out.print(table)
     models = Table("model", "parameters", "rms px", "held out px", box=None, pad_edge=False)
     for column in models.columns[1:]:
         column.justify = "right"
@@ -91,25 +91,25 @@ def print_report(
         models.add_row(
             candidate.name, str(candidate.parameters), _figure(candidate.rms), _figure(candidate.held_out_rms)
         )
-    console.print()
-    console.print(models)
+    out.print()
+    out.print(models)
     camera = calibration.camera
-    console.print()
-    console.print(calibration.reason, soft_wrap=True)
-    console.print(
+    out.print()
+    out.print(calibration.reason, soft_wrap=True)
+    out.print(
         f"{len(search.found)} of {len(search.pictures)} pictures, {len(calibration.views.pixels)} corners,"
         f" {int(calibration.outliers.sum())} doubtful; rms {calibration.rms:.3f} px, mean {calibration.mean:.3f} px;"
         f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
         soft_wrap=True,
     )
-    console.print(str(result.won), soft_wrap=True)
+    out.print(str(result.won), soft_wrap=True)
     for warning in [*([search.hint] if search.hint else []), *calibration.warnings, *_about(search)]:
-        console.print(f"note: {warning}", soft_wrap=True)
-    console.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
+        out.print(f"note: {warning}", soft_wrap=True)
+    out.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
     if written is not None:
-        console.print(f"written: {written.path}", soft_wrap=True)
+        out.print(f"written: {written.path}", soft_wrap=True)
     else:
-        console.print("nothing written: give -o camera.json")
+        out.print("nothing written: give -o camera.json")
 
 
 def _about(search: BoardSearch) -> list[str]:

@@ -4,8 +4,9 @@ import json
 import math
 from typing import Any
 
+from omnisight.cli._console import console
 from omnisight.cli._names import labels
-from omnisight.targets import BoardSearch, Checkerboard, Detection, PictureDetection
+from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, PictureDetection
 
 CLIPPED, DARK = 253, 70
 BLURRED = 2.5  # px
@@ -38,10 +39,9 @@ def as_json(search: BoardSearch) -> None:
 
 def print_report(search: BoardSearch) -> None:
     """Print a line per picture, and what they have in common."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(highlight=False)
+    out = console()
     table = Table("picture", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
     for column in table.columns[1:6]:
         column.justify = "right"
@@ -55,21 +55,31 @@ def print_report(search: BoardSearch) -> None:
             _figure(picture.exposure, ".0f"),
             "; ".join(filter(None, (picture.note, *light(picture)))),
         )
-    console.print(table)
-    console.print()
+    out.print(table)
+    out.print()
     if search.board is None:
-        console.print("no checkerboard found: for a board with markers or circles give --target")
+        out.print("no checkerboard found: for a board with markers or circles give --target")
     else:
         kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
         corners = sum(len(d) for p in search.pictures for d in p.boards)
-        console.print(
+        out.print(
             f"{kind}{search.board}: {len(search.found)} of {len(search.pictures)} pictures, {corners} corners",
             soft_wrap=True,
         )
     if search.field is not None:
-        console.print(search.field.describe(), soft_wrap=True)
+        out.print(search.field.describe(), soft_wrap=True)
     if search.hint:
-        console.print(f"note: {search.hint}", soft_wrap=True)
+        out.print(f"note: {search.hint}", soft_wrap=True)
+    elif search.board is not None and not search.found:
+        out.print(f"note: {advice(search.board)}", soft_wrap=True)
+
+
+def advice(board: Board) -> str:
+    """Say what to look at where a board is not found."""
+    if isinstance(board, Checkerboard):
+        return "does --pattern count inner corners, one less than squares each way? Is the board sharp, and lit evenly?"
+    made = ", ".join(f"{key} {value}" for key, value in board.to_dict().items() if key != "target")
+    return f"is it really this {board.kind}: {made}? Is it sharp, and large enough to read its markers?"
 
 
 def light(picture: PictureDetection) -> list[str]:

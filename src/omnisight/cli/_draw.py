@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.calibrate import PicturesCalibration
-from omnisight.cli._names import outputs
+from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
 from omnisight.targets import BoardSearch, Detection, PictureDetection
 
@@ -24,7 +24,7 @@ def draw_residuals(result: PicturesCalibration, folder: Path, *, apply_exif: boo
     folder.mkdir(parents=True, exist_ok=True)
     search, calibration = result.search, result.calibration
     residuals = calibration.state.residuals(calibration.views)
-    files = outputs([picture.path for picture in search.found], folder)
+    files = drawings([picture.path for picture in search.found], folder)
     for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):
         sheet = _Sheet(picture, apply_exif)
         for detection in picture.boards:
@@ -90,9 +90,12 @@ class _Sheet:
         import cv2
 
         image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
-        self.zoom = max(1, round(WIDE / image.shape[1]))
-        self.canvas = cv2.resize(image, None, fx=self.zoom, fy=self.zoom, interpolation=cv2.INTER_CUBIC)
-        self.thick = max(1, round(self.canvas.shape[1] / WIDE))
+        longer = max(image.shape[:2])
+        # Large enough to judge, and no larger than a screen shows.
+        self.zoom = float(np.ceil(WIDE / longer)) if longer < WIDE else min(1.0, 2 * WIDE / longer)
+        how = cv2.INTER_CUBIC if self.zoom > 1 else cv2.INTER_AREA
+        self.canvas = cv2.resize(image, None, fx=self.zoom, fy=self.zoom, interpolation=how)
+        self.thick = max(1, round(max(self.canvas.shape[:2]) / WIDE))
 
     def line(self, pixels: Any, color: tuple[int, int, int]) -> None:
         import cv2

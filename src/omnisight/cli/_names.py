@@ -28,6 +28,21 @@ def outputs(paths: Sequence[Path], folder: Path) -> list[Path]:
     return files
 
 
+def drawings(paths: Sequence[Path], folder: Path) -> list[Path]:
+    """Give what `outputs` gives, for drawings of the pictures.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds the pictures, or is none.
+    """
+    if folder.resolve() in {path.parent.resolve() for path in paths}:
+        raise ValueError(f"{folder}: holds the pictures; what is drawn would be taken for pictures the next time")
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: is a file; name a folder")
+    return outputs(paths, folder)
+
+
 def spare(files: Iterable[Path], pictures: Iterable[Path]) -> None:
     """Refuse to write over a picture that was given."""
     given = {picture.resolve() for picture in pictures}

@@ -52,7 +52,7 @@ def calibrate(
     loss
         huber, or squared for plain least squares.
     force
-        Calibrate from fewer than three pictures.
+        Calibrate from fewer than three pictures, or although most of them show another board.
     apply_exif
         Turn pictures as their EXIF orientation says; a calibration needs them as the sensor read them.
     cache
@@ -67,7 +67,7 @@ def calibrate(
     from omnisight.calibrate.calibration import FEWEST_VIEWS
     from omnisight.cli._board import asked_board
     from omnisight.cli._calibrate_report import as_json, print_report
-    from omnisight.cli._names import labels, outputs
+    from omnisight.cli._names import drawings, labels
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.models import model_class
@@ -81,7 +81,7 @@ def calibrate(
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures)
     if draw is not None:
-        outputs(paths, draw)
+        drawings(paths, draw)
     with progress(quiet or json) as report:
         search = find_boards(
             paths,
@@ -95,6 +95,8 @@ def calibrate(
         least = 1 if force else FEWEST_VIEWS
         if sum(len(picture.boards) for picture in search.pictures) < least:
             raise ValueError(_too_few_found(search, least))
+        if search.hint and not force:
+            raise ValueError(f"{search.hint} (--force calibrates all the same)")
         result = calibrate_pictures(
             search,
             names=labels(paths),
@@ -140,6 +142,8 @@ def _must_be_writable(output: Path) -> None:
 
 
 def _too_few_found(search: Any, least: int) -> str:
+    from omnisight.cli._detect_report import advice
+
     pictures = search.pictures
     # The reason why a file cannot be read names the file.
     reasons = [p.note if p.note.startswith(p.path.name) else f"{p.path.name}: {p.note}" for p in pictures if p.note]
@@ -149,14 +153,14 @@ def _too_few_found(search: Any, least: int) -> str:
         advice = "give --pattern, inner corners as columns x rows, such as 9x6"
         return "\n".join([f"{said}: {advice}", *notes])
     number = len(search.found)
-    said = f"a {search.board} board was found in {number} of {len(pictures)} pictures"
+    said = f"{_kind(search.board)} was found in {number} of {len(pictures)} pictures"
     if number:
-        said += f", {least} is the least and 10 to 20 are good"
-    advice = (
-        search.hint
-        or "does --pattern count inner corners (one less than squares each way)? Is all of the board in the picture?"
-    )
-    return "\n".join([f"{said}: {advice}", *notes])
+        said += f"; {least} is the least and 10 to 20 are good"
+    return "\n".join([f"{said}: {search.hint or advice(search.board)}", *notes])
+
+
+def _kind(board: Any) -> str:
+    return f"the {board} board" if board.kind == "checkerboard" else f"the {board.kind} {board}"
 
 
 def _with_provenance(camera: Any, search: Any) -> Any:

@@ -54,14 +54,14 @@ def detect(
     from omnisight.cli._board import asked_board
     from omnisight.cli._detect_report import as_json, print_report
     from omnisight.cli._draw import draw_boards
-    from omnisight.cli._names import outputs
+    from omnisight.cli._names import drawings
     from omnisight.images import collect_images
     from omnisight.targets import find_boards, parse_length
 
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures)
     folder = output if output is not None or json else FOLDER
-    files = outputs(paths, folder) if folder is not None else []
+    files = drawings(paths, folder) if folder is not None else []
     with progress(quiet or json) as report:
         search = find_boards(
             paths,
@@ -71,6 +71,10 @@ def detect(
             cache=cache,
             progress=lambda done, all_: report("find boards", done, all_),
         )
+        if all(picture.size is None for picture in search.pictures):
+            raise ValueError(
+                "\n".join(["none of the pictures can be read:", *(f"  {p.note}" for p in search.pictures[:5])])
+            )
         if json:
             as_json(search)
         else:

@@ -114,7 +114,10 @@ def _grown(
 
 
 def _predicted(table: dict[tuple[int, int], int], centres: Array, i: int, j: int, di: int, dj: int) -> Array | None:
-    """Guess where the next disc is: continue this line, or copy the step from the lines beside it."""
+    """Guess where the next disc is: continue this line, or copy the step from the lines beside it.
+
+    As `_predict` of `grids/_growth_kernel.py`, which is compiled, for a table that is an array: this one is a dict.
+    """
     here = centres[table[i, j]]
     if (i - di, j - dj) in table:
         behind = centres[table[i - di, j - dj]]

@@ -119,10 +119,14 @@ def _placed(gray: NDArray[np.uint8], lattice: Lattice, blobs: Blobs, board: Circ
 
 
 def _canonical(ids: NDArray[np.int64], board: CircleGrid) -> tuple[int, ...]:
-    """Give a key that is the same for places that half a turn of a symmetric board joins."""
-    on = ids[ids >= 0]
-    turned = board.size - 1 - on if board.symmetric else on
-    return min(tuple(sorted(on.tolist())), tuple(sorted(turned.tolist())))
+    """Give the ids of a lattice's discs, in their own order, or what half a turn of the board onto itself makes of them.
+
+    The lesser of the two: one key for the places that no picture can tell apart.
+    """
+    turns = [ids]
+    if board.symmetric:
+        turns.append(np.where(ids < 0, ids, board.size - 1 - ids))
+    return min(tuple(turn.tolist()) for turn in turns)
 
 
 def _paper(gray: NDArray[np.uint8], cells: Cells, centres: Array, matrices: Array) -> Cells:

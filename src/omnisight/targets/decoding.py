@@ -18,6 +18,20 @@ _QUICK = 1.2
 _MOST = 2.5
 """Megapixels that a small picture is enlarged to at most."""
 
+_SMALLEST = 0.015
+"""Least perimeter of a marker over the picture's longer side."""
+
+_SAMPLES = 4
+"""So many parts of a picture each way, a quarter of that long and wide each, are looked at for how many squares it has:
+a sixteenth of the picture."""
+
+_MOST_SQUARES = 40
+"""Squares in that sixteenth past which the smaller ones are left out of the search: OpenCV compares each with each, so
+that a picture of bricks or tiles would take a minute."""
+
+_BEYOND = 1.2
+"""How much larger than those that are left out a square must be: they are not all of one size."""
+
 _FAR = 3.5
 """Distance in sides of a marker up to which two markers are compared."""
 
@@ -52,7 +66,6 @@ def decode(
 
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = border
-    parameters.minMarkerPerimeterRate = 0.015
     parameters.minDistanceToBorder = 1
     # Cells are narrow and bent: look at their middles only, on a fine grid.
     parameters.perspectiveRemovePixelPerCell = 8
@@ -60,6 +73,8 @@ def decode(
     detector = cv2.aruco.ArucoDetector(_with_mirrored(dictionary, count), parameters)
     found = Markers(np.zeros(0, np.int64), np.zeros((0, 4, 2)))
     for scaled, scale in _scaled(gray):
+        parameters.minMarkerPerimeterRate = _least_perimeter(scaled)
+        detector.setDetectorParameters(parameters)
         corners, ids, _ = detector.detectMarkers(scaled)
         if not len(corners):
             continue  # ids are None
@@ -71,6 +86,33 @@ def decode(
         if enough(found):
             break
     return found
+
+
+def _least_perimeter(gray: NDArray[Any]) -> float:
+    """Give the least perimeter of a square worth looking at, over the picture's longer side.
+
+    It is `_SMALLEST`, unless a picture is full of squares: then so much that few enough are left.
+    """
+    import cv2
+
+    height, width = gray.shape[0] // (4 * _SAMPLES), gray.shape[1] // (4 * _SAMPLES)
+    if min(height, width) < 16:
+        return _SMALLEST
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.minMarkerPerimeterRate = _SMALLEST * max(gray.shape) / max(height, width)
+    parameters.minDistanceToBorder = 1
+    parameters.perspectiveRemovePixelPerCell = 1  # any dictionary will do: only squares are wanted, fast
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), parameters)
+    perimeters: list[float] = []
+    for y in range(_SAMPLES):
+        for x in range(_SAMPLES):
+            top = (2 * y + 1) * gray.shape[0] // (2 * _SAMPLES) - height // 2
+            left = (2 * x + 1) * gray.shape[1] // (2 * _SAMPLES) - width // 2
+            part = np.ascontiguousarray(gray[top : top + height, left : left + width])
+            perimeters += [cv2.arcLength(square, True) for square in detector.detectMarkers(part)[2]]
+    if len(perimeters) <= _MOST_SQUARES:
+        return _SMALLEST
+    return max(_SMALLEST, _BEYOND * sorted(perimeters)[-_MOST_SQUARES] / max(gray.shape))
 
 
 def _with_mirrored(name: str, count: int) -> Any:

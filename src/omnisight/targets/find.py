@@ -260,5 +260,5 @@ def _hint(
     reason = f"{board} squares have {columns}x{rows} inner corners" if squares else "did you count squares?"
     return (
         f"found a {columns}x{rows} grid of inner corners in {count}/{len(readable)} pictures "
-        f"but --pattern is {board} ({reason}). Use --pattern {columns}x{rows}."
+        f"but the board asked for is {board} ({reason}). Use --pattern {columns}x{rows}."
     )

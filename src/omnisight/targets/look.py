@@ -142,19 +142,24 @@ def _from_entry(entry: dict[str, Any], orientation: int, key: str) -> Look | Non
             )
             for b in entry["boards"]
         )
-        if not all(np.isfinite(b.pixels).all() for b in boards):
+        if min(width, height) < 1 or not all(_usable(board) for board in boards):
             return None
         return Look(
             (width, height), grids, boards, float(entry["sharpness"]), float(entry["exposure"]), orientation, key
         )
-    except (KeyError, IndexError, TypeError, ValueError):
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError):
         return None
+
+
+def _usable(board: Detection) -> bool:
+    return bool(np.isfinite(board.pixels).all() and np.isfinite(board.covariance).all() and (board.ids >= 0).all())
 
 
 def _grid(entry: dict[str, Any]) -> Grid:
     pixels, covariance = np.array(entry["pixels"], np.float64), np.array(entry["covariance"], np.float64)
     ends = tuple(entry["ends"])
-    if pixels.ndim != 3 or covariance.shape != (*pixels.shape, 2) or len(ends) != len(ENDS):
+    shaped = pixels.ndim == 3 and pixels.shape[2] == 2 and covariance.shape == (*pixels.shape, 2)
+    if not shaped or len(ends) != len(ENDS) or not np.isfinite(pixels).all():
         raise ValueError("not a grid")
     missing = pixels[..., 0] < -1e8
     pixels[missing], covariance[missing] = np.nan, np.nan

@@ -60,15 +60,24 @@ def place(grid: Grid, board: Checkerboard) -> Detection | None:
     least = _LEAST_OPEN if "open" in grid.ends else _LEAST_ENDED
     if share < least:
         return None
-    places = [place for quarters in range(4) for place in _places(grid.turned(quarters), board)]
+    cells = np.arange(grid.there.size).reshape(grid.shape)
+    places = [
+        (score, turned, row, column, np.rot90(cells, quarters))
+        for quarters in range(4)
+        for score, turned, row, column in _places(grid.turned(quarters), board)
+    ]
     if not places:
         return None
     best = max(score for score, *_ in places)
-    likely = [(turned, row, column) for score, turned, row, column in places if score == best]
-    detections = [_detection(turned, row, column, board) for turned, row, column in likely]
-    distinct = {_canonical(detection.ids, board) for detection in detections}
+    detections: list[Detection] = []
+    names: set[tuple[int, ...]] = set()
+    for score, turned, row, column, order in places:
+        if score == best:
+            detection = _detection(turned, row, column, board)
+            detections.append(detection)
+            names.add(_canonical(detection.ids[np.argsort(order[turned.there])], board))
     first = min(detections, key=lambda d: float(d.pixels[0].sum()))
-    return Detection(first.ids, first.pixels, first.covariance, located=len(distinct) == 1)
+    return Detection(first.ids, first.pixels, first.covariance, located=len(names) == 1)
 
 
 def _places(grid: Grid, board: Checkerboard) -> Iterable[tuple[int, Grid, int, int]]:
@@ -77,10 +86,12 @@ def _places(grid: Grid, board: Checkerboard) -> Iterable[tuple[int, Grid, int, i
     top, bottom, left, right = (end == "margin" for end in grid.ends)
     if (top and bottom and rows < board.rows) or (left and right and columns < board.columns):
         return  # all of a smaller board
+    # A symmetric board may be printed either way round, dark square first or bright; but where a quarter turn exchanges
+    # them a dark one can always come first.
+    coloured = not board.symmetric or (board.columns == board.rows and board.columns % 2 == 1)
     for row in range(board.rows - rows + 1):
         for column in range(board.columns - columns + 1):
-            # The colours of a symmetric board fit as well a row further on; one may be printed either way.
-            if board.symmetric or grid.dark == ((row + column) % 2 == 0):
+            if not coloured or grid.dark == ((row + column) % 2 == 0):
                 ended = (
                     (top and row == 0)
                     + (bottom and row + rows == board.rows)
@@ -96,16 +107,18 @@ def _detection(grid: Grid, row: int, column: int, board: Checkerboard) -> Detect
 
 
 def _canonical(ids: NDArray[np.int64], board: Checkerboard) -> tuple[int, ...]:
-    """Give a key that is the same for places that no picture can tell apart: those that a turn of the board joins."""
+    """Give the ids of a grid's corners, in the grid's own order, or what a turn of the board onto itself makes of them.
+
+    The least of these: one key for all places that no picture can tell apart.
+    """
     turns = [ids]
     if board.symmetric:
         turns.append(board.size - 1 - ids)
-        if board.columns == board.rows:
+        if board.columns == board.rows and board.columns % 2 == 0:  # a quarter turn keeps the colours: square in middle
             i, j = np.divmod(ids, board.columns)
             quarter = j * board.columns + board.columns - 1 - i
-            if board.columns % 2 == 0:  # a quarter turn keeps the colours: the middle is a square
-                turns += [quarter, board.size - 1 - quarter]
-    return min(tuple(sorted(turn.tolist())) for turn in turns)
+            turns += [quarter, board.size - 1 - quarter]
+    return min(tuple(turn.tolist()) for turn in turns)
 
 
 def agreed_pattern(pictures: Sequence[Sequence[Grid]]) -> tuple[int, int] | None:

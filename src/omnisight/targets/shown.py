@@ -60,7 +60,7 @@ def _from_entry(entry: dict[str, Any]) -> ImageField | None:
         width, height = (int(length) for length in entry["size"])
         outer, inner = (_ellipse(entry[name]) for name in ("outer", "inner"))
         return ImageField((width, height), outer, inner, float(entry["outer_fade"]), float(entry["inner_fade"]))
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return None
 
 
@@ -68,4 +68,7 @@ def _ellipse(entry: dict[str, Any] | None) -> Ellipse | None:
     if entry is None:
         return None
     (u, v), (a, b) = entry["centre"], entry["axes"]
-    return Ellipse((float(u), float(v)), (float(a), float(b)), float(entry["angle"]))
+    ellipse = Ellipse((float(u), float(v)), (float(a), float(b)), float(entry["angle"]))
+    if not (min(ellipse.axes) > 0 and np.isfinite((*ellipse.centre, *ellipse.axes, ellipse.angle)).all()):
+        raise ValueError("not an ellipse")
+    return ellipse

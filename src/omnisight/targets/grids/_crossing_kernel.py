@@ -22,6 +22,7 @@ _SIDE = 2 * _REACH + 1
 _ROUNDS = 12
 _TRIAL, _HOPELESS = 4, 0.5  # after so many rounds, what is left of the variation says that no edges cross here
 _LEAST_SAMPLES = 20
+_FEATURELESS = 4.0  # variance in a window, gray levels squared, below which there is nothing to fit
 _LEAST_WINDOW = 0.6  # part of the window that must lie in the picture
 _RIM = 1.5  # px from the picture's edge within which nothing is measured
 _BLUR = (math.log(0.3), math.log(8.0))
@@ -63,6 +64,9 @@ def fit(gray, pixels, steps, bend, share, usable, settled, rough, figures):
             if count < _LEAST_SAMPLES:
                 break
             variation = _light(theta, bend[k], values, xs, ys, count)
+            if variation < _FEATURELESS * count:
+                count = 0
+                break
             cost = np.inf
             damping = 1e-3
             for turn in range(_ROUNDS):
@@ -203,7 +207,7 @@ def _light(theta, bend, values, xs, ys, count):
     mean, shape = mean / count, shape / count
     theta[3] = (product / count - mean * shape) / max(square / count - shape * shape, 1e-9)
     theta[0], theta[1], theta[2] = mean - theta[3] * shape, 0.0, 0.0
-    return power - count * mean * mean + 1e-6
+    return power - count * mean * mean
 
 
 @inner

@@ -89,7 +89,10 @@ def fit_crossings(gray: NDArray[Any], pixels: Array, steps: Array, bends: Array,
         # Two edges that nearly coincide cross nowhere in particular.
         usable &= np.abs(steps[:, 0, 0] * steps[:, 1, 1] - steps[:, 0, 1] * steps[:, 1, 0]) > 0.2 * length.prod(axis=1)
     figures = np.full((len(pixels), FIGURES), np.nan)
-    power = fit(np.ascontiguousarray(gray), pixels, steps, bend, share, usable, _SETTLED[rough], rough, figures)
+    # Another memory layout would be compiled for anew.
+    gray = np.require(gray, np.uint8, ["C", "W"])
+    pixels, steps, bend, share = (np.array(a, np.float64, order="C") for a in (pixels, steps, bend, share))
+    power = fit(gray, pixels, steps, bend, share, usable, _SETTLED[rough], rough, figures)
     covariance = figures[:, [2, 3, 3, 4]].reshape(-1, 2, 2)
     # Blur in the camera, demosaicking and JPEG spread noise over neighbouring pixels: it averages out less.
     widened = float(np.clip(power[0] / max(power[1], 1e-9), 1.0, _MOST_CORRELATED))

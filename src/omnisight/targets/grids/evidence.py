@@ -22,10 +22,10 @@ _ROUNDS = 12
 _REACHES = (0.18, 0.28)
 """Where the squares around a corner are looked at, over their diagonals."""
 
-_FAINT = 0.2
+FAINT = 0.2
 """Contrast across a corner below this part of the board's median is none."""
 
-_EXPLAINED = 0.6
+EXPLAINED = 0.6
 """Share of a window's variation that two crossing edges must explain."""
 
 _LEAST_IN_LINE = 2
@@ -95,7 +95,7 @@ class Measured:
 
     def check(self, gray: NDArray[np.uint8], where: NDArray[np.bool_]) -> None:
         """Forget those corners (R, C) of `where` that are none."""
-        self.drop(where & ~(sound(gray, self.pixels) & (self.explained > _EXPLAINED)))
+        self.drop(where & ~(sound(gray, self.pixels) & (self.explained > EXPLAINED)))
 
     def drop(self, where: NDArray[np.bool_]) -> None:
         """Forget corners (R, C)."""
@@ -141,7 +141,7 @@ def sound(gray: NDArray[np.uint8], lattice: Lattice) -> NDArray[np.bool_]:
     off = np.linalg.norm(lattice - predictions(lattice), axis=-1)
     return (
         (off < _TOLERANCE * spacing(lattice))
-        & (alternating * np.sign(level) > _FAINT * abs(level))
+        & (alternating * np.sign(level) > FAINT * abs(level))
         & (facing * side > 0)
     )
 
@@ -178,12 +178,16 @@ def completed(gray: NDArray[np.uint8], lattice: Lattice) -> Measured:
         if seen(found.pixels) == before:
             break
     found = trimmed(gray, found)
-    # Once more, now that neighbours tell how the edges bend.
-    final = Measured.empty(found.pixels.shape)
-    everywhere = np.ones(found.pixels.shape[:2], bool)
-    final.measure(gray, found.pixels, everywhere)
-    final.check(gray, everywhere)
-    return trimmed(gray, final)
+    return remeasured(gray, found.pixels)  # now that neighbours tell how the edges bend
+
+
+def remeasured(gray: NDArray[np.uint8], lattice: Lattice) -> Measured:
+    """Measure the corners of a lattice (R, C, 2) that are good to a pixel, and drop those that are none."""
+    found = Measured.empty(lattice.shape)
+    everywhere = np.ones(lattice.shape[:2], bool)
+    found.measure(gray, lattice, everywhere)
+    found.check(gray, everywhere)
+    return trimmed(gray, found)
 
 
 def cropped(found: Measured) -> Measured:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,3 +74,8 @@ class Grid:
             self.white,
             self.blur,
         )
+
+    def enlarged(self, factor: float) -> Grid:
+        """Give it for the same picture, so many times as large."""
+        pixels = (self.pixels + 0.5) * factor - 0.5
+        return replace(self, pixels=pixels, covariance=self.covariance * factor**2, blur=self.blur * factor)

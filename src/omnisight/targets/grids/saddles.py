@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,11 +21,14 @@ _RADIUS = (3.5, 2.3)
 _SAMPLES = 32
 """Radius in px and number of samples of the ring around a saddle point."""
 
-_NOISE = 6.0
-"""The same over the median in the picture, most of which is noise."""
+_TILES = 6
+"""The picture is looked at in so many parts across and down, each with its own texture and noise."""
 
-_STRONGEST = 3000
-"""How many saddle points are kept, the strongest first."""
+_NOISE = 6.0
+"""The same over the median in that part of the picture, most of which is no corner."""
+
+_STRONGEST = 250
+"""How many saddle points are kept in each part, the strongest first."""
 
 _FAINTEST = 3.0
 """Amplitude in gray levels around a saddle point below which it is noise."""
@@ -65,12 +69,18 @@ def find_saddles(gray: NDArray[Any], *, fine: bool = False) -> Saddles:
 
     smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), _SIGMA[fine])
     strengths = saddle_strength(smooth)
-    floor = max(_WEAKEST, _NOISE * float(np.median(np.abs(strengths[::8, ::8]))))
-    pixels, strength = find_peaks(strengths, floor, _APART[fine], int(_RADIUS[fine]) + 1)
-    if len(strength) > _STRONGEST:
-        strongest = np.argpartition(-strength, _STRONGEST)[:_STRONGEST]
-        pixels, strength = pixels[strongest], strength[strongest]
-    pixels = pixels[np.argsort(-strength)]
+    down, across = (np.linspace(0, length, _TILES + 1).astype(np.intp) for length in gray.shape)
+    some = [[strengths[a:b:8, c:d:8] for c, d in pairwise(across)] for a, b in pairwise(down)]
+    floor = np.array([[max(_WEAKEST, _NOISE * float(np.median(np.abs(part)))) for part in row] for row in some])
+    pixels, strength = find_peaks(strengths, float(floor.min()), _APART[fine], int(_RADIUS[fine]) + 1)
+    i, j = (np.searchsorted(ends[1:], pixels[:, k], side="right") for ends, k in ((down, 1), (across, 0)))
+    tile = i * _TILES + j
+    strong = strength > floor.ravel()[tile]
+    pixels, strength, tile = pixels[strong], strength[strong], tile[strong]
+    order = np.lexsort((-strength, tile))
+    first = np.searchsorted(tile[order], np.arange(_TILES**2))
+    kept = order[np.arange(len(order)) - first[tile[order]] < _STRONGEST]
+    pixels = pixels[kept[np.argsort(-strength[kept])]]
     return _crossings(smooth, pixels, _RADIUS[fine])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .ends import side_ends
-from .evidence import Measured, completed, parity, seen
+from .evidence import Measured, completed, parity, remeasured, seen
 from .grid import Grid
 from .growth import grow_lattices
 from .lattice import Lattice, orientation, spacing
@@ -19,7 +19,7 @@ DETECTOR_VERSION = 2
 _COARSE_PIXELS = 2_500_000
 """Corners are searched in a picture of at most this size, and measured in the full one."""
 
-_LEVELS = ((1.0, False), (0.5, False), (1.0, True))
+_LEVELS = ((1.0, False), (0.5, False), (0.25, False), (1.0, True))
 """Scales of the search, and whether to look closely: most boards; blurred, overexposed or large ones; tiny ones."""
 
 _PLENTY = 20
@@ -27,6 +27,9 @@ _PLENTY = 20
 
 _SMALLEST = 9
 """Corners that a grid must have, in three rows and three columns at least."""
+
+_SHARP = 3.0
+"""Blur in px above which a corner is measured in a smaller picture: its windows go a few times as far."""
 
 _TRIED = 8
 """How many of the largest grids of one scale are looked at closely."""
@@ -52,11 +55,12 @@ def find_grids(gray: NDArray[np.uint8]) -> list[Grid]:
     """
     if gray.ndim != 2 or gray.dtype != np.uint8:
         raise ValueError(f"expected a gray picture (H, W) of uint8, got shape {gray.shape} of {gray.dtype}")
+    pictures = _pyramid(gray)
     grids: list[Grid] = []
     for lattice in _candidates(gray):
         if any(len(grid) >= seen(lattice) and _overlap(lattice, grid) for grid in grids):
             continue
-        grid = as_grid(gray, completed(gray, lattice))
+        grid = _measured(pictures, lattice)
         if grid is None:
             continue
         same = [other for other in grids if _overlap(grid.pixels, other)]
@@ -80,6 +84,31 @@ def _candidates(gray: NDArray[np.uint8]) -> list[Lattice]:
         grown = grow_lattices(find_saddles(picture, fine=fine), _SMALLEST)[:_TRIED]
         found += [(lattice + 0.5) * zoom - 0.5 for lattice in grown]
     return sorted(found, key=seen, reverse=True)
+
+
+def _pyramid(gray: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+    """Give the picture and its halves, down to the size that is searched."""
+    import cv2
+
+    pictures = [gray]
+    while pictures[-1].size > 2 * _COARSE_PIXELS:
+        half = cv2.resize(pictures[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        pictures.append(np.asarray(half, np.uint8))
+    return pictures
+
+
+def _measured(pictures: list[NDArray[np.uint8]], lattice: Lattice) -> Grid | None:
+    """Measure a lattice in the largest of the pictures in which its edges are sharp enough for the windows.
+
+    It is completed in the smallest.
+    """
+    level = len(pictures) - 1
+    found = completed(pictures[level], (lattice + 0.5) / 2**level - 0.5)
+    while level > 0 and np.isfinite(found.blur).any() and 2 * np.nanmedian(found.blur) < _SHARP:
+        level -= 1
+        found = remeasured(pictures[level], 2 * (found.pixels + 0.5) - 0.5)
+    grid = as_grid(pictures[level], found)
+    return grid if grid is None or level == 0 else grid.enlarged(2**level)
 
 
 def _overlap(lattice: Lattice, grid: Grid) -> bool:

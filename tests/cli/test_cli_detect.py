@@ -1,0 +1,233 @@
+"""omnisight detect, and boards that are told by a file."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from shooting import BOARD, visible
+
+from omnisight.formats import load
+from omnisight.images import read_image, write_image
+from test_checkerboard import POSES, SIZE, pose, project
+from test_target_detection import CAMERAS, CHARUCO
+from test_target_detection import pose as hold
+from test_target_detection import render as draw
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path / "here"
+
+
+@pytest.fixture(scope="module")
+def charucos(tmp_path_factory):
+    """Six pictures of a board of markers through a fisheye."""
+    folder = tmp_path_factory.mktemp("charucos")
+    views = ((0, 0, 0.2), (30, 70, 0.16), (45, 180, 0.14), (40, 300, 0.17), (50, 0, 0.15), (20, 220, 0.12))
+    for i, (angle, azimuth, distance) in enumerate(views):
+        placed = hold(CHARUCO, angle, azimuth=azimuth, distance=distance, roll=40 * i)
+        write_image(folder / f"{i}.png", draw(CHARUCO, "fisheye", placed, seed=i)[0])
+    return folder
+
+
+def line_of(out, name):
+    (line,) = (line for line in out.splitlines() if line.split()[:1] == [name])
+    return line
+
+
+def test_every_picture_has_a_line_and_the_set_a_summary(run, shots):
+    status, out, err = run("detect", shots, "--pattern", "9x6")
+    assert (status, err) == (0, "")
+    for i in range(1, 7):
+        assert line_of(out, f"{i}.png").split()[1] == "1"
+        assert int(line_of(out, f"{i}.png").split()[2]) > 50
+    assert "9x6: 6 of 6 pictures, " in out
+    assert "corners\n" in out
+    assert out.rstrip().endswith("drawn: omnisight-detect")
+
+
+def test_the_pattern_need_not_be_told(run, shots):
+    told, untold = (json.loads(run("detect", shots, "--json", *more)[1]) for more in (("--size", "9x6"), ()))
+    assert untold == told
+
+
+def test_a_wrong_pattern_is_answered_with_the_right_one(run, shots):
+    status, out, _ = run("detect", shots, "--pattern", "10x7")
+    assert status == 0
+    assert "10x7: 0 of 6 pictures, 0 corners" in out
+    assert "10x7 squares have 9x6 inner corners). Use --pattern 9x6." in out
+    assert "no 10x7 board found, but one of 9x6" in line_of(out, "3.png")
+
+
+@pytest.mark.parametrize("output", [None, "drawn/here"])
+def test_pictures_are_drawn_large_with_what_was_found(run, shots, elsewhere, output):
+    status, out, _ = run("detect", shots / "1.png", shots / "2.png", *(() if output is None else ("-o", output)))
+    assert status == 0
+    folder = elsewhere / (output or "omnisight-detect")
+    assert f"drawn: {output or 'omnisight-detect'}" in out
+    assert visible(folder) == ["1.png", "2.png"]
+    for name in visible(folder):
+        drawn, given = read_image(folder / name), read_image(shots / name)
+        assert drawn.shape[1] >= 2 * SIZE[0]
+        assert drawn.shape[2] == 3
+        assert drawn.shape[1] / drawn.shape[0] == pytest.approx(given.shape[1] / given.shape[0])
+        plain = cv2.resize(given, drawn.shape[1::-1], interpolation=cv2.INTER_CUBIC)[..., None]
+        coloured = np.abs(drawn.astype(int) - plain).max(axis=2) > 60
+        assert 0.003 < coloured.mean() < 0.3
+        assert np.ptp(drawn.astype(int), axis=2).max() > 100
+
+
+def test_small_pictures_are_drawn_at_least_1600_px_wide(run, shots, elsewhere):
+    assert run("detect", shots / "1.png")[0] == 0
+    assert read_image(elsewhere / "omnisight-detect" / "1.png").shape[1] >= 1600
+
+
+def test_a_picture_wide_enough_keeps_its_size(run, shots, tmp_path, elsewhere):
+    wide = cv2.resize(read_image(shots / "1.png"), (1600, 1200), interpolation=cv2.INTER_CUBIC)
+    write_image(tmp_path / "wide.png", wide)
+    assert run("detect", tmp_path / "wide.png")[0] == 0
+    drawn = read_image(elsewhere / "omnisight-detect" / "wide.png")
+    assert drawn.shape == (1200, 1600, 3)
+    assert (np.abs(drawn.astype(int) - wide[..., None]).max(axis=2) > 60).any()
+
+
+def test_json_is_one_object_and_nothing_is_drawn(run, shots, elsewhere):
+    status, out, err = run("detect", shots, "--json")
+    assert (status, err) == (0, "")
+    said = json.loads(out)
+    assert visible(elsewhere) == []
+    assert said["pattern"] == "9x6"
+    assert said["target"] == {"target": "checkerboard", "columns": 9, "rows": 6} | said["target"]
+    assert said["hint"] is None
+    assert [p["name"] for p in said["pictures"]] == [f"{i}.png" for i in range(1, 7)]
+    for i, picture in enumerate(said["pictures"]):
+        assert picture["size"] == list(SIZE)
+        assert picture["sharpness"] > 0
+        assert isinstance(picture["note"], str)
+        (board,) = picture["boards"]
+        assert board["pattern"] == "9x6"
+        assert board["located"] is True
+        count = len(board["ids"])
+        assert np.shape(board["pixels"]) == (count, 2)
+        assert np.shape(board["covariance"]) == (count, 2, 2)
+        rotation, position = pose(BOARD, *POSES[i])
+        truth = project(BOARD.points @ rotation.T + position)
+        assert np.abs(np.array(board["pixels"]) - truth[board["ids"]]).max() < 0.35
+
+
+def test_json_draws_where_it_is_told(run, shots, elsewhere):
+    status, out, _ = run("detect", shots / "1.png", "--json", "--output", "drawn")
+    assert status == 0
+    assert json.loads(out)["pattern"] == "9x6"
+    assert visible(elsewhere / "drawn") == ["1.png"]
+
+
+def test_pictures_that_cannot_be_read_are_named_with_the_reason(run, folder, elsewhere):
+    (folder / "2.png").write_text("I am no picture")
+    (folder / "3.png").write_bytes(b"")
+    status, out, _ = run("detect", folder, "--pattern", "9x6")
+    assert status == 0
+    assert "not an image" in line_of(out, "2.png")
+    assert "empty file" in line_of(out, "3.png")
+    assert "9x6: 4 of 6 pictures" in out
+    assert visible(elsewhere / "omnisight-detect") == ["1.png", "4.png", "5.png", "6.png"]
+    said = json.loads(run("detect", folder, "--json")[1])
+    bad = said["pictures"][1]
+    assert (bad["size"], bad["boards"], bad["sharpness"], bad["exposure"]) == (None, [], None, None)
+
+
+def test_pictures_without_a_board_are_an_answer_too(run, tmp_path):
+    for i in range(2):
+        write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 + 90 * i, np.uint8))
+    status, out, _ = run("detect", tmp_path)
+    assert status == 0
+    assert "no checkerboard found: for a board with markers or circles give --target" in out
+    assert line_of(out, "0.png").split()[1] == "-"
+    status, out, _ = run("detect", tmp_path, "--pattern", "9x6")
+    assert status == 0
+    assert "9x6: 0 of 2 pictures, 0 corners" in out
+    said = json.loads(run("detect", tmp_path, "--json")[1])
+    assert said["pattern"] is None
+    assert [p["boards"] for p in said["pictures"]] == [[], []]
+
+
+def test_pictures_of_which_none_can_be_read_are_refused_with_the_reason(refuses, tmp_path):
+    (tmp_path / "a.png").write_text("no")
+    said = refuses("detect", tmp_path / "a.png")
+    assert "none of the pictures can be read" in said
+    assert "a.png: not an image" in said
+
+
+def test_a_part_of_the_board_is_said_to_be_one(run, shots, tmp_path):
+    picture = read_image(shots / "1.png")
+    write_image(tmp_path / "part.png", picture[:, :330])
+    _, out, _ = run("detect", tmp_path / "part.png", "--pattern", "9x6")
+    assert "of 54 corners" in line_of(out, "part.png")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--pattern", "9"), "cannot read the pattern '9'"),
+        (("--pattern", "2x9"), "3x3 inner corners or more"),
+        (("--square", "30"), "has no unit: write 30mm"),
+        (("--target", "none.json"), "none.json"),
+        (("--target", "none.json", "--pattern", "9x6"), "give --target, or --pattern and --square, not both"),
+    ],
+)
+def test_an_option_that_cannot_be_is_refused(refuses, shots, elsewhere, options, said):
+    assert said in refuses("detect", shots, *options)
+    assert visible(elsewhere) == []
+
+
+def test_there_must_be_pictures_and_known_options(run, refuses, shots, tmp_path):
+    (tmp_path / "empty").mkdir()
+    refuses("detect", tmp_path / "empty")
+    assert run("detect")[0] == 2
+    assert run("detect", shots, "--colour")[0] == 2
+    said = refuses("detect", shots, "-o", shots)
+    assert "is one of the pictures and would be lost" in said
+
+
+def test_a_target_that_was_made_is_the_board_that_is_found(run, refuses, shots, elsewhere):
+    assert run("target", "make", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
+    said = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
+    assert said["target"]["square"] == "24mm"
+    assert all(len(p["boards"]) == 1 for p in said["pictures"])
+    status, out, _ = run(
+        "calibrate", shots, "--target", "board.json", "--model", "equidistant", "-o", "camera.json", "--json"
+    )
+    assert status == 0
+    assert json.loads(out)["rms"] < 0.1
+    camera = load(elsewhere / "camera.json")
+    assert camera.provenance["target"]["square"] == "24mm"
+    assert camera.model.params[0] == pytest.approx(190, rel=2e-3)
+    assert "not both" in refuses("calibrate", shots, "--target", "board.json", "--square", "24mm")
+
+
+def test_a_board_with_markers_is_found_by_its_file(run, charucos):
+    made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
+    assert run("target", "make", *made)[0] == 0
+    status, out, _ = run("detect", charucos, "--target", "charuco.json")
+    assert status == 0
+    assert "charuco 9x6: 6 of 6 pictures" in out
+    assert "no checkerboard" not in out
+    status, out, _ = run("detect", charucos, "--target", "charuco.json", "--json")
+    said = json.loads(out)
+    assert (said["pattern"], said["target"]["target"]) == ("9x6", "charuco")
+    assert all(p["boards"][0]["located"] for p in said["pictures"])
+
+
+def test_pictures_of_a_board_with_markers_give_a_camera(run, charucos, elsewhere):
+    made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
+    assert run("target", "make", *made)[0] == 0
+    told = ("--target", "charuco.json", "--model", "equidistant", "-o", "camera.json", "--json")
+    status, out, _ = run("calibrate", charucos, *told)
+    assert status == 0
+    assert json.loads(out)["rms"] < 0.15
+    found, truth = load(elsewhere / "camera.json").model, CAMERAS["fisheye"]
+    np.testing.assert_allclose(found.params[:2], truth.params[:2], rtol=1e-3)
+    np.testing.assert_allclose(found.params[2:4], truth.params[2:4], atol=0.2)
