@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 
 import numpy as np
 import pytest
@@ -65,6 +66,7 @@ def test_the_file_is_the_one_line_that_is_documented(tmp_path):
         (CHECKERBOARD, checkerboard(9, 6, 0.03)),
         (CIRCLES, circles(4, 11, 0.02)),
         ('{"tagCols": 6, "tagRows": 5, "tagSize": 0.088, "tagSpacing": 0.3}', aprilgrid(6, 5, 0.088, 0.3)),
+        (APRILGRID + "low_id: 0\n", aprilgrid(6, 5, 0.088, 0.3)),
         (APRILGRID.replace("\n", "\r\n"), aprilgrid(6, 5, 0.088, 0.3)),
         (APRILGRID.encode("utf-16"), aprilgrid(6, 5, 0.088, 0.3)),
         (b"\xef\xbb\xbf" + CIRCLES.encode(), circles(4, 11, 0.02)),
@@ -120,7 +122,9 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
         (APRILGRID.replace("0.088", "-1"), "tagSize is -1: expected a positive number"),
         (APRILGRID.replace(" 6 ", " 6.5 "), "tagCols is 6.5: expected a whole number"),
         (APRILGRID.replace(" 6 ", " 6000 "), "columns is 6000: expected a whole number from 1 to 1000"),
-        (APRILGRID + "codeOffset: 20\n", "Kalibr's aprilgrid has no 'codeOffset'"),
+        (APRILGRID + "codeOffset: 20\n", "codeOffset is 20: that is an aprilgrid whose first tag is not number 0"),
+        (APRILGRID + "low_id: 7\n", "low_id is 7: that is an aprilgrid whose first tag is not number 0, which is not"),
+        (APRILGRID + "colour: 7\n", "Kalibr's aprilgrid has no 'colour'"),
         (CHECKERBOARD.replace("0.03", "0.04"), "rowSpacingMeters 0.04: a checkerboard needs squares"),
         (CIRCLES.replace("True", "False"), "asymmetricGrid is False: only asymmetric grids"),
         ("tagCols: !!python/object/apply:os.system ['true']\ntarget_type: aprilgrid\n", 'tagCols is "!!python/obj'),
@@ -141,6 +145,13 @@ def test_a_file_that_is_not_there_and_a_folder_are_told(tmp_path):
         load_board(tmp_path / "none.json")
     with pytest.raises(ValueError, match="is a folder, not the file of a target"):
         load_board(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such files")
+def test_a_pipe_is_refused_rather_than_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "board.json")
+    with pytest.raises(ValueError, match=r"board\.json: is a pipe or a device"):
+        load_board(tmp_path / "board.json")
 
 
 @pytest.mark.parametrize("text", [APRILGRID, CHECKERBOARD, json.dumps(charuco(9, 6, 0.03, 0.02).to_dict())])

@@ -28,23 +28,27 @@ def cannot(refuses, tmp_path, monkeypatch):
             ("charuco", "9x6", "--square", "24mm", "--marker", "12mm", "--dictionary", "DICT_4X4_50", "--legacy"),
             {"marker": "12mm", "dictionary": "DICT_4X4_50", "legacy": True},
         ),
+        (("charuco", "9x6", "--square", "24mm", "--dictionary", "4x4_50"), {"dictionary": "DICT_4X4_50"}),
+        (("charuco", "5x4", "--square", "24mm", "--dictionary", "apriltag_36H11"), {"dictionary": "DICT_APRILTAG_36h11"}),
         (("aprilgrid", "6x6", "--tag", "24mm"), {"tag": "24mm", "spacing": 0.3}),
         (("aprilgrid", "6x6", "--tag", "2cm", "--spacing", "0.25"), {"tag": "20mm", "spacing": 0.25}),
         (("circles", "4x11", "--spacing", "18mm"), {"spacing": "18mm", "diameter": "18mm"}),
-        (("circles", "4x11", "--spacing", "18mm", "--diameter", "1cm"), {"diameter": "10mm"}),
+        (("circles", "4x11", "--spacing", "18mm", "--diameter", "1cm"), {"spacing": "18mm", "diameter": "10mm"}),
     ],
 )
 def test_a_board_is_written_three_times_and_described(make, tmp_path, arguments, values):
     status, out, err = make(*arguments)
     assert (status, err) == (0, "")
     kind, pattern = arguments[:2]
-    assert visible(tmp_path) == sorted(f"{kind}_{pattern}.{suffix}" for suffix in ("json", "pdf", "svg"))
-    board = load_board(tmp_path / f"{kind}_{pattern}.json")
+    first = values.get("square") or values.get("tag") or values.get("spacing") or "24mm"
+    name = f"{kind}_{pattern}_{first if isinstance(first, str) else '18mm'}"
+    assert visible(tmp_path) == sorted(f"{name}.{suffix}" for suffix in ("json", "pdf", "svg"))
+    board = load_board(tmp_path / f"{name}.json")
     assert (board.kind, str(board)) == (kind, pattern)
     assert values.items() <= board.to_dict().items()
-    assert (tmp_path / f"{kind}_{pattern}.pdf").read_bytes().startswith(b"%PDF")
-    assert (tmp_path / f"{kind}_{pattern}.svg").read_text().startswith("<svg")
-    for said in ("paper    A4, ", "print    at 100 %", "must measure 100 mm", f"--target {kind}_{pattern}.json"):
+    assert (tmp_path / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    assert (tmp_path / f"{name}.svg").read_text().startswith("<svg")
+    for said in ("paper    A4, ", "print    at 100 %", "must measure 100 mm", f"--target {name}.json"):
         assert said in out
     assert f"board    {kind} {pattern}, {board.size} points, " in out
     assert "note" not in out
@@ -72,7 +76,7 @@ def test_the_three_files_lie_side_by_side(make, tmp_path, name):
 def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, options, better):
     status, out, _ = make(kind, pattern, *options)
     assert status == 0
-    assert f"note     a {pattern} {kind} looks the same upside-down" in out
+    assert f"note     {kind} {pattern} looks the same upside-down" in out
     assert f"{better} can tell" in out
     assert ("quarter turn" in out) is (pattern == "7x7")
 
@@ -92,12 +96,20 @@ def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, o
         (("checkerboard", "9x6", "--square", "30mm", "--paper", "B4"), "cannot read the paper 'B4'"),
         (("checkerboard", "2x6", "--square", "30mm"), "needs 3x3 inner corners or more, got 2x6"),
         (("checkerboard", "9x6", "--square", "3m"), "more than A0: give --paper"),
-        (("charuco", "9x6"), "the target charuco needs square, marker"),
+        (("charuco", "9x6"), "the target charuco needs --square, a length with its unit, such as 24mm"),
         (("charuco", "9x6", "--square", "x"), "cannot read the length 'x'"),
-        (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_9"), "unknown dictionary of markers 'DICT_9'"),
+        (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_9"), "such as DICT_5X5_100"),
+        (
+            ("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_4X4"),
+            "unknown dictionary of markers 'DICT_4X4'; did you mean DICT_4X4_50, DICT_4X4_100, DICT_4X4_250 or",
+        ),
+        (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_5X4_100"), "did you mean DICT_"),
+        (("charuco", "9x6", "--square", "1.2mm"), "the marker of the 9x6 charuco is 0.9mm: less than 1mm"),
+        (("checkerboard", "200x101", "--square", "1mm"), "the 200x101 checkerboard has 20200 points: more than 10000"),
+        (("checkerboard", "9x6", "--square", "24mm", "-o", "b.png"), "is a PDF, an SVG and a JSON; name the PDF, b.pdf"),
         (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "9mm"), "--spacing must be a number, such as 0.3"),
         (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "nan"), "spacing is nan"),
-        (("circles", "4x11"), "the target circles needs spacing"),
+        (("circles", "4x11"), "the target circles needs --spacing, a length"),
         (("checkerboard", "9x6", "--square", "24mm", "-o", "."), "is a folder; name a file in it"),
         (("checkerboard", "9x6", "--square", "24mm", "-o", "none/b.pdf"), "the folder none does not exist"),
     ],
@@ -110,8 +122,13 @@ def test_a_board_that_cannot_be_says_why_and_leaves_nothing(cannot, tmp_path, ar
 def test_a_board_is_made_again_but_never_over_another_file(make, cannot, tmp_path):
     board = ("checkerboard", "9x6", "--square", "24mm", "-o", "b.pdf")
     assert make(*board)[0] == 0
-    assert make(*board[:3], "20mm", "-o", "b.pdf")[0] == 0
-    assert load_board(tmp_path / "b.json").square == 0.02
+    assert make(*board)[0] == 0
+    assert "b.json: is there and describes another board" in cannot(*board[:3], "20mm", "-o", "b.pdf")
+    assert load_board(tmp_path / "b.json").square == 0.024
+    for name in ("other.pdf", "other.svg"):
+        (tmp_path / name).write_text("a drawing of someone else's")
+        assert f"{name}: is there and was not written by omnisight" in cannot(*board[:4], "-o", "other.pdf")
+        (tmp_path / name).unlink()
     camera = save(TRUTH, tmp_path / "camera.json").path
     kept = camera.read_bytes()
     assert "is there and is no target, so it is kept" in cannot(*board[:4], "-o", "camera.pdf")

@@ -34,13 +34,14 @@ def drawings(paths: Sequence[Path], folder: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If the folder holds the pictures, or is none.
+        As `outputs`, or if the folder holds the pictures, or is none.
     """
+    files = outputs(paths, folder)
     if folder.resolve() in {path.parent.resolve() for path in paths}:
         raise ValueError(f"{folder}: holds the pictures; what is drawn would be taken for pictures the next time")
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file; name a folder")
-    return outputs(paths, folder)
+    return files
 
 
 def spare(files: Iterable[Path], pictures: Iterable[Path]) -> None:

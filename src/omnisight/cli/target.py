@@ -45,19 +45,21 @@ def target(
     marker
         charuco: side of a marker; three quarters of the square if absent.
     dictionary
-        charuco: OpenCV's name of the markers' dictionary; DICT_5X5_100 if absent.
+        charuco: OpenCV's name of the markers' dictionary, such as 4x4_50; DICT_5X5_100 if absent.
     legacy
         charuco: laid out as OpenCV before 4.6 did.
     tag
         aprilgrid: side of a tag with its black border.
     spacing
-        aprilgrid: gap between tags over a tag's side, 0.3 if absent. circles: from a row to the next, 20mm.
+        aprilgrid: gap between tags over a tag's side, 0.3 if absent. circles: distance of a row from
+        the next with its unit, such as 18mm.
     diameter
         circles: of one of them; as the spacing if absent.
     paper
         A0 to A5, Letter, Legal, Tabloid, or a size such as 600x400mm; the smallest of A4 to A0 that fits if absent.
     output
-        The PDF to write; SVG and JSON go beside it. Named after the board if absent.
+        The PDF to write; SVG and JSON go beside it. Named after the board and its size if absent. A file that is there
+        is only written over if it is the same board's.
     """
     from omnisight.images import write_bytes
     from omnisight.targets.printing.page import lay_out, smallest_paper
@@ -71,7 +73,7 @@ def target(
     board = _board(kind, pattern, {name: value for name, value in asked.items() if value is not None})
     paper = paper or smallest_paper(board)
     page = lay_out(board, paper)
-    pdf, svg, json = _files(output or Path(f"{kind}_{board}.pdf"))
+    pdf, svg, json = _files(output or Path(f"{kind}_{board}_{_size(board)}.pdf"), board)
     write_bytes(pdf, render_pdf(page))
     write_bytes(svg, render_svg(page).encode())
     save_board(board, json)
@@ -89,11 +91,14 @@ def target(
 def _board(kind: str, pattern: str, asked: dict[str, Any]) -> Any:
     """Build the board from what was asked for, and what is usual."""
     from omnisight.targets.boards import board_class
+    from omnisight.targets.boards._markers import full_name
     from omnisight.targets.boards._protocol import parse_pattern
     from omnisight.targets.length import format_length, parse_length
 
     cls = board_class(kind)
     values: dict[str, Any] = {**parse_pattern(pattern), **asked}
+    if "dictionary" in values:
+        values["dictionary"] = full_name(values["dictionary"])
     for field in dataclasses.fields(cls):
         share, of = field.metadata.get("usual", (None, None))
         if field.name in values and field.type == "float" and not field.metadata.get("length"):
@@ -102,6 +107,9 @@ def _board(kind: str, pattern: str, asked: dict[str, Any]) -> Any:
             values[field.name] = format_length(share * parse_length(values[of]))
         elif field.name not in values and share is not None and of is None:
             values[field.name] = share
+    for field in dataclasses.fields(cls):
+        if field.name not in values and field.default is dataclasses.MISSING and "usual" not in field.metadata:
+            raise ValueError(f"the target {kind} needs --{field.name}, a length with its unit, such as 24mm")
     return cls.from_dict(values)
 
 
@@ -112,19 +120,36 @@ def _number(name: str, text: str) -> float:
         raise ValueError(f"--{name} must be a number, such as 0.3, got {text!r}") from None
 
 
-def _files(output: Path) -> list[Path]:
-    """Give the PDF, the SVG and the JSON; refuse to write over a JSON that is something else."""
+def _size(board: Any) -> str:
+    """Give the first of a board's lengths, 24mm: the side of a square or of a tag, or the spacing."""
+    from omnisight.targets.length import format_length
+
+    return next((format_length(length) for length in board.lengths().values()), "")
+
+
+def _files(output: Path, board: Any) -> list[Path]:
+    """Give the PDF, the SVG and the JSON; refuse to write over what is not a drawing of ours, or another board."""
     from omnisight.targets.target_file import load_board
 
     if output.is_dir():
         raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'board.pdf'}")
-    stem = output.stem if output.suffix.lower() in (".pdf", ".svg", ".json") else output.name
+    written = output.suffix.lower() in (".pdf", ".svg", ".json")
+    if not written and output.suffix[1:].isalpha():
+        raise ValueError(f"{output}: what is written is a PDF, an SVG and a JSON; name the PDF, {output.stem}.pdf")
+    stem = output.stem if written else output.name
     files = [output.with_name(f"{stem}.{suffix}") for suffix in ("pdf", "svg", "json")]
+    instead = "so it is kept; name another file with -o"
+    for file, ours in zip(files, (b"/Producer (omnisight)", b"<title>omnisight "), strict=False):
+        if file.exists() and not (file.is_file() and ours in file.read_bytes()):
+            raise ValueError(f"{file}: is there and was not written by omnisight, {instead}")
     if files[2].exists():
         try:
-            load_board(files[2])
+            there = load_board(files[2])
         except ValueError:
-            raise ValueError(f"{files[2]}: is there and is no target, so it is kept; choose another -o") from None
+            raise ValueError(f"{files[2]}: is there and is no target, {instead}") from None
+        # A length may have lost its last digits in the file.
+        if there.to_dict() != board.to_dict():
+            raise ValueError(f"{files[2]}: is there and describes another board, {instead}")
     return files
 
 
@@ -134,7 +159,7 @@ def _symmetry(board: Any) -> str:
     others = [dataclasses.replace(board, columns=board.columns + i, rows=board.rows + j) for i, j in near]
     better = next(str(other) for other in others if not other.symmetric)
     return (
-        f"a {board} {board.kind} looks the same upside-down"
+        f"{board.kind} {board} looks the same upside-down"
         f"{', and its corners after every quarter turn' if board.columns == board.rows else ''}: one camera can be"
         f" calibrated with it, but two cannot agree which way up it is. {better} can tell"
     )

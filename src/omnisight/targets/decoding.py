@@ -73,7 +73,7 @@ def decode(
     detector = cv2.aruco.ArucoDetector(_with_mirrored(dictionary, count), parameters)
     found = Markers(np.zeros(0, np.int64), np.zeros((0, 4, 2)))
     for scaled, scale in _scaled(gray):
-        parameters.minMarkerPerimeterRate = _least_perimeter(scaled)
+        parameters.minMarkerPerimeterRate = _least_perimeter(scaled, count)
         detector.setDetectorParameters(parameters)
         corners, ids, _ = detector.detectMarkers(scaled)
         if not len(corners):
@@ -88,10 +88,11 @@ def decode(
     return found
 
 
-def _least_perimeter(gray: NDArray[Any]) -> float:
+def _least_perimeter(gray: NDArray[Any], count: int) -> float:
     """Give the least perimeter of a square worth looking at, over the picture's longer side.
 
-    It is `_SMALLEST`, unless a picture is full of squares: then so much that few enough are left.
+    It is `_SMALLEST`, unless a picture is full of squares: then so much that few enough are left, besides those of a
+    board of `count` markers, as many squares between them, and what is in the markers.
     """
     import cv2
 
@@ -110,9 +111,10 @@ def _least_perimeter(gray: NDArray[Any]) -> float:
             left = (2 * x + 1) * gray.shape[1] // (2 * _SAMPLES) - width // 2
             part = np.ascontiguousarray(gray[top : top + height, left : left + width])
             perimeters += [cv2.arcLength(square, True) for square in detector.detectMarkers(part)[2]]
-    if len(perimeters) <= _MOST_SQUARES:
+    most = _MOST_SQUARES + 3 * count // 16
+    if len(perimeters) <= most:
         return _SMALLEST
-    return max(_SMALLEST, _BEYOND * sorted(perimeters)[-_MOST_SQUARES] / max(gray.shape))
+    return max(_SMALLEST, _BEYOND * sorted(perimeters)[-most] / max(gray.shape))
 
 
 def _with_mirrored(name: str, count: int) -> Any:

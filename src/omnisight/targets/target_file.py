@@ -21,6 +21,9 @@ QUOTED = re.compile(r"'([^']*)'|\"([^\"]*)\"")
 INTEGER = re.compile(r"[-+]?\d{1,18}")
 REAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
+FIRST_TAG = "low_id", "codeOffset"
+"""What the number of an aprilgrid's first tag is called in Kalibr's files; 0 unless told."""
+
 
 def load_board(path: str | Path) -> Board:
     """Read a board: `{"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}`, or Kalibr's target yaml.
@@ -55,6 +58,8 @@ def _text(path: Path) -> str:
     try:
         if path.is_dir():
             raise ValueError("is a folder, not the file of a target")
+        if path.exists() and not path.is_file():
+            raise ValueError("is a pipe or a device; the file of a target must be an ordinary one")
         with path.open("rb") as file:
             data = file.read(LARGEST + 1)
     except OSError as error:
@@ -121,6 +126,13 @@ def _from_kalibr(values: dict[str, Any]) -> Board:
     if not isinstance(kind, str) or kind not in readers:
         found = "target_type is missing" if kind is None else f"target_type is {reprlib.repr(kind)}"
         raise ValueError(f"{found}: expected JSON with a target, or a target of Kalibr, {', '.join(readers)}")
+    if kind == "aprilgrid":
+        for name in [name for name in FIRST_TAG if name in values]:
+            if (first := values.pop(name)) != 0 or isinstance(first, bool):
+                raise ValueError(
+                    f"{name} is {reprlib.repr(first)}: that is an aprilgrid whose first tag is not number 0, which is"
+                    " not supported; use one that begins with tag 0"
+                )
     fields = _Fields(values)
     ours = readers[kind](fields)
     if fields.left:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from functools import cache
 from typing import Any
 
@@ -18,10 +19,34 @@ def dictionary_named(name: str) -> Any:
     """Give OpenCV's predefined dictionary of that name, such as DICT_5X5_100; ValueError if there is none."""
     import cv2
 
-    names = sorted({n.upper(): n for n in dir(cv2.aruco) if n.startswith("DICT_")}.values())
     if name not in dir(cv2.aruco) or not name.startswith("DICT_"):
-        raise ValueError(f"unknown dictionary of markers {name!r}; there are: {', '.join(names)}")
+        raise ValueError(f"unknown dictionary of markers {name!r}; {_meant(name)}")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def full_name(text: str) -> str:
+    """Give OpenCV's name of the dictionary that a user writes as 4x4_50 or dict_4X4_50; as it is if there is none."""
+    known = {name.upper(): name for name in _names()}
+    upper = text.strip().upper()
+    return known.get(upper) or known.get(f"DICT_{upper}") or text
+
+
+def _names() -> list[str]:
+    import cv2
+
+    return sorted({name.upper(): name for name in dir(cv2.aruco) if name.startswith("DICT_")}.values())
+
+
+def _meant(text: str) -> str:
+    """Ask for the dictionaries whose names are like that; say how they are called if none is."""
+    names = {name.upper(): name for name in _names()}
+    bare = text.strip().upper().removeprefix("DICT_")
+    close = [name for upper, name in names.items() if bare and bare in upper]
+    close = close or [names[name] for name in difflib.get_close_matches(f"DICT_{bare[:40]}", names, cutoff=0.75)]
+    close.sort(key=lambda name: [int(part) if part.isdigit() else 0 for part in name.split("_")])
+    if not close:
+        return "give one of OpenCV's, such as DICT_5X5_100 or DICT_4X4_50"
+    return f"did you mean {', '.join(close[:-1])}{' or ' if close[1:] else ''}{close[-1]}?"
 
 
 def marker_count(name: str) -> int:

@@ -119,8 +119,8 @@ class Board(ABC):
 
     @property
     def size(self) -> int:
-        """Number of points."""
-        return len(self.points)
+        """Number of points: one for each column and row unless a kind says otherwise."""
+        return self.columns * self.rows
 
     def lengths(self) -> dict[str, float]:
         """Give the lengths that are known, in metres, by their field."""

@@ -86,6 +86,10 @@ class AprilGrid(Board):
         return self.spacing * self.tag
 
     @property
+    def size(self) -> int:
+        return 4 * self.columns * self.rows
+
+    @property
     def points(self) -> NDArray[np.float64]:
         """Corners of the tags (4 x tags, 3) in metres, numbered as in the picture above; y is zero or negative."""
         j, i = np.mgrid[: 2 * self.rows, : 2 * self.columns]

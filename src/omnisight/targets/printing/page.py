@@ -22,6 +22,9 @@ BESIDE = 0.06
 """Where less is left beside the ruler, the words go under it."""
 RULERS = 0.1, 0.05, 0.02
 TICK, STROKE = 0.003, 0.0002
+FINEST = 0.001
+"""No printer makes a sound square or disc of less, in metres."""
+MOST_POINTS = 10_000
 SERIES = "A4", "A3", "A2", "A1", "A0"
 
 
@@ -43,8 +46,9 @@ def lay_out(board: Board, paper: str) -> Page:
     Raises
     ------
     ValueError
-        If there is no such paper, or the board does not fit on it: tells what would.
+        If there is no such paper, or the board does not fit on it: tells what would. If it cannot be printed.
     """
+    check_printable(board)
     room, width, height = max((_room(board, *size), *size) for size in paper_sizes(paper))
     if room < 1 - 1e-9:
         raise ValueError(_does_not_fit(board, paper, room))
@@ -65,6 +69,7 @@ def lay_out(board: Board, paper: str) -> Page:
 
 def smallest_paper(board: Board) -> str:
     """Give the smallest of A4, A3, A2, A1, A0 that the board fits on; ValueError if there is none."""
+    check_printable(board)
     for paper in SERIES:
         if _fits(board, paper):
             return paper
@@ -73,6 +78,20 @@ def smallest_paper(board: Board) -> str:
         f"the {board} {board.kind} needs {millimetres(width, height)} of paper, more than A0: give --paper, such as"
         f" {math.ceil(width * 100) * 10}x{math.ceil(height * 100) * 10}mm"
     )
+
+
+def check_printable(board: Board) -> None:
+    """Refuse a board with parts too small to print, or too many of them: ValueError."""
+    for name, length in board.lengths().items():
+        if length < FINEST - 1e-9:
+            raise ValueError(
+                f"the {name} of the {board} {board.kind} is {format_length(length)}: less than"
+                f" {format_length(FINEST)} cannot be printed"
+            )
+    if board.size > MOST_POINTS:
+        raise ValueError(
+            f"the {board} {board.kind} has {board.size} points: more than {MOST_POINTS} are not printed on one sheet"
+        )
 
 
 def _fits(board: Board, paper: str) -> bool:
