@@ -226,7 +226,7 @@ def test_a_marker_is_painted_as_its_cells_are_even_with_islands_in_lakes():
         (
             "charuco",
             {"columns": 9, "rows": 6, "square": "3cm", "marker": "2cm", "dictionary": "__doc__"},
-            "unknown dictionary of markers '__doc__'; there are: DICT_4X4_100",
+            "unknown dictionary of markers '__doc__'; give one of OpenCV's, such as DICT_5X5_100",
         ),
         (
             "charuco",

@@ -253,6 +253,47 @@ def test_pictures_without_a_board_give_none_fast(kind, board):
     assert time.perf_counter() - start < 4  # on a busy machine; a quarter of it on an idle one
 
 
+def bricks(width, height):
+    y, x = np.mgrid[:3000, :4000]
+    x = x + y // height % 2 * (width // 2)
+    return np.where((y % height < 3) | (x % width < 3), 190, 90).astype(np.uint8)
+
+
+def checks(side):
+    y, x = np.mgrid[:3000, :4000]
+    return np.where((x // side + y // side) % 2, 200, 50).astype(np.uint8)
+
+
+@pytest.mark.parametrize("wall", [lambda: bricks(60, 20), lambda: checks(20), lambda: checks(40)])
+def test_pictures_full_of_squares_are_searched_fast_and_a_board_before_them_is_found(wall):
+    picture = wall()
+    shown, _ = render(CHARUCO, "fisheye", pose(CHARUCO, 30))
+    picture[540:2460, 800:3200] = cv2.resize(shown, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    start = time.perf_counter()
+    (found,) = CHARUCO.detect(picture)
+    assert len(found) == CHARUCO.size
+    assert time.perf_counter() - start < 5  # on a busy machine; without a bound it takes a minute
+
+
+def test_nothing_is_measured_in_plain_gray():
+    black = np.random.default_rng(0).integers(9, 11, SIZE[::-1]).astype(np.uint8)
+    for picture in (black, np.full_like(black, 128)):
+        found = CIRCLES.measure(picture, np.array([[300.0, 300.0]]), 20 * np.eye(2)[None], np.zeros((1, 2, 2)))
+        assert np.isnan(found.pixels).all()
+        assert not (found.explained > 0).any()
+
+
+@pytest.mark.parametrize(("columns", "rows", "alike"), [(4, 10, True), (4, 11, False)])
+def test_a_lattice_that_fits_two_ways_round_is_located_only_where_the_board_is_its_own_turn(columns, rows, alike):
+    from omnisight.targets.circles import _canonical
+
+    board = CircleGrid(columns, rows, spacing=0.02)
+    ids = np.array([0, 5, -1, 17])
+    turned = np.where(ids < 0, ids, board.size - 1 - ids)
+    assert (_canonical(ids, board) == _canonical(turned, board)) is alike
+    assert _canonical(np.array([1, 2]), board) != _canonical(np.array([2, 1]), board)
+
+
 def test_the_middle_of_a_tilted_discs_picture_is_off_the_picture_of_its_middle():
     tilt = Rotation.from_euler("X", 50, degrees=True)
 

@@ -29,7 +29,10 @@ def cannot(refuses, tmp_path, monkeypatch):
             {"marker": "12mm", "dictionary": "DICT_4X4_50", "legacy": True},
         ),
         (("charuco", "9x6", "--square", "24mm", "--dictionary", "4x4_50"), {"dictionary": "DICT_4X4_50"}),
-        (("charuco", "5x4", "--square", "24mm", "--dictionary", "apriltag_36H11"), {"dictionary": "DICT_APRILTAG_36h11"}),
+        (
+            ("charuco", "5x4", "--square", "24mm", "--dictionary", "apriltag_36H11"),
+            {"dictionary": "DICT_APRILTAG_36h11"},
+        ),
         (("aprilgrid", "6x6", "--tag", "24mm"), {"tag": "24mm", "spacing": 0.3}),
         (("aprilgrid", "6x6", "--tag", "2cm", "--spacing", "0.25"), {"tag": "20mm", "spacing": 0.25}),
         (("circles", "4x11", "--spacing", "18mm"), {"spacing": "18mm", "diameter": "18mm"}),
@@ -106,7 +109,10 @@ def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, o
         (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_5X4_100"), "did you mean DICT_"),
         (("charuco", "9x6", "--square", "1.2mm"), "the marker of the 9x6 charuco is 0.9mm: less than 1mm"),
         (("checkerboard", "200x101", "--square", "1mm"), "the 200x101 checkerboard has 20200 points: more than 10000"),
-        (("checkerboard", "9x6", "--square", "24mm", "-o", "b.png"), "is a PDF, an SVG and a JSON; name the PDF, b.pdf"),
+        (
+            ("checkerboard", "9x6", "--square", "24mm", "-o", "b.png"),
+            "is a PDF, an SVG and a JSON; name the PDF, b.pdf",
+        ),
         (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "9mm"), "--spacing must be a number, such as 0.3"),
         (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "nan"), "spacing is nan"),
         (("circles", "4x11"), "the target circles needs --spacing, a length"),

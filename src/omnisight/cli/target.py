@@ -58,8 +58,8 @@ def target(
     paper
         A0 to A5, Letter, Legal, Tabloid, or a size such as 600x400mm; the smallest of A4 to A0 that fits if absent.
     output
-        The PDF to write; SVG and JSON go beside it. Named after the board and its size if absent. A file that is there
-        is only written over if it is the same board's.
+        The PDF to write; SVG and JSON go beside it. Named after the board and its size if absent. Nothing is
+        written over but drawings of omnisight's, and the JSON of the same board.
     """
     from omnisight.images import write_bytes
     from omnisight.targets.printing.page import lay_out, smallest_paper

@@ -119,9 +119,9 @@ def _placed(gray: NDArray[np.uint8], lattice: Lattice, blobs: Blobs, board: Circ
 
 
 def _canonical(ids: NDArray[np.int64], board: CircleGrid) -> tuple[int, ...]:
-    """Give the ids of a lattice's discs, in their own order, or what half a turn of the board onto itself makes of them.
+    """Give the ids of a lattice's discs, in the lattice's order, or what half a turn of the board makes of them.
 
-    The lesser of the two: one key for the places that no picture can tell apart.
+    The lesser of the two where the board is its own half turn: one key for places that no picture can tell apart.
     """
     turns = [ids]
     if board.symmetric:

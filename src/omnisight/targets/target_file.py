@@ -128,7 +128,7 @@ def _from_kalibr(values: dict[str, Any]) -> Board:
         raise ValueError(f"{found}: expected JSON with a target, or a target of Kalibr, {', '.join(readers)}")
     if kind == "aprilgrid":
         for name in [name for name in FIRST_TAG if name in values]:
-            if (first := values.pop(name)) != 0 or isinstance(first, bool):
+            if (first := values.pop(name)) is False or first != 0:
                 raise ValueError(
                     f"{name} is {reprlib.repr(first)}: that is an aprilgrid whose first tag is not number 0, which is"
                     " not supported; use one that begins with tag 0"

@@ -41,7 +41,7 @@ def _meant(text: str) -> str:
     """Ask for the dictionaries whose names are like that; say how they are called if none is."""
     names = {name.upper(): name for name in _names()}
     bare = text.strip().upper().removeprefix("DICT_")
-    close = [name for upper, name in names.items() if bare and bare in upper]
+    close = [name for upper, name in names.items() if len(bare) > 2 and bare in upper]
     close = close or [names[name] for name in difflib.get_close_matches(f"DICT_{bare[:40]}", names, cutoff=0.75)]
     close.sort(key=lambda name: [int(part) if part.isdigit() else 0 for part in name.split("_")])
     if not close:
