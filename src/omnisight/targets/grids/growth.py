@@ -12,7 +12,7 @@ import numpy as np
 from .lattice import Lattice
 from .saddles import Saddles
 
-_BUCKET = 16.0
+_BUCKET = 32.0
 """Side in px of the squares that saddle points are sorted into, to be found again by place."""
 
 

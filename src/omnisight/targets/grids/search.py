@@ -22,6 +22,9 @@ _COARSE_PIXELS = 2_500_000
 _LEVELS = ((1.0, False), (0.5, False), (0.25, False), (1.0, True))
 """Scales of the search, and whether to look closely: most boards; blurred, overexposed or large ones; tiny ones."""
 
+_BUSY = 1500
+"""Saddle points of which none form a grid that make it hopeless: they are noise."""
+
 _PLENTY = 20
 """Corners of a grid that make it needless to look for tiny boards."""
 
@@ -74,14 +77,17 @@ def _candidates(gray: NDArray[np.uint8]) -> list[Lattice]:
     import cv2
 
     found: list[Lattice] = []
+    busy = False
     base = min(1.0, (_COARSE_PIXELS / max(gray.size, 1)) ** 0.5)
     for level, fine in _LEVELS:
         size = (round(gray.shape[1] * base * level), round(gray.shape[0] * base * level))
-        if min(size) < 16 or (fine and any(seen(lattice) >= _PLENTY for lattice in found)):
+        if min(size) < 16 or (fine and (busy or any(seen(lattice) >= _PLENTY for lattice in found))):
             continue
         picture = gray if size == gray.shape[::-1] else cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
         zoom = np.array(gray.shape[::-1]) / size
-        grown = grow_lattices(find_saddles(picture, fine=fine), _SMALLEST)[:_TRIED]
+        saddles = find_saddles(picture, fine=fine)
+        grown = grow_lattices(saddles, _SMALLEST)[:_TRIED]
+        busy |= len(saddles.pixels) > _BUSY and not grown
         found += [(lattice + 0.5) * zoom - 0.5 for lattice in grown]
     return sorted(found, key=seen, reverse=True)
 
