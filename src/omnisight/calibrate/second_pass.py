@@ -39,6 +39,8 @@ CONTRADICTED = 0.5
 # What two edges may leave unexplained at a corner that the first look did not find: so much, and so many times as much
 # as at those that it found. Where a board ends three edges meet, and a sixth or more is left.
 POORER = 0.05, 3.0
+# Places of a part of a board that are tried: a small part of a large board has hundreds, and is little worth.
+MOST_PLACES = 40
 # A point less sure than this, px, says nothing.
 VAGUE = 2.0
 
@@ -205,7 +207,7 @@ def _settled(
 
     The best is the one at which most of the board is there. It is sure if it alone reaches to all four ends.
     """
-    if detection.located or not isinstance(board, Checkerboard):
+    if not isinstance(board, Checkerboard) or detection.located or _places(detection, board) > MOST_PLACES:
         return _again(gray, board, detection, model, cam_from_board, gate)
     rotation, translation = cam_from_board
     diagonal, last = board.points[board.columns + 1], board.points[-1]
@@ -231,6 +233,12 @@ def _settled(
     j, i = np.divmod(best.ids, board.columns)
     spans = (i.min(), i.max(), j.min(), j.max()) == (0, board.columns - 1, 0, board.rows - 1)
     return replace(best, located=bool(alone and spans)), won
+
+
+def _places(detection: Detection, board: Checkerboard) -> int:
+    """Count the places on the lattice that a part of a board may have, upright."""
+    j, i = np.divmod(detection.ids, board.columns)
+    return int((board.columns - np.ptp(i)) * (board.rows - np.ptp(j)))
 
 
 def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]:
