@@ -1,8 +1,10 @@
-"""The board that a command is told about."""
+"""The board that a command is told about, and the search for it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from omnisight.targets import Board, Checkerboard, parse_length
+from omnisight.cli._progress import Report
+from omnisight.targets import Board, BoardSearch, Checkerboard, parse_length
 from omnisight.targets.target_file import load_board
 
 
@@ -21,3 +23,19 @@ def asked_board(pattern: str | None, square: str | None, target: Path | None) ->
     if square is not None:
         parse_length(square)
     return None if pattern is None else Checkerboard.parse(pattern, square=square)
+
+
+def search_boards(
+    paths: Sequence[Path], board: Board | None, square: str | None, report: Report, *, apply_exif: bool, cache: bool
+) -> BoardSearch:
+    """Find a board in pictures, with progress; `square` is that of a board yet unknown."""
+    from omnisight.targets import find_boards
+
+    return find_boards(
+        paths,
+        board,
+        square=None if square is None else parse_length(square),
+        apply_exif=apply_exif,
+        cache=cache,
+        progress=lambda done, all_: report("find boards", done, all_),
+    )

@@ -65,13 +65,12 @@ def calibrate(
     begun = time.perf_counter()
     from omnisight.calibrate import calibrate_pictures
     from omnisight.calibrate.calibration import FEWEST_VIEWS
-    from omnisight.cli._board import asked_board
+    from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._names import drawings, labels
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.models import model_class
-    from omnisight.targets import find_boards, parse_length
 
     # What cannot work is said before the work.
     if output is not None:
@@ -83,14 +82,7 @@ def calibrate(
     if draw is not None:
         drawings(paths, draw)
     with progress(quiet or json) as report:
-        search = find_boards(
-            paths,
-            board,
-            square=None if square is None else parse_length(square),
-            apply_exif=apply_exif,
-            cache=cache,
-            progress=lambda done, all_: report("find boards", done, all_),
-        )
+        search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
         detected = time.perf_counter()
         least = 1 if force else FEWEST_VIEWS
         if sum(len(picture.boards) for picture in search.pictures) < least:

@@ -51,26 +51,18 @@ def detect(
     quiet
         Show no progress.
     """
-    from omnisight.cli._board import asked_board
+    from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._detect_report import as_json, print_report
     from omnisight.cli._draw import draw_boards
     from omnisight.cli._names import drawings
     from omnisight.images import collect_images
-    from omnisight.targets import find_boards, parse_length
 
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures)
     folder = output if output is not None or json else FOLDER
     files = drawings(paths, folder) if folder is not None else []
     with progress(quiet or json) as report:
-        search = find_boards(
-            paths,
-            board,
-            square=None if square is None else parse_length(square),
-            apply_exif=apply_exif,
-            cache=cache,
-            progress=lambda done, all_: report("find boards", done, all_),
-        )
+        search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
         if all(picture.size is None for picture in search.pictures):
             raise ValueError(
                 "\n".join(["none of the pictures can be read:", *(f"  {p.note}" for p in search.pictures[:5])])

@@ -44,17 +44,19 @@ def grow(smooth, pixels, rings, edges, amplitude, space, smallest):
     cells = np.full((count, 3), -1, np.int64)
     table = np.full((2 * _SPAN + 1, 2 * _SPAN + 1), -1, np.int64)
     queue = np.empty((table.size, 2), np.int64)
+    lone = np.zeros(count, np.bool_)
     rings = rings.astype(np.float32)
     grids = 0
     # Seeds amid a board first: another's first neighbours may be another board's, or none, and it would take them away.
     for turn in range(2 * count):
         seed, amid = turn % count, turn < count
-        if cells[seed, 0] >= 0:
+        if cells[seed, 0] >= 0 or lone[seed]:
             continue
         cells[seed, 0] = grids
         table[_SPAN, _SPAN] = seed
         queue[0, 0] = queue[0, 1] = _SPAN
         tail = _first_cells(seed, smooth, pixels, rings, edges, amplitude, space, cells, grids, table, queue)
+        lone[seed] = tail < 3  # with one neighbour at most, and later no more: it grows but a line
         head = 0
         if amid and not _amid(seed, pixels, table):
             head = tail  # not yet
