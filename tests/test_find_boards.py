@@ -136,4 +136,5 @@ def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
     assert find_boards(paths, BOARD).hint is None
     untold = find_boards(paths, square=0.03)
     assert untold.board == Checkerboard(9, 6, 0.03)
+    assert all(d.board == untold.board for p in untold.found for d in p.boards)
     assert len(untold.found) == 2

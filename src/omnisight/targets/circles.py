@@ -183,7 +183,7 @@ def _measured(
     there = np.flatnonzero(np.isfinite(pixels[:, 0]))
     if len(there) < _LEAST_SHARE * board.size:
         return None
-    return Detection(there, pixels[there], covariance[there])
+    return Detection(there, pixels[there], covariance[there], board=board)
 
 
 def _map(pixels: Array, points: Array, targets: Array, board: CircleGrid, *, leave_out: bool = False) -> LocalMap:

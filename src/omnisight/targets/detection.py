@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from omnisight.targets.boards import Board
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +27,8 @@ class Detection:
     located : bool
         Whether the place on the board is sure. If not, `ids` are those of one of several places that look the same: the
         steps between the points are right, which is all that a camera is calibrated from, but the origin may not be.
+    board : Board or None
+        The board whose points `ids` number; None where it was not told.
     note : str
         What the user should know, such as that the print is not quite the board that was asked for; may be empty.
     """
@@ -32,6 +38,7 @@ class Detection:
     covariance: NDArray[np.float64]
     located: bool = True
     note: str = ""
+    board: Board | None = None
 
     def __post_init__(self) -> None:
         count = len(self.ids)

@@ -190,7 +190,7 @@ def check_sizes(named: Sequence[tuple[str, tuple[int, int]]]) -> None:
 def _picture(path: Path, look: Look | UnreadableImage, board: Board | None) -> PictureDetection:
     if isinstance(look, UnreadableImage):
         return PictureDetection(path, note=str(look))
-    placed = list(look.boards)
+    placed = [replace(detection, board=board) for detection in look.boards]  # remembered without it
     used: list[Grid] = []
     if isinstance(board, Checkerboard):
         for grid in look.grids:

@@ -97,7 +97,7 @@ def detect_charuco(gray: NDArray[np.uint8], board: Charuco) -> list[Detection]:
         return []
     ids = numbers[found.ids]
     order = np.argsort(ids)
-    return [Detection(ids[order], found.pixels[order], found.covariance[order], note=note)]
+    return [Detection(ids[order], found.pixels[order], found.covariance[order], note=note, board=board)]
 
 
 def detect_aprilgrid(gray: NDArray[np.uint8], board: AprilGrid) -> list[Detection]:
@@ -205,4 +205,4 @@ def _confirmed(gray: NDArray[np.uint8], pixels: Array, sheet: Sheet) -> Detectio
     good = _judged(gray, fit, pixels[there], room, sheet.bright[there], np.zeros(0))
     if good.sum() < _LEAST_POINTS:
         return None
-    return Detection(there[good], fit.pixels[good], fit.covariance[good])
+    return Detection(there[good], fit.pixels[good], fit.covariance[good], board=sheet.board)

@@ -77,7 +77,7 @@ def place(grid: Grid, board: Checkerboard) -> Detection | None:
             detections.append(detection)
             names.add(_canonical(detection.ids[np.argsort(order[turned.there])], board))
     first = min(detections, key=lambda d: float(d.pixels[0].sum()))
-    return Detection(first.ids, first.pixels, first.covariance, located=len(names) == 1)
+    return Detection(first.ids, first.pixels, first.covariance, located=len(names) == 1, board=board)
 
 
 def _places(grid: Grid, board: Checkerboard) -> Iterable[tuple[int, Grid, int, int]]:
