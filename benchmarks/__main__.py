@@ -1,6 +1,8 @@
 """Run all benchmarks, or those named: `python -m benchmarks points views calibration startup`.
 
-`boards`, which takes a quarter of an hour, runs only where it is named; `python -m benchmarks.boards` has its options.
+`boards`, which takes a quarter of an hour, `solvers`, which takes some minutes, and `convergence`, which takes an hour,
+run only where they are named; `python -m benchmarks.boards` and `python -m benchmarks.convergence` have options, and
+`python -m benchmarks.solvers` takes names of sets.
 """
 
 import os
@@ -27,8 +29,18 @@ if "boards" in chosen:
 
     boards.main([])
     chosen.remove("boards")
-    if not chosen:
-        sys.exit()
+if "solvers" in chosen:
+    from benchmarks import solvers
+
+    solvers.main([])
+    chosen.remove("solvers")
+if "convergence" in chosen:
+    from benchmarks import convergence
+
+    convergence.main([])
+    chosen.remove("convergence")
+if not chosen:
+    sys.exit()
 races = [race for name in chosen for race in ALL[name].run()]
 print(f"OpenCV {cv2.__version__}, two threads, medians of runs in turn\n")
 print(table(races))

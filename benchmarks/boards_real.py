@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from benchmarks.boards_detectors import DETECTORS, NEAR, Found, classic, nothing, sector_based
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.pose import plane_poses
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import State, refine
 from omnisight.images import read_image, to_gray8
 from omnisight.models import CameraModel
@@ -164,8 +165,7 @@ def _misfits(model: CameraModel, points: NDArray[np.float64], pixels: NDArray[np
     if not np.isfinite(rotations).all():
         return np.ones(len(pixels), bool)
     state = State(model, rotations, translations)
-    fixed = np.zeros(len(model.params), bool)
-    return refine(state, view, free=fixed).state.lengths(view) > NEAR
+    return refine(state, view, freedom=Freedom.none(model)).state.lengths(view) > NEAR
 
 
 def _common(result: SetResult, peer: str, size: tuple[int, int]) -> tuple[float, float, int, int]:

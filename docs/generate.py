@@ -5,6 +5,7 @@ A line `{{ name argument | argument }}` of a page is replaced by what the functi
 
 import importlib
 import inspect
+import itertools
 import pkgutil
 import re
 import tempfile
@@ -49,9 +50,12 @@ def _model(name: str) -> str:
     example = cls.example()
     lines = [f"## {name}", "", *_prose(inspect.getdoc(cls) or "")]
     lines += ["| parameter | what it is | unit | bounds | estimated |", "|---|---|---|---|---|"]
-    for p in example.parameters:
+    # Coefficients of one kind share a row.
+    for (_, doc), alike in itertools.groupby(example.parameters, key=lambda p: (p.name.rstrip("0123456789"), p.doc)):
+        p, *rest = alike
         bounds = f"{_bound(p.low)} to {_bound(p.high)}" if p.low > -float("inf") or p.high < float("inf") else ""
-        lines.append(f"| `{p.name}` | {_plain(p.doc)} | {p.unit} | {bounds} | {'yes' if p.free else 'on request'} |")
+        named = f"`{p.name}`" + (f" ... `{rest[-1].name}`" if rest else "")
+        lines.append(f"| {named} | {_plain(doc)} | {p.unit} | {bounds} | {'yes' if p.free else 'on request'} |")
     held = [f"`{key}`" for key in _formats() if name in _formats()[key].MODELS]
     lines += ["", f"Held by the formats {', '.join(held)}."]
     if _is_central(cls):

@@ -1,5 +1,7 @@
 """The papers' equations at 50 digits, written here once more, against the models; and rays traced off real mirrors."""
 
+import math
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -109,6 +111,32 @@ def ocam(p, x, y, z):
     return r * x / rho, r * y / rho
 
 
+def cardinal(controls, place):
+    """Give the cubic spline of unit knots: control value i weighs M(place - i + 3), M by truncated powers."""
+
+    def m(t):
+        return mp.fsum((-1) ** k * mp.binomial(4, k) * max(t - k, mp.mpf(0)) ** 3 for k in range(5)) / 6
+
+    return mp.fsum(value * m(place - i + 3) for i, value in enumerate(controls) if abs(place - i + 1) < 2)
+
+
+def numbered(p, field):
+    return [p[f"{field}{i}"] for i in range(sum(name.strip("0123456789") == field for name in p))]
+
+
+def spline(p, x, y, z):
+    r = numbered(p, "r")
+    x, y = fisheye(lambda p, theta: theta * cardinal([r[1], *r], theta * (len(r) - 2) / p["reach"]))(p, x, y, z)
+    side = math.isqrt(len(numbered(p, "du")))
+    across, down = ((side - 3) * (q / p["extent"] + 1) / 2 for q in (x, y))
+
+    def surface(values):
+        rows = (cardinal(values[i : i + side], across) for i in range(0, side * side, side))
+        return cardinal(list(rows), down)
+
+    return x + surface(numbered(p, "du")), y + surface(numbered(p, "dv"))
+
+
 def panini(p, x, y, z):
     longitude = mp.atan2(x, z)
     stretch = (p["d"] + 1) / (p["d"] + mp.cos(longitude))
@@ -130,6 +158,7 @@ PLANE = {
     "equidistant": fisheye(lambda p, theta: theta),
     "equirectangular": unrolled(mp.atan2),
     "equisolid": fisheye(lambda p, theta: 2 * mp.sin(theta / 2)),
+    "radial_polynomial": fisheye(lambda p, t: t + p["k2"] * t**2 + p["k3"] * t**3 + p["k4"] * t**4),
     "eucm": eucm,
     "fisheye624": fisheye624,
     "fov": fisheye(fov),
@@ -142,6 +171,7 @@ PLANE = {
     "pinhole": pinhole,
     "radial_tangential": then(pinhole, brown),
     "rational": then(pinhole, brown),
+    "spline": spline,
     "stereographic": fisheye(lambda p, theta: 2 * mp.tan(theta / 2)),
     "thin_prism_fisheye": thin_prism,
     "unified": unified,
@@ -153,6 +183,8 @@ def exact(model, bearing):
     x, y = PLANE[model.name](p, *map(mp.mpf, map(float, bearing)))
     if model.name == "ocam":
         return p["e"] * y + x + p["cx"], p["c"] * y + p["d"] * x + p["cy"]
+    if model.name == "spline":
+        return x + p["cx"], y + p["cy"]
     return affine(p, x, y)
 
 

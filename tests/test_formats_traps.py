@@ -142,8 +142,6 @@ def test_camodocal_counts_the_fisheyes_coefficients_from_two(get):
     assert get(text).model == model_class("kannala_brandt")(400.0, 401.0, 320.0, 240.0, 0.1, 0.02, 0.003, 0.0004)
     with pytest.raises(FormatError, match="projection_parameters must hold k2, k3"):
         get(text.replace("k5", "k6"))
-    with pytest.raises(FormatError, match="use the calib_results"):
-        get(text.replace("KANNALA_BRANDT", "scaramuzza"))
 
 
 def test_basalt_the_unified_model_in_alpha(get):

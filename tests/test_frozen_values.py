@@ -17,7 +17,7 @@ CASES = [
 
 
 def test_every_source_is_there():
-    assert [file.stem for file in FILES] == ["colmap", "ocamcalib", "opencv"]
+    assert [file.stem for file in FILES] == ["colmap", "ocamcalib", "opencv", "scipy"]
     for file in FILES:
         frozen = json.loads(file.read_text())
         assert frozen["source"]

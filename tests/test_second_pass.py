@@ -7,8 +7,9 @@ import pytest
 
 from omnisight.calibrate import BoardViews, calibrate_pictures
 from omnisight.calibrate.initialise import initialise, posed
-from omnisight.calibrate.refine import refine, weight_roots
+from omnisight.calibrate.refine import refine
 from omnisight.calibrate.second_pass import Won, second_pass
+from omnisight.calibrate.spread import Spread
 from omnisight.images import read_image, write_image
 from omnisight.simulate import fisheye_setup
 from omnisight.targets import Checkerboard, find_boards
@@ -293,7 +294,7 @@ def boards_of(model, seed=0, count=6, noise=0.2):
 
 def test_without_covariances_all_residuals_count_alike():
     views = BoardViews.of(boards_of(lens(180)))
-    assert (weight_roots(initialise(views, SIZE), views) == np.eye(2)).all()
+    assert (Spread.of(initialise(views, SIZE), views).roots == np.eye(2)).all()
 
 
 def test_weighted_residuals_have_one_spread():
@@ -304,7 +305,7 @@ def test_weighted_residuals_have_one_spread():
     noise = rng.normal(size=(6, 54, 2)) * uncertain[..., None]
     views = BoardViews.of([(p, uv + n, sigma(s)) for (p, uv), n, s in zip(views, noise, uncertain, strict=True)])
     state, doubtful = initialise(views, SIZE), uncertain.ravel() > 0
-    roots = weight_roots(state, views)
+    roots = Spread.of(state, views).roots
     lengths = state.lengths(views)
     assert np.median(lengths[doubtful]) > 6 * np.median(lengths[~doubtful])
     lengths = state.lengths(views, roots)
@@ -321,7 +322,7 @@ def test_a_doubt_in_one_direction_leaves_the_other():
     one_way = turn @ np.diag([1.0, 0.0]) @ turn.T
     own = np.tile(one_way, (54, 1, 1)) * (np.arange(54) % 5 == 0)[:, None, None]
     views = BoardViews.of([(*view, own) for view in views])
-    roots = weight_roots(initialise(views, SIZE), views)
+    roots = Spread.of(initialise(views, SIZE), views).roots
     along, across = (np.linalg.norm(roots @ turn[:, k], axis=1) for k in (0, 1))
     doubtful = np.arange(len(roots)) % 54 % 5 == 0
     assert (along[doubtful] < 0.2 * across[doubtful]).all()

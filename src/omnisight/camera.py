@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
 
 Array = NDArray[np.float64]
@@ -76,7 +77,7 @@ class Camera:
     def angle_of(self, pixels: ArrayLike) -> Array:
         """Give the angle from the axis (radians) of pixels (..., 2), NaN where not valid."""
         bearings, _ = self.unproject(pixels)
-        return np.arctan2(np.hypot(bearings[..., 0], bearings[..., 1]), bearings[..., 2])
+        return angle_from_axis(bearings)
 
     def border(self, count: int = 64) -> Array:
         """Give pixels (N, 2) around the picture's edge."""
@@ -86,17 +87,18 @@ class Camera:
 
     def image_theta_max(self) -> float:
         """Give the largest angle from the axis (radians) that the picture's edge shows."""
-        angles = self.angle_of(self.border())
+        angles = angle_from_axis(self.model.unproject_numpy(self.border())[0])
         return float(np.nanmax(angles)) if np.isfinite(angles).any() else self.model.theta_max
 
     def scaled(self, factor: float) -> "Camera":
         """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
         size = (round(self.width * factor), round(self.height * factor))
         params = self.model.params.copy()
-        for i, name in enumerate(self.model.param_names):
+        for i, parameter in enumerate(self.model.parameters):
+            name = parameter.name
             if name in ("cx", "cy"):
                 params[i] = (params[i] + 0.5) * factor - 0.5
-            elif name in ("fx", "fy", "skew"):
+            elif parameter.unit == "px":
                 params[i] *= factor
             elif name[0] == "a" and name[1:].isdigit():  # f(r) = a0 + a2 r^2 ... with r in pixels
                 params[i] *= factor ** (1 - int(name[1:]))

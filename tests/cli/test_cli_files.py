@@ -83,7 +83,7 @@ def test_convert_refuses_past_the_threshold_and_writes_nothing(run, refuses, cam
     assert status == 2
     assert "holds       within 0.5 px up to" in said
     assert err.startswith("omnisight: division cannot represent this equidistant camera to 80 degrees: ")
-    assert "1e-06 allowed. Nothing is written; try --max-theta" in err
+    assert "1e-06 allowed. Nothing is written; try --model" in err
     assert "--force" in err
     assert visible(tmp_path) == ["camera.json"]
     assert run(*arguments, "--max-error", "1e-6", "--force")[0] == 0

@@ -11,6 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pycolmap
+import scipy
+from scipy.interpolate import BSpline
 
 SEED, COUNT = 20, 40
 HERE = Path(__file__).parent
@@ -173,11 +175,33 @@ def ocamcalib():
         yield case("world2cam with the file's inverse polynomial", "ocam", params, given, pixels, 0.01)
 
 
+def bspline():
+    """Project through scipy's B-splines, with control values drawn at random."""
+    rng = np.random.default_rng(SEED)
+    for spans, cells, limit in ((3, 1, 80), (9, 5, 110), (14, 8, 170)):
+        reach, extent, side = np.radians(limit) * 1.05, 300.0 * np.radians(limit) * 1.1, cells + 3
+        r = rng.uniform(270, 290, spans + 2)
+        du, dv = rng.uniform(-2, 2, (2, side, side))
+        params = {"cx": LENS["cx"], "cy": LENS["cy"], "reach": reach, "extent": extent}
+        for name, values in (("r", r), ("du", du.ravel()), ("dv", dv.ravel())):
+            params |= {f"{name}{i}": float(value) for i, value in enumerate(values)}
+        given = points(limit)
+        theta = np.arctan2(np.hypot(*given.T[:2]), given[:, 2])
+        profile = BSpline(reach / spans * np.arange(-3, spans + 4), np.insert(r, 0, r[1]), 3)
+        x, y = theta * profile(theta) * given.T[:2] / np.hypot(*given.T[:2])
+        knots = 2 * extent / cells * np.arange(-3, cells + 4) - extent
+        bend = np.stack([du, dv], -1)
+        moved = [BSpline(knots, BSpline(knots, bend, 3)(b), 3)(a) for a, b in zip(x, y, strict=True)]
+        pixels = np.stack([x, y], -1) + moved + (LENS["cx"], LENS["cy"])
+        yield case("scipy.interpolate.BSpline", "spline", params, given, pixels)
+
+
 if __name__ == "__main__":
     for file, source, cases in (
         ("opencv", f"OpenCV {cv2.__version__}", opencv()),
         ("colmap", f"pycolmap {pycolmap.__version__}", colmap()),
         ("ocamcalib", "OCamCalib's calib_results.txt of two cameras, and the formula of its world2cam", ocamcalib()),
+        ("scipy", f"scipy {scipy.__version__}", bspline()),
     ):
         made = f"make_frozen.py, numpy {np.__version__}, default_rng({SEED}), {COUNT} points each"
         frozen = {"source": source, "made": made, "cases": list(cases)}

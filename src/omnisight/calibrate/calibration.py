@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,24 +14,27 @@ from omnisight.calibrate.candidates import (
     HOPELESS,
     NARROW,
     NARROW_AUTO,
+    TIE,
     Candidate,
     choose,
-    fit_candidate,
-    held_out_rms,
     starts_of,
 )
+from omnisight.calibrate.freedom import Freedom, squared
 from omnisight.calibrate.initialise import initialise, posed
-from omnisight.calibrate.refine import Bundle, State, robust_threshold, weight_roots
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
+from omnisight.calibrate.trust.assess import Trust, assess
+from omnisight.calibrate.trust.verdict import FEWEST, Verdict
 from omnisight.calibrate.views import BoardViews
-from omnisight.calibrate.warn import doubts
 from omnisight.camera import Camera
+from omnisight.geometry.sphere import angle_from_axis
+from omnisight.images import ImageField
 from omnisight.models import CameraModel, model_names
-from omnisight.optim.loss import Huber, robust_sigma
+from omnisight.optim.loss import robust_sigma
 
 Array = NDArray[np.float64]
 
 Progress = Callable[[str, int, int], None]
-FEWEST_VIEWS = 3
 
 
 @dataclass(frozen=True)
@@ -40,9 +44,9 @@ class Calibration:
     Attributes
     ----------
     camera
-        The camera, with its figures and covariance.
+        The camera, with its figures, verdict and covariance.
     state
-        Its model with cam_from_board of every picture.
+        Its model with cam_from_board of every picture, and the bend of the board.
     views
         The corners it was calibrated on.
     candidates
@@ -53,8 +57,8 @@ class Calibration:
         Length of the residual, px: over all corners, and over pictures held out (None with too few pictures).
     outliers
         (N,) corners more than five robust standard deviations off.
-    warnings
-        What to doubt, a sentence each.
+    trust
+        How far it can be trusted.
     """
 
     camera: Camera
@@ -66,7 +70,12 @@ class Calibration:
     mean: float
     held_out_rms: float | None
     outliers: NDArray[np.bool_]
-    warnings: tuple[str, ...]
+    trust: Trust
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to use it, and what to do where not."""
+        return self.trust.verdict
 
     @property
     def residual_lengths(self) -> Array:
@@ -82,8 +91,11 @@ def calibrate_camera(
     loss: str = "huber",
     fixed: Sequence[str] = (),
     free: Sequence[str] = (),
+    square: bool = False,
+    flat: bool = False,
     force: bool = False,
     start: CameraModel | None = None,
+    field: ImageField | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Calibrate a camera from corners of a plane board.
@@ -102,10 +114,16 @@ def calibrate_camera(
         "huber", or "squared" for plain least squares.
     fixed, free
         Parameters by name that stay at their start (0 for a skew), or that move although they do not by default.
+    square
+        Hold pixels square: one focal length.
+    flat
+        Take the board as flat. Otherwise its bend is estimated, and kept if pictures held out are explained better.
     force
         Calibrate also from fewer than three pictures.
     start
         A camera near enough to begin from, if one is known.
+    field
+        Where the pictures show anything, if that is known.
     progress
         Called with a stage, how much of it is done, and how much there is.
 
@@ -126,20 +144,29 @@ def calibrate_camera(
     fitted: list[Candidate] = []
     for i, (name, state) in enumerate(started):
         report("fit", i, len(started))
-        fitted.append(fit_candidate(name, state, views, loss=loss, fixed=fixed, free=free))
+        if square:
+            state = dataclasses.replace(state, model=squared(state.model))
+        freedom = Freedom.of(state.model, fixed=fixed, free=free, square=square)
+        fitted.append(Candidate.fit(name, state, views, freedom, loss=loss))
+    report("fit", len(started), len(started))
     if not fitted:
         raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(begun, views):.0f} degrees")
-    judged = _hold_out(fitted, views, loss, report)
-    best, reason = choose(judged)
+    sharpest = min(fitted, key=lambda c: robust_sigma(c.state.lengths(views)))
+    usable = ~Spread.of(sharpest.state, views).doubtful(sharpest.state, views)
+    judged = _hold_out(fitted, views, usable, loss, flat, report)
+    best, reason = choose(judged, views, usable)
     ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
-    return _conclude(best, reason, tuple(ranked), views, size, auto=model == "auto")
+    report("judge", 0, 1)
+    found = _conclude(best, reason, tuple(ranked), views, size, loss, field, begun, auto=model == "auto")
+    report("judge", 1, 1)
+    return found
 
 
 def must_be_enough(views: BoardViews, *, force: bool) -> None:
     """Raise ValueError if there are too few pictures to calibrate from."""
-    if len(views) < (1 if force else FEWEST_VIEWS):
+    if len(views) < (1 if force else FEWEST):
         raise ValueError(
-            f"{len(views)} pictures with a board are too few: {FEWEST_VIEWS} is the least, 10 to 20 are good;"
+            f"{len(views)} pictures with a board are too few: {FEWEST} is the least, 10 to 20 are good;"
             " the board tilted, and everywhere in the picture"
         )
 
@@ -147,7 +174,7 @@ def must_be_enough(views: BoardViews, *, force: bool) -> None:
 def _models(model: str, start: State, views: BoardViews) -> tuple[str, ...]:
     if model != "auto":
         return (model,)
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < FEWEST:
         return FEW_PARAMETERS
     return (*AUTO, *(NARROW_AUTO if _reach(start, views) < NARROW else ()))
 
@@ -161,20 +188,29 @@ def _must_be_known(names: Sequence[str], models: Sequence[CameraModel], asked: s
         )
 
 
-def _hold_out(fitted: Sequence[Candidate], views: BoardViews, loss: str, report: Progress) -> list[Candidate]:
-    if len(views) < FEWEST_VIEWS:
+def _hold_out(
+    fitted: Sequence[Candidate], views: BoardViews, usable: NDArray[np.bool_], loss: str, flat: bool, report: Progress
+) -> list[Candidate]:
+    """Ask every model that is not hopeless about pictures it has not seen, with a bent board where that is better."""
+    if len(views) < FEWEST:
         return list(fitted)
-    sharpest = min(fitted, key=lambda c: robust_sigma(c.state.lengths(views)))
-    usable = ~_outliers(sharpest.state, views)
     least = min(c.rms for c in fitted)
-    judged: list[Candidate] = []
-    for i, candidate in enumerate(fitted):
-        report("hold out", i, len(fitted))
-        if candidate.rms <= HOPELESS * least:
-            held_out = held_out_rms(candidate, views, usable, loss=loss)
-            candidate = dataclasses.replace(candidate, held_out_rms=held_out)
-        judged.append(candidate)
-    report("hold out", len(fitted), len(fitted))
+    near = [i for i, c in enumerate(fitted) if c.rms <= HOPELESS * least]
+    judged = list(fitted)
+
+    def hold_out(candidates: Sequence[Candidate]) -> None:
+        for done, (i, candidate) in enumerate(zip(near, candidates, strict=True)):
+            report("hold out", done, len(near))
+            judged[i] = candidate.held_out(views, usable, loss=loss)
+        report("hold out", len(near), len(near))
+
+    hold_out([fitted[i] for i in near])
+    if flat:
+        return judged
+    best = min((judged[i] for i in near), key=lambda c: c.held_out_rms or 0.0)
+    bent = best.bent(views, loss=loss).held_out(views, usable, loss=loss)
+    if (bent.held_out_rms or 0.0) < (1 - TIE) * (best.held_out_rms or 0.0):
+        hold_out([judged[i].bent(views, loss=loss) for i in near])
     return judged
 
 
@@ -184,31 +220,36 @@ def _conclude(
     ranked: tuple[Candidate, ...],
     views: BoardViews,
     size: tuple[int, int],
+    loss: str,
+    field: ImageField | None,
+    scout: State,
     *,
     auto: bool,
 ) -> Calibration:
     state = best.state
-    outliers = _outliers(state, views)
+    outliers = Spread.of(state, views).doubtful(state, views)
     points, _ = state.points(views)
     shown = np.isfinite(state.residuals(views)).all(1)  # in the model's domain
-    angles = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
-    figures = {
+    angles = angle_from_axis(points)
+    camera = Camera(
+        state.model,
+        size,
+        theta_max=float(angles[~outliers & shown].max(initial=0.0)),
+    )
+    camera, trust = assess(best, camera, views, ~outliers, scout=scout, field=field, loss=loss, auto=auto)
+    figures: dict[str, Any] = {
         "rms": best.rms,
         "mean": best.mean,
         "held_out_rms": best.held_out_rms,
         "pictures": len(views),
         "corners": len(views.pixels),
         "outliers": int(outliers.sum()),
+        **trust.figures(),
     }
-    camera = Camera(
-        state.model,
-        size,
-        theta_max=float(angles[~outliers & shown].max(initial=0.0)),
-        calibration=figures,
-        covariance=_covariance(best, views),
-    )
+    if best.freedom.warp:
+        figures["board_warp"] = [float(bend) for bend in state.warp]
     return Calibration(
-        camera,
+        dataclasses.replace(camera, calibration=figures),
         state,
         views,
         ranked,
@@ -217,29 +258,13 @@ def _conclude(
         best.mean,
         best.held_out_rms,
         outliers,
-        doubts(state, views, auto=auto),
+        trust,
     )
-
-
-def _outliers(state: State, views: BoardViews) -> NDArray[np.bool_]:
-    roots = weight_roots(state, views)
-    return state.lengths(views, roots) > robust_threshold(state, views, roots)
-
-
-def _covariance(best: Candidate, views: BoardViews) -> Array:
-    """Give the covariance (P, P) of the camera's parameters, zero for those that stood still."""
-    roots = weight_roots(best.state, views)
-    threshold = robust_threshold(best.state, views, roots)
-    normal = Bundle(views, Huber(threshold), best.free, roots).linearise(best.state)
-    sigma = robust_sigma(best.state.lengths(views, roots))
-    covariance = np.zeros((len(best.free), len(best.free)))
-    covariance[np.ix_(best.free, best.free)] = sigma**2 * normal.shared_covariance()
-    return covariance
 
 
 def _reach(state: State, views: BoardViews) -> float:
     points, _ = state.points(views)
-    return float(np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max())
+    return float(angle_from_axis(points).max())
 
 
 def _degrees(state: State, views: BoardViews) -> float:

@@ -1,16 +1,21 @@
 """Fitting camera models to the same boards, and choosing one by the pictures it has not seen."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.initialise import restart
-from omnisight.calibrate.refine import State, free_params, refine
+from omnisight.calibrate.refine import refine
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
-from omnisight.models import CameraModel, model_class
+from omnisight.models import model_class
 from omnisight.models.ocam import Ocam
+from omnisight.models.spline import Spline
 
 Array = NDArray[np.float64]
 
@@ -19,7 +24,10 @@ FEW_PARAMETERS = ("unified", "eucm", "double_sphere")
 NARROW_AUTO = ("radial_tangential",)
 NARROW = np.radians(62.0)
 OCAM_DEGREES = (3, 4, 5, 6)
+# Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
+SPANS, MANY = 10, 800
 FOLDS = 5
+FOLD_TOLERANCE = 1e-5
 # A model is not asked about pictures it has not seen where it explains those it has so much worse than the best.
 HOPELESS = 1.5
 # Held-out figures this close are the same: the model with fewer parameters is taken.
@@ -35,25 +43,30 @@ class Candidate:
     name
         The model, with its degree where it has one.
     state
-        Camera and poses.
-    parameters
-        How many of the camera's parameters were estimated.
+        Camera, poses and bend of the board.
+    freedom
+        What was estimated.
     rms, mean
         Length of the residual over all corners, px.
     held_out_rms
         The same over pictures that the camera was not calibrated on (k-fold, their poses free, corners that no model
         explains left out), px; None where it was not asked for.
-    free
-        Which parameters were estimated (P,).
+    held_out_lengths
+        (N,) those residuals, px, corner by corner.
     """
 
     name: str
     state: State
-    parameters: int
+    freedom: Freedom
     rms: float
     mean: float
-    held_out_rms: float | None
-    free: NDArray[np.bool_]
+    held_out_rms: float | None = None
+    held_out_lengths: Array | None = None
+
+    @property
+    def parameters(self) -> int:
+        """How many of the camera's parameters were estimated."""
+        return self.freedom.directions.shape[1]
 
     def as_dict(self) -> dict[str, float | str | int | None]:
         """Give the figures by name."""
@@ -65,67 +78,75 @@ class Candidate:
             "held_out_rms": self.held_out_rms,
         }
 
+    @classmethod
+    def fit(cls, name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: str) -> "Candidate":
+        """Refine one model on all pictures."""
+        state = refine(start, views, freedom=freedom, loss=loss).state
+        lengths = state.lengths(views)
+        return cls(name, state, freedom, float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
+
+    def bent(self, views: BoardViews, *, loss: str) -> "Candidate":
+        """Refine it again with a board that may be bent."""
+        return self.fit(self.name, self.state, views, dataclasses.replace(self.freedom, warp=True), loss=loss)
+
+    def held_out(self, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
+        """Give it with the rms over pictures left out (k-fold): camera and board from the others, own poses free."""
+        count = len(views)
+        folds = min(FOLDS, count)
+        spread = Spread.of(self.state, views, loss)
+        lengths = np.empty(len(views.pixels))
+        for fold in range(folds):
+            test = np.arange(fold, count, folds)
+            trained = self.trained_on(np.setdiff1d(np.arange(count), test), views, spread)
+            rows = views.rows(test)
+            lengths[rows] = posed_by(trained, self.state.part(test), views.subset(test), spread.part(rows))
+        rms = float(np.sqrt((lengths[usable] ** 2).mean())) if usable.any() else None
+        return dataclasses.replace(self, held_out_rms=rms, held_out_lengths=lengths)
+
+    def trained_on(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> State:
+        """Refine it on some of the views alone, their corners counting as among all."""
+        part = spread.part(views.rows(some))
+        solution = refine(
+            self.state.part(some), views.subset(some), freedom=self.freedom, spread=part, tolerance=FOLD_TOLERANCE
+        )
+        return solution.state
+
+
+def posed_by(trained: State, start: State, views: BoardViews, spread: Spread) -> Array:
+    """Pose views by a camera and board that did not see them, and give the length (px) of each residual (N,)."""
+    start = dataclasses.replace(start, model=trained.model, warp=trained.warp)
+    still = Freedom.none(trained.model)
+    return refine(start, views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state.lengths(views)
+
 
 def starts_of(name: str, start: State, views: BoardViews) -> list[tuple[str, State]]:
     """Give the camera model of that name fitted to the start's directions; the polynomial in each of its degrees."""
+    if name == "spline":
+        return [(name, spline_start(start, views))]
     if name != "ocam":
         state = restart(start, model_class(name), views)
         return [] if state is None else [(name, state)]
     points, _ = start.points(views)
-    found: list[tuple[str, State]] = []
-    for degree in OCAM_DEGREES:
-        model = Ocam.start_of_degree(points, views.pixels, degree)
-        found.append((f"ocam degree {degree}", State(model, start.rotations, start.translations)))
-    return found
+    return [
+        (f"ocam degree {degree}", dataclasses.replace(start, model=Ocam.start_of_degree(points, views.pixels, degree)))
+        for degree in OCAM_DEGREES
+    ]
 
 
-def fit_candidate(
-    name: str, start: State, views: BoardViews, *, loss: str, fixed: Sequence[str], free: Sequence[str]
-) -> Candidate:
-    """Refine one model on all pictures."""
-    moving = freed(start.model, fixed, free)
-    state = refine(start, views, free=moving, loss=loss).state
-    lengths = state.lengths(views)
-    return Candidate(
-        name,
-        state,
-        int(moving.sum()),
-        float(np.sqrt((lengths**2).mean())),
-        float(lengths.mean()),
-        None,
-        moving,
-    )
+def spline_start(start: State, views: BoardViews) -> State:
+    """Give a spline fitted to the start's directions, as fine as so many corners can tell."""
+    points, _ = start.points(views)
+    model = Spline.start_of(points, views.pixels, SPANS, 3 if len(points) < MANY else 5)
+    return dataclasses.replace(start, model=model)
 
 
-def freed(model: CameraModel, fixed: Sequence[str], free: Sequence[str]) -> NDArray[np.bool_]:
-    """Say which parameters move (P,); names that the model lacks are passed over."""
-    still, moving = (np.array([name in names for name in model.param_names]) for names in (fixed, free))
-    return (free_params(model) & ~still) | moving
+def choose(candidates: Sequence[Candidate], views: BoardViews, usable: NDArray[np.bool_]) -> tuple[Candidate, str]:
+    """Give the best candidate and one sentence that says why.
 
-
-def held_out_rms(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> float:
-    """Give the rms (px) over pictures left out (k-fold): the camera from the others, their own poses free."""
-    count = len(views)
-    folds = min(FOLDS, count)
-    squares, corners = 0.0, 0
-    none = np.zeros_like(candidate.free)
-    for fold in range(folds):
-        test = np.arange(fold, count, folds)
-        train = np.setdiff1d(np.arange(count), test)
-        trained = refine(
-            _part(candidate.state, train), views.subset(train), free=candidate.free, loss=loss, tolerance=1e-6
-        ).state
-        seen = views.subset(test)
-        part = _part(candidate.state, test)
-        posed = refine(State(trained.model, part.rotations, part.translations), seen, free=none, loss=loss).state
-        use = np.concatenate([usable[views.groups[i]] for i in test])
-        lengths = posed.lengths(seen)[use]
-        squares, corners = squares + float((lengths**2).sum()), corners + len(lengths)
-    return float(np.sqrt(squares / max(corners, 1)))
-
-
-def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
-    """Give the best candidate and one sentence that says why."""
+    Of those that are as good as the best on pictures held out, the one with the fewest parameters: whose mean square is
+    above by no more than its standard error over the pictures (Breiman et al., Classification and regression trees,
+    1984, sec. 3.4.3), both asked about the same pictures.
+    """
     asked = [c for c in candidates if c.held_out_rms is not None]
     if not asked:
         best = min(candidates, key=lambda c: (round(c.rms, 3), c.parameters))
@@ -134,7 +155,7 @@ def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
             f"{best.name}: too few pictures to hold any out, so the least rms decides ({best.rms:.3f} px).",
         )
     lowest = min(asked, key=lambda c: c.held_out_rms or 0)
-    near = [c for c in asked if (c.held_out_rms or 0) <= (1 + TIE) * (lowest.held_out_rms or 0)]
+    near = [c for c in asked if _as_good(c, lowest, views, usable)]
     best = min(near, key=lambda c: (c.parameters, c.held_out_rms or 0))
     others = [c for c in asked if c is not best]
     figure = f"{best.held_out_rms:.3f} px on pictures it was not calibrated on"
@@ -146,13 +167,19 @@ def choose(candidates: Sequence[Candidate]) -> tuple[Candidate, str]:
     second = min(others, key=lambda c: c.held_out_rms or 0)
     if best is not lowest:
         why = (
-            f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) within {TIE:.0%}, with {best.parameters}"
-            f" parameters instead of {lowest.parameters}"
+            f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) as far as so many pictures can tell, with"
+            f" {best.parameters} parameters instead of {lowest.parameters}"
         )
     else:
         why = f"the least of {len(asked)}; next is {second.name} with {second.held_out_rms:.3f} px"
     return best, f"{best.name}: {figure}, {why}."
 
 
-def _part(state: State, views: NDArray[np.intp]) -> State:
-    return State(state.model, state.rotations[views], state.translations[views])
+def _as_good(candidate: Candidate, lowest: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:
+    if (candidate.held_out_rms or 0) <= (1 + TIE) * (lowest.held_out_rms or 0):
+        return True
+    if candidate.held_out_lengths is None or lowest.held_out_lengths is None:
+        return False
+    worse = np.where(usable, candidate.held_out_lengths**2 - lowest.held_out_lengths**2, 0.0)
+    by_view = np.bincount(views.view_of_row, worse, len(views))
+    return bool(by_view.mean() <= by_view.std(ddof=1) / np.sqrt(len(views)))

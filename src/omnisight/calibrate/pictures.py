@@ -35,6 +35,8 @@ def calibrate_pictures(
     names: Sequence[str] | None = None,
     model: str = "auto",
     loss: str = "huber",
+    square: bool = False,
+    flat: bool = False,
     force: bool = False,
     apply_exif: bool = False,
     progress: Progress | None = None,
@@ -50,7 +52,7 @@ def calibrate_pictures(
         What `find_boards` found.
     names
         One for each picture; the files' unless told otherwise.
-    model, loss, force, progress
+    model, loss, square, flat, force, progress
         As in `calibrate_camera`.
     apply_exif
         As in `find_boards`.
@@ -71,6 +73,15 @@ def calibrate_pictures(
     )
     views = BoardViews.of_search(search, names)
     calibration = calibrate_camera(
-        views, search.size, model=model, loss=loss, force=force, start=start.model, progress=progress
+        views,
+        search.size,
+        model=model,
+        loss=loss,
+        square=square,
+        flat=flat,
+        force=force,
+        start=start.model,
+        field=search.field,
+        progress=progress,
     )
     return PicturesCalibration(calibration, search, won)

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.refine import State, robust_threshold, weight_roots
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.rotation import look
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import UnreadableImage, read_image, to_gray8
 from omnisight.models import CameraModel
 from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, PictureDetection
@@ -106,7 +108,7 @@ def second_pass(
     board = search.board
     if board is None:
         return search, Won()
-    gate = robust_threshold(state, views, weight_roots(state, views))
+    gate = Spread.of(state, views).threshold
     first = np.concatenate([[0], np.cumsum([len(p.boards) for p in search.pictures])])
     camera = Camera(state.model, search.size)
 
@@ -190,7 +192,7 @@ def _again(
     ids = np.flatnonzero(good)
     new = good & ~known
     directions = board.points @ rotation.T + translation
-    angle = np.degrees(np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2]))
+    angle = np.degrees(angle_from_axis(directions))
     won = Won(int(new.sum()), int((new & (angle > FAR_DEG)).sum()), int((known & ~good).sum()))
     return replace(detection, ids=ids, pixels=pixels[ids], covariance=found.covariance[ids]), won
 

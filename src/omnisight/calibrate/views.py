@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -28,6 +29,8 @@ class BoardViews:
         One slice of the rows per view: a board in a picture.
     names
         One name per view.
+    extent
+        (2, 2) least and greatest (x, y) of the board: what `bows` are relative to.
     """
 
     points: Array
@@ -35,10 +38,18 @@ class BoardViews:
     covariance: Array
     groups: tuple[slice, ...]
     names: tuple[str, ...]
+    extent: Array
 
     @classmethod
-    def of(cls, views: Sequence[Sequence[ArrayLike]], names: Sequence[str] | None = None) -> Self:
+    def of(
+        cls,
+        views: Sequence[Sequence[ArrayLike]],
+        names: Sequence[str] | None = None,
+        extent: ArrayLike | None = None,
+    ) -> Self:
         """Join views, each (points (n, 3), pixels (n, 2)) or (points, pixels, covariance (n, 2, 2)).
+
+        The extent is that of all corners unless told otherwise.
 
         Raises
         ------
@@ -62,7 +73,11 @@ class BoardViews:
             covariance.append(c)
             groups.append(slice(start, start + len(x)))
             start += len(x)
-        return cls(np.concatenate(points), np.concatenate(pixels), np.concatenate(covariance), tuple(groups), names)
+        corners = np.concatenate(points)
+        if extent is None:
+            extent = [corners[:, :2].min(0), corners[:, :2].max(0)] if len(corners) else np.zeros((2, 2))
+        joined = corners, np.concatenate(pixels), np.concatenate(covariance)
+        return cls(*joined, tuple(groups), names, np.asarray(extent, float))
 
     @classmethod
     def of_search(cls, search: BoardSearch, names: Sequence[str] | None = None) -> Self:
@@ -80,7 +95,7 @@ class BoardViews:
             for name, picture in zip(names, search.pictures, strict=True)
             for k in range(len(picture.boards))
         ]
-        return cls.of(views, labels)
+        return cls.of(views, labels, [points[:, :2].min(0), points[:, :2].max(0)])
 
     def __len__(self) -> int:
         """Give the number of views."""
@@ -91,8 +106,21 @@ class BoardViews:
         """(N,) the view of each corner."""
         return np.repeat(np.arange(len(self)), [g.stop - g.start for g in self.groups])
 
+    @cached_property
+    def bows(self) -> Array:
+        """(N, 2) how far a board bent by one unit across x, or across y, stands off its plane at each corner.
+
+        1 - x^2 and 1 - y^2 with the board between -1 and 1, as mrcal does: nought at the edges, one in the middle.
+        """
+        middle, half = self.extent.mean(0), np.ptp(self.extent, axis=0) / 2
+        return 1 - ((self.points[:, :2] - middle) / np.where(half > 0, half, 1.0)) ** 2
+
+    def rows(self, views: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
+        """Give the rows of the corners of some of the views."""
+        return np.concatenate([np.arange(0), *(np.arange(self.groups[i].start, self.groups[i].stop) for i in views)])
+
     def subset(self, views: Sequence[int] | NDArray[np.intp]) -> Self:
         """Give some of the views."""
         rows = [self.groups[i] for i in views]
         chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
-        return self.of(chosen, [self.names[i] for i in views])
+        return self.of(chosen, [self.names[i] for i in views], self.extent)

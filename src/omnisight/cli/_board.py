@@ -1,6 +1,8 @@
 """The board that a command is told about, and the search for it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from omnisight.cli._progress import Report
@@ -28,14 +30,36 @@ def asked_board(pattern: str | None, square: str | None, target: Path | None) ->
 def search_boards(
     paths: Sequence[Path], board: Board | None, square: str | None, report: Report, *, apply_exif: bool, cache: bool
 ) -> BoardSearch:
-    """Find a board in pictures, with progress; `square` is that of a board yet unknown."""
-    from omnisight.targets import find_boards
+    """Find a board in pictures and in the frames of clips that say most, with progress.
 
-    return find_boards(
-        paths,
+    `square` is that of a board yet unknown. A clip that gives no frames stays as a picture that cannot be read.
+    """
+    from omnisight.calibrate.clip import choose_frames
+    from omnisight.images import CLIPS, UnreadableImage
+    from omnisight.targets import PictureDetection, find_boards
+
+    shots: list[Path] = []
+    remarks: dict[Path, str] = {}
+    lost: list[PictureDetection] = []
+    for path in paths:
+        if path.suffix.lower() not in CLIPS:
+            shots.append(path)
+            continue
+        looking = partial(report, f"look through {path.name}")
+        try:
+            chosen = choose_frames(path, board, apply_exif=apply_exif, cache=cache, progress=looking)
+        except UnreadableImage as error:
+            lost.append(PictureDetection(path, note=str(error)))
+        else:
+            shots += chosen.paths
+            remarks[chosen.paths[0]] = chosen.note
+    search = find_boards(
+        shots,
         board,
         square=None if square is None else parse_length(square),
         apply_exif=apply_exif,
         cache=cache,
         progress=lambda done, all_: report("find boards", done, all_),
     )
+    pictures = [p.with_remark(remarks[p.path]) if p.path in remarks else p for p in search.pictures]
+    return replace(search, pictures=pictures + lost)

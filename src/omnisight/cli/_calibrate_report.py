@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.calibrate import Calibration, PicturesCalibration
+from omnisight.calibrate.trust.verdict import Level
 from omnisight.camera import Camera
 from omnisight.cli._console import console
 from omnisight.cli._draw import rows_of_pictures
@@ -15,6 +16,8 @@ from omnisight.cli._names import labels
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
 from omnisight.targets import BoardSearch, Checkerboard
+
+STYLES = {Level.GOOD: "bold green", Level.USABLE: "bold yellow", Level.DO_NOT_USE: "bold red"}
 
 
 def rows(search: BoardSearch, calibration: Calibration) -> list[dict[str, Any]]:
@@ -41,8 +44,9 @@ def as_json(
     result: PicturesCalibration,
     camera: Camera,
     seconds: Mapping[str, float],
+    more: Mapping[str, Any],
 ) -> None:
-    """Print one object on stdout, and nothing else."""
+    """Print one object on stdout, and nothing else; `more` is what else to say."""
     search, calibration = result.search, result.calibration
     said = {
         "pictures": rows(search, calibration),
@@ -53,10 +57,13 @@ def as_json(
         "held_out_rms": calibration.held_out_rms,
         "reason": calibration.reason,
         "second_look": asdict(result.won),
-        "warnings": [*([search.hint] if search.hint else []), *calibration.warnings],
+        "verdict": str(calibration.verdict),
+        "reasons": list(calibration.verdict.reasons),
+        "warnings": [*([search.hint] if search.hint else []), *_about(search)],
         "candidates": [c.as_dict() for c in calibration.candidates],
         "seconds": dict(seconds),
         "camera": to_json(camera),
+        **more,
     }
     print(json.dumps(said, indent=2, allow_nan=False))
 
@@ -93,9 +100,13 @@ def print_report(
         )
     out.print()
     out.print(models)
-    camera = calibration.camera
+    camera, trust = calibration.camera, calibration.trust
     out.print()
     out.print(calibration.reason, soft_wrap=True)
+    if trust.ceiling is not None:
+        out.print(f"ceiling: {trust.ceiling}.", soft_wrap=True)
+    if calibration.candidates and calibration.state.warp.any():
+        out.print(_bent(search, calibration), soft_wrap=True)
     out.print(
         f"{len(search.found)} of {len(search.pictures)} pictures, {len(calibration.views.pixels)} corners,"
         f" {int(calibration.outliers.sum())} doubtful; rms {calibration.rms:.3f} px, mean {calibration.mean:.3f} px;"
@@ -103,8 +114,21 @@ def print_report(
         soft_wrap=True,
     )
     out.print(str(result.won), soft_wrap=True)
-    for warning in [*([search.hint] if search.hint else []), *calibration.warnings, *_about(search)]:
-        out.print(f"note: {warning}", soft_wrap=True)
+    pixels, angle, theta, _ = trust.uncertainty.worst()
+    if np.isfinite(pixels):
+        middle, middle_angle = trust.uncertainty.median()
+        out.print(
+            f"a far point lands {middle:.2g} px ({np.degrees(middle_angle):.2g} degrees) beside its place, one standard"
+            f" deviation; at worst {pixels:.2g} px ({np.degrees(angle):.2g} degrees), {np.degrees(theta):.0f} degrees"
+            " from the axis",
+            soft_wrap=True,
+        )
+    for note in [*([search.hint] if search.hint else []), *_about(search)]:
+        out.print(f"note: {note}", soft_wrap=True)
+    out.print()
+    out.print(f"verdict: {calibration.verdict}", style=STYLES[calibration.verdict.level], highlight=False)
+    for reason in calibration.verdict.reasons:
+        out.print(f"  - {reason}", soft_wrap=True)
     out.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
     if written is not None:
         out.print(f"written: {written.path}", soft_wrap=True)
@@ -128,6 +152,15 @@ def _about(search: BoardSearch) -> list[str]:
     if board is not None and board.unit == "squares":
         notes.append("lengths are in squares (no --square was given), which changes nothing about the camera.")
     return notes
+
+
+def _bent(search: BoardSearch, calibration: Calibration) -> str:
+    across, down = calibration.state.warp
+    unit = search.board.unit if search.board is not None else "squares"
+    return (
+        f"the board is bent: by {across:+.3g} {unit} across and {down:+.3g} {unit} down its middle stands off the plane"
+        " of its edges (+ is away from the camera); the camera was calibrated with it so (--flat takes it as flat)"
+    )
 
 
 def _figure(value: float | None) -> str:

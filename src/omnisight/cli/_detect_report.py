@@ -20,6 +20,7 @@ def as_json(search: BoardSearch) -> None:
         "pattern": None if search.board is None else str(search.board),
         "target": None if search.board is None else search.board.to_dict(),
         "hint": search.hint,
+        "notes": list(search.notes),
         "field": None if field is None else field.describe(),
         "pictures": [
             {
@@ -68,6 +69,8 @@ def print_report(search: BoardSearch) -> None:
         )
     if search.field is not None:
         out.print(search.field.describe(), soft_wrap=True)
+    for note in search.notes:
+        out.print(f"note: {note}", soft_wrap=True)
     if search.hint:
         out.print(f"note: {search.hint}", soft_wrap=True)
     elif search.board is not None and not search.found:

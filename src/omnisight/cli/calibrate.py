@@ -17,9 +17,13 @@ def calibrate(
     square: str | None = None,
     target: Path | None = None,
     model: str = "auto",
+    method: Literal["omnisight", "ocamcalib"] = "omnisight",
+    drop: list[str] | None = None,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
     loss: Literal["huber", "squared"] = "huber",
+    square_pixels: bool = False,
+    flat: bool = False,
     force: bool = False,
     apply_exif: bool = False,
     cache: bool = True,
@@ -33,7 +37,8 @@ def calibrate(
     Parameters
     ----------
     pictures
-        Folders, files or patterns such as 'left*.jpg'.
+        Folders, files or patterns such as 'left*.jpg', of pictures and video clips. Of a clip the frames that say most
+        are taken.
     pattern
         Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the pictures if
         absent.
@@ -45,12 +50,21 @@ def calibrate(
     model
         A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and
         the one that explains best what it was not calibrated on is taken.
+    method
+        omnisight, or ocamcalib: Scaramuzza's original steps, to compare with; both errors are printed.
+    drop
+        A picture to leave out, by its name in the table; may be given several times.
     output
         Where the camera goes: a JSON file.
     draw
         A folder for the pictures with their corners and residuals drawn in.
     loss
         huber, or squared for plain least squares.
+    square_pixels
+        Hold the pixels square: one focal length for both directions.
+    flat
+        Take the board as flat. Otherwise its bend is estimated too, and kept if the camera then explains better what
+        it was not calibrated on.
     force
         Calibrate from fewer than three pictures, or although most of them show another board.
     apply_exif
@@ -64,9 +78,10 @@ def calibrate(
     """
     begun = time.perf_counter()
     from omnisight.calibrate import calibrate_pictures
-    from omnisight.calibrate.calibration import FEWEST_VIEWS
+    from omnisight.calibrate.trust.verdict import FEWEST
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._calibrate_report import as_json, print_report
+    from omnisight.cli._classic import classic_camera, print_classic, steps
     from omnisight.cli._names import drawings, labels
     from omnisight.formats import save
     from omnisight.images import collect_images
@@ -78,28 +93,37 @@ def calibrate(
     if model != "auto":
         model_class(model)
     board = asked_board(pattern, square, target)
-    paths = collect_images(pictures)
+    paths = collect_images(pictures, clips=True)
     if draw is not None:
         drawings(paths, draw)
     with progress(quiet or json) as report:
         search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
+        search = _without(search, drop or [])
         detected = time.perf_counter()
-        least = 1 if force else FEWEST_VIEWS
+        least = 1 if force else FEWEST
         if sum(len(picture.boards) for picture in search.pictures) < least:
             raise ValueError(_too_few_found(search, least))
         if search.hint and not force:
             raise ValueError(f"{search.hint} (--force calibrates all the same)")
         result = calibrate_pictures(
             search,
-            names=labels(paths),
+            names=labels([picture.path for picture in search.pictures]),
             model=model,
             loss=loss,
+            square=square_pixels,
+            flat=flat,
             force=force,
             apply_exif=apply_exif,
             progress=report,
         )
+        classic = None
+        if method == "ocamcalib":
+            from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
+
+            classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=report)
     solved = time.perf_counter()
-    camera = _with_provenance(result.calibration.camera, result.search)
+    camera = result.calibration.camera if classic is None else classic_camera(classic, result.calibration)
+    camera = _with_provenance(camera, result.search)
     # The result first: what is drawn afterwards cannot lose it.
     written = save(camera, output) if output is not None else None
     seconds = {
@@ -108,15 +132,31 @@ def calibrate(
         "total": time.perf_counter() - begun,
     }
     if json:
-        as_json(result, camera, seconds)
+        as_json(result, camera, seconds, {} if classic is None else {"ocamcalib": steps(classic)})
     else:
         print_report(result, seconds, written)
+        if classic is not None:
+            print_classic(classic, result.calibration)
     if draw is not None:
         from omnisight.cli._draw import draw_residuals
 
         draw_residuals(result, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}")
+
+
+def _without(search: Any, names: list[str]) -> Any:
+    """Leave pictures out, by their names in the table."""
+    import dataclasses
+
+    from omnisight.cli._names import labels
+
+    known = labels([picture.path for picture in search.pictures])
+    if unknown := [name for name in names if name not in known]:
+        near = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
+        raise ValueError(f"--drop: there is no picture {', '.join(unknown)}; there are {near}")
+    kept = [picture for picture, name in zip(search.pictures, known, strict=True) if name not in names]
+    return dataclasses.replace(search, pictures=kept)
 
 
 def _must_be_writable(output: Path) -> None:

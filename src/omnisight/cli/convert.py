@@ -65,22 +65,42 @@ def convert(
         converted = result.camera
         print(f"model       {source.model.name} -> {converted.model.name}")
         print(f"fitted      to {np.degrees(result.theta_max):.1f} degrees from the axis")
-        print(
-            f"error       at most {result.max_px:.3g} px, {result.max_deg:.3g} deg; {result.mean_px:.3g} px on average"
-        )
+        print(f"error       at most {result.max_px:.3g} px, {result.max_deg:.3g} deg; ", end="")
+        print(f"rms {result.rms_px:.3g} px, {result.rms_deg:.3g} deg")
         print(f"holds       within 0.5 px up to {np.degrees(result.holds_to):.1f} degrees")
-        if result.max_px > max_error and not force:
-            raise ValueError(
-                f"{converted.model.name} cannot represent this {source.model.name} camera to"
-                f" {np.degrees(result.theta_max):.0f} degrees: {result.max_px:.3g} px off, {max_error:g} allowed."
-                f" Nothing is written; try --max-theta {np.degrees(result.holds_to):.0f}, another --model, or --force"
-            )
+        if not result.max_px <= max_error and not force:
+            raise ValueError(_refusal(source, result, chosen, max_error, limit))
     path = output or camera.with_name(f"{camera.stem}-{to}{chosen.SUFFIX}")
     written = save(converted, path, format=to, max_error=float("inf") if force else max_error)
     print(f"written     {written.path}; read again it differs by {written.error_px:.2g} px at most")
     print(f"convention  {chosen.CONVENTION}")
     for note in written.notes:
         print(f"note        {note}")
+
+
+def _refusal(source: Any, result: Any, chosen: Any, max_error: float, limit: float | None) -> str:
+    """Say how far off the model is and where, and what would do: a narrower cone, another model."""
+    import math
+
+    from omnisight.conversion import conversions, reach
+
+    name, own = result.camera.model.name, source.model.name
+    worst = f"{math.degrees(result.worst):.0f} degrees"
+    said = f"{result.max_px:.3g} px off at {worst}" if result.max_px < math.inf else f"no pixels past {worst}"
+    widest = reach(source, name, max_error, theta_max=limit)
+    ways: list[str] = []
+    if widest is not None and math.floor(math.degrees(widest)) > 0:
+        ways.append(f"--max-theta {math.floor(math.degrees(widest))}")
+    others = [other for other in chosen.MODELS if other not in (name, own)]
+    held = [own] if own in chosen.MODELS else []
+    if others:
+        near = (found for found in conversions(source, others, theta_max=limit) if found.max_px <= max_error)
+        held += [found.camera.model.name for found in near]
+    ways.append(f"--model {' or '.join(held[:3])}" if held else "--to native, which holds every model")
+    return (
+        f"{name} cannot represent this {own} camera to {math.degrees(result.theta_max):.0f} degrees: {said},"
+        f" {max_error:g} allowed. Nothing is written; try {', '.join(ways)}, or --force"
+    )
 
 
 def _nearest_held(found: Any, chosen: Any) -> Any:

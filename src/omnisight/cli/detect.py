@@ -31,7 +31,8 @@ def detect(
     Parameters
     ----------
     pictures
-        Folders, files or patterns such as 'left*.jpg'.
+        Folders, files or patterns such as 'left*.jpg', of pictures and clips. Of a clip the frames that say most are
+        taken.
     pattern
         Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. What most pictures agree on if
         absent.
@@ -58,9 +59,10 @@ def detect(
     from omnisight.images import collect_images
 
     board = asked_board(pattern, square, target)
-    paths = collect_images(pictures)
+    paths = collect_images(pictures, clips=True)
     folder = output if output is not None or json else FOLDER
-    files = drawings(paths, folder) if folder is not None else []
+    if folder is not None:
+        drawings(paths, folder)
     with progress(quiet or json) as report:
         search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
         if all(picture.size is None for picture in search.pictures):
@@ -72,6 +74,7 @@ def detect(
         else:
             print_report(search)
         if folder is not None:
+            files = drawings([picture.path for picture in search.pictures], folder)
             draw_boards(search, files, apply_exif=apply_exif, progress=lambda done, all_: report("draw", done, all_))
     if folder is not None and not json:
         print(f"drawn: {folder}")

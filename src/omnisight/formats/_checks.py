@@ -1,13 +1,17 @@
 """What every format asks of the numbers it reads and of the camera it writes."""
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.models import CameraModel, model_class
+
+Array = NDArray[np.float64]
 
 WIDEST = 1_000_000  # px
 LONGEST = 1e7  # px, of a focal length
@@ -81,11 +85,43 @@ def without(camera: Camera, held: Sequence[str]) -> tuple[Camera, tuple[str, ...
     with_size(camera)
     bearings, pixels = camera.samples()
     model = type(camera.model).fit(bearings, pixels, fixed=[n for n in camera.model.param_names if n not in held])
-    seen, valid = model.project_numpy(bearings)
-    error = float(np.linalg.norm(seen - pixels, axis=1).max()) if len(seen) and valid.all() else np.inf
+    error = difference(model, bearings, pixels)
     if not error <= MAY_DIFFER_PX:
         raise ValueError(f"{said}, and without the camera is {error:.2g} px off: convert it to another --model")
     return dataclasses.replace(camera, model=model), (f"{said}: fitted without, {error:.2g} px off at most",)
+
+
+def with_one_focal(camera: Camera) -> tuple[Camera, tuple[str, ...]]:
+    """Give the camera with one focal length for both directions, and a sentence if that changed it."""
+    values = camera.model.to_dict()
+    if values["fx"] == values["fy"]:
+        return camera, ()
+    said = f"the format has one focal length and this camera has two, {values['fx']:.6g} and {values['fy']:.6g}"
+    with_size(camera)
+    model = type(camera.model).from_dict(values | dict.fromkeys(("fx", "fy"), (values["fx"] + values["fy"]) / 2))
+    error = difference(model, *camera.samples())
+    if not error <= MAY_DIFFER_PX:
+        raise ValueError(f"{said}: their mean is {error:.2g} px off; choose a format that has both")
+    return dataclasses.replace(camera, model=model), (f"{said}: their mean is written, {error:.2g} px off at most",)
+
+
+def whole_sphere(size: tuple[int, int]) -> dict[str, float]:
+    """Give the parameters of an equirectangular picture of the whole sphere, forward in its middle."""
+    middle = {"cx": (size[0] - 1) / 2, "cy": (size[1] - 1) / 2}
+    return {"fx": size[0] / (2 * math.pi), "fy": size[1] / math.pi, **middle}
+
+
+def is_whole_sphere(camera: Camera) -> None:
+    """Refuse an equirectangular camera that is not the whole sphere with forward in the middle."""
+    whole = whole_sphere(with_size(camera))
+    if any(abs(value - whole[key]) > 1e-9 * camera.width for key, value in camera.model.to_dict().items()):
+        raise ValueError("equirectangular is the whole sphere with forward in the middle, which this camera is not")
+
+
+def difference(model: CameraModel, bearings: Array, pixels: Array) -> float:
+    """Give how far (px) a model's pixels are from these at most; inf where it has none."""
+    seen, valid = model.project_numpy(bearings)
+    return float(np.linalg.norm(seen - pixels, axis=1).max()) if len(seen) and valid.all() else np.inf
 
 
 def refuse(camera: Camera, models: Sequence[str], advice: str = "") -> None:

@@ -16,21 +16,26 @@ def read_storage(text: str) -> dict[str, Any]:
     """Give what a file holds by name; matrices as maps with rows, cols and data."""
     if not text.lstrip().startswith("<"):
         return read_map(text)
+    root = read_xml(text, _Storage())
+    if not isinstance(root, dict):
+        raise ValueError("the XML holds no names")
+    return root
+
+
+def read_xml(text: str, target: Any) -> Any:
+    """Give what a target (`start`, `data`, `end`, `close`) makes of a text's elements; bounded, without entities."""
     if len(text) > LARGEST:
         raise ValueError(f"{len(text)} characters; a calibration has at most {LARGEST}")
     if "<!" in text.replace("<!--", ""):
         # Entities defined in a file may grow without bound.
         raise ValueError("the XML has a declaration (<!DOCTYPE or alike), which no calibration needs")
     # The text is decoded already, and a declared encoding would contradict that.
-    parser = ElementTree.XMLParser(target=_Storage(), encoding="utf-8")  # pyright: ignore[reportArgumentType]
+    parser = ElementTree.XMLParser(target=target, encoding="utf-8")
     try:
         parser.feed(text.encode("utf-8", errors="replace"))
-        root: Any = parser.close()
+        return parser.close()
     except ElementTree.ParseError as error:
         raise ValueError(f"damaged XML: {error}") from error
-    if not isinstance(root, dict):
-        raise ValueError("the XML holds no names")
-    return root
 
 
 class _Storage:

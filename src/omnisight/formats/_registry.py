@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from omnisight.camera import Camera
+from omnisight.formats._binary import to_bytes, to_text
 from omnisight.formats._protocol import Format, FormatError, Written
 from omnisight.images import write_bytes
 
@@ -115,7 +116,7 @@ def save(camera: Camera, path: str | Path, *, format: str = "native", max_error:
             f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing is written"
         )
     try:
-        write_bytes(path, text.encode())
+        write_bytes(path, to_bytes(text))
     except OSError as error:
         raise FormatError(str(error)) from error
     return Written(Path(path), error_px, notes)
@@ -142,10 +143,7 @@ def _read(path: Path) -> str:
             raise FormatError(f"{path}: is a folder, not a calibration file")
         if size > LARGEST:
             raise FormatError(f"{path}: {size} bytes; a calibration file has at most {LARGEST}")
-        data = path.read_bytes()
-        # PowerShell's `>` writes UTF-16.
-        encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-        text = data.decode(encoding, errors="replace")
+        text = to_text(path.read_bytes())
     except OSError as error:
         raise FormatError(f"{path}: {error.strerror}") from error
     if not text.strip():

@@ -1,12 +1,18 @@
-"""COLMAP's cameras.txt."""
+"""COLMAP's cameras.txt, and cameras.bin, which is read.
+
+Lengths in px; the centre of the top-left pixel is (0.5, 0.5). The numbers of cameras.bin's models are those of COLMAP's
+own `sensor/models.h`; forks that had EQUIRECTANGULAR before it came in call it 10, 16 or SPHERE.
+"""
 
 import math
 import re
+import struct
 from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, number, picture_size, refuse, with_size, without
+from omnisight.formats._binary import is_binary, to_bytes
+from omnisight.formats._checks import WIDEST, build, left_out, number, picture_size, refuse, with_size, without
 
 TITLE = "COLMAP cameras.txt"
 SUFFIX = ".txt"
@@ -38,17 +44,36 @@ NAMES = (
     ("EQUIRECTANGULAR", "equirectangular", "width height"),
 )
 LENSES = {name: (model, params.split()) for name, model, params in NAMES}
+# In the order of their numbers.
+BY_NUMBER = (
+    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"),
+    *("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"),
+    *("SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR"),
+)
+HEAD, ONE = struct.Struct("<Q"), struct.Struct("<IiQQ")  # the count; number, model, width, height
+MOST = 100_000  # cameras
 MODELS = tuple(dict.fromkeys(("kannala_brandt", *(model for _, model, _ in NAMES))))
 LINE = re.compile(r"^[ \t]*\d{1,18}[ \t]+[A-Z][A-Z_0-9]*[ \t]+[-+.\d]+(?:[ \t]|\r?$)", re.MULTILINE)
 
 
 def matches(text: str) -> bool:
-    """Say whether a line holds a number, a name in capitals and a number."""
-    return LINE.search(text[:1_000_000]) is not None
+    """Say whether a line holds a number, a name in capitals and a number; or whether this is a list in COLMAP's binary.
+
+    That has no mark of its own: a count, and the first camera's number, model and size, each within its bounds.
+    """
+    if not is_binary(text):
+        return LINE.search(text[:1_000_000]) is not None
+    head = to_bytes(text[: HEAD.size + ONE.size])
+    if len(head) < HEAD.size + ONE.size:
+        return False
+    (count,), (_, model, width, height) = HEAD.unpack_from(head), ONE.unpack_from(head, HEAD.size)
+    return 0 < count <= MOST and 0 <= model < len(BY_NUMBER) and 0 < width <= WIDEST and 0 < height <= WIDEST
 
 
 def parse(text: str) -> Mapping[str, Camera]:
     """Read every camera; its name is its number."""
+    if is_binary(text):
+        text = "\n".join(_lines(to_bytes(text)))
     cameras: dict[str, Camera] = {}
     for i, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -81,6 +106,27 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     head = "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
     text = f"{head}# Number of cameras: 1\n1 {name} {width} {height} {' '.join(map(repr, params))}\n"
     return text, notes + left_out(camera)
+
+
+def _lines(data: bytes) -> list[str]:
+    """Give the lines of cameras.txt of what cameras.bin holds."""
+    (count,), at = HEAD.unpack_from(data), HEAD.size
+    lines: list[str] = []
+    for _ in range(count):
+        if at + ONE.size > len(data):
+            raise ValueError(f"says {count} cameras and is cut off after {len(lines)}")
+        key, model, width, height = ONE.unpack_from(data, at)
+        if not 0 <= model < len(BY_NUMBER):
+            raise ValueError(f"no camera model of number {model}; there are 0 to {len(BY_NUMBER) - 1}")
+        name, at = BY_NUMBER[model], at + ONE.size
+        params = struct.Struct(f"<{len(LENSES[name][1])}d")
+        if at + params.size > len(data):
+            raise ValueError(f"says {count} cameras and is cut off after {len(lines)}")
+        lines.append(f"{key} {name} {width} {height} {' '.join(map(repr, params.unpack_from(data, at)))}")
+        at += params.size
+    if at != len(data):
+        raise ValueError(f"{len(data) - at} bytes more than {count} cameras have")
+    return lines
 
 
 def _camera(words: list[str]) -> Camera:

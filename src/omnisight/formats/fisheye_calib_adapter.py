@@ -7,8 +7,8 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._checks import build, left_out, number, numbers, picture_size, refuse, with_size, without
 from omnisight.formats._protocol import note_unknown
+from omnisight.formats._scaramuzza import model_of_xy
 from omnisight.formats._yaml import flow, read_map
-from omnisight.formats.ocamcalib import model_of
 from omnisight.models import CameraModel
 
 TITLE = "fisheye-calib-adapter yaml"
@@ -74,15 +74,7 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
 
 
 def _ocam(given: Mapping[str, Any]) -> CameraModel:
-    """Make our model from one whose stretch [c d; e 1] acts on x, y instead of row, column.
-
-    [c d; e 1] = c [1 d/c; e/c 1/c], so the plane is larger by c, and f with it: a_i c^(1 - i).
-    """
+    """Make our model from one whose stretch [c d; e 1] acts on x, y instead of row, column."""
     unprojection = given["coefficients"].get("unprojection") if isinstance(given["coefficients"], dict) else None
-    f = numbers(unprojection, "unprojection")
-    c, d, e = (number(given[name], name) for name in ("c", "d", "e"))
-    if not 0.1 < c < 10:
-        raise ValueError(f"the stretch c must be near 1, got {c:g}")
-    direct = [value * c ** (1 - i) for i, value in enumerate(f)]
-    centre = {name: number(given[name], name) for name in ("cx", "cy")}
-    return model_of(direct, c=1 / c, d=e / c, e=d / c, **centre)
+    plane = {name: number(given[name], name) for name in ("c", "d", "e", "cx", "cy")}
+    return model_of_xy(numbers(unprojection, "unprojection"), **plane)

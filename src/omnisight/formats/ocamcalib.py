@@ -5,14 +5,17 @@ from collections.abc import Mapping
 from typing import cast
 
 import numpy as np
-from numpy.polynomial import Chebyshev, Polynomial
-from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import LONGEST, build, left_out, number, picture_size, refuse, with_size
+from omnisight.formats._checks import left_out, number, picture_size, refuse, with_size
+from omnisight.formats._scaramuzza import (
+    INVERSE_PX,
+    inverse_polynomial,
+    model_of,
+    picture_radius,
+    radii_and_angles,
+)
 from omnisight.models.ocam import Ocam
-
-Array = NDArray[np.float64]
 
 TITLE = "OCamCalib text"
 SUFFIX = ".txt"
@@ -22,10 +25,7 @@ CONVENTION = (
 )
 ROWS = ("direct polynomial", "inverse polynomial", "centre (row column)", "stretch (c d e)", "size (height width)")
 COUNTED = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
-A1_MAX = 1e-6  # an angle of less than a thousandth of an arc second
-INVERSE_PX = 0.01
 AGREES_PX = 0.5
-HIGHEST_DEGREE = 30
 
 
 def matches(text: str) -> bool:
@@ -52,7 +52,7 @@ def parse(text: str) -> Mapping[str, Camera]:
     size = picture_size(width, height)
     # The inverse polynomial approximates what the model inverts exactly; one that does not is kept, to be looked at.
     with np.errstate(all="ignore"):
-        r, theta = _radii_and_angles(model, picture_radius(model, size))
+        r, theta = radii_and_angles(model, picture_radius(model, size))
         agrees = bool(inverse) and np.abs(np.polynomial.polynomial.polyval(theta, inverse) - r).max() < AGREES_PX
     extra: dict[str, object] = {} if agrees else {"inverse_polynomial": inverse}
     if rows[5:]:
@@ -86,57 +86,6 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
         _row(height, width),
     )
     return "\n\n".join(lines) + "\n", notes
-
-
-def inverse_polynomial(model: Ocam, radius: float) -> tuple[list[float], float]:
-    """Fit the radius (px) as a polynomial in OCamCalib's angle, up to a radius.
-
-    The angle is atan(z/r), from the plane of the image up, with z backwards: -90 degrees on the axis. The degree grows
-    until the error is below a hundredth of a pixel.
-
-    Returns
-    -------
-    coefficients
-        From the constant up.
-    error
-        The largest error (px).
-    """
-    r, theta = _radii_and_angles(model, radius)
-    found: list[tuple[float, list[float]]] = []
-    for degree in range(3, HIGHEST_DEGREE + 1):
-        inner = Chebyshev.fit(theta, r, degree)
-        powers = inner.convert(kind=Polynomial, domain=[-1, 1], window=[-1, 1])
-        found.append((float(np.abs(powers(theta) - r).max()), [float(p) for p in powers.coef]))
-        if found[-1][0] < INVERSE_PX:
-            break
-    error, coefficients = min(found, key=lambda fit: fit[0])
-    return coefficients, error
-
-
-def _radii_and_angles(model: Ocam, radius: float) -> tuple[Array, Array]:
-    r = radius * np.sin(np.linspace(0, np.pi / 2, 500))  # denser towards the rim, where r(theta) is steepest
-    return r, np.arctan2(-np.polynomial.polynomial.polyval(r, model.polynomial), r)
-
-
-def picture_radius(model: Ocam, size: tuple[int, int]) -> float:
-    """Give the radius (px, before the stretch) of the picture's farthest corner that the model reaches."""
-    corners = np.array([[x, y] for x in (-0.5, size[0] - 0.5) for y in (-0.5, size[1] - 0.5)]) - (model.cx, model.cy)
-    plane = np.linalg.solve([[1.0, model.e], [model.d, model.c]], corners.T)
-    return min(float(np.hypot(*plane).max()), model.radius_max())
-
-
-def model_of(direct: list[float], *, cx: float, cy: float, c: float, d: float, e: float) -> Ocam:
-    """Make the model from the coefficients of f(r) with z forward, a1 among them."""
-    if not c - d * e > 0:
-        raise ValueError(f"the stretch matrix [c d; e 1] must have a positive determinant, got {c:g}, {d:g}, {e:g}")
-    if not direct or not 0 < direct[0] <= LONGEST:
-        raise ValueError(f"a0 (px, z forward) must be positive and below {LONGEST:g}, got {direct[:1]}")
-    if len(direct) > 1 and abs(direct[1]) > A1_MAX:
-        raise ValueError(f"a1 must be 0 in OCamCalib's model, got {direct[1]:g}")
-    a = [*direct[:1], *direct[2:]]
-    names = Ocam.coefficient_names(len(a))
-    made = build("ocam", {"cx": cx, "cy": cy, "c": c, "d": d, "e": e, **dict(zip(names, a, strict=True))})
-    return cast(Ocam, made)
 
 
 def _comment(line: str) -> bool:

@@ -25,20 +25,24 @@ XI = re.compile(rf"xi{SIDE}")
 WIDTH = {"imagewidth", "width", "imgwidth", "framewidth"}
 HEIGHT = {"imageheight", "height", "imgheight", "frameheight"}
 SIZE = {"imagesize", "size", "resolution"}
-KIND = {"fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
+OTHERS = re.compile(r"^(?:model_type|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
+KIND = {"fisheye", "fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
 
 
 def matches(text: str) -> bool:
     """Say whether OpenCV wrote a matrix there."""
     head = text.lstrip()[:2000]
     storage = "opencv-matrix" in text or "<opencv_storage" in head
-    others = '"omnisight-camera"' in head or re.search(r"^(?:model_type|cam\d+)\s*:", text[:1_000_000], re.MULTILINE)
-    return storage and not others
+    return storage and '"omnisight-camera"' not in head and OTHERS.search(text[:1_000_000]) is None
 
 
 def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera, or each of a stereo pair."""
-    data = read_storage(text)
+    return cameras_of(read_storage(text))
+
+
+def cameras_of(data: Mapping[str, Any]) -> Mapping[str, Camera]:
+    """Make the camera, or each of a stereo pair, of what a file holds by name."""
     plain = {key: re.sub(r"[^a-z0-9]", "", key.lower()) for key in data}
     matrices, distortions, xis = (_by_side(data, plain, name) for name in (MATRIX, DISTORTION, XI))
     if not matrices:

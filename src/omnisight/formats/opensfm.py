@@ -1,13 +1,21 @@
 """OpenSfM's camera_models.json."""
 
 import json
-import math
 import re
 from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, number, picture_size, refuse, with_size
+from omnisight.formats._checks import (
+    build,
+    is_whole_sphere,
+    left_out,
+    number,
+    picture_size,
+    refuse,
+    whole_sphere,
+    with_size,
+)
 from omnisight.formats._protocol import note_unknown
 from omnisight.formats._yaml import read_map
 
@@ -59,9 +67,7 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     build(model, values)
     fields: dict[str, Any] = {"width": size[0], "height": size[1]}
     if model == "equirectangular":
-        whole = _sphere(size)
-        if any(abs(values[key] - whole[key]) > 1e-9 * size[0] for key in whole):
-            raise ValueError("equirectangular is the whole sphere with forward in the middle, which this camera is not")
+        is_whole_sphere(camera)
         fields["projection_type"] = "equirectangular"
     else:
         kind, names = next((kind, names) for kind, (ours, names) in TWO_FOCALS.items() if ours == model)
@@ -82,7 +88,7 @@ def _camera(fields: Mapping[str, Any]) -> Camera:
     size = picture_size(fields.get("width"), fields.get("height"))
     if kind in SPHERES:
         extra = note_unknown(fields, {"projection_type", "width", "height"})
-        return Camera(build("equirectangular", _sphere(size)), size, extra=extra)
+        return Camera(build("equirectangular", whole_sphere(size)), size, extra=extra)
     if kind in ONE_FOCAL:
         model, names = ONE_FOCAL[kind]
         focal = {"fx": "focal", "fy": "focal"}
@@ -100,8 +106,3 @@ def _camera(fields: Mapping[str, Any]) -> Camera:
     own = {name: fields.get(name, 0.0) if name in names.split() else 0.0 for name in coefficients}
     known_keys = {"projection_type", "width", "height", *focal.values(), *names.split()}
     return Camera(build(model, plane | own), size, extra=note_unknown(fields, known_keys))
-
-
-def _sphere(size: tuple[int, int]) -> dict[str, float]:
-    middle = {"cx": (size[0] - 1) / 2, "cy": (size[1] - 1) / 2}
-    return {"fx": size[0] / (2 * math.pi), "fy": size[1] / math.pi, **middle}

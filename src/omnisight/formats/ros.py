@@ -1,7 +1,12 @@
-"""ROS CameraInfo yaml, as camera_calibration writes it."""
+"""ROS CameraInfo: the yaml that camera_calibration writes, and the message as `rostopic echo` and Foxglove show it.
+
+Integer pixel = pixel centre; px. plumb_bob has OpenCV's k1 k2 p1 p2 k3, rational_polynomial eight, equidistant the
+fisheye's k1 ... k4. The message calls the matrices K, D, R, P (ROS 2: k, d, r, p) and the size width and height.
+"""
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 from omnisight.camera import Camera
 from omnisight.formats._checks import build, left_out, picture_size, refuse, with_size, without
@@ -23,17 +28,32 @@ CONVENTION = (
 )
 KNOWN = {"image_width", "image_height", "camera_matrix", "distortion_model", "camera_model", "distortion_coefficients"}
 KEPT = ("camera_name", "rectification_matrix", "projection_matrix", "binning_x", "binning_y", "roi")
+MESSAGE = {
+    "K": "camera_matrix",
+    "D": "distortion_coefficients",
+    "R": "rectification_matrix",
+    "P": "projection_matrix",
+    "width": "image_width",
+    "height": "image_height",
+    "frame_id": "camera_name",
+}
+ECHO = (
+    re.compile(r"""(?:^|[{,])[ \t]*["']?[Kk]["']?[ \t]*:[ \t\n]*[\[\-]""", re.MULTILINE),
+    re.compile(r"""["']?distortion_model["']?[ \t]*:"""),
+)
 MATRIX = re.compile(r"^camera_matrix[ \t]*:", re.MULTILINE)
 
 
 def matches(text: str) -> bool:
-    """Say whether a line begins with `camera_matrix:` and OpenCV wrote no matrix."""
-    return MATRIX.search(text[:1_000_000]) is not None and "opencv-matrix" not in text
+    """Say whether a line begins with `camera_matrix:` and OpenCV wrote no matrix, or whether this is the message."""
+    head = text[:1_000_000]
+    return "opencv-matrix" not in head and (MATRIX.search(head) is not None or all(k.search(head) for k in ECHO))
 
 
 def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera."""
-    data = read_map(text)
+    # `rostopic echo` ends each message with a line of dashes.
+    data = _named(read_map(re.split(r"^---[ \t]*$", text.strip("- \t\r\n"), maxsplit=1, flags=re.MULTILINE)[0]))
     if data.get("distortion_coefficients") is None:  # the file may be cut off
         raise ValueError("distortion_coefficients are missing; if there are none, add a list of five zeros")
     values = matrix(data["distortion_coefficients"], "distortion_coefficients")[2]
@@ -73,6 +93,18 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
         "projection_matrix": _matrix(3, [*k[:3], 0.0, *k[3:6], 0.0, *k[6:], 0.0]),
     } | extra
     return "".join(f"{key}: {flow(value)}\n" for key, value in fields.items()), notes + left_out(camera, KEPT)
+
+
+def _named(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Give the fields of a message by the names of the yaml."""
+    if "camera_matrix" in data:
+        return dict(data)
+    upper = {key.upper() if len(key) == 1 else key: value for key, value in data.items()}
+    named = {MESSAGE.get(key, key): value for key, value in upper.items()}
+    for key, columns in (("rectification_matrix", 3), ("projection_matrix", 4)):
+        if isinstance(value := named.get(key), list):
+            named[key] = {"rows": 3, "cols": columns, "data": value}
+    return named
 
 
 def _matrix(rows: int, values: list[float]) -> dict[str, object]:

@@ -5,10 +5,15 @@ from .field import ImageField, estimate_field, shrunk
 from .gray import to_gray8
 from .headers import exif_orientation
 from .read import UnreadableImage, decode_image, read_bytes, read_image
+from .video import CLIPS, MOST_FRAMES, Clip, Frame
 from .write import write_bytes, write_image
 
 __all__ = [
+    "CLIPS",
     "EXTENSIONS",
+    "MOST_FRAMES",
+    "Clip",
+    "Frame",
     "ImageField",
     "UnreadableImage",
     "collect_images",

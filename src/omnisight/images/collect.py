@@ -9,16 +9,20 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
+from .video import CLIPS
+
 EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
 
-def collect_images(inputs: Iterable[str | Path]) -> list[Path]:
+def collect_images(inputs: Iterable[str | Path], *, clips: bool = False) -> list[Path]:
     """List picture files.
 
     Parameters
     ----------
     inputs : iterable of str or Path
         Folders (their own files, not those of folders inside), files, and patterns such as `shots/*.png`.
+    clips : bool
+        List video files too; of a folder only where it holds no pictures.
 
     Returns
     -------
@@ -35,12 +39,13 @@ def collect_images(inputs: Iterable[str | Path]) -> list[Path]:
     """
     inputs = [inputs] if isinstance(inputs, str | Path) else list(inputs)
     found = [path for item in inputs for path in _expand(item)]
-    pictures = [path for path in found if path.suffix.lower() in EXTENSIONS]
+    known = (*EXTENSIONS, *CLIPS) if clips else EXTENSIONS
+    pictures = [path for path in found if path.suffix.lower() in known]
     if not pictures:
         where = ", ".join(str(item) for item in inputs) or "an empty list of paths"
         kinds = Counter(path.suffix.lower() or "without extension" for path in found)
         others = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(5)) or "no files"
-        supported = " ".join(extension[1:] for extension in EXTENSIONS)
+        supported = " ".join(extension[1:] for extension in known)
         raise ValueError(f"no images in {where} (found {others}). Supported: {supported}, any case")
     return sorted({_identity(path): path for path in reversed(pictures)}.values(), key=natural_key)
 
@@ -55,7 +60,9 @@ def _expand(item: str | Path) -> list[Path]:
     # A file whose name holds brackets exists as it is written, so existence goes before patterns.
     path = Path(item).expanduser()
     if path.is_dir():
-        return [inside for inside in path.iterdir() if inside.is_file() and not inside.name.startswith(".")]
+        files = [inside for inside in path.iterdir() if inside.is_file() and not inside.name.startswith(".")]
+        pictures = any(inside.suffix.lower() in EXTENSIONS for inside in files)
+        return [inside for inside in files if not pictures or inside.suffix.lower() not in CLIPS]
     if path.is_file():
         return [path]
     if not glob.has_magic(str(path)):

@@ -1,5 +1,6 @@
 """A central camera with an axis: a profile r(theta), a distortion of the plane, an affine map to pixels."""
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any, ClassVar, Self
 
@@ -32,7 +33,7 @@ class Central(Undistorted, CameraModel):
         raise NotImplementedError
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
-        """Give dg/d cos(theta) along the sphere, and dg/d parameter by name."""
+        """Give dg/d cos(theta) along the sphere, and dg/d parameter by field: (N,), or (K, N) of a tuple of K."""
         raise NotImplementedError
 
     def radius_max(self) -> float:
@@ -128,8 +129,12 @@ class Central(Undistorted, CameraModel):
         for name, dg in dg_dparams.items():
             partials[name] = (dg * along[:, 0], dg * along[:, 1])
         d_params = np.empty((len(points), 2, self.params.size))
-        for i, name in enumerate(self.param_names):
-            d_params[:, 0, i], d_params[:, 1, i] = partials[name]
+        start = 0
+        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
+            dx, dy = (np.atleast_2d(d).T for d in partials[field.name])
+            stop = start + dx.shape[1]
+            d_params[:, 0, start:stop], d_params[:, 1, start:stop] = dx, dy
+            start = stop
         return pixels, valid, d_point, d_params
 
     @classmethod

@@ -1,8 +1,8 @@
 """What a model's formulas are written with: they run on arrays as they stand, and compiled on scalars.
 
-`where`, `atan2` and `sine_cosine` are elementwise. The other functions are the hooks of a model: each calls the
-function of that name of the model that the parameters `m` belong to (`m.model`); `_kernels` resolves them at compile
-time.
+`where`, `span_of`, `atan2` and `sine_cosine` are elementwise. The other functions are the hooks of a model: each calls
+the function of that name of the model that the parameters `m` belong to (`m.model`); `_kernels` resolves them at
+compile time.
 
 What is solved by iteration takes a few steps, and up to `effort` more. A result of inf says that they were not enough:
 the compiled loop runs all points with `ONCE` (no more steps, so that it vectorises), and the few that are left with
@@ -24,6 +24,11 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 def settled(step: Any, least: Any) -> Any:
     """Say whether an iteration's steps are all at most `least`; never, where it is compiled and the count is fixed."""
     return np.all(np.abs(step) <= least)
+
+
+def span_of(place: Any, count: Any) -> Any:
+    """Give the index of the span of width 1 that a place lies in, 0 to `count` - 1: the outer two have no end."""
+    return np.where(place > 0.0, np.where(place < count - 1.0, place, count - 1.0), 0.0).astype(np.intp)
 
 
 def atan2(y: Any, x: Any) -> Any:
@@ -114,6 +119,11 @@ def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
     return m.model.distort_jacobian(m, x, y)
 
 
+def first_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+    """Give (p, q) after the steps of `inverse_step` that every point takes, and the squared distance missed before."""
+    return m.model.first_steps(m, p, q, x, y)
+
+
 def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
     """Give a better inverse (p, q) of `distort` at (x, y), and the squared distance missed before."""
     return m.model.inverse_step(m, p, q, x, y)
@@ -122,6 +132,11 @@ def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
 def angle_step(m: Any, theta: Any, r: Any) -> Any:
     """Give a better angle of the radius r, and the step made."""
     return m.model.angle_step(m, theta, r)
+
+
+def bracketed_angle(m: Any, theta: Any, low: Any, high: Any, r: Any) -> Any:
+    """Give a better angle of the radius r, its bracket, and the step made."""
+    return m.model.bracketed_angle(m, theta, low, high, r)
 
 
 def radius_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
@@ -143,6 +158,7 @@ HOOKS = {
     hook.__name__: hook
     for hook in (
         *(project_point, unproject_pixel, gain, ungain, height, unheight),
-        *(distort, undistort, distort_jacobian, inverse_step, angle_step, radius_step),
+        *(distort, undistort, distort_jacobian, first_steps, inverse_step),
+        *(angle_step, bracketed_angle, radius_step),
     )
 }

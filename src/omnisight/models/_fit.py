@@ -9,6 +9,7 @@ from omnisight.models._protocol import Array, CameraModel
 from omnisight.optim.dense import least_squares
 
 SKETCH = 400  # pairs that are enough to tell a good start from a bad one
+WEAK = 1e-5  # px, what a parameter one standard deviation from 0 weighs
 Model = TypeVar("Model", bound=CameraModel)
 
 
@@ -29,7 +30,10 @@ def fit(cls: type[Model], bearings: Array, pixels: Array, fixed: Sequence[str] =
 def refine(
     start: Model, bearings: Array, pixels: Array, fixed: Sequence[str] = (), *, iterations: int = 60
 ) -> tuple[Model, float]:
-    """Refine a camera on bearings and pixels; give it and half its sum of squares (px^2)."""
+    """Refine a camera on bearings and pixels; give it and half its sum of squares (px^2).
+
+    A parameter of which something is known beforehand (`Parameter.spread`) is drawn to 0, by next to nothing.
+    """
     # What falls out of the domain costs as much as the whole picture, so that no step gains by losing points.
     lost = float(np.ptp(pixels, axis=0).max()) + 1.0
 
@@ -39,12 +43,19 @@ def refine(
             d[:, 0] -= start.period * np.round(d[:, 0] / start.period)
         return np.where(np.isfinite(d), d, lost)
 
+    # What is known of a parameter beforehand decides only what the pairs leave open.
+    prior = WEAK / np.array([p.spread for p in start.parameters])
+    known = prior > 0
+    by_prior = np.diag(prior)[known]
+
     def residuals(params: Array) -> Array:
-        return difference(start.with_params(params).project_numpy(bearings)[0]).ravel()
+        d = difference(start.with_params(params).project_numpy(bearings)[0])
+        return np.append(d, by_prior @ params)
 
     def derivatives(params: Array) -> tuple[Array, Array]:
         seen, _, _, d_params = start.with_params(params).project_with_jacobians(bearings)
-        return difference(seen).ravel(), np.where(np.isfinite(d_params), d_params, 0.0).reshape(-1, params.size)
+        jacobian = np.where(np.isfinite(d_params), d_params, 0.0).reshape(-1, params.size)
+        return np.append(difference(seen), by_prior @ params), np.concatenate([jacobian, by_prior])
 
     low = np.array([p.low for p in start.parameters])
     free = np.array([name not in fixed for name in start.param_names])

@@ -13,10 +13,11 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core import config
+from numba.core.compiler import Compiler
 from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
-from omnisight.models import _elementwise
+from omnisight.models import _bspline, _elementwise
 from omnisight.models._elementwise import FULL, ONCE, project_point, unproject_pixel
 
 # Divisions by zero give inf, as in numpy; a fused multiply-add may round once instead of twice.
@@ -35,8 +36,8 @@ def _sources() -> str:
 
 
 def _register_hooks() -> None:
-    register_jitable(**FORMULA)(_elementwise.atan2)
-    register_jitable(**FORMULA)(_elementwise.sine_cosine)
+    for formula in (_elementwise.atan2, _elementwise.sine_cosine, *_bspline.FORMULAS):
+        register_jitable(**FORMULA)(formula)
 
     @overload(_elementwise.where, jit_options=FORMULA)
     def _where(condition: Any, a: Any, b: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
@@ -44,6 +45,14 @@ def _register_hooks() -> None:
             return a if condition else b
 
         return choose
+
+    @overload(_elementwise.span_of, jit_options=FORMULA)
+    def _span_of(place: Any, count: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def span(place: Any, count: Any) -> Any:
+            # 32 bits: processors convert several at a time to these alone.
+            return np.int32(min(place, count - 1.0) if place > 0.0 else 0.0)
+
+        return span
 
     @overload(_elementwise.settled, jit_options=FORMULA)
     def _settled(step: Any, least: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
@@ -64,6 +73,14 @@ def _resolver(name: str, hook: Any) -> Any:
     return resolve
 
 
+class _Apart(Compiler):
+    """Compiles functions whose arrays overlap no other: only so what a model looks up in its tables vectorises."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags.noalias = True  # pyright: ignore[reportAttributeAccessIssue]
+
+
 _register_hooks()
 FOLDER = cache_folder() / f"compiled-{_sources()}"
 
@@ -77,7 +94,7 @@ def _any_left(values: Any) -> Any:
     return left > 0
 
 
-@numba.njit(**OPTIONS)
+@numba.njit(pipeline_class=_Apart, **OPTIONS)
 def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
     # Planes of x, y, z and no branch: this loop vectorises, the interleaved arrays of the callers would not.
     for j in range(x.shape[0]):
@@ -93,7 +110,7 @@ def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
             v[j] = b if ok else np.nan
 
 
-@numba.njit(**OPTIONS)
+@numba.njit(pipeline_class=_Apart, **OPTIONS)
 def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
     for j in range(u.shape[0]):
         a, b, c, ok = unproject_pixel(m, u[j], v[j], ONCE)

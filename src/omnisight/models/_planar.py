@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._elementwise import distort, distort_jacobian, inverse_step, settled, where
+from omnisight.models._elementwise import distort, distort_jacobian, first_steps, inverse_step, settled, where
 from omnisight.models._protocol import Array
 
 # The inverse is singular where the plane folds over: the valid disc ends this share before it.
@@ -33,7 +33,7 @@ class Undistorted:
         return 1.0, 0.0, 0.0, 1.0
 
     def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
-        """Give the derivatives of the distorted point by each coefficient."""
+        """Give the derivatives of the distorted point by field: (N,), or (K, N) of a tuple of K."""
         return {}
 
     def plane_radius_max(self) -> float:
@@ -49,12 +49,7 @@ class Distorted(Undistorted):
         d2 = x * x + y * y
         p, q = x, y
         if effort is None:
-            # Written out, not in a loop: so the compiled loop over the points vectorises.
-            p, q, missed = inverse_step(m, p, q, x, y)
-            p, q, missed = inverse_step(m, p, q, x, y)
-            p, q, missed = inverse_step(m, p, q, x, y)
-            p, q, missed = inverse_step(m, p, q, x, y)
-            p, q, missed = inverse_step(m, p, q, x, y)
+            p, q, missed = first_steps(m, p, q, x, y)
         else:
             missed = d2
             # A strong distortion sends the rim far out: begin in the disc on which the plane is one-to-one, and come
@@ -69,6 +64,16 @@ class Distorted(Undistorted):
         # What was missed before the last step tells what is missed after it: its square.
         close = (missed < 1e-14 * (1.0 + d2)) & (p * p + q * q <= 1.05 * m.p2_max)
         return where(d2 <= m.d2_max, p, np.nan), q, close | (d2 > m.d2_max)
+
+    @staticmethod
+    def first_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+        """Give `inverse_step` repeated as often as it is for every point."""
+        # Written out, not in a loop: so the compiled loop over the points vectorises.
+        p, q, _ = inverse_step(m, p, q, x, y)
+        p, q, _ = inverse_step(m, p, q, x, y)
+        p, q, _ = inverse_step(m, p, q, x, y)
+        p, q, _ = inverse_step(m, p, q, x, y)
+        return inverse_step(m, p, q, x, y)
 
     @staticmethod
     def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
@@ -90,7 +95,10 @@ class Distorted(Undistorted):
         return np.inf
 
     def plane_radius_max(self) -> float:
-        radius = min(self.radial_fold() * (1 - FOLD_MARGIN), FARTHEST)
+        return self.radius_before_fold(min(self.radial_fold() * (1 - FOLD_MARGIN), FARTHEST))
+
+    def radius_before_fold(self, radius: float) -> float:
+        """Give the radius, at most that one, of the disc in which the plane does not fold."""
         # Where the parts that are not radial are strong, the plane folds before the radial part does.
         inner = radius * np.linspace(0.01, 1, 100)[:, None] ** 3
         azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)

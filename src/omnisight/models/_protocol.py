@@ -97,14 +97,14 @@ class CameraModel:
         found: list[Parameter] = []
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             value = getattr(self, field.name)
-            names = self.coefficient_names(len(value)) if isinstance(value, tuple) else (field.name,)
+            names = self.coefficient_names(len(value), field.name) if isinstance(value, tuple) else (field.name,)
             found += [Parameter(name, **field.metadata) for name in names]
         return tuple(found)
 
     @staticmethod
-    def coefficient_names(count: int) -> tuple[str, ...]:
-        """Name the coefficients of a parameter that is a tuple."""
-        raise NotImplementedError
+    def coefficient_names(count: int, field: str) -> tuple[str, ...]:
+        """Name the coefficients of a parameter that is a tuple: the field's name and a number."""
+        return tuple(f"{field}{i}" for i in range(count))
 
     @cached_property
     def param_names(self) -> tuple[str, ...]:
@@ -146,14 +146,29 @@ class CameraModel:
         ValueError
             If a name is missing or unknown, or a value is no finite number.
         """
-        fields = {f.name: f for f in dataclasses.fields(cls)}  # pyright: ignore[reportArgumentType]
-        known = set(fields)
-        needed = {n for n, f in fields.items() if f.default is dataclasses.MISSING}
+        names: dict[str, tuple[str, ...]] = {}
+        needed: set[str] = set()
+        for field in dataclasses.fields(cls):  # pyright: ignore[reportArgumentType]
+            names[field.name] = (field.name,)
+            if field.type == tuple[float, ...]:
+                # As long as the values have names of it.
+                count = sum(name.startswith(field.name) and name[len(field.name) :].isdecimal() for name in values)
+                names[field.name] = cls.coefficient_names(max(count, 1), field.name)
+            if field.default is dataclasses.MISSING:
+                needed.update(names[field.name])
+        known = [name for part in names.values() for name in part]
         if missing := sorted(needed - set(values)):
             raise ValueError(f"model {cls.name}: missing {', '.join(missing)}")
-        if unknown := sorted(set(values) - known):
-            raise ValueError(f"model {cls.name} has no {', '.join(unknown)}; it has {', '.join(fields)}")
-        return cls(**{n: finite(v, f"{cls.name}.{n}") for n, v in values.items()})
+        if unknown := sorted(set(values) - set(known)):
+            raise ValueError(f"model {cls.name} has no {', '.join(unknown)}; it has {', '.join(known)}")
+        numbers = {n: finite(values[n], f"{cls.name}.{n}") for n in known if n in values}
+        return cls(
+            **{
+                field: numbers[field] if part == (field,) else tuple(numbers[n] for n in part)
+                for field, part in names.items()
+                if part[0] in numbers
+            }
+        )
 
     # -- bearings and pixels ----------------------------------------------------------------------------------
 

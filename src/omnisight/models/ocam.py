@@ -1,6 +1,6 @@
 """Scaramuzza's polynomial model."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
@@ -9,7 +9,7 @@ import numpy as np
 
 from omnisight.models._central import Central
 from omnisight.models._elementwise import radius_step, settled, where
-from omnisight.models._parameter import finite, parameter
+from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
 from omnisight.models._protocol import Array
 
@@ -37,23 +37,12 @@ class Ocam(Central):
     cy: float = parameter("distortion centre", unit="px")
     c: float = parameter("stretch: rows per y")
     d: float = parameter("stretch: rows per x")
-    e: float = parameter("stretch: columns per y")
+    e: float = parameter("stretch: columns per y", free=False)  # a turn of the camera does the same
     a: tuple[float, ...] = parameter("polynomial f(r), coefficients of r^0, r^2, r^3, ... in px^(1-i)")
 
     @staticmethod
-    def coefficient_names(count: int) -> tuple[str, ...]:
-        return tuple(f"a{i}" for i in (0, *range(2, count + 1)))
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, float]) -> Self:
-        count = sum(1 for name in values if name[0] == "a")
-        names = ("cx", "cy", "c", "d", "e", *cls.coefficient_names(max(count, 1)))
-        if missing := sorted(set(names) - set(values)):
-            raise ValueError(f"model ocam: missing {', '.join(missing)}")
-        if unknown := sorted(set(values) - set(names)):
-            raise ValueError(f"model ocam has no {', '.join(unknown)}; it has {', '.join(names)}")
-        numbers = [finite(values[name], f"ocam.{name}") for name in names]
-        return cls(*numbers[:5], a=tuple(numbers[5:]))
+    def coefficient_names(count: int, field: str = "a") -> tuple[str, ...]:
+        return tuple(f"{field}{i}" for i in (0, *range(2, count + 1)))
 
     @property
     def polynomial(self) -> Array:
@@ -140,7 +129,7 @@ class Ocam(Central):
         limit = -self.a[0] - 2 * (self.a[1] * self.a[0] ** 2 if len(self.a) > 1 else 0.0)
         dg_dc = np.where(on_axis, limit, -(slope - g * c) / np.where(on_axis, 1.0, s * s))
         powers = (0, *range(2, len(self.a) + 1))
-        return dg_dc, {f"a{i}": r**i / below for i in powers}
+        return dg_dc, {"a": np.stack([r**i / below for i in powers])}
 
     def affine(self) -> tuple[float, float, float, float, float, float]:
         return 1.0, self.e, self.d, self.c, self.cx, self.cy

@@ -1,13 +1,16 @@
 """Normal equations of shared parameters and many independent groups of local ones."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+# Least eigenvalue of normal equations with unit diagonal that is more than rounding.
+UNTOLD = 1e-14
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,10 @@ class GroupedNormal:
             local_gradient[i] = b.T @ r
         return cls(shared, cross, local, shared_gradient, local_gradient)
 
+    def with_prior(self, information: Array, gradient: Array) -> Self:
+        """Add what is known of the shared parameters beforehand: its H (P, P) and g (P,)."""
+        return replace(self, shared=self.shared + information, shared_gradient=self.shared_gradient + gradient)
+
     def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array, Array]:
         """Give the Schur complement (P, P) of the damped system, its right side (P,), C^-1 (G, L, L) and B C^-1."""
         local = self.local.copy()
@@ -91,10 +98,16 @@ class GroupedNormal:
         return float(-linear - 0.5 * along)
 
     def shared_covariance(self) -> Array:
-        """Give the covariance (P, P) of the shared parameters for residuals of unit variance."""
+        """Give the covariance (P, P) of the shared parameters for residuals of unit variance.
+
+        Zero for a parameter that nothing depends on, and very large along what nothing tells apart.
+        """
         schur, _, _, _ = self.reduced()
-        scale = 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300))
-        return scale[:, None] * np.linalg.pinv(schur * scale[:, None] * scale, rcond=1e-14, hermitian=True) * scale
+        used = np.diagonal(self.shared) > 0
+        scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300)), 0.0)
+        values, vectors = np.linalg.eigh(scale[:, None] * schur * scale)
+        half = scale[:, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
+        return half @ half.T
 
 
 def _solve_scaled(matrix: Array, right: Array) -> Array:

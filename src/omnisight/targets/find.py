@@ -10,13 +10,16 @@ from pathlib import Path
 
 from omnisight.images import ImageField, UnreadableImage
 
+from .alike import repetition_note, repetitions, repetitions_note
 from .boards import Board
 from .boards.checkerboard import Checkerboard
 from .detection import Detection
 from .grids.grid import Grid
+from .handed import is_mirrored
 from .look import Look, look_at
 from .placing import agreed_pattern, pattern_of, place
 from .shown import shown_field, telling
+from .sizes import misfit, sizes_note, used_size
 
 _RIM_PX = 2.0
 """How far outside the image circle a corner may seem to be before that is said."""
@@ -30,7 +33,7 @@ class PictureDetection:
     ----------
     path : Path
     size : (int, int) or None
-        Width and height in pixels; None if the file could not be read.
+        Width and height in pixels; None if the file could not be read, or was left out for its size.
     boards : tuple of Detection
         The board, each time it is seen, the one with most points first.
     note : str
@@ -39,10 +42,10 @@ class PictureDetection:
         The part of `note` that is not about the boards.
     sharpness : float
         Laplacian energy over contrast energy on the board (on the picture where there is none): higher is
-        sharper, to be compared within one set; NaN if the file could not be read.
+        sharper, to be compared within one set; NaN where `size` is None.
     exposure : float
         Gray level of the board's white (of the brightest quarter of the picture where there is none): 255 is
-        overexposed; NaN if the file could not be read.
+        overexposed; NaN where `size` is None.
     blur : float
         Standard deviation in px of the blur across the board's edges; NaN where it was not measured.
     """
@@ -84,16 +87,19 @@ class BoardSearch:
         Said where the pictures show another board than the one that was asked for.
     field : ImageField or None
         Where the lens or mirror shows anything.
+    notes : tuple of str
+        What the user should know of the set: sizes that differ, pictures that repeat others, a mirror.
     """
 
     board: Board | None
     pictures: list[PictureDetection] = field(default_factory=list[PictureDetection])
     hint: str | None = None
     field: ImageField | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures, px; (0, 0) if none could be read."""
+        """Width and height of the pictures that are used, px; (0, 0) if none could be read."""
         return next((picture.size for picture in self.pictures if picture.size is not None), (0, 0))
 
     @property
@@ -113,6 +119,8 @@ def find_boards(
 ) -> BoardSearch:
     """Find a board in each picture.
 
+    Pictures of another size than most of those with a board are another camera's: they are left out, with a note.
+
     Parameters
     ----------
     paths : iterable of str or Path
@@ -126,11 +134,6 @@ def find_boards(
         Take detections from earlier runs, and keep these for later ones.
     progress : callable, optional
         Called with (pictures done, pictures in all) after each.
-
-    Raises
-    ------
-    ValueError
-        If the pictures differ in size.
     """
     paths = [Path(path) for path in paths]
 
@@ -148,48 +151,66 @@ def find_boards(
             looks.append(look)
             if progress is not None:
                 progress(len(looks), len(paths))
-    check_sizes([(path.name, look.size) for path, look in zip(paths, looks, strict=True) if isinstance(look, Look)])
-    agreed = agreed_pattern([look.grids for look in looks if isinstance(look, Look)])
+    seen = [(path, look) for path, look in zip(paths, looks, strict=True) if isinstance(look, Look)]
+    size = used_size([(look.size, bool(look.grids or look.boards)) for _, look in seen])
+    kept = [(path, look) for path, look in seen if look.size == size]
+    agreed = agreed_pattern([look.grids for _, look in kept])
     if board is None and agreed is not None:
         board = Checkerboard(*agreed, square=square)
-    chosen = [(path, look) for i, (path, look) in enumerate(zip(paths, looks, strict=True)) if i in told]
-    readable = {path: look for path, look in chosen if isinstance(look, Look)}
-    shown = shown_field(list(readable), list(readable.values()), apply_exif=apply_exif, cache=cache)
-    pictures = [_picture(path, look, board) for path, look in zip(paths, looks, strict=True)]
+    chosen = [kept[i] for i in telling(len(kept))] if kept else []
+    shown = shown_field([p for p, _ in chosen], [look for _, look in chosen], apply_exif=apply_exif, cache=cache)
+    pictures = [_picture(path, look, board, size) for path, look in zip(paths, looks, strict=True)]
     pictures = [_flagged(picture, shown) for picture in pictures]
-    turned = [isinstance(look, Look) and look.orientation != 1 and not apply_exif for look in looks]
-    if any(turned):
-        first = turned.index(True)
-        orientation = next(look.orientation for look in looks[first:] if isinstance(look, Look))
+    notes: list[str] = []
+    if size is not None and (note := sizes_note([(path.name, look.size) for path, look in seen], size)):
+        notes.append(note)
+    if not apply_exif and (turned := [path for path, look in seen if look.orientation != 1]):
+        orientation = next(look.orientation for path, look in seen if path == turned[0])
         note = f"EXIF orientation {orientation} ignored, here and in the other pictures: the sensor does not turn"
+        first = paths.index(turned[0])
         pictures[first] = pictures[first].with_remark(note)
-    hint = _hint(looks, pictures, board, agreed) if isinstance(board, Checkerboard) else None
-    return BoardSearch(board, pictures, hint, shown)
+    if size is not None:
+        pictures, note = _repeating(pictures, size)
+        notes += note
+    if board is not None:
+        notes += _mirrored(pictures, board)
+    hint = _hint([look for _, look in kept], pictures, board, agreed) if isinstance(board, Checkerboard) else None
+    return BoardSearch(board, pictures, hint, shown, tuple(notes))
 
 
-def check_sizes(named: Sequence[tuple[str, tuple[int, int]]]) -> None:
-    """Raise ValueError, with the counts, if pictures, each (name, size), differ in size."""
-    by_size: dict[tuple[int, int], list[str]] = {}
-    for name, size in named:
-        by_size.setdefault(size, []).append(name)
-    if len(by_size) < 2:
-        return
-    ordered = sorted(by_size.items(), key=lambda item: -len(item[1]))
-    (width, height), _ = ordered[0]
-    parts: list[str] = []
-    for size, names in ordered:
-        part = f"{len(names)} of {size[0]}x{size[1]}"
-        if size != (width, height):
-            part += f" ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})"
-        if size == (height, width) != (width, height):
-            part += ", rotated 90 degrees?"
-        parts.append(part)
-    raise ValueError(f"pictures have {len(by_size)} sizes: {'; '.join(parts)}. Calibrate one size at a time.")
+def _repeating(pictures: list[PictureDetection], size: tuple[int, int]) -> tuple[list[PictureDetection], list[str]]:
+    """Say it where pictures show what another one showed; also what to say of the set."""
+    repeated = repetitions([picture.boards for picture in pictures], size)
+    if not repeated:
+        return pictures, []
+    said = list(pictures)
+    for i, (other, moved) in repeated.items():
+        said[i] = pictures[i].with_remark(repetition_note(pictures[other].path.name, moved))
+    found = sum(bool(picture.boards) for picture in pictures)
+    return said, [repetitions_note(len(repeated), found, max(moved for _, moved in repeated.values()))]
 
 
-def _picture(path: Path, look: Look | UnreadableImage, board: Board | None) -> PictureDetection:
+def _mirrored(pictures: Sequence[PictureDetection], board: Board) -> list[str]:
+    """Say it where markers are read in a mirror image."""
+    names = [p.path.name for p in pictures if any(is_mirrored(d, board) for d in p.boards)]
+    if not names:
+        return []
+    found = sum(bool(picture.boards) for picture in pictures)
+    which = "all" if len(names) == found else f"{len(names)} of {found}"
+    return [
+        f"the markers match only when mirrored in {which} pictures with a board ({', '.join(names[:3])}"
+        f"{', ...' if len(names) > 3 else ''}): a webcam's mirror mode? Turn it off; a camera that looks into a mirror"
+        " does see it so"
+    ]
+
+
+def _picture(
+    path: Path, look: Look | UnreadableImage, board: Board | None, size: tuple[int, int] | None
+) -> PictureDetection:
     if isinstance(look, UnreadableImage):
         return PictureDetection(path, note=str(look))
+    if size is not None and look.size != size:
+        return PictureDetection(path, note=misfit(look.size, size))
     placed = [replace(detection, board=board) for detection in look.boards]  # remembered without it
     used: list[Grid] = []
     if isinstance(board, Checkerboard):
@@ -242,7 +263,7 @@ def _joined(*notes: str) -> str:
 
 
 def _hint(
-    looks: Sequence[Look | UnreadableImage],
+    looks: Sequence[Look],
     pictures: Sequence[PictureDetection],
     board: Checkerboard,
     agreed: tuple[int, int] | None,
@@ -250,8 +271,7 @@ def _hint(
     """Say that pictures show another board than the given one, if more of them do than not."""
     if agreed is None or sorted(agreed) == sorted((board.columns, board.rows)):
         return None
-    readable = [look for look in looks if isinstance(look, Look)]
-    count = sum(any(pattern_of(grid) == agreed for grid in look.grids) for look in readable)
+    count = sum(any(pattern_of(grid) == agreed for grid in look.grids) for look in looks)
     whole = sum(any(len(d) > 0.9 * board.size for d in picture.boards) for picture in pictures)
     if count <= whole:
         return None
@@ -259,6 +279,6 @@ def _hint(
     squares = sorted((board.columns - 1, board.rows - 1)) == sorted(agreed)
     reason = f"{board} squares have {columns}x{rows} inner corners" if squares else "did you count squares?"
     return (
-        f"found a {columns}x{rows} grid of inner corners in {count}/{len(readable)} pictures "
+        f"found a {columns}x{rows} grid of inner corners in {count}/{len(looks)} pictures "
         f"but the board asked for is {board} ({reason}). Use --pattern {columns}x{rows}."
     )

@@ -80,8 +80,7 @@ def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool, k
 
 
 def _look(gray: NDArray[np.uint8], asked: Board | None, orientation: int, key: str) -> Look:
-    grids = tuple(find_grids(gray)) if asked is None else ()
-    boards = () if asked is None else tuple(asked.detect(gray))
+    grids, boards = look_in(gray, asked)
     size = (gray.shape[1], gray.shape[0])
     found = [grid.pixels[grid.there] for grid in grids] + [board.pixels for board in boards]
     part = gray
@@ -89,6 +88,11 @@ def _look(gray: NDArray[np.uint8], asked: Board | None, orientation: int, key: s
         (left, top), (right, bottom) = found[0].min(axis=0), found[0].max(axis=0)
         part = gray[max(int(top), 0) : int(bottom) + 2, max(int(left), 0) : int(right) + 2]
     return Look(size, grids, boards, _sharpness(part), float(np.percentile(part, 75)), orientation, key)
+
+
+def look_in(gray: NDArray[np.uint8], asked: Board | None) -> tuple[tuple[Grid, ...], tuple[Detection, ...]]:
+    """Give the checkerboard grids of any size in a picture or, where another board is asked for, where that is."""
+    return (tuple(find_grids(gray)), ()) if asked is None else ((), tuple(asked.detect(gray)))
 
 
 def _sharpness(gray: NDArray[np.uint8]) -> float:

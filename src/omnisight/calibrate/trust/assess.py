@@ -1,0 +1,90 @@
+"""Everything that says how far a calibration can be trusted."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.state import State
+from omnisight.calibrate.trust.ceiling import Ceiling, fit_ceiling
+from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.coverage import Coverage
+from omnisight.calibrate.trust.halves import Halves, compare_halves
+from omnisight.calibrate.trust.uncertainty import UncertaintyMap
+from omnisight.calibrate.trust.verdict import Evidence, Verdict
+from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
+from omnisight.images import ImageField
+
+Array = NDArray[np.float64]
+
+# Halves that differ so many times more than noise explains do so by more than chance.
+CHANCE = 1.5
+
+
+@dataclass(frozen=True)
+class Trust:
+    """How far a calibration can be trusted.
+
+    Attributes
+    ----------
+    uncertainty
+        How sure the camera is, at every angle and azimuth.
+    coverage
+        Where corners were seen.
+    halves
+        Whether two halves of the pictures agree; None with too few.
+    ceiling
+        What the model leaves that a spline explains; None with too few pictures.
+    verdict
+        Whether to use it, and what to do where not.
+    """
+
+    uncertainty: UncertaintyMap
+    coverage: Coverage
+    halves: Halves | None
+    ceiling: Ceiling | None
+    verdict: Verdict
+
+    def figures(self) -> dict[str, Any]:
+        """Give what a camera's file keeps of it."""
+        pixels, angle, _, _ = self.uncertainty.worst()
+        return {
+            "verdict": str(self.verdict),
+            "reasons": list(self.verdict.reasons),
+            "uncertainty_px": pixels if np.isfinite(pixels) else None,
+            "uncertainty_deg": float(np.degrees(angle)) if np.isfinite(angle) else None,
+            "covered": self.coverage.share,
+            "halves": self.halves and self.halves.as_dict(),
+            "spline": self.ceiling and self.ceiling.as_dict(),
+        }
+
+
+def assess(
+    best: Candidate,
+    camera: Camera,
+    views: BoardViews,
+    usable: NDArray[np.bool_],
+    *,
+    scout: State,
+    field: ImageField | None,
+    loss: str,
+    auto: bool,
+) -> tuple[Camera, Trust]:
+    """Say how far the best candidate can be trusted, and give its camera with its covariance.
+
+    The covariance is that of corner noise; where halves of the pictures differ by more, it is scaled so that it
+    explains their difference (Birge, The calculation of errors by the method of least squares, 1932): whatever is at
+    work beside noise is then part of what the camera says of itself.
+    """
+    camera = replace(camera, covariance=camera_covariance(best, views, loss=loss))
+    halves = compare_halves(best, camera, views, loss=loss)
+    if halves is not None and halves.ratio > CHANCE and camera.covariance is not None:
+        camera = replace(camera, covariance=camera.covariance * halves.ratio**2)
+    uncertainty = UncertaintyMap.of(camera, field=field)
+    coverage = Coverage.of(camera, best.state, views, field)
+    ceiling = fit_ceiling(best, scout, views, usable, loss=loss)
+    verdict = Verdict.of(Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, auto))
+    return camera, Trust(uncertainty, coverage, halves, ceiling, verdict)

@@ -1,0 +1,76 @@
+"""Whether two halves of the pictures agree as well as a calibration says they should."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.trust.compare import turned_difference
+from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.uncertainty import Uncertainty
+from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
+from omnisight.geometry.sphere import cap
+
+FEWEST = 8
+RINGS = 12
+
+
+@dataclass(frozen=True)
+class Halves:
+    """Two cameras, calibrated on every other picture each.
+
+    What corner noise makes them differ by is predicted by their covariances; where they differ by much more, something
+    else is at work: a model too poor for the lens, a board that is not what it should be, a camera that changed.
+    mrcal compares calibrations so ("cross-validation").
+
+    Attributes
+    ----------
+    difference
+        Root mean square over the calibrated cone of what the two differ by, px, one turned to fit the other.
+    predicted
+        The same as their covariances have it.
+    """
+
+    difference: float
+    predicted: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times larger the difference is than predicted."""
+        return self.difference / max(self.predicted, 1e-12)
+
+    def as_dict(self) -> dict[str, float]:
+        """Give the figures by name, px."""
+        return {"difference": self.difference, "predicted": self.predicted}
+
+
+def compare_halves(candidate: Candidate, camera: Camera, views: BoardViews, *, loss: str) -> Halves | None:
+    """Calibrate on the even and on the odd views and compare; None with fewer than eight."""
+    if len(views) < FEWEST:
+        return None
+    spread = Spread.of(candidate.state, views, loss)
+    cameras: list[Camera] = []
+    for first in (0, 1):
+        some = np.arange(first, len(views), 2)
+        state = candidate.trained_on(some, views, spread)
+        half = replace(candidate, state=state)
+        covariance = camera_covariance(half, views.subset(some), loss=loss)
+        cameras.append(replace(camera, model=state.model, covariance=covariance))
+    one, other = cameras
+    uncertainties = [Uncertainty.of(c) for c in cameras]
+    bearings = cap(uncertainties[0].reach, RINGS)
+    pixels, valid = one.model.project_numpy(bearings)
+    seen = valid & camera.in_image(pixels)
+    bearings, pixels = bearings[seen], pixels[seen]
+    spreads = [np.trace(u.projection(bearings), axis1=1, axis2=2) for u in uncertainties]
+    predicted = spreads[0] + spreads[1]
+    difference = np.linalg.norm(turned_difference(other.model, bearings, pixels), axis=1)
+    known = np.isfinite(difference) & np.isfinite(predicted)
+    if not known.any():
+        return None
+    return Halves(
+        float(np.sqrt((difference[known] ** 2).mean())),
+        float(np.sqrt(predicted[known].mean())),
+    )

@@ -1,0 +1,68 @@
+"""Pictures of several sizes: which of them are one camera's, and what the others may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+Size = tuple[int, int]
+
+_PARTS = {2: "half", 3: "a third", 4: "a quarter"}
+_NAMED = 5
+"""Pictures of a size that are named."""
+
+
+def used_size(seen: Sequence[tuple[Size, bool]]) -> Size | None:
+    """Give the size that most pictures with a board have; None without pictures.
+
+    Parameters
+    ----------
+    seen : sequence of ((int, int), bool)
+        Width and height in px of each picture, and whether any board is in it.
+    """
+    counts: dict[Size, tuple[int, int, int]] = {}
+    for size, shows in seen:
+        boards, count, _ = counts.get(size, (0, 0, 0))
+        counts[size] = (boards + shows, count + 1, size[0] * size[1])
+    return max(counts, key=lambda size: counts[size], default=None)
+
+
+def misfit(size: Size, used: Size) -> str:
+    """Say what a picture of another size than the others may be, and what to do."""
+    said = f"{_text(size)} where others have {_text(used)}: left out"
+    if size == used[::-1]:
+        return f"{said}; rotated 90 degrees? Give it as the sensor read it, not turned on saving or by --apply-exif"
+    part = _part(size, used)
+    if part is not None:
+        return f"{said}; {part} of {_text(used)}: if it was resized or binned, resize it to {_text(used)}"
+    return f"{said}; cropped, or another camera? Calibrate it apart"
+
+
+def sizes_note(named: Sequence[tuple[str, Size]], used: Size) -> str | None:
+    """Say which sizes there are, with counts and names; None if all pictures, each (name, size), have one size."""
+    by_size: dict[Size, list[str]] = {}
+    for name, size in named:
+        by_size.setdefault(size, []).append(name)
+    if len(by_size) < 2:
+        return None
+    others = sorted((size for size in by_size if size != used), key=lambda size: -len(by_size[size]))
+    parts = [f"{len(by_size[used])} of {_text(used)}, which are used"]
+    for size in others:
+        names = by_size[size]
+        part = f"{len(names)} of {_text(size)} ({', '.join(names[:_NAMED])}{', ...' if len(names) > _NAMED else ''})"
+        parts.append(f"{part}, rotated 90 degrees?" if size == used[::-1] else part)
+    said = f"pictures have {len(by_size)} sizes: {'; '.join(parts)}"
+    ways = [f"{_text(size)} is {part} of {_text(used)}: resize them" for size in others if (part := _part(size, used))]
+    return ". ".join([said, *ways, "Another size is another camera: calibrate it apart"])
+
+
+def _part(size: Size, used: Size) -> str | None:
+    """Say which part or multiple one size is of another; None where it is neither."""
+    for (a, b), (c, d), words in ((size, used, _PARTS), (used, size, dict[int, str]())):
+        times = c // a
+        if times > 1 and (times * a, times * b) == (c, d):
+            return words.get(times) or (f"1/{times}" if words else f"{times} times")
+    return None
+
+
+def _text(size: Size) -> str:
+    return f"{size[0]}x{size[1]}"

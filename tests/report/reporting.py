@@ -1,0 +1,49 @@
+"""What the tests of the report share: a calibration from known corners, and its report."""
+
+import numpy as np
+
+from omnisight.calibrate import BoardViews, PicturesCalibration, calibrate_camera
+from omnisight.calibrate.second_pass import Won
+from omnisight.images import write_image
+from omnisight.report import write_report
+from omnisight.simulate import fisheye_setup
+from omnisight.targets import BoardSearch, Detection, PictureDetection
+
+NOISE = 0.1  # px
+WRONG = 3.0  # px that one corner is off
+NAMES = [f"img {i}.png" for i in range(1, 11)]
+COMMAND = ["omnisight", "calibrate", "my pictures/*.png", "-o", "camera.json"]
+
+
+def seen(folder, *, count=10, unread=True):
+    """Give what would be found in pictures of a known fisheye, the first corner of all in a wrong place."""
+    setup = fisheye_setup(640)
+    noise = np.random.default_rng(1)
+    pictures = []
+    for i, board in enumerate(setup.boards(count)):
+        pixels, valid = setup.camera.project(board.cam_from_board @ board.board.points)
+        ids = np.flatnonzero(valid & setup.camera.in_image(pixels))
+        pixels = pixels[ids] + noise.normal(0, NOISE, (len(ids), 2))
+        pixels[0] += WRONG if i == 0 else 0
+        path = folder / f"{i}.png"
+        shade = np.linspace(0, 255, setup.camera.width, dtype=np.uint8)
+        write_image(path, np.tile(shade, (setup.camera.height, 1)))
+        covariance = np.tile(NOISE**2 * np.eye(2), (len(ids), 1, 1))
+        detection = Detection(ids, pixels, covariance, board=board.board)
+        pictures.append(PictureDetection(path, setup.camera.size, (detection,)))
+    if unread:
+        pictures.append(PictureDetection(folder / "torn.png", note="torn.png: empty file"))
+        pictures.append(PictureDetection(folder / "0.png", setup.camera.size, note="no 8x5 board found"))
+    return BoardSearch(setup.boards(1)[0].board, pictures)
+
+
+def calibrated(search, **options):
+    calibration = calibrate_camera(BoardViews.of_search(search), search.size, **options)
+    return PicturesCalibration(calibration, search, Won())
+
+
+def written(material, path):
+    """Write the report of a material, and give where it is."""
+    m = material
+    write_report(m.result, m.camera, path, names=m.names, command=m.command, apply_exif=m.apply_exif)
+    return path

@@ -1,0 +1,232 @@
+"""The report as a browser shows it."""
+
+import base64
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reporting import COMMAND, NAMES, written
+
+from omnisight.formats import format_named, format_names, load
+from omnisight.report.page import FIGURES
+
+# What a drawing must show at the least, as shapes that take up room.
+SHAPES = """svg => [...svg.querySelectorAll('path, rect')].filter(
+    shape => shape.getBBox().width + shape.getBBox().height > 0).length"""
+
+
+def test_the_verdict_is_seen_first(opened, report, material):
+    page = opened(report)
+    assert page.title().startswith(f"Calibration: {material.calibration.verdict}")
+    first = page.locator("main > section").first
+    assert first.get_attribute("id") == "verdict"
+    box = first.bounding_box()
+    assert box["y"] >= 0
+    assert box["y"] + box["height"] < 800
+    assert first.locator("h2").inner_text().lower() == str(material.calibration.verdict)
+    for sentence in material.calibration.verdict.reasons:
+        assert sentence in first.inner_text()
+
+
+def test_every_figure_is_there_and_says_how_to_read_it(opened, report, material):
+    page = opened(report)
+    figures = page.locator("section.figure")
+    assert figures.count() == len(FIGURES) == 9
+    for figure in figures.all():
+        name = figure.get_attribute("id")
+        assert figure.locator(".body").bounding_box()["height"] > 100, name
+        assert figure.locator(".how h3").inner_text().lower() == "how to read this"
+        paragraphs = figure.locator(".how p").all_inner_texts()
+        assert len(paragraphs) == 3
+        assert min(map(len, paragraphs)) > 30, name
+        for drawing in figure.locator("svg.chart, svg.scene, svg.arrows").all():
+            assert drawing.evaluate(SHAPES) >= 3, name
+            assert drawing.get_attribute("aria-label"), name
+    drawn = {name: page.locator(f"#{name} .body svg.chart").count() for name in ("profile", "uncertainty", "residuals")}
+    assert drawn == {"profile": 2, "uncertainty": 2, "residuals": 4}
+    assert page.locator("nav a").count() == 9
+    assert "NaN" not in page.content()
+    assert not re.search(r"\bnan\b", page.locator("body").inner_text())
+
+
+def test_every_picture_is_shown_with_its_residuals(opened, report, material):
+    page = opened(report)
+    cards = page.locator(".card")
+    assert cards.count() == 12
+    assert cards.locator("image").count() == 11  # one file could not be read
+    widths = page.evaluate(
+        """Promise.all([...document.querySelectorAll('image')].map(async image => {
+            const picture = new Image();
+            picture.src = image.getAttribute('href');
+            await picture.decode();
+            return picture.naturalWidth;
+        }))"""
+    )
+    assert set(widths) == {640}
+    times = re.search(r"drawn (\d+) times", page.locator("#pictures .body > .note").inner_text())[1]
+    for card in cards.all()[:10]:
+        assert card.locator(".exaggeration").text_content() == f"residuals × {times}"
+    # The corner that is 3 px off, as many times longer.
+    line = cards.first.locator(".doubtful").get_attribute("d")
+    along = np.array(re.match(r"M\S+ \S+?l(\S+) (\S+)", line).groups(), float) / float(times)
+    np.testing.assert_allclose(along, [-3, -3], atol=0.4)
+    assert "empty file" in cards.nth(10).inner_text()
+    assert "no 8x5 board found" in cards.nth(11).inner_text()
+
+
+def test_clicking_a_picture_drops_it_and_says_the_command(opened, report, browser):
+    page = opened(report, permissions=["clipboard-read", "clipboard-write"])
+    bar, command = page.locator("#dropped"), page.locator("#dropped-command")
+    assert not bar.is_visible()
+    page.locator(".card .drop").nth(2).click()
+    page.locator(".card .drop").nth(6).click()
+    assert bar.is_visible()
+    assert bar.bounding_box()["y"] >= -1
+    assert "2 pictures dropped, 8 left" in bar.inner_text()
+    wanted = "omnisight calibrate 'my pictures/*.png' -o camera.json --drop 'img 3.png' --drop 'img 7.png'"
+    assert command.text_content().replace('"', "'") == wanted
+    assert page.locator(".card").nth(2).locator(".drop").get_attribute("aria-pressed") == "true"
+    assert page.locator(".bar.dropped").count() == 2
+    assert page.locator(".scene .board.dropped").count() == 2
+    page.locator("#dropped-copy").click()
+    page.get_by_text("Copied", exact=True).wait_for()
+    assert page.evaluate("navigator.clipboard.readText()").replace('"', "'") == wanted
+    page.locator(".card .drop").nth(2).click()
+    assert "1 picture dropped, 9 left" in bar.inner_text()
+    page.locator("#dropped-none").click()
+    assert not bar.is_visible()
+    assert page.locator(".dropped").count() == 0
+
+
+def test_it_works_without_a_mouse(opened, report):
+    page = opened(report)
+    page.locator(".card .drop").first.focus()
+    page.keyboard.press("Space")
+    assert "img 1.png" in page.locator("#dropped-command").text_content()
+    page.locator(".card .enlarge").first.focus()
+    page.keyboard.press("Enter")
+    assert page.locator("dialog .picture").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.locator("dialog .picture").is_visible()
+    scene = page.locator(".scene")
+    axis = scene.locator(".axis-x")
+    before = axis.get_attribute("d")
+    scene.focus()
+    for key in ("ArrowLeft", "ArrowUp", "+"):
+        page.keyboard.press(key)
+    assert axis.get_attribute("d") != before
+    page.keyboard.press("Home")
+    # What scripts draw is what stood there without them.
+    back, first = (np.array(re.findall(r"[-.\d]+", d), float) for d in (axis.get_attribute("d"), before))
+    np.testing.assert_allclose(back, first, atol=0.1)
+
+
+def test_the_boards_turn_under_the_mouse(opened, report):
+    page = opened(report)
+    scene = page.locator(".scene")
+    scene.scroll_into_view_if_needed()
+    box = scene.bounding_box()
+    boards = scene.locator(".board")
+    assert boards.count() == 10
+    still = sorted(board.get_attribute("d") for board in boards.all())
+    page.mouse.move(box["x"] + 200, box["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 300, box["y"] + 230, steps=3)
+    page.mouse.up()
+    assert sorted(board.get_attribute("d") for board in boards.all()) != still
+
+
+@pytest.mark.parametrize("name", ["native", "kalibr", "numpy_arrays"])
+def test_a_click_on_a_format_saves_the_camera(name, opened, report, material, tmp_path):
+    page = opened(report)
+    with page.expect_download() as download:
+        page.locator(f"a[data-format='{name}']").click()
+    file = tmp_path / download.value.suggested_filename
+    assert file.name == f"camera-{name}{format_named(name).SUFFIX}"
+    download.value.save_as(file)
+    assert_same(load(file), material.camera)
+    if name == "native":
+        assert load(file).covariance.tolist() == material.camera.covariance.tolist()
+
+
+def test_every_format_holds_the_camera_or_says_why_not(opened, report, material, tmp_path):
+    page = opened(report)
+    page.locator("#downloads summary").click()
+    refused = page.locator(".refused").inner_text()
+    links = {link.get_attribute("data-format"): link for link in page.locator("a[data-format]").all()}
+    for name in format_names():
+        assert (name in links) is (material.camera.model.name in format_named(name).MODELS)
+        if name in links:
+            start, _, held = links[name].get_attribute("href").partition(",")
+            assert start == "data:application/octet-stream;base64"
+            file = tmp_path / links[name].get_attribute("download")
+            file.write_bytes(base64.b64decode(held))
+            assert_same(load(file), material.camera)
+        else:
+            assert f"{format_named(name).TITLE}: " in refused
+    assert len(links) > 10
+
+
+def assert_same(camera, truth):
+    bearings, pixels = truth.samples()
+    np.testing.assert_allclose(camera.project(bearings)[0], pixels, atol=1e-6)
+
+
+def test_names_from_outside_are_text(opened, material, tmp_path):
+    names = ["</script><script>window.hit = 1</script>", '"><img src=x onerror="window.hit = 1">', "a'; rm -rf $X.png"]
+    names += ["\udcff\u202egnp.exe", "-rf.png", *NAMES[5:]]
+    hostile = replace(material, names=[*names, "torn.png", "empty.png"], command=[*COMMAND, "<b>&amp;"])
+    page = opened(written(hostile, tmp_path / "report.html"))
+    assert page.evaluate("window.hit") is None
+    assert page.locator("img").count() == 0
+    shown = page.locator(".card bdi").all_text_contents()
+    assert shown[:3] == names[:3]
+    assert "<b>&amp;" in page.locator("footer").inner_text()
+    data = json.loads(page.locator("#calibration").text_content())
+    assert [picture["name"] for picture in data["pictures"]][:5] == names[:5]
+    page.locator(".card .drop").nth(4).click()
+    assert page.locator("#dropped-command").text_content().endswith(" --drop=-rf.png")
+
+
+def test_it_could_reach_no_network_if_it_tried(browser, report):
+    # Not the fixture that wants no word on the console: being stopped is one.
+    page = browser.new_context().new_page()
+    page.goto(report.as_uri())
+    stopped = page.evaluate(
+        """() => new Promise(done => {
+            document.addEventListener('securitypolicyviolation', event => done(event.effectiveDirective));
+            new Image().src = 'http://127.0.0.1:9/';
+        })"""
+    )
+    assert stopped == "img-src"
+    assert page.evaluate("() => fetch('http://127.0.0.1:9/').then(() => 'reached', () => 'stopped')") == "stopped"
+    page.context.close()
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_it_fits_a_narrow_screen(width, opened, report):
+    page = opened(report, width=width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.locator("#coverage svg").bounding_box()["width"] > 0.8 * width or width > 400
+
+
+def test_it_follows_the_theme_and_prints(opened, report):
+    def lightness(page):
+        rgb = re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))
+        return sum(map(int, rgb[:3])) / 3
+
+    assert lightness(opened(report, color_scheme="light")) > 230
+    page = opened(report, color_scheme="dark")
+    assert lightness(page) < 40
+    page.emulate_media(media="print", color_scheme="light")
+    assert not page.locator("nav").is_visible()
+    assert page.locator("#residuals svg").first.is_visible()
+
+
+def test_it_says_all_without_scripts(opened, report):
+    page = opened(report, java_script_enabled=False)
+    assert page.locator("#verdict h2").is_visible()
+    assert page.locator(".scene .board").count() == 10
+    assert page.locator(".scene .board").first.get_attribute("d").startswith("M")
