@@ -108,7 +108,10 @@ def commands() -> str:
     app = App(name="omnisight", help_flags=(), version_flags=(), help_format="markdown")
     for found in pkgutil.iter_modules(cli.__path__):
         if not found.name.startswith("_"):
-            app.command(getattr(importlib.import_module(f"omnisight.cli.{found.name}"), found.name), name=found.name)
+            app.command(
+                getattr(importlib.import_module(f"omnisight.cli.{found.name}"), found.name),
+                name=found.name.replace("_", "-"),
+            )
     text = app.generate_docs(output_format="markdown")
     return text[text.index("## omnisight ") :]
 

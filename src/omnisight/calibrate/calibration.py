@@ -197,21 +197,21 @@ def _hold_out(
     least = min(c.rms for c in fitted)
     near = [i for i, c in enumerate(fitted) if c.rms <= HOPELESS * least]
     judged = list(fitted)
-
-    def hold_out(candidates: Sequence[Candidate]) -> None:
-        for done, (i, candidate) in enumerate(zip(near, candidates, strict=True)):
-            report("hold out", done, len(near))
-            judged[i] = candidate.held_out(views, usable, loss=loss)
-        report("hold out", len(near), len(near))
-
-    hold_out([fitted[i] for i in near])
-    if flat:
-        return judged
-    best = min((judged[i] for i in near), key=lambda c: c.held_out_rms or 0.0)
-    bent = best.bent(views, loss=loss).held_out(views, usable, loss=loss)
-    if (bent.held_out_rms or 0.0) < (1 - TIE) * (best.held_out_rms or 0.0):
-        hold_out([judged[i].bent(views, loss=loss) for i in near])
+    if not flat and _is_bent(min((fitted[i] for i in near), key=lambda c: (c.parameters, c.rms)), views, usable, loss):
+        for i in near:
+            judged[i] = fitted[i].bent(views, loss=loss)
+    for done, i in enumerate(near):
+        report("hold out", done, len(near))
+        judged[i] = judged[i].held_out(views, usable, loss=loss)
+    report("hold out", len(near), len(near))
     return judged
+
+
+def _is_bent(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_], loss: str) -> bool:
+    """Say whether pictures held out are explained better with a board that is bent."""
+    flat = candidate.held_out(views, usable, loss=loss).held_out_rms or 0.0
+    bent = candidate.bent(views, loss=loss).held_out(views, usable, loss=loss).held_out_rms or 0.0
+    return bent < (1 - TIE) * flat
 
 
 def _conclude(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import restart
+from omnisight.calibrate.initialise import pairs, restart
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
@@ -126,17 +126,17 @@ def starts_of(name: str, start: State, views: BoardViews) -> list[tuple[str, Sta
     if name != "ocam":
         state = restart(start, model_class(name), views)
         return [] if state is None else [(name, state)]
-    points, _ = start.points(views)
+    points, pixels = pairs(start, views)
     return [
-        (f"ocam degree {degree}", dataclasses.replace(start, model=Ocam.start_of_degree(points, views.pixels, degree)))
+        (f"ocam degree {degree}", dataclasses.replace(start, model=Ocam.start_of_degree(points, pixels, degree)))
         for degree in OCAM_DEGREES
     ]
 
 
 def spline_start(start: State, views: BoardViews) -> State:
     """Give a spline fitted to the start's directions, as fine as so many corners can tell."""
-    points, _ = start.points(views)
-    model = Spline.start_of(points, views.pixels, SPANS, 3 if len(points) < MANY else 5)
+    points, pixels = pairs(start, views)
+    model = Spline.start_of(points, pixels, SPANS, 3 if len(views.pixels) < MANY else 5)
     return dataclasses.replace(start, model=model)
 
 

@@ -62,4 +62,6 @@ class State:
         if roots is not None:
             residuals = np.einsum("nij,nj->ni", roots, residuals)
         length = np.linalg.norm(residuals, axis=1)
-        return np.where(np.isfinite(length), length, OUTSIDE)
+        # No less than a wrong corner may cost, or a camera would fold so as to lose those.
+        across = float(np.linalg.norm(np.ptp(views.pixels, axis=0))) if len(length) else 0.0
+        return np.where(np.isfinite(length), length, max(OUTSIDE, across))

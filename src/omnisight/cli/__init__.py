@@ -35,7 +35,10 @@ def main(arguments: list[str] | None = None) -> None:
     )
     for found in pkgutil.iter_modules(__path__):
         if not found.name.startswith("_"):
-            app.command(getattr(importlib.import_module(f"{__name__}.{found.name}"), found.name), name=found.name)
+            app.command(
+                getattr(importlib.import_module(f"{__name__}.{found.name}"), found.name),
+                name=found.name.replace("_", "-"),
+            )
     try:
         app(tokens, exit_on_error=False)
     except CycloptsError:  # said already

@@ -113,7 +113,8 @@ class Ocam(Central):
         radius = self.radius_max()
         r = radius * 0.5 * (1 - np.cos(np.pi * np.arange(1, 97) / 96))
         f = np.polynomial.polynomial.polyval(r, self.polynomial)
-        t = r / (np.hypot(r, f) + f)  # tan(theta/2)
+        n = np.hypot(r, f)
+        t = np.where(f > 0, r / np.where(f > 0, n + f, 1.0), (n - f) / r)  # tan(theta/2), the sum without a loss
         q = t / t[-1]
         start = np.linalg.lstsq(q[:, None] ** np.arange(START_TERMS), r / q, rcond=None)[0]
         return {**super().derived(), "r_max": radius, "t_scale": 1 / float(t[-1]), "start": tuple(map(float, start))}

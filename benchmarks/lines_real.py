@@ -1,0 +1,113 @@
+"""Calibrating from lines on real pictures, against the board calibration of the same camera.
+
+`python -m benchmarks.lines real [sets]`; the variable OMNISIGHT_DATA says where the pictures are.
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate import BoardViews, Calibration, calibrate_camera
+from omnisight.calibrate.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_scene
+from omnisight.geometry import rotation as so3
+from omnisight.images import read_image, to_gray8
+from omnisight.targets import Checkerboard, find_boards
+
+Array = NDArray[np.float64]
+
+DATA = Path(os.environ.get("OMNISIGHT_DATA", Path(__file__).resolve().parent.parent.parent / "shared/data"))
+SETS = {
+    "kaidan": ("kaidan_catadioptric/*.jpg", Checkerboard(11, 7)),
+    "mei": ("mei_paracatadioptric/*.png", Checkerboard(8, 6)),
+    "sourishg left": ("stereo_fisheye_sourishg/left*.jpg", Checkerboard(9, 6)),
+    "camodocal": ("camodocal_fisheye/*.png", Checkerboard(9, 6)),
+}
+# Pictures whose edges are traced, evenly out of a set.
+PICTURES = 10
+STEP = 12  # px between the pixels that are compared
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Two calibrations of one camera: bearings of the same pixels, degrees, the frames turned to fit best.
+
+    Attributes
+    ----------
+    rms, most
+        What the bearings differ by.
+    stated
+        What the lines state of them (one standard deviation), rms over the same pixels.
+    board
+        What the board calibration states.
+    """
+
+    rms: float
+    most: float
+    stated: float
+    board: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times the difference is what both state together."""
+        return self.rms / float(np.hypot(self.stated, self.board))
+
+
+def compare(found: LinesCalibration, board: Calibration) -> Compared:
+    """Compare at the pixels of the picture that both the lines and the boards reach."""
+    camera = found.camera
+    size = np.array(camera.size)
+    pixels = np.stack(np.meshgrid(*(np.arange(STEP / 2, n, STEP) for n in size)), -1).reshape(-1, 2)
+    a, seen_a = camera.model.unproject_numpy(pixels)
+    b, seen_b = board.camera.model.unproject_numpy(pixels)
+    with np.errstate(invalid="ignore"):
+        common = seen_a & seen_b & (a[:, 2] > np.cos(camera.theta_max)) & (b[:, 2] > np.cos(board.camera.theta_max))
+    a, b, pixels = a[common], b[common], pixels[common]
+    off = np.linalg.norm(a @ so3.nearest(b.T @ a).T - b, axis=1)
+    own = bearing_deviation(board.camera.model, board.camera.covariance, pixels)
+    stated = found.deviation_at(pixels)
+    return Compared(*(float(np.degrees(x)) for x in (np.sqrt((off**2).mean()), off.max(), stated, own)))
+
+
+def rows_and_columns(points: Array, ids: Array, pixels: Array) -> Iterator[Array]:
+    """Give the corners (n, 2) of each row and column of a board, four and more."""
+    for axis in (0, 1):
+        for value in np.unique(points[ids, axis]):
+            chosen = np.flatnonzero(points[ids, axis] == value)
+            if len(chosen) >= 4:
+                yield pixels[chosen[np.argsort(points[ids[chosen], 1 - axis])]]
+
+
+def measure(name: str) -> Iterator[tuple[str, LinesCalibration, Compared]]:
+    """Calibrate a set by its boards, by their rows and columns, and by the edges of its scenes."""
+    pattern, board = SETS[name]
+    paths = sorted(DATA.glob(pattern))
+    seen = [(i, p.detection) for i, p in enumerate(find_boards(paths, board).pictures) if p.detection is not None]
+    views = BoardViews.of([(board.points[d.ids], d.pixels) for _, d in seen])
+    size = read_image(paths[0]).shape[1::-1]
+    truth = calibrate_camera(views, size, model="mei")
+    rows = [(line, i) for i, d in seen for line in rows_and_columns(board.points, d.ids, d.pixels)]
+    found = calibrate_lines(Chains.of([r for r, _ in rows], [i for _, i in rows]), size, trusted=True)
+    yield "rows of corners", found, compare(found, truth)
+    few = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, PICTURES).round().astype(int))]
+    arcs, centre = find_scene([lambda path=path: to_gray8(read_image(path)) for path in few])
+    found = calibrate_lines(arcs, size, centre=centre)
+    yield f"edges of {len(few)} scenes", found, compare(found, truth)
+
+
+def report(only: list[str]) -> None:
+    """Print the table."""
+    print("| pictures | lines from | lines | rms px | difference deg | worst deg | stated deg | board deg | ratio |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name in SETS:
+        if (only and not name.startswith(tuple(only))) or not list(DATA.glob(SETS[name][0])):
+            continue
+        for source, found, c in measure(name):
+            print(
+                f"| {name} | {source} | {len(found.chains)} | {found.rms:.3f} | {c.rms:.2f} | {c.most:.2f} |"
+                f" {c.stated:.2f} | {c.board:.2f} | {c.ratio:.1f} |",
+                flush=True,
+            )

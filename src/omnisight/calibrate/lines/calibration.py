@@ -1,0 +1,249 @@
+"""The calibration of a camera from images of straight lines, without a board."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.lines.chains import Chains
+from omnisight.calibrate.lines.consensus import FEWEST, Consensus, find_lines, select
+from omnisight.calibrate.lines.plumb import Lines, refine_lines
+from omnisight.calibrate.lines.rival import as_model, unlike
+from omnisight.calibrate.lines.scale import bends_freely, without_scale
+from omnisight.calibrate.lines.uncertainty import Uncertainty, bearing_deviation
+from omnisight.camera import Camera
+from omnisight.models import model_class
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+# The lines decide anew which arcs are lines, so often.
+ROUNDS = 2
+PIXELS = 150
+# A doubtful result, and none at all, radians.
+UNSURE, LOST = np.radians(3.0), np.radians(30.0)
+FEW_LINES = 6
+# Past this inflation the stated deviations were too small on real pictures.
+TOGETHER = 80.0
+ROUGH_PX = 1.0
+
+
+@dataclass(frozen=True)
+class LinesCalibration:
+    """A camera calibrated from lines, and what supports it.
+
+    Attributes
+    ----------
+    camera
+        The camera with its covariance; `theta_max` is how far the lines reach.
+    state
+        Its model with the plane of each line.
+    chains
+        The lines; arcs of one line are joined.
+    line_of_arc
+        (A,) the line that each given arc belongs to, -1 for those that are images of no line.
+    uncertainty
+        How surely the parameters are known.
+    bearing_sd
+        Standard deviation of a bearing where the lines are, radians: from the covariance, and the misfit beside it.
+    misfit
+        Part of it: what a model that bends freely makes of the same lines, if it explains them clearly better; and what
+        is held, if anything is.
+    rms
+        Root mean square distance of the pixels from their lines, px.
+    scale_held
+        Whether the lines do not determine the scale of tan(theta) for this model, so that it is the unified model's.
+    warnings
+        What to doubt, a sentence each.
+    """
+
+    camera: Camera
+    state: Lines
+    chains: Chains
+    line_of_arc: NDArray[np.intp]
+    uncertainty: Uncertainty
+    bearing_sd: float
+    misfit: float
+    rms: float
+    scale_held: bool
+    warnings: tuple[str, ...]
+
+
+def calibrate_lines(
+    arcs: Chains,
+    size: tuple[int, int],
+    *,
+    model: str = "unified",
+    centre: Array | None = None,
+    trusted: bool = False,
+    square: bool = True,
+    known: Mapping[str, float] | None = None,
+    loss: str = "huber",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> LinesCalibration:
+    """Calibrate a camera from images of straight lines, three or more.
+
+    Parameters
+    ----------
+    arcs
+        Pixels along edges of one camera's pictures. What one camera cannot explain together as images of lines is left
+        out.
+    size
+        (width, height) of the pictures, px.
+    model
+        A camera model. What lines say: everything of the unified model but the handedness; of models that bend freely
+        everything but the scale of tan(theta), which is then held where the unified model has it.
+    centre
+        (2,) where the principal point is expected, the picture's middle unless given.
+    trusted
+        All arcs are lines: none is left out, none joined.
+    square
+        Pixels are square: fx = fy.
+    known
+        Parameters of the model by name that are known and stay: {"xi": 1} for a parabolic mirror.
+    loss
+        "huber", or "squared" for plain least squares.
+    seed
+        Of the search.
+    progress
+        Called with a stage, how much of it is done, and how much there is.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or the lines are too few, explain no camera or do not determine this one.
+    """
+    report = progress or (lambda stage, done, total: None)
+    cls = model_class(model)
+    known = known or {}
+    if unknown := sorted(set(known) - set(cls.example().param_names)):
+        raise ValueError(f"{model} has no {', '.join(unknown)}; it has {', '.join(cls.example().param_names)}")
+    if len(arcs) < FEWEST:
+        raise ValueError(f"{len(arcs)} lines are too few: {FEWEST} is the least, 10 and more all around are good")
+    middle = (np.array(size, float) - 1) / 2 if centre is None else centre
+    report("find lines", 0, 1)
+    found = find_lines(
+        arcs, size, middle, known=known if model == "unified" else {}, square=square, trusted=trusted, seed=seed
+    )
+    report("find lines", 1, 1)
+
+    freedom = Freedom.of(found.state.model, square=square, fixed=tuple(known) if model == "unified" else ())
+    found = _settled(found, arcs, freedom, trusted, loss, lambda k: report("unified", k, ROUNDS))
+    few = found.chains.thinned(PIXELS)
+    uncertainty = Uncertainty.of(found.state, few, freedom)
+    deviation = bearing_deviation(found.state.model, uncertainty.covariance, few.pixels)
+    misfit = unlike(found.state, few, freedom, uncertainty)
+    held = False
+    if model != "unified":
+        scouted = np.hypot(deviation, misfit)
+        start = as_model(cls, found.state, found.chains, square=square, known=known)
+        found = Consensus(start, found.chains, found.line_of_arc)
+        held = bends_freely(start.model)
+        while True:
+            freedom = Freedom.of(start.model, square=square, fixed=tuple(known))
+            if held:
+                freedom = without_scale(freedom, start.model, few.pixels)
+            settled = _settled(found, arcs, freedom, trusted, loss, lambda k: report(model, k, ROUNDS))
+            few = settled.chains.thinned(PIXELS)
+            uncertainty = Uncertainty.of(settled.state, few, freedom)
+            deviation = bearing_deviation(settled.state.model, uncertainty.covariance, few.pixels)
+            lost = uncertainty.singular or deviation > LOST
+            if not lost or held:
+                break
+            held = True
+        found = settled
+        if lost:
+            raise ValueError(
+                f"lines do not determine the parameters of {model}: with some of them changed all straight lines stay"
+                " straight; choose another model, or calibrate with a board"
+            )
+        misfit = float(scouted) if held else unlike(found.state, few, freedom, uncertainty)
+    return _concluded(found, size, uncertainty, deviation, misfit, held, len(arcs))
+
+
+def _settled(
+    found: Consensus, arcs: Chains, freedom: Freedom, trusted: bool, loss: str, report: Callable[[int], None]
+) -> Consensus:
+    """Refine the camera on its lines, let it say anew which arcs are lines, and refine it on those."""
+    for k in range(ROUNDS):
+        report(k)
+        if k:
+            found = select(found.state.model, arcs, trusted=trusted)
+        if len(found.chains) < FEWEST:
+            raise ValueError(
+                f"of {len(arcs)} arcs only {len(found.chains)} are images of lines; {FEWEST} is the least: take a"
+                " picture of more straight lines, or draw them (--lines)"
+            )
+        state = refine_lines(found.state, found.chains.thinned(PIXELS), freedom, loss=loss).state
+        found = Consensus(state, found.chains, found.line_of_arc)
+    report(ROUNDS)
+    return found
+
+
+def _concluded(
+    found: Consensus,
+    size: tuple[int, int],
+    uncertainty: Uncertainty,
+    deviation: float,
+    misfit: float,
+    held: bool,
+    given: int,
+) -> LinesCalibration:
+    state, chains = found.state, found.chains
+    distances = state.distances(chains)
+    feet = state.bearings(chains)
+    reach = float(np.nanmax(np.arctan2(np.hypot(feet[:, 0], feet[:, 1]), feet[:, 2])))
+    rms = float(np.sqrt((distances**2).mean()))
+    figures = {
+        "method": "lines",
+        "rms": rms,
+        "sigma": uncertainty.sigma,
+        "lines": len(chains),
+        "arcs": int((found.line_of_arc >= 0).sum()),
+        "arcs_rejected": int((found.line_of_arc < 0).sum()),
+        "pixels": len(chains.pixels),
+        "pictures": len(np.unique(chains.pictures)),
+        "inflation": uncertainty.inflation,
+        "bearing_sd_deg": float(np.degrees(np.hypot(deviation, misfit))),
+        "model_error_deg": float(np.degrees(misfit)),
+        "scale_held": held,
+    }
+    camera = Camera(state.model, size, theta_max=reach, calibration=figures, covariance=uncertainty.covariance)
+    total = float(np.hypot(deviation, misfit))
+    doubts = _doubts(state, chains, rms, total, uncertainty.inflation, held, given)
+    return LinesCalibration(camera, state, chains, found.line_of_arc, uncertainty, total, misfit, rms, held, doubts)
+
+
+def _doubts(
+    state: Lines, chains: Chains, rms: float, deviation: float, inflation: float, held: bool, given: int
+) -> tuple[str, ...]:
+    found: list[str] = []
+    if held:
+        found.append(
+            f"Lines do not determine the scale of {state.model.name}, for it bends freely: with tan(theta) times any"
+            " factor every straight line stays straight. It is held where the unified model has it."
+        )
+    if len(chains) < FEW_LINES:
+        found.append(f"{len(chains)} lines determine a camera, but tell little of its errors; 10 and more are good.")
+    if deviation > UNSURE:
+        found.append(
+            f"Bearings are known to {np.degrees(deviation):.1f} degrees only: take more and longer lines, all around"
+            " and bent, or more pictures."
+        )
+    if inflation > TOGETHER:
+        found.append(
+            f"Whole lines are off {np.sqrt(inflation):.0f} times more than their pixels: among them are likely edges"
+            " that are not straight, or the camera is not quite of this model. Errors may be larger than stated;"
+            " look at the drawing (--draw), or draw the lines by hand (--lines)."
+        )
+    if rms > ROUGH_PX:
+        found.append(
+            f"The lines' pixels lie {rms:.1f} px off: does {state.model.name} describe this camera, and are these lines"
+            " straight?"
+        )
+    if len(chains) < 0.3 * given:
+        found.append(f"Most of the arcs ({given}) are images of no line to this camera; look at the drawing (--draw).")
+    return tuple(found)

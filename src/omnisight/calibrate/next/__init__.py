@@ -1,0 +1,1 @@
+"""Where to hold the board next: the picture that would make a camera surer of itself."""

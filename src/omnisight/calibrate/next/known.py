@@ -1,0 +1,134 @@
+"""What the pictures so far tell of a camera, and what one more would add."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.refine import Bundle
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
+from omnisight.calibrate.trust.assess import CHANCE
+from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.halves import compare_halves
+from omnisight.calibrate.trust.verdict import LARGE_PX
+from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
+from omnisight.geometry.sphere import angle_from_axis
+
+Array = NDArray[np.float64]
+
+# What is known of a combination of parameters beforehand, as a share of what is known of each of them alone: with a few
+# pictures some are not told at all, and what one more picture tells of them must stand above rounding.
+BEFORE = 1e-11
+
+
+@dataclass(frozen=True)
+class Known:
+    """A camera refined on pictures, and what these tell of it.
+
+    Attributes
+    ----------
+    camera
+        Refined; its `theta_max` is how far from the axis corners were seen.
+    state, views
+        Poses and bend of the board, and the corners.
+    freedom
+        What was estimated; a parameter that stands at a bound is left out.
+    information
+        (F, F) of what all pictures share, the poses eliminated: the inverse of its covariance.
+    variance
+        Of a corner's coordinate, px^2: the spread of the residuals, and what halves of the pictures differ by beside.
+    basis
+        (S, F) how the S numbers that all pictures share, camera first, move with the F things that `information` is of.
+    """
+
+    camera: Camera
+    state: State
+    views: BoardViews
+    freedom: Freedom
+    information: Array
+    variance: float
+    basis: Array
+
+    @classmethod
+    def of(cls, camera: Camera, views: BoardViews) -> Self:
+        """Refine a camera on pictures and take its normal equations.
+
+        Parameters
+        ----------
+        camera
+            Where to begin; what its calibration estimated is estimated again.
+        views
+            The corners.
+
+        Raises
+        ------
+        ValueError
+            If there are no corners, or the camera is not that of the pictures.
+        """
+        if not len(views):
+            raise ValueError("no picture shows the board: there is nothing to go on from")
+        freedom = estimated(camera)
+        fit = Candidate.fit(camera.model.name, posed(camera.model, views), views, freedom, loss="huber")
+        state = fit.state
+        median, limit = float(np.median(state.lengths(views))), LARGE_PX * max(1.0, max(camera.size) / 1000)
+        if not median <= limit:
+            raise ValueError(
+                f"the camera does not explain these pictures: half of the corners are more than {median:.1f} px off;"
+                " is it the camera that took them? Calibrate them first"
+            )
+        spread = Spread.of(state, views)
+        outliers = spread.doubtful(state, views)
+        shown = np.isfinite(state.residuals(views)).all(1) & ~outliers
+        reach = float(angle_from_axis(state.points(views)[0])[shown].max(initial=0.0))
+        camera = replace(camera, model=state.model, theta_max=reach, covariance=camera_covariance(fit, views))
+        normal = Bundle(views, freedom, spread).linearise(state)
+        used = np.diagonal(normal.shared) > 0
+        variance = spread.sigma**2 * views.pixels.size / max(views.pixels.size - freedom.count - 6 * len(views), 1)
+        halves = compare_halves(fit, camera, views, loss="huber")
+        if halves is not None and halves.ratio > CHANCE:
+            variance *= halves.ratio**2
+        moving = freedom.directions[:, used[: freedom.directions.shape[1]]]
+        schur = normal.reduced()[0][np.ix_(used, used)]
+        freedom = replace(freedom, directions=moving)
+        return cls(camera, state, views, freedom, schur / variance, variance, np.eye(len(schur)))
+
+    @property
+    def reach(self) -> float:
+        """How far from the axis (radians) corners were seen."""
+        return self.camera.theta_max or 0.0
+
+    @property
+    def camera_basis(self) -> Array:
+        """(P, F) how all parameters of the camera move with what `information` is of."""
+        directions = self.freedom.directions
+        return directions @ self.basis[: directions.shape[1]]
+
+    @cached_property
+    def half(self) -> Array:
+        """L (F, F) with L L^T the inverse of the information; what nothing tells apart is very uncertain."""
+        scale = 1 / np.sqrt(np.maximum(np.diagonal(self.information), 1e-300))
+        values, vectors = np.linalg.eigh(scale[:, None] * self.information * scale)
+        return scale[:, None] * vectors / np.sqrt(np.maximum(values, BEFORE))
+
+
+def estimated(camera: Camera) -> Freedom:
+    """Give what the camera's calibration estimated, as its covariance in the file and the board's bend tell."""
+    model, covariance = camera.model, camera.covariance
+    warp = "board_warp" in camera.calibration
+    names = model.param_names
+    if covariance is None or covariance.shape != (len(names), len(names)) or not np.diagonal(covariance).any():
+        return Freedom.of(model, warp=warp)
+    moved = {name for name, variance in zip(names, np.diagonal(covariance), strict=True) if variance > 0}
+    square = False
+    if {"fx", "fy"} <= moved:
+        i, j = names.index("fx"), names.index("fy")
+        square = bool(np.allclose(covariance[i], covariance[j], rtol=1e-9, atol=0))
+    still = [name for name in names if name not in moved]
+    return Freedom.of(model, fixed=still, free=[*moved], square=square, warp=warp)

@@ -1,0 +1,143 @@
+"""omnisight next."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+
+MOST = 20
+
+
+def next(
+    pictures: list[str],
+    /,
+    *,
+    camera: Path,
+    pattern: Annotated[str | None, Parameter(alias="--size")] = None,
+    square: str | None = None,
+    target: Path | None = None,
+    count: int = 3,
+    draw: Annotated[Path | None, Parameter(alias="-o")] = None,
+    apply_exif: bool = False,
+    cache: bool = True,
+    json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Say where to hold the board for the next picture: where it makes the camera surest.
+
+    Hundreds of places, distances and tilts are tried on paper; the one that lowers the worst uncertainty most is the
+    next picture, and with it taken as done the ones after it.
+
+    Parameters
+    ----------
+    pictures
+        What the camera was calibrated from: folders, files or patterns such as 'left*.jpg', of pictures and clips.
+    camera
+        The calibration that came of them: a file of any format.
+    pattern
+        Inner corners of the board, columns x rows. That of the camera's file if absent, or else looked for.
+    square
+        Side of a square with its unit: 32.5mm.
+    target
+        The board as a file, in place of --pattern and --square.
+    count
+        How many pictures to propose, one after another.
+    draw
+        A picture of where to hold the board: over one of yours, with what is known and what is not.
+    apply_exif
+        Turn pictures as their EXIF orientation says.
+    cache
+        Remember found boards, by the content of the pictures.
+    json
+        Print one JSON object and nothing else.
+    quiet
+        Show no progress.
+    """
+    import dataclasses
+
+    from omnisight.calibrate.next.known import Known
+    from omnisight.calibrate.next.propose import propose
+    from omnisight.calibrate.views import BoardViews
+    from omnisight.cli._board import asked_board, search_boards
+    from omnisight.cli._names import labels
+    from omnisight.cli._next_report import as_json, print_report
+    from omnisight.formats import load
+    from omnisight.images import collect_images
+
+    if not 1 <= count <= MOST:
+        raise ValueError(f"--count is {count}: give 1 to {MOST} pictures to propose")
+    source = load(camera)
+    paths = collect_images(pictures, clips=True)
+    if draw is not None:
+        _must_be_apart(draw, paths)
+    board = asked_board(pattern, square, target)
+    if board is None and square is None:
+        board = _board_of(source, camera)
+    with progress(quiet or json) as report:
+        search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
+        found = search.board
+        if found is None or not search.found:
+            raise ValueError(_none_found(search))
+        if min(source.size) < 1:  # its file does not say: the pictures do
+            source = dataclasses.replace(source, size=search.size)
+        if source.size != search.size:
+            raise ValueError(
+                f"{camera}: the pictures are {search.size[0]}x{search.size[1]}, the camera"
+                f" {source.width}x{source.height}: give the pictures that it was calibrated from, or calibrate these"
+            )
+        report("propose", 0, 1)
+        known = Known.of(source, BoardViews.of_search(search, labels([p.path for p in search.pictures])))
+        proposal = propose(known, found, search.field, count)
+        report("propose", 1, 1)
+    if json:
+        as_json(proposal, search, found)
+    else:
+        print_report(proposal, search, found)
+    if draw is not None:
+        from omnisight.cli._next_draw import draw_proposal
+
+        draw_proposal(proposal, search, found, draw, apply_exif=apply_exif)
+        if not json:
+            print(f"\ndrawn: {draw}")
+
+
+def _board_of(source: Any, file: Path) -> Any:
+    """Give the board that the camera was calibrated with, or None where its file does not say."""
+    from omnisight.targets.boards import board_class
+
+    values = source.provenance.get("target")
+    if not isinstance(values, dict):
+        return None
+    try:
+        return board_class(str(values.get("target"))[:40]).from_dict(values)
+    except ValueError as error:
+        raise ValueError(f"{file}: provenance, target: {error}; give --pattern or --target") from None
+
+
+def _must_be_apart(draw: Path, pictures: list[Path]) -> None:
+    """Refuse, before any work, a drawing that would be lost, or be taken for a picture of the set."""
+    from omnisight.cli._names import spare
+
+    spare([draw], pictures)
+    if draw.is_dir():
+        raise ValueError(f"{draw}: is a folder; name a picture in it, such as {draw / 'next.png'}")
+    if not draw.parent.is_dir():
+        raise ValueError(f"{draw}: there is no folder {draw.parent}; make it first")
+    if draw.parent.resolve() in {path.parent.resolve() for path in pictures}:
+        raise ValueError(f"{draw}: its folder holds the pictures; what is drawn would be taken for one the next time")
+    if draw.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise ValueError(f"{draw}: a drawing is a .png or .jpg, not {draw.suffix or 'without an extension'}")
+
+
+def _none_found(search: Any) -> str:
+    from omnisight.cli._detect_report import advice
+
+    notes = [f"  {picture.path.name}: {picture.note}" for picture in search.pictures if picture.note][:5]
+    if search.board is None:
+        said = f"no checkerboard found in {len(search.pictures)} pictures: give --pattern, such as 9x6, or --target"
+    else:
+        said = f"the {search.board} board was found in none of {len(search.pictures)} pictures: "
+        said += search.hint or advice(search.board)
+    return "\n".join([said, *notes])

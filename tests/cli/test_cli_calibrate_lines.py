@@ -1,0 +1,96 @@
+"""omnisight calibrate-lines."""
+
+import json
+
+import numpy as np
+import pytest
+from shooting import visible
+
+from omnisight.formats import load
+from omnisight.images import read_image, write_image
+from omnisight.models.unified import Unified
+from omnisight.simulate import mirror_setup
+
+TRUTH = Unified(300.0, 300.0, 652.0, 498.0, 1.0)
+
+
+@pytest.fixture(scope="session")
+def room(tmp_path_factory):
+    path = tmp_path_factory.mktemp("room") / "room.png"
+    write_image(path, mirror_setup(720).renderer(samples=2)().image)
+    return path
+
+
+@pytest.fixture
+def drawn(tmp_path):
+    """Give a picture and a file of ten lines through a parabolic mirror."""
+    rng = np.random.default_rng(0)
+    lines = []
+    while len(lines) < 10:
+        across = np.linalg.svd(rng.normal(size=(1, 3)))[2][1:]
+        turn = np.linspace(0, 1.4, 20)[:, None] + rng.uniform(0, 6)
+        pixels, valid = TRUTH.project_numpy(np.cos(turn) * across[0] + np.sin(turn) * across[1])
+        if valid.all() and np.linalg.norm(pixels - (652, 498), axis=1).max() < 480:
+            lines.append((pixels + 0.3 * rng.normal(size=pixels.shape)).tolist())
+    write_image(tmp_path / "blank.png", np.full((1024, 1280), 90, np.uint8))
+    (tmp_path / "lines.json").write_text(json.dumps(lines))
+    return tmp_path
+
+
+def test_one_picture_of_a_room_calibrates_a_mirror(run, room, tmp_path):
+    status, out, err = run("calibrate-lines", room, "-o", tmp_path / "camera.json", "--draw", tmp_path / "drawn")
+    assert (status, err) == (0, "")
+    assert out.startswith("model unified\nparameter ")
+    assert "not determined by lines: handedness" in out
+    assert f"written: {tmp_path / 'camera.json'}" in out
+    camera = load(tmp_path / "camera.json")
+    assert camera.size == (720, 540)
+    assert camera.calibration["method"] == "lines"
+    assert camera.calibration["lines"] > 20
+    assert camera.covariance.shape == (6, 6)
+    deviation = np.sqrt(np.diagonal(camera.covariance))
+    assert (deviation[:5] > 0).all()
+    assert deviation[5] == 0
+    assert 1.0 < camera.theta_max < np.radians(112)
+    assert camera.provenance["pictures"] == ["room.png"]
+    assert camera.model.to_dict()["xi"] == pytest.approx(0.97, abs=max(4 * deviation[4], 0.02))
+    assert visible(tmp_path / "drawn") == ["room.png"]
+    sheet = read_image(tmp_path / "drawn" / "room.png").astype(int)
+    assert ((sheet[..., 1] > 180) & (sheet[..., 0] < 120)).sum() > 1000
+
+
+def test_drawn_lines_and_what_is_known_are_used(run, drawn):
+    camera = drawn / "c.json"
+    given = ("--lines", drawn / "lines.json", "--fix", "xi=1")
+    status, out, err = run("calibrate-lines", drawn / "blank.png", *given, "--json", "-o", camera)
+    assert (status, err) == (0, "")
+    said = json.loads(out)
+    assert said["lines"] == said["arcs"] == 10
+    assert said["camera"]["params"]["xi"] == 1
+    assert said["deviations"]["xi"] == 0
+    off = load(camera).model.params - TRUTH.params
+    assert np.abs(off).max() < 2
+    assert np.abs(off[0]) < 4 * said["deviations"]["fx"]
+    assert 0 < said["bearing_sd_deg"] < 0.5
+    assert load(camera).provenance["lines"] == "lines.json"
+
+
+def test_what_cannot_work_is_refused_in_one_line(refuses, drawn):
+    blank, lines = drawn / "blank.png", drawn / "lines.json"
+    assert "0 lines are too few" in refuses("calibrate-lines", blank)
+    assert "--fix: unified has no k1" in refuses("calibrate-lines", blank, "--fix", "k1=0")
+    assert "such as xi=1, got 'xi'" in refuses("calibrate-lines", blank, "--fix", "xi")
+    assert "there is no folder" in refuses("calibrate-lines", blank, "-o", drawn / "none" / "c.json")
+    assert "unknown camera model" in refuses("calibrate-lines", blank, "--model", "nonsense")
+    (drawn / "bad.json").write_text('{"other.png": []}')
+    assert "names other.png, which is none of the pictures" in refuses(
+        "calibrate-lines", blank, "--lines", drawn / "bad.json"
+    )
+    write_image(drawn / "mask.png", np.zeros((5, 5), np.uint8))
+    assert "mask.png: is 5 x 5 px, the pictures 1280 x 1024" in refuses(
+        "calibrate-lines", blank, "--mask", drawn / "mask.png"
+    )
+    write_image(drawn / "small.png", np.zeros((50, 50), np.uint8))
+    assert "pictures of one camera have one size" in refuses(
+        "calibrate-lines", blank, drawn / "small.png", "--lines", lines
+    )

@@ -1,0 +1,98 @@
+"""Arrays as people have them: what can be meant is taken, what cannot is refused with what came and what is needed."""
+
+import numpy as np
+import pytest
+
+from omnisight.calibrate import BoardViews, calibrate_camera
+from omnisight.camera import Camera
+from test_calibrate import SIZE, lens, shoot
+
+
+@pytest.fixture(scope="module")
+def views():
+    return shoot(lens(180), 180, np.random.default_rng(0), count=4)
+
+
+SHAPES = {
+    "as documented": lambda a: a,
+    "one corner a row": lambda a: a[:, None],
+    "one row": lambda a: a[None],
+    "lists": lambda a: a.tolist(),
+    "tuples": lambda a: tuple(map(tuple, a)),
+    "any order in memory": np.asfortranarray,
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_nan_inf_int_float32_wrong_shape_arrays_any_usual_shape_is_taken(views, shape):
+    expected = BoardViews.of(views)
+    found = BoardViews.of([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
+    assert np.array_equal(found.points, expected.points)
+    assert np.array_equal(found.pixels, expected.pixels)
+    assert found.groups == expected.groups
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float16, np.int16, np.int64, np.uint16, object])
+def test_nan_inf_int_float32_wrong_shape_arrays_any_real_type_is_taken(views, dtype):
+    x, p = (a.round().astype(dtype) for a in views[0])
+    found = BoardViews.of([(x, p)])
+    assert found.points.dtype == found.pixels.dtype == np.float64
+    assert np.array_equal(found.pixels, p.astype(float))
+
+
+def test_nan_inf_int_float32_wrong_shape_arrays_points_on_a_plane_need_no_z(views):
+    flat = BoardViews.of([(x[:, :2], p) for x, p in views])
+    assert np.array_equal(flat.points, BoardViews.of(views).points)
+    assert np.array_equal(BoardViews.of([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
+
+
+def test_nan_inf_int_float32_wrong_shape_arrays_as_opencv_has_them_give_the_same_camera(views):
+    plain = calibrate_camera(BoardViews.of(views), SIZE, model="equisolid", flat=True)
+    opencv = [(x[:, None].astype(np.float32), p[:, None]) for x, p in views]
+    found = calibrate_camera(BoardViews.of(opencv), SIZE, model="equisolid", flat=True)
+    assert np.array_equal(found.camera.model.params, plain.camera.model.params)
+
+
+@pytest.mark.parametrize(
+    ("points", "pixels"),
+    [((54, 4), (54, 2)), ((54, 3), (53, 2)), ((54, 3), (2, 54)), ((3,), (2,)), ((54, 2, 3), (54, 2)), ((0,), (0,))],
+)
+def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_shape_that_came_and_the_one_needed(points, pixels):
+    with pytest.raises(ValueError, match=r"a\.png: needs points \(n, 3\) or \(n, 2\) and pixels \(n, 2\), got") as said:
+        BoardViews.of([(np.zeros(points), np.zeros(pixels))], ["a.png"])
+    assert f"got {points} and {pixels}" in str(said.value)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, None])
+@pytest.mark.parametrize("which", [0, 1])
+def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_corner_that_is_no_number(views, bad, which):
+    spoiled = [[x.astype(object), p.astype(object)] for x, p in views]
+    spoiled[1][which][5, 0] = bad
+    with pytest.raises(ValueError, match=r"left\.png: a corner is not a finite number: row 5, point \[") as said:
+        BoardViews.of(spoiled, ["right.png", "left.png", "top.png", "bottom.png"])
+    assert str(float("nan" if bad is None else bad)) in str(said.value)
+    assert "leave out corners that were not seen" in str(said.value)
+
+
+@pytest.mark.parametrize("values", [[[1, 2], [3]], [["a", "b"]], "text", [[1 + 2j, 0]]])
+def test_nan_inf_int_float32_wrong_shape_arrays_of_no_numbers_are_refused_by_name(values):
+    with pytest.raises(ValueError, match=r"a\.png: needs arrays of numbers"):
+        BoardViews.of([(np.zeros((2, 3)), values)], ["a.png"])
+
+
+def test_points_outside_the_valid_cone_are_nan_masked_and_counted():
+    camera = Camera(lens(180), SIZE)  # equisolid: its image ends where the sphere does, that of a pinhole at 90 degrees
+    pinhole = Camera(lens(60), SIZE)
+    angles = np.radians([0, 60, 89, 91, 120, 179.9])
+    points = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], 1)
+    with np.errstate(all="raise"):
+        pixels, valid = pinhole.project(points)
+    assert not valid[3:].any()
+    assert np.isnan(pixels[~valid]).all()
+    assert np.isfinite(pixels[valid]).all()
+    beyond, inside = camera.project(points)
+    assert inside.all()  # past 90 degrees a fisheye sees on, each point farther out and none on the wrong side
+    assert (np.diff(beyond[:, 0]) > 0).all()
+    bearings, known = camera.unproject([[480.0, 480.0], [5000.0, 480.0], [np.nan, 0.0], [-1e9, 1e9]])
+    assert known.tolist() == [True, False, False, False]
+    assert np.isnan(bearings[~known]).all()
