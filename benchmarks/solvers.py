@@ -16,9 +16,10 @@ import numpy as np
 import omnisight as om
 from benchmarks.solvers_corners import Corners, corner_sets
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise, repose, restart
+from omnisight.calibrate.initialise import initialise, repose
 from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
 from omnisight.calibrate.refine import refine
+from omnisight.calibrate.restart import restart
 from omnisight.calibrate.state import State
 from omnisight.models.ocam import Ocam
 

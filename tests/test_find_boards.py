@@ -48,25 +48,32 @@ def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
     assert done == [(i, 5) for i in range(1, 6)]
 
 
-def test_sizes_must_agree(tmp_path, picture):
+def test_the_size_that_most_boards_have_is_used_and_the_others_are_left_out_by_name(tmp_path, picture):
     for name, image in [
         ("a.png", picture),
-        ("b.png", picture),
+        ("b.png", np.roll(picture, 40, 1)),
         ("small.png", picture[::2, ::2]),
         ("portrait.png", np.rot90(picture)),
+        *((f"empty{i}.png", np.zeros((300, 500), np.uint8)) for i in range(3)),
     ]:
-        write_image(tmp_path / name, image)
-    with pytest.raises(
-        ValueError,
-        match=r"3 sizes: 2 of 640x480; 1 of 320x240 \(small.png\); "
-        r"1 of 480x640 \(portrait.png\), rotated 90 degrees\?\. Calibrate one size at a time",
-    ):
-        find_boards([tmp_path / n for n in ("a.png", "b.png", "small.png", "portrait.png")], BOARD)
+        write_image(tmp_path / name, np.ascontiguousarray(image))
+    names = ["small.png", "a.png", "portrait.png", "b.png", "empty0.png", "empty1.png", "empty2.png"]
+    search = find_boards([tmp_path / n for n in names], BOARD)
+    assert search.size == (640, 480)
+    assert [p.path.name for p in search.found] == ["a.png", "b.png"]
+    assert [p.size is None for p in search.pictures] == [True, False, True, False, True, True, True]
+    assert search.field is not None
+    assert search.field.size == (640, 480)
+    (note,) = search.notes
+    assert note.startswith("pictures have 4 sizes: 2 of 640x480, which are used; 3 of 500x300 (empty0.png, ")
+    assert "1 of 320x240 (small.png); 1 of 480x640 (portrait.png), rotated 90 degrees?" in note
+    assert "320x240 is half of 640x480: resize them" in note
+    assert search.pictures[0].note.startswith("320x240 where others have 640x480: left out; half of 640x480")
 
 
 def test_exif_rotation_is_told_once_and_applied_on_request(tmp_path, picture):
-    for name in ("a.jpg", "b.jpg"):
-        (tmp_path / name).write_bytes(jpeg(picture, orientation=6))
+    for name, shift in (("a.jpg", 0), ("b.jpg", 40)):
+        (tmp_path / name).write_bytes(jpeg(np.roll(picture, shift, 1), orientation=6))
     paths = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
     found = find_boards(paths, BOARD).pictures
     assert [p.size for p in found] == [(640, 480)] * 2

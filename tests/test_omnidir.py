@@ -6,8 +6,9 @@ import pytest
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.border import focal_from_line, start_from_border
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise, posed, restart
+from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.refine import refine
+from omnisight.calibrate.restart import restart
 from omnisight.camera import Camera
 from omnisight.formats import load, save
 from omnisight.images import ImageField, collect_images, estimate_field, read_image, to_gray8

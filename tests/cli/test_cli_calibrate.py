@@ -127,3 +127,54 @@ def test_pictures_of_one_name_in_two_folders_are_told_apart(run, shots, tmp_path
     np.testing.assert_allclose([p["rms"] for p in apart], [p["rms"] for p in together], rtol=1e-6)
     run("calibrate", tmp_path / "left", tmp_path / "right", *QUICK, "--draw", tmp_path / "drawn")
     assert len(visible(tmp_path / "drawn")) == 6
+
+
+def test_a_dropped_picture_is_left_out_and_an_unknown_one_is_told_with_those_there_are(run, refuses, shots):
+    status, out, _ = run("calibrate", shots, *QUICK, "--drop", "2.png", "--drop", "5.png")
+    assert status == 0
+    assert sorted(lines_of(out)) == [name for name in visible(shots) if name not in ("2.png", "5.png")]
+    said = refuses("calibrate", shots, *QUICK, "--drop", "nine.png")
+    assert "--drop: there is no picture nine.png; there are 1.png, 2.png" in said
+
+
+def test_the_original_method_tells_its_steps_beside_ours_and_its_camera_is_written(run, shots, tmp_path):
+    status, out, _ = run(
+        *("calibrate", shots, "--pattern", "9x6", "--model", "kannala_brandt", "--method", "ocamcalib"),
+        *("-o", tmp_path / "camera.json"),
+    )
+    assert status == 0
+    figures = {line.rsplit(None, 2)[0]: float(line.split()[-2]) for line in out.splitlines() if "ocamcalib, " in line}
+    assert figures["ocamcalib, refined"] <= figures["ocamcalib, centre searched"] <= figures["ocamcalib, linear steps"]
+    assert "omnisight, kannala_brandt" in out
+    found = load(tmp_path / "camera.json")
+    assert found.model.name == "ocam"
+    assert found.calibration["method"] == "ocamcalib"
+    assert found.calibration["rms"] == pytest.approx(figures["ocamcalib, refined"], abs=6e-4)
+
+
+def test_the_verdict_and_its_reasons_are_printed_stored_and_in_json(run, shots, tmp_path):
+    status, out, _ = run("calibrate", shots, *QUICK, "-o", tmp_path / "camera.json")
+    assert status == 0
+    stored = load(tmp_path / "camera.json").calibration
+    assert f"verdict: {stored['verdict']}" in out
+    assert stored["verdict"] in ("good", "usable", "do not use")
+    assert all(reason in out for reason in stored["reasons"])
+    result = json.loads(run("calibrate", shots, *QUICK, "--json")[1])
+    assert (result["verdict"], result["reasons"]) == (stored["verdict"], stored["reasons"])
+
+
+def test_a_report_is_one_page_and_a_failing_one_loses_no_camera(run, shots, tmp_path, monkeypatch):
+    page, camera = tmp_path / "report.html", tmp_path / "camera.json"
+    status, out, _ = run("calibrate", shots, *QUICK, "--report", page)
+    assert status == 0
+    assert f"report: {page}" in out
+    assert 'id="calibration"' in page.read_text(encoding="utf-8")
+    monkeypatch.setattr("omnisight.report.write_report", raising(OSError(28, "No space left on device")))
+    status, _, err = run("calibrate", shots, *QUICK, "--report", page, "-o", camera)
+    assert status != 0
+    assert "No space left" in err
+    assert load(camera).size == SIZE
+
+
+def test_a_report_that_could_not_be_written_is_refused_before_the_work(refuses, shots, tmp_path):
+    assert "there is no folder" in refuses("calibrate", shots, *QUICK, "--report", tmp_path / "no" / "report.html")

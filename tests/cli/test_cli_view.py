@@ -271,3 +271,30 @@ def test_what_is_no_camera_file_is_told_by_name(refuses, photo, tmp_path, what):
     assert str(path) in said
     expected = {"missing": "No such file", "folder": "is a folder", "picture": "no calibration file that is known"}
     assert expected[what] in said
+
+
+def test_what_is_extrapolated_is_said_and_hatched_on_request_and_nothing_else_changes(run, photo, tmp_path):
+    camera = Camera(TRUTH.model, (640, 480), theta_max=np.radians(40.0))
+    save(camera, tmp_path / "camera.json")
+    view = ("view", photo, "--camera", tmp_path / "camera.json", "--to", "fisheye", "--fov", "140", "--size", "400")
+    status, said, _ = run(*view, "-o", tmp_path / "plain.png")
+    assert status == 0
+    assert "past 40 degrees, where the camera extrapolates; --mark hatches it" in said
+    status, said, _ = run(*view, "--mark", "-o", tmp_path / "marked.png", "--mask", tmp_path / "mask.png")
+    assert status == 0
+    assert "--mark" not in said
+    plain, marked = (read_image(tmp_path / name).astype(int) for name in ("plain.png", "marked.png"))
+    changed = (plain != marked).reshape(*plain.shape[:2], -1).any(-1)
+    v, u = np.indices(changed.shape)
+    angle = np.hypot(u - 199.5, v - 199.5) / 200 * 70
+    assert not changed[angle < 39.7].any()
+    assert not changed[read_image(tmp_path / "mask.png") == 0].any()
+    share = changed[(angle > 41) & (read_image(tmp_path / "mask.png") > 0)].mean()
+    assert 0.1 < share < 0.4
+
+
+def test_a_calibration_that_should_not_be_used_says_so_in_every_view(run, photo, tmp_path):
+    figures = {"verdict": "do not use", "reasons": ["The boards tilt only 3 degrees."]}
+    save(Camera(TRUTH.model, (640, 480), calibration=figures), tmp_path / "camera.json")
+    _, said, _ = run("view", photo, "--camera", tmp_path / "camera.json", "-o", tmp_path / "view.png")
+    assert "verdict is: do not use. The boards tilt only 3 degrees." in said

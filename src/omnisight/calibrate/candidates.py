@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import pairs, restart
 from omnisight.calibrate.refine import refine
+from omnisight.calibrate.restart import pairs, restart
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews

@@ -40,4 +40,4 @@ def print_classic(classic: OcamCalibResult, ours: Calibration) -> None:
     out = console()
     out.print()
     out.print(table)
-    out.print("The camera is that of ocamcalib, as asked; what is said above is of omnisight's own.", soft_wrap=True)
+    out.print("The camera is the one of ocamcalib as asked; what is said above is of omnisight's own.", soft_wrap=True)

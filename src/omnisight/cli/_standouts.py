@@ -15,9 +15,7 @@ BLURRIER, LESS_SHARP = 1.5, 0.5
 
 
 def standouts(search: BoardSearch, rms: Sequence[float | None]) -> str | None:
-    """Name the pictures whose rms (px, one for each picture of the search) stands out, what is odd about them, and
-    how to leave them out; None if there are none.
-    """
+    """Name the pictures whose rms (px, one per picture) stands out, and what is odd about them; None if none does."""
     known = [error for error in rms if error is not None]
     if not known:
         return None

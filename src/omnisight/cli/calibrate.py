@@ -21,6 +21,7 @@ def calibrate(
     drop: list[str] | None = None,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
+    report: Path | None = None,
     loss: Literal["huber", "squared"] = "huber",
     square_pixels: bool = False,
     flat: bool = False,
@@ -58,6 +59,8 @@ def calibrate(
         Where the camera goes: a JSON file.
     draw
         A folder for the pictures with their corners and residuals drawn in.
+    report
+        One HTML page with verdict, residuals over every picture, uncertainty and the camera in every format.
     loss
         huber, or squared for plain least squares.
     square_pixels
@@ -82,7 +85,7 @@ def calibrate(
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
-    from omnisight.cli._names import drawings, labels
+    from omnisight.cli._names import drawings, labels, spare
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.models import model_class
@@ -96,9 +99,15 @@ def calibrate(
     paths = collect_images(pictures, clips=True)
     if draw is not None:
         drawings(paths, draw)
-    with progress(quiet or json) as report:
-        search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
-        search = _without(search, drop or [])
+    if report is not None:
+        _must_be_writable(report)
+        spare([report], paths)
+    with progress(quiet or json) as tell:
+        search = search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
+        # Named before any is dropped: a second --drop then still finds what the first table called so.
+        names = labels([picture.path for picture in search.pictures])
+        search = _without(search, names, drop or [])
+        names = [name for name in names if name not in (drop or [])]
         detected = time.perf_counter()
         least = 1 if force else FEWEST
         if sum(len(picture.boards) for picture in search.pictures) < least:
@@ -107,20 +116,20 @@ def calibrate(
             raise ValueError(f"{search.hint} (--force calibrates all the same)")
         result = calibrate_pictures(
             search,
-            names=labels([picture.path for picture in search.pictures]),
+            names=names,
             model=model,
             loss=loss,
             square=square_pixels,
             flat=flat,
             force=force,
             apply_exif=apply_exif,
-            progress=report,
+            progress=tell,
         )
         classic = None
         if method == "ocamcalib":
             from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
 
-            classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=report)
+            classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=tell)
     solved = time.perf_counter()
     camera = result.calibration.camera if classic is None else classic_camera(classic, result.calibration)
     camera = _with_provenance(camera, result.search)
@@ -143,19 +152,26 @@ def calibrate(
         draw_residuals(result, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}")
+    if report is not None:
+        import sys
+
+        from omnisight.report import write_report
+
+        own = _with_provenance(result.calibration.camera, result.search)
+        command = ["omnisight", *sys.argv[1:]]
+        write_report(result, own, report, names=names, command=command, apply_exif=apply_exif)
+        if not json:
+            print(f"report: {report}")
 
 
-def _without(search: Any, names: list[str]) -> Any:
+def _without(search: Any, known: list[str], dropped: list[str]) -> Any:
     """Leave pictures out, by their names in the table."""
     import dataclasses
 
-    from omnisight.cli._names import labels
-
-    known = labels([picture.path for picture in search.pictures])
-    if unknown := [name for name in names if name not in known]:
+    if unknown := [name for name in dropped if name not in known]:
         near = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
         raise ValueError(f"--drop: there is no picture {', '.join(unknown)}; there are {near}")
-    kept = [picture for picture, name in zip(search.pictures, known, strict=True) if name not in names]
+    kept = [picture for picture, name in zip(search.pictures, known, strict=True) if name not in dropped]
     return dataclasses.replace(search, pictures=kept)
 
 

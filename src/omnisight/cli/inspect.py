@@ -3,6 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+# A generic camera has hundreds of parameters; so many are printed.
+MOST_PARAMETERS = 16
+
 
 def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None, json: bool = False) -> None:
     """Say what a calibration file holds: model, size, field of view, focal length, centre, conventions, r(theta).
@@ -54,13 +57,16 @@ def _describe(camera: Any, path: Path) -> None:
     source = camera.provenance.get("format", "native")
     print(f"file        {path.name}: {format_named(source).TITLE if source else ''}")
     print(f"model       {model.name}: {(type(model).__doc__ or '').strip().splitlines()[0]}")
-    for parameter, value in zip(model.parameters, model.params, strict=True):
+    told = list(zip(model.parameters, model.params, strict=True))
+    for parameter, value in told[:MOST_PARAMETERS]:
         sigma = ""
         if camera.covariance is not None:
             index = model.param_names.index(parameter.name)
             deviation = float(np.sqrt(max(camera.covariance[index, index], 0)))
             sigma = f" +- {deviation:.2g}" if deviation else " (fixed)"
         print(f"  {parameter.name:<8} {value:14.8g}{sigma:<12} {parameter.unit:<3} {parameter.doc}")
+    if len(told) > MOST_PARAMETERS:
+        print(f"  ... and {len(told) - MOST_PARAMETERS} more, to {told[-1][0].name}")
     print(f"size        {camera.width} x {camera.height} px" if camera.width else "size        not in the file")
     if camera.width:
         h, v, d = _fields(camera)
@@ -81,7 +87,7 @@ def _describe(camera: Any, path: Path) -> None:
     if camera.theta_max is not None:
         print(f"calibrated  to {np.degrees(camera.theta_max):.1f} degrees from the axis; extrapolated past it")
     for key, value in camera.calibration.items():
-        print(f"  {key:<14} {value:.4g}" if isinstance(value, float) else f"  {key:<14} {value}")
+        _tell(key, value)
     print("convention  x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0)")
     print(f"its file    {format_named(source).CONVENTION}")
     for key, value in camera.provenance.items():
@@ -92,6 +98,25 @@ def _describe(camera: Any, path: Path) -> None:
         print(f"also        {key}: {text if len(text) < 90 else text[:87] + '...'}")
     print()
     print(to_text(profile))
+
+
+def _tell(key: str, value: Any) -> None:
+    """Print one figure of the calibration: sentences each on a line, figures of figures in short."""
+    if isinstance(value, list) and value and all(isinstance(entry, str) for entry in value):
+        for i, entry in enumerate(value):
+            print(f"  {key if i == 0 else '':<14} {entry}")
+    elif isinstance(value, dict):
+        named = ", ".join(f"{name} {_short(entry)}" for name, entry in value.items() if not isinstance(entry, list))
+        print(f"  {key:<14} {named}")
+    elif isinstance(value, list):
+        if value:
+            print(f"  {key:<14} {', '.join(map(_short, value))}")
+    elif value is not None:
+        print(f"  {key:<14} {_short(value)}")
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _fields(camera: Any) -> tuple[str, str, str]:

@@ -14,6 +14,9 @@ View = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet"
 # A range begins with a minus more often than not.
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
+# What is extrapolated is hatched with lines this far apart, px along a row.
+HATCH_PX = 16
+
 
 def view(
     pictures: list[str],
@@ -35,6 +38,7 @@ def view(
     interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
     antialias: bool = True,
     mask: Path | None = None,
+    mark: bool = False,
     view_camera: Path | None = None,
     scale_camera: bool = False,
     apply_exif: bool = False,
@@ -83,6 +87,8 @@ def view(
         Average pixels where the view is smaller than the picture.
     mask
         Write which pixels of the view the picture shows: a PNG, 255 where it does.
+    mark
+        Hatch what lies past the cone that the camera was calibrated in: there it extrapolates.
     view_camera
         Write the view's own camera, whose rotation is in its provenance.
     scale_camera
@@ -97,6 +103,7 @@ def view(
     from omnisight.cli._names import outputs, spare
     from omnisight.formats import load, save
     from omnisight.images import collect_images, read_image, write_image
+    from omnisight.views.maps import extrapolated
     from omnisight.views.remapper import Remapper
 
     source = load(camera)
@@ -111,6 +118,7 @@ def view(
         output.mkdir(parents=True, exist_ok=True)
     options: Any = {"interpolation": interpolation, "antialias": antialias}
     remappers: list[Remapper] = []
+    past = _cube_sheet([extrapolated(source, target, rotation) for rotation in rotations])
     left_out: list[str] = []
     with progress(quiet) as report:
         for i, (path, file) in enumerate(zip(paths, files, strict=True)):
@@ -121,7 +129,8 @@ def view(
                     source = _fitting(source, (image.shape[1], image.shape[0]), path, scale_camera)
                     remappers = [Remapper(source, target, rotation, **options) for rotation in rotations]
                 _fitting(source, (image.shape[1], image.shape[0]), path, False)
-                write_image(file, _cube_sheet([remap(image) for remap in remappers]))
+                shot = _cube_sheet([remap(image) for remap in remappers])
+                write_image(file, _hatched(shot, past & _cube_sheet([r.mask for r in remappers])) if mark else shot)
             except ValueError as error:  # one bad picture does not stop the others
                 if not several:
                     raise
@@ -136,6 +145,7 @@ def view(
     if view_camera is not None:
         _save_view_camera(save, target, rotations[0], view_camera)
     _tell(source, target, rotations, remappers, (shown > 0).mean(), output if several else files[0], up)
+    _warn(source, float((past & (shown > 0)).sum() / max((shown > 0).sum(), 1)), mark)
     if left_out:
         raise ValueError(lost)
 
@@ -208,6 +218,19 @@ def _cube_sheet(faces: list[Any]) -> Any:
     return sheet
 
 
+def _hatched(image: Any, past: Any) -> Any:
+    """Draw dark and bright diagonals where the camera extrapolates."""
+    import numpy as np
+
+    rows, columns = np.indices(past.shape, np.int32)
+    phase = (rows + columns) % HATCH_PX
+    marked = image.copy()
+    top = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
+    marked[past & (phase < 2)] = top
+    marked[past & (phase >= 2) & (phase < 4)] = 0
+    return marked
+
+
 def _fitting(source: Any, size: tuple[int, int], picture: Path, scale: bool) -> Any:
     """Give the camera for pictures of this size, scaled if asked to, or refuse the picture."""
     from omnisight.views.remapper import size_mismatch
@@ -223,6 +246,17 @@ def _fitting(source: Any, size: tuple[int, int], picture: Path, scale: bool) -> 
 def _save_view_camera(save: Any, target: Any, rotation: Any, path: Path) -> None:
     provenance = {"view": True, "target_from_source": rotation.tolist()}
     save(dataclasses.replace(target, provenance=provenance), path)
+
+
+def _warn(source: Any, share: float, marked: bool) -> None:
+    """Say how much of a view is extrapolated, and what the calibration thinks of itself."""
+    if share > 0.005:
+        reach = math.degrees(source.theta_max)
+        hint = "" if marked else "; --mark hatches it"
+        print(f"{share:.0%} of what is shown lies past {reach:.0f} degrees, where the camera extrapolates{hint}")
+    if source.calibration.get("verdict") == "do not use":
+        reasons = source.calibration.get("reasons") or ["see omnisight inspect"]
+        print(f"this calibration's own verdict is: do not use. {reasons[0]}")
 
 
 def _tell(

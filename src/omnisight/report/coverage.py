@@ -25,6 +25,7 @@ def coverage(m: Material) -> Figure:
         if seen.shown[i, k] or seen.covered[i, k]
     ]
     missing = seen.missing()
+    more = f"Put the board {missing}, and add these pictures; omnisight next says where best."
     said = f"Corners were seen in {seen.share:.0%} of what the picture shows. Missing: {missing or 'nothing'}."
     return Figure(
         "coverage",
@@ -42,7 +43,7 @@ def coverage(m: Material) -> Figure:
             "from the axis, and the sides are those of the picture. Each dot is a corner of the board. Blue parts have "
             f"at least {ENOUGH} corners; orange hatched parts are in the picture and have none; blank parts are not.",
             "Blue all around and out to the rim. A camera is only known where it was tested.",
-            f"Put the board {missing} and add these pictures." if missing else "Nothing is missing here.",
+            more if missing else "Nothing is missing here.",
         ),
         "Coverage",
     )

@@ -44,7 +44,8 @@ def uncertainty(m: Material) -> Figure:
             " turned to fit best. Hatched is extrapolated: past the dashed circle no corner was seen, and the figure"
             " holds only if the model does.",
             f"Below {limit:.2g} px within the dashed circle, and even.{worst}",
-            "Bright parts within the circle want pictures: put the board there, tilted by 30 to 45 degrees.",
+            "Bright parts within the circle want pictures: put the board there, tilted by 30 to 45 degrees; omnisight"
+            " next says where best.",
         ),
         "Uncertainty",
         wide=True,

@@ -29,6 +29,20 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     return u, v
 
 
+def extrapolated(source: Camera, target: Camera, target_from_source: Array) -> NDArray[np.bool_]:
+    """Say which pixels of the target (H, W) look past the cone that the source was calibrated in; see `view_map`."""
+    if source.theta_max is None:
+        return np.zeros((target.height, target.width), np.bool_)
+    axis = np.asarray(target_from_source, float)[:, 2]  # of the source, in the target's frame
+    rows = np.arange(target.height)
+    past = np.empty((target.height, target.width), np.bool_)
+    for row in rows:  # a row at a time: bearings of all of it would be ten times the picture
+        pixels = np.stack([np.arange(target.width), np.full(target.width, row)], -1)
+        bearings, valid = target.unproject(pixels)
+        past[row] = valid & (bearings @ axis < np.cos(source.theta_max))
+    return past
+
+
 def map_scale(source: Camera, u: Floats, v: Floats, step: int = 1) -> Floats:
     """Give how many source pixels a pixel of the view spans along its denser direction, on every `step`-th; or NaN.
 

@@ -1,0 +1,105 @@
+"""Going from one camera model to another: several starts where their costs have several valleys."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.refine import Bundle, refine
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
+from omnisight.calibrate.views import BoardViews
+from omnisight.models import CameraModel, model_class
+from omnisight.models._fit import SKETCH
+from omnisight.models._fit import refine as fit_from
+
+Array = NDArray[np.float64]
+
+# What a lens has next to nothing of: a start that took it from noise would be a start of its own.
+STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
+DECENTRED = set(STILL[1:])
+# Models that bend to most lenses in ways of their own: what one of them finds, a richer model may miss from another.
+SOURCES = ("kannala_brandt", "eucm")
+# What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
+TRADED = (-0.3, 0.2, 0.7, 1.4)
+# px: a fit to a camera this far from it (rms) is none.
+ALIKE = 2.0
+# Angles from the axis, and around it, at which a camera is sampled.
+CONE = 16
+
+
+def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
+    """Give the state with another camera model, fitted to its own; None where it cannot be.
+
+    A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
+    in each, and the deepest is kept.
+    """
+    starts = list(_starts(state, cls, views))
+    if len(starts) < 2:
+        return starts[0] if starts else None
+    ends = [refine(start, views).state for start in starts]
+    sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
+    problem = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views))
+    return min(ends, key=problem.cost)
+
+
+def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator[State]:
+    """Give starts of the model, each in a valley that may be another."""
+    first = _fitted(state, cls, views)
+    if first is None:
+        return
+    yield first
+    yield from _traded(first, *pairs(state, views))
+    if DECENTRED & set(first.model.param_names):
+        yield _centred(first, views)
+        for name in SOURCES:
+            source = _fitted(state, model_class(name), views)
+            source = None if source is None else _fitted(refine(source, views).state, cls, views)
+            if source is not None:
+                yield source
+                yield _centred(source, views)
+
+
+def _fitted(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
+    try:
+        return replace(state, model=cls.fit(*pairs(state, views), fixed=STILL))
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def _centred(start: State, views: BoardViews) -> State:
+    """Refine it as a lens whose parts are centred."""
+    return refine(start, views, freedom=Freedom.of(start.model, fixed=STILL)).state
+
+
+def _traded(start: State, points: Array, pixels: Array) -> Iterator[State]:
+    """Give starts with other distances of the second viewpoint that the other parameters make up for."""
+    values = start.model.to_dict()
+    if "xi" not in values or Freedom.of(start.model).count < 6:
+        return
+    every = -(-len(points) // SKETCH)
+    points, pixels = points[::every], pixels[::every]
+    for xi in TRADED:
+        # On the axis all such models magnify by f/(1 + xi).
+        scale = (1 + xi) / (1 + values["xi"])
+        moved = values | {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
+        model, cost = fit_from(start.model.from_dict(moved), points, pixels, (*STILL, "xi"), iterations=20)
+        if cost < 0.5 * len(points) * ALIKE**2:
+            yield replace(start, model=model)
+
+
+def pairs(state: State, views: BoardViews) -> tuple[Array, Array]:
+    """Give directions (M, 3), the corners' and all others as far from the axis, and their pixels in the state's camera.
+
+    What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
+    bend as it likes where there are none.
+    """
+    points, _ = state.points(views)
+    farthest = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max(initial=0.0)
+    theta, phi = (np.arange(CONE) + 0.5)[:, None] / CONE * farthest, np.linspace(0, 2 * np.pi, CONE, endpoint=False)
+    parts = np.broadcast_arrays(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
+    points = np.concatenate([points, np.stack(parts, -1).reshape(-1, 3)])
+    pixels, valid = state.model.project_numpy(points)
+    return points[valid], pixels[valid]
