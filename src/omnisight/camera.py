@@ -27,6 +27,8 @@ class Camera:
     theta_max
         The angle from the axis (radians) up to which corners were seen in calibration: past it the model extrapolates.
         None where it is not known.
+    theta_min
+        The angle from which corners were seen: a mirror shows nothing but its camera in the middle. 0 for a lens.
     calibration
         Figures of the calibration (rms, held_out_rms, views, corners ...), by name.
     covariance
@@ -44,6 +46,7 @@ class Camera:
     covariance: Array | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    theta_min: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a size that is none."""
@@ -67,6 +70,12 @@ class Camera:
     def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
         """Give the bearings (..., 3) of pixels (..., 2) and their validity; see `CameraModel.unproject`."""
         return self.model.unproject(pixels)
+
+    def calibrated(self, bearings: Array) -> NDArray[np.bool_]:
+        """Say which directions (..., 3) lie where corners were seen, of as much as is known of that."""
+        angle = angle_from_axis(np.asarray(bearings, float))
+        with np.errstate(invalid="ignore"):
+            return (angle >= self.theta_min) & (angle <= (np.pi if self.theta_max is None else self.theta_max))
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
@@ -107,14 +116,15 @@ class Camera:
     def samples(self, theta_max: float | None = None, count: int = 41) -> tuple[Array, Array]:
         """Give bearings (N, 3) and their pixels (N, 2) over the picture, up to an angle from the axis (radians).
 
-        The angle is the calibrated cone unless told otherwise, or all of the picture where that is not known.
+        The angle is the calibrated cone unless told otherwise, or all of the picture where that is not known; what lies
+        within `theta_min` is left out.
         """
         limit = theta_max or self.theta_max or self.model.theta_max
         u, v = np.meshgrid(np.linspace(0, self.width - 1, count), np.linspace(0, self.height - 1, count))
         pixels = np.stack([u.ravel(), v.ravel()], -1)
         bearings, valid = self.model.unproject_numpy(pixels)
         with np.errstate(invalid="ignore"):
-            use = valid & (bearings[:, 2] >= np.cos(limit))
+            use = valid & (bearings[:, 2] >= np.cos(limit)) & (bearings[:, 2] <= np.cos(self.theta_min))
         # On the very rim rounding decides; what does not come back is no sample.
         use[use] = self.model.project_numpy(bearings[use])[1]
         return bearings[use], pixels[use]

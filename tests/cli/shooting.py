@@ -53,6 +53,10 @@ def spoil(path, how):
             path.with_suffix(".jpg").write_bytes(b"")
         case "truncated":
             path.with_suffix(".jpg").write_bytes(jpeg(good)[:-2000])
+        case "HEIC":
+            path.with_suffix(".jpg").write_bytes(b"\0\0\0\x18ftypheic" + bytes(100))
+        case "LFS":
+            path.with_suffix(".jpg").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n")
         case "black":
             write_image(path, np.zeros_like(good))
         case "damaged":

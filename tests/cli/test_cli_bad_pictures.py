@@ -1,7 +1,6 @@
 """omnisight calibrate: pictures that are none, or odd ones."""
 
 import json
-import shutil
 
 import cv2
 import numpy as np
@@ -39,16 +38,29 @@ def test_what_is_not_there_is_told_by_its_name(refuses, tmp_path, path):
         ("truncated", "truncated JPEG (no end-of-image marker)"),
         ("black", "no 9x6 board found"),
         ("damaged", "damaged PNG (checksum of chunk b'IDAT'"),
+        ("HEIC", "3.jpg: a HEIC or AVIF picture, which is not read: export it as JPEG or PNG"),
+        ("LFS", "3.jpg: a Git LFS pointer, not the picture itself: run git lfs pull"),
     ],
 )
 def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, how, note):
     spoil(folder / "3.png", how)
-    status, out, err = run("calibrate", folder, *QUICK)
+    status, out, err = run("detect", folder, "--pattern", "9x6", "-o", folder.parent / "drawn")
     assert (status, err) == (0, "")
-    (line,) = [line for name, line in lines_of(out).items() if name.startswith("3.")]
-    assert line.split()[1] == "no"
+    (line,) = [line for line in out.splitlines() if line.startswith("3.")]
+    assert line.split()[1] == "-"
     assert note in line
     assert "5 of 6 pictures" in out
+
+
+def test_a_camera_comes_of_the_good_pictures(run, folder):
+    spoil(folder / "2.png", "truncated")
+    spoil(folder / "3.png", "black")
+    status, out, err = run("calibrate", folder, *QUICK)
+    assert (status, err) == (0, "")
+    assert "4 of 6 pictures" in out
+    for name, note in (("2.jpg", "2.jpg: truncated JPEG"), ("3.png", "no 9x6 board found")):
+        assert lines_of(out)[name].split()[1] == "no"
+        assert note in lines_of(out)[name]
 
 
 def test_too_few_good_pictures_are_told_with_the_bad_ones(refuses, folder):
@@ -79,7 +91,9 @@ def kind(folder, i, how):
         case "16 bit":
             write_image(path, (good.astype(np.uint16) * 40 + 500))
         case "RGBA":
-            write_image(path, np.dstack([good, good, good, np.full_like(good, 255)]))
+            alpha = np.full_like(good, 255)
+            alpha[:, :300] = 0
+            write_image(path, np.dstack([good, good, good, alpha]))
         case "RGB":
             write_image(path, np.dstack([good, good, good]))
         case "gif":
@@ -100,9 +114,14 @@ def test_every_kind_of_picture_is_taken(run, folder, how):
         pytest.skip("this OpenCV writes no GIF")
     for i in (2, 5):
         kind(folder, i, how)
-    status, out, err = run("calibrate", folder, *QUICK)
+    status, out, err = run("detect", folder, "--pattern", "9x6", "--json")
     assert (status, err) == (0, "")
-    assert "6 of 6 pictures" in out
+    pictures = json.loads(out)["pictures"]
+    assert [len(picture["boards"]) for picture in pictures] == [1] * 6
+    if how == "RGBA":
+        assert "of 54 corners" in pictures[1]["note"]  # what is transparent is not looked at
+    else:
+        assert min(len(picture["boards"][0]["ids"]) for picture in pictures) > 50
 
 
 def test_a_turned_picture_is_taken_as_the_sensor_read_it_with_one_warning(run, folder):
@@ -117,12 +136,14 @@ def test_a_turned_picture_is_taken_as_the_sensor_read_it_with_one_warning(run, f
     assert out.count("EXIF") == 1
 
 
-def test_turned_pictures_are_turned_on_request(run, refuses, folder):
+def test_turned_pictures_are_turned_on_request(run, folder):
     first = folder / "1.png"
     first.with_suffix(".jpg").write_bytes(jpeg(read_image(first), orientation=6))
     first.unlink()
-    said = refuses("calibrate", folder, *QUICK, "--apply-exif")
-    assert "pictures have 2 sizes: 5 of 640x480; 1 of 480x640 (1.jpg), rotated 90 degrees?" in said
+    (picture, *others) = json.loads(run("detect", folder, "--json", "--apply-exif")[1])["pictures"]
+    assert picture["note"].startswith("480x640 where others have 640x480: left out; rotated 90 degrees?")
+    assert "as the sensor read it, not turned on saving or by --apply-exif" in picture["note"]
+    assert all(other["boards"] for other in others)
     for i in range(2, 7):
         path = folder / f"{i}.png"
         path.with_suffix(".jpg").write_bytes(jpeg(read_image(path), orientation=6))
@@ -131,20 +152,3 @@ def test_turned_pictures_are_turned_on_request(run, refuses, folder):
     assert status == 0
     assert json.loads(out)["camera"]["size"] == [480, 640]
     assert not any(picture["note"].count("EXIF") for picture in json.loads(out)["pictures"])
-
-
-def test_mixed_sizes_are_told_with_their_counts(refuses, folder):
-    for i in (5, 6):
-        write_image(folder / f"{i}.png", read_image(folder / f"{i}.png")[::2, ::2])
-    write_image(folder / "4.png", np.ascontiguousarray(np.rot90(read_image(folder / "4.png"))))
-    said = refuses("calibrate", folder, *QUICK)
-    assert "pictures have 3 sizes: 3 of 640x480; 2 of 320x240 (5.png, 6.png)" in said
-    assert "1 of 480x640 (4.png), rotated 90 degrees?" in said
-    assert "Calibrate one size at a time" in said
-
-
-def test_copies_of_a_picture_are_noted(run, folder):
-    shutil.copy(folder / "1.png", folder / "7.png")
-    status, out, _ = run("calibrate", folder, *QUICK)
-    assert status == 0
-    assert "note: Pictures that repeat another one: 1 (1.png = 7.png)" in out

@@ -54,9 +54,11 @@ def test_clips_and_pictures_of_one_size_go_together(run, shot, tmp_path):
     assert "picture.png" in names
     assert sum(name.startswith("carried-") for name in names) == len(names) - 1
     write_image(tmp_path / "small.png", picture[::2, ::2].copy())
-    status, out, err = run("detect", tmp_path / "small.png", shot)
-    assert status == 2
-    assert "pictures have 2 sizes" in err
+    status, out, err = run("detect", tmp_path / "small.png", shot, "--json")
+    assert (status, err) == (0, "")
+    (small, *_) = (entry for entry in json.loads(out)["pictures"] if entry["name"] == "small.png")
+    assert "left out; half of" in small["note"]
+    assert any(note.startswith("pictures have 2 sizes") for note in json.loads(out)["notes"])
 
 
 def test_a_bad_clip_among_good_ones_is_left_out_with_its_reason(run, shot, tmp_path):

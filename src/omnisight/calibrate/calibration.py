@@ -34,6 +34,8 @@ from omnisight.optim.loss import robust_sigma
 
 Array = NDArray[np.float64]
 
+# Corners that begin so far from the axis (radians) leave a blind middle, as a mirror has.
+BLIND = np.radians(15.0)
 Progress = Callable[[str, int, int], None]
 
 
@@ -230,11 +232,13 @@ def _conclude(
     outliers = Spread.of(state, views).doubtful(state, views)
     points, _ = state.points(views)
     shown = np.isfinite(state.residuals(views)).all(1)  # in the model's domain
-    angles = angle_from_axis(points)
+    angles = angle_from_axis(points)[~outliers & shown]
+    least = float(angles.min(initial=np.pi))
     camera = Camera(
         state.model,
         size,
-        theta_max=float(angles[~outliers & shown].max(initial=0.0)),
+        theta_max=float(angles.max(initial=0.0)),
+        theta_min=least if least > BLIND else 0.0,
     )
     camera, trust = assess(best, camera, views, ~outliers, scout=scout, field=field, loss=loss, auto=auto)
     figures: dict[str, Any] = {

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.refine import refine
+from omnisight.calibrate.freedom import STRETCH, Freedom
+from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.restart import pairs, restart
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import model_class
 from omnisight.models.ocam import Ocam
 from omnisight.models.spline import Spline
@@ -32,6 +33,8 @@ FOLD_TOLERANCE = 1e-5
 HOPELESS = 1.5
 # Held-out figures this close are the same: the model with fewer parameters is taken.
 TIE = 0.01
+# An image should go on for so many times the angle that corners reach.
+ROOM = 1.03
 
 
 @dataclass(frozen=True)
@@ -127,10 +130,18 @@ def starts_of(name: str, start: State, views: BoardViews) -> list[tuple[str, Sta
         state = restart(start, model_class(name), views)
         return [] if state is None else [(name, state)]
     points, pixels = pairs(start, views)
-    return [
-        (f"ocam degree {degree}", dataclasses.replace(start, model=Ocam.start_of_degree(points, pixels, degree)))
-        for degree in OCAM_DEGREES
-    ]
+    spread = Spread.of(start, views)
+    states = list[State]()
+    for degree in OCAM_DEGREES:
+        state = dataclasses.replace(start, model=Ocam.start_of_degree(points, pixels, degree))
+        if states:
+            # From what one degree less finds, where that is nearer.
+            still = Freedom.of(states[-1].model, fixed=STRETCH)
+            found = refine(states[-1], views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state
+            found = dataclasses.replace(found, model=found.model.raised())
+            state = min(state, found, key=Bundle(views, Freedom.none(state.model), spread).cost)
+        states.append(state)
+    return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
 
 
 def spline_start(start: State, views: BoardViews) -> State:
@@ -145,9 +156,11 @@ def choose(candidates: Sequence[Candidate], views: BoardViews, usable: NDArray[n
 
     Of those that are as good as the best on pictures held out, the one with the fewest parameters: whose mean square is
     above by no more than its standard error over the pictures (Breiman et al., Classification and regression trees,
-    1984, sec. 3.4.3), both asked about the same pictures.
+    1984, sec. 3.4.3), both asked about the same pictures. A model whose image folds over just past the corners comes
+    last: what lies a little farther out it cannot see at all.
     """
-    asked = [c for c in candidates if c.held_out_rms is not None]
+    judged = [c for c in candidates if c.held_out_rms is not None]
+    asked = [c for c in judged if not _folds(c, views, usable)] or judged
     if not asked:
         best = min(candidates, key=lambda c: (round(c.rms, 3), c.parameters))
         return (
@@ -165,7 +178,10 @@ def choose(candidates: Sequence[Candidate], views: BoardViews, usable: NDArray[n
     if not others:
         return best, f"{best.name}: {figure}."
     second = min(others, key=lambda c: c.held_out_rms or 0)
-    if best is not lowest:
+    passed = min(judged, key=lambda c: c.held_out_rms or 0)
+    if passed not in asked:
+        why = f"the least of those that do not fold over past the corners, as {passed.name} does"
+    elif best is not lowest:
         why = (
             f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) as far as so many pictures can tell, with"
             f" {best.parameters} parameters instead of {lowest.parameters}"
@@ -173,6 +189,11 @@ def choose(candidates: Sequence[Candidate], views: BoardViews, usable: NDArray[n
     else:
         why = f"the least of {len(asked)}; next is {second.name} with {second.held_out_rms:.3f} px"
     return best, f"{best.name}: {figure}, {why}."
+
+
+def _folds(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:
+    angles = angle_from_axis(candidate.state.points(views)[0])[usable]
+    return candidate.state.model.theta_max < min(ROOM * float(angles.max(initial=0.0)), np.pi)
 
 
 def _as_good(candidate: Candidate, lowest: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:

@@ -26,6 +26,8 @@ SOURCES = ("kannala_brandt", "eucm")
 TRADED = (-0.3, 0.2, 0.7, 1.4)
 # px: a fit to a camera this far from it (rms) is none.
 ALIKE = 2.0
+# Steps that each start is refined by, and how many of them are then refined further.
+ROUNDS = ((12, 2), (100, 1))
 # Angles from the axis, and around it, at which a camera is sampled.
 CONE = 16
 
@@ -34,15 +36,19 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | 
     """Give the state with another camera model, fitted to its own; None where it cannot be.
 
     A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
-    in each, and the deepest is kept.
+    in each, and the one that ends lowest is given as it was: what a calibration holds fixed must not have moved.
     """
     starts = list(_starts(state, cls, views))
     if len(starts) < 2:
         return starts[0] if starts else None
-    ends = [refine(start, views).state for start in starts]
-    sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
-    problem = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views))
-    return min(ends, key=problem.cost)
+    ends = starts
+    for iterations, kept in ROUNDS:
+        ends = [refine(end, views, iterations=iterations).state for end in ends]
+        sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
+        problem = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views))
+        order = np.argsort([problem.cost(end) for end in ends], kind="stable")[:kept]
+        starts, ends = [starts[i] for i in order], [ends[i] for i in order]
+    return starts[0]
 
 
 def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator[State]:
@@ -51,8 +57,10 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
     if first is None:
         return
     yield first
-    yield from _traded(first, *pairs(state, views))
-    if DECENTRED & set(first.model.param_names):
+    names = set(first.model.param_names)
+    if "xi" in names and Freedom.of(first.model).count > 5:
+        yield from _traded(first, state, views)
+    elif DECENTRED & names:
         yield _centred(first, views)
         for name in SOURCES:
             source = _fitted(state, model_class(name), views)
@@ -74,18 +82,21 @@ def _centred(start: State, views: BoardViews) -> State:
     return refine(start, views, freedom=Freedom.of(start.model, fixed=STILL)).state
 
 
-def _traded(start: State, points: Array, pixels: Array) -> Iterator[State]:
-    """Give starts with other distances of the second viewpoint that the other parameters make up for."""
-    values = start.model.to_dict()
-    if "xi" not in values or Freedom.of(start.model).count < 6:
-        return
+def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
+    """Give starts with other distances of the second viewpoint, as far as the other parameters make up for them."""
+    points, pixels = pairs(state, views)
     every = -(-len(points) // SKETCH)
     points, pixels = points[::every], pixels[::every]
+    values, known = start.model.to_dict(), state.model.to_dict()
+    # The state's own camera, where this model is that one and more.
+    starts = [({name: known.get(name, 0.0) for name in values}, STILL)] if set(known) < set(values) else []
     for xi in TRADED:
         # On the axis all such models magnify by f/(1 + xi).
         scale = (1 + xi) / (1 + values["xi"])
-        moved = values | {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
-        model, cost = fit_from(start.model.from_dict(moved), points, pixels, (*STILL, "xi"), iterations=20)
+        moved = {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
+        starts.append((values | moved, (*STILL, "xi")))
+    for moved, still in starts:
+        model, cost = fit_from(start.model.from_dict(moved), points, pixels, still, iterations=20)
         if cost < 0.5 * len(points) * ALIKE**2:
             yield replace(start, model=model)
 

@@ -85,7 +85,8 @@ def _describe(camera: Any, path: Path) -> None:
         + ("" if limit >= 179.9 else ", where the model ends or folds over")
     )
     if camera.theta_max is not None:
-        print(f"calibrated  to {np.degrees(camera.theta_max):.1f} degrees from the axis; extrapolated past it")
+        inner = f"from {np.degrees(camera.theta_min):.1f} " if camera.theta_min else ""
+        print(f"calibrated  {inner}to {np.degrees(camera.theta_max):.1f} degrees from the axis; extrapolated past it")
     for key, value in camera.calibration.items():
         _tell(key, value)
     print("convention  x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0)")

@@ -88,7 +88,7 @@ def view(
     mask
         Write which pixels of the view the picture shows: a PNG, 255 where it does.
     mark
-        Hatch what lies past the cone that the camera was calibrated in: there it extrapolates.
+        Hatch what lies where the camera was not calibrated: there it extrapolates.
     view_camera
         Write the view's own camera, whose rotation is in its provenance.
     scale_camera
@@ -251,9 +251,10 @@ def _save_view_camera(save: Any, target: Any, rotation: Any, path: Path) -> None
 def _warn(source: Any, share: float, marked: bool) -> None:
     """Say how much of a view is extrapolated, and what the calibration thinks of itself."""
     if share > 0.005:
-        reach = math.degrees(source.theta_max)
+        inner = f"within {math.degrees(source.theta_min):.0f} or " if source.theta_min else ""
+        where = f"{inner}past {math.degrees(source.theta_max):.0f} degrees"
         hint = "" if marked else "; --mark hatches it"
-        print(f"{share:.0%} of what is shown lies past {reach:.0f} degrees, where the camera extrapolates{hint}")
+        print(f"{share:.0%} of what is shown lies {where}, where the camera extrapolates{hint}")
     if source.calibration.get("verdict") == "do not use":
         reasons = source.calibration.get("reasons") or ["see omnisight inspect"]
         print(f"this calibration's own verdict is: do not use. {reasons[0]}")

@@ -16,7 +16,7 @@ SUFFIX = ".json"
 MODELS = model_names()
 CONVENTION = "x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0); size is [width, height]"
 VERSION = 1
-_FIRST = {"format", "version", "model", "params", "units", "size", "convention", "theta_max_deg"}
+_FIRST = {"format", "version", "model", "params", "units", "size", "convention", "theta_max_deg", "theta_min_deg"}
 KEYS = _FIRST | {"calibration", "covariance", "provenance", "rms_definition"}
 RMS = "root mean square of the residual's length |d|, px, over all corners"
 
@@ -44,6 +44,7 @@ def parse(text: str) -> Mapping[str, Camera]:
         model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()}),
         (size[0], size[1]),
         theta_max=None if theta is None else float(np.radians(theta)),
+        theta_min=float(np.radians(data.get("theta_min_deg") or 0.0)),
         calibration=data.get("calibration") or {},
         covariance=None if covariance is None else np.array(covariance, float),
         provenance=data.get("provenance") or {},
@@ -63,6 +64,7 @@ def to_json(camera: Camera) -> dict[str, Any]:
         "size": list(camera.size),
         "convention": CONVENTION,
         "theta_max_deg": None if camera.theta_max is None else float(np.degrees(camera.theta_max)),
+        "theta_min_deg": float(np.degrees(camera.theta_min)),
         "calibration": dict(camera.calibration),
         "rms_definition": RMS,
         "covariance": None if camera.covariance is None else camera.covariance.tolist(),

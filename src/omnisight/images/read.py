@@ -122,11 +122,18 @@ def _decode(data: bytes) -> NDArray[Any] | None:
 
 
 def _unreadable_kind(data: bytes) -> str:
+    if data[4:8] == b"ftyp":
+        kind = "a HEIC or AVIF picture, which is not read" if data[8:12] in _PHONE_BRANDS else "a film, not an image"
+        return f"{kind}: export it as JPEG or PNG"
+    if data.startswith(b"version https://git-lfs"):
+        return "a Git LFS pointer, not the picture itself: run git lfs pull"
     for magic, kind in _MAGICS.items():
         if data.startswith(magic):
             return f"damaged or unsupported {kind}"
     return f"not an image (starts with {data[:5]!r})"
 
+
+_PHONE_BRANDS = frozenset({b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"avif", b"avis"})
 
 _MAGICS = {
     JPEG_MAGIC: "JPEG",

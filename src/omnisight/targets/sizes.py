@@ -33,7 +33,7 @@ def misfit(size: Size, used: Size) -> str:
         return f"{said}; rotated 90 degrees? Give it as the sensor read it, not turned on saving or by --apply-exif"
     part = _part(size, used)
     if part is not None:
-        return f"{said}; {part} of {_text(used)}: if it was resized or binned, resize it to {_text(used)}"
+        return f"{said}; {part}: if it was resized or binned, resize it to {_text(used)}"
     return f"{said}; cropped, or another camera? Calibrate it apart"
 
 
@@ -51,16 +51,16 @@ def sizes_note(named: Sequence[tuple[str, Size]], used: Size) -> str | None:
         part = f"{len(names)} of {_text(size)} ({', '.join(names[:_NAMED])}{', ...' if len(names) > _NAMED else ''})"
         parts.append(f"{part}, rotated 90 degrees?" if size == used[::-1] else part)
     said = f"pictures have {len(by_size)} sizes: {'; '.join(parts)}"
-    ways = [f"{_text(size)} is {part} of {_text(used)}: resize them" for size in others if (part := _part(size, used))]
+    ways = [f"{_text(size)} is {part}: resize them" for size in others if (part := _part(size, used))]
     return ". ".join([said, *ways, "Another size is another camera: calibrate it apart"])
 
 
 def _part(size: Size, used: Size) -> str | None:
-    """Say which part or multiple one size is of another; None where it is neither."""
-    for (a, b), (c, d), words in ((size, used, _PARTS), (used, size, dict[int, str]())):
-        times = c // a
-        if times > 1 and (times * a, times * b) == (c, d):
-            return words.get(times) or (f"1/{times}" if words else f"{times} times")
+    """Say that a size is half of another, or twice, and so on; None where it is not."""
+    if (times := used[0] // size[0]) > 1 and (times * size[0], times * size[1]) == used:
+        return f"{_PARTS.get(times, f'1/{times}')} of {_text(used)}"
+    if (times := size[0] // used[0]) > 1 and (times * used[0], times * used[1]) == size:
+        return f"{'twice' if times == 2 else f'{times} times'} {_text(used)}"
     return None
 
 

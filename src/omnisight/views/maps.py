@@ -30,16 +30,15 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
 
 
 def extrapolated(source: Camera, target: Camera, target_from_source: Array) -> NDArray[np.bool_]:
-    """Say which pixels of the target (H, W) look past the cone that the source was calibrated in; see `view_map`."""
+    """Say which pixels of the target (H, W) look where the source was not calibrated; see `view_map`."""
     if source.theta_max is None:
         return np.zeros((target.height, target.width), np.bool_)
-    axis = np.asarray(target_from_source, float)[:, 2]  # of the source, in the target's frame
     rows = np.arange(target.height)
     past = np.empty((target.height, target.width), np.bool_)
     for row in rows:  # a row at a time: bearings of all of it would be ten times the picture
         pixels = np.stack([np.arange(target.width), np.full(target.width, row)], -1)
         bearings, valid = target.unproject(pixels)
-        past[row] = valid & (bearings @ axis < np.cos(source.theta_max))
+        past[row] = valid & ~source.calibrated(bearings @ np.asarray(target_from_source, float))
     return past
 
 

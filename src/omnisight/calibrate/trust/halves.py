@@ -62,7 +62,7 @@ def compare_halves(candidate: Candidate, camera: Camera, views: BoardViews, *, l
     uncertainties = [Uncertainty.of(c) for c in cameras]
     bearings = cap(uncertainties[0].reach, RINGS)
     pixels, valid = one.model.project_numpy(bearings)
-    seen = valid & camera.in_image(pixels)
+    seen = valid & camera.in_image(pixels) & camera.calibrated(bearings)
     bearings, pixels = bearings[seen], pixels[seen]
     spreads = [np.trace(u.projection(bearings), axis1=1, axis2=2) for u in uncertainties]
     predicted = spreads[0] + spreads[1]

@@ -81,6 +81,7 @@ class Uncertainty:
     def turn(self) -> Array:
         """The turn (3, P), radians, that the camera frame makes to fit best when a parameter is off by one."""
         bearings = cap(self.reach, 12)
+        bearings = bearings[self.camera.calibrated(bearings)]
         d_params, d_turn = self._effects(bearings)
         known = np.isfinite(d_params).all((1, 2))
         d_params, d_turn = d_params[known], d_turn[known]
@@ -114,7 +115,8 @@ class UncertaintyMap:
     shown
         (A, B) whether the direction falls in the picture.
     calibrated
-        (A,) whether corners reached that far: beyond, the camera extrapolates.
+        (A,) whether corners were seen at that angle: beyond, and in the blind middle of a mirror, the camera
+        extrapolates.
     """
 
     theta: Array
@@ -153,7 +155,7 @@ class UncertaintyMap:
             return uncertainty.bearing(bearings, turned=turned).reshape(shape)
 
         shown = (valid & (camera.in_image(pixels) if field is None else field.contains(pixels))).reshape(shape)
-        calibrated = theta <= cone * (1 + 1e-9)
+        calibrated = (theta <= cone * (1 + 1e-9)) & (theta >= camera.theta_min)
         return cls(theta, phi, length(True), angle(True), length(False), angle(False), shown, calibrated)
 
     def worst(self) -> tuple[float, float, float, float]:

@@ -1,0 +1,100 @@
+"""Boards that are not quite what was said of them: layout, columns and rows, a mirror."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from omnisight.images import read_image, write_image
+from omnisight.targets.boards.charuco import Charuco
+from test_target_detection import pose, render
+
+SHOWN = Charuco(8, 5, square=0.024, marker=0.018)
+
+
+@pytest.fixture(scope="module")
+def charucos(tmp_path_factory):
+    """Three pictures of a ChArUco board."""
+    folder = tmp_path_factory.mktemp("charucos")
+    for i, angle in enumerate((10, 40, 60)):
+        write_image(folder / f"{i}.png", render(SHOWN, "fisheye", pose(SHOWN, angle, azimuth=100 * i), seed=i)[0])
+    return folder
+
+
+@pytest.fixture
+def target(tmp_path):
+    def written(**changes):
+        board = {"target": "charuco", "columns": 8, "rows": 5, "square": "24mm", "marker": "18mm", **changes}
+        path = tmp_path / "board.json"
+        path.write_text(json.dumps(board))
+        return path
+
+    return written
+
+
+def detected(run, folder, target):
+    status, out, err = run("detect", folder, "--target", target, "--json")
+    assert (status, err) == (0, "")
+    return json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"legacy": True}, "the print has the layout of OpenCV since 4.6 (legacy: false)"),
+        ({"columns": 5, "rows": 8}, "the print has columns and rows swapped (8x5)"),
+    ],
+    ids=["charuco legacy layout", "swapped rows and columns of a charuco"],
+)
+def test_another_layout_of_a_charuco_is_found_and_said_which(run, charucos, target, changes, said):
+    found = detected(run, charucos, target(**changes))
+    for picture in found["pictures"]:
+        assert len(picture["boards"][0]["ids"]) > 30
+        assert picture["note"].endswith(said)
+    assert found["notes"] == []
+
+
+def test_mirrored_charuco_says_that_markers_match_only_when_mirrored(run, charucos, target, tmp_path):
+    for path in charucos.iterdir():
+        write_image(tmp_path / path.name, np.ascontiguousarray(read_image(path)[:, ::-1]))
+    found = detected(run, tmp_path / "*.png", target())
+    assert found["notes"] == [
+        "the markers match only when mirrored in all pictures with a board (0.png, 1.png, 2.png): a webcam's mirror"
+        " mode? Turn it off; a camera that looks into a mirror does see it so"
+    ]
+    assert min(len(picture["boards"][0]["ids"]) for picture in found["pictures"]) > 30
+    write_image(tmp_path / "0.png", read_image(charucos / "0.png"))
+    (note,) = detected(run, tmp_path / "*.png", target())["notes"]
+    assert note.startswith("the markers match only when mirrored in 2 of 3 pictures with a board (1.png, 2.png)")
+
+
+def test_another_board_with_markers_is_asked_for_with_what_was_told(refuses, charucos, target):
+    said = refuses("calibrate", charucos, "--target", target(dictionary="DICT_4X4_50"))
+    assert "the charuco 8x5 was found in 0 of 3 pictures: is it really this charuco" in said
+    assert "dictionary DICT_4X4_50" in said
+    assert "0.png: no 8x5 board found" in said
+
+
+def test_squares_counted_instead_of_corners_is_said_with_the_right_pattern(run, shots, tmp_path):
+    status, out, _ = run("detect", shots, "--pattern", "10x7", "-o", tmp_path / "drawn")
+    assert status == 0
+    assert "found a 9x6 grid of inner corners in 6/6 pictures but the board asked for is 10x7" in out
+    assert "(10x7 squares have 9x6 inner corners). Use --pattern 9x6." in out
+
+
+def test_swapped_rows_and_columns_give_the_same_corners(run, shots):
+    straight, swapped = (
+        json.loads(run("detect", shots, "--pattern", pattern, "--json")[1]) for pattern in ("9x6", "6x9")
+    )
+    for one, other in zip(straight["pictures"], swapped["pictures"], strict=True):
+        pixels = [np.array(p["boards"][0]["pixels"]) for p in (one, other)]
+        assert np.array_equal(*(p[np.lexsort(p.T)] for p in pixels))
+
+
+def test_a_mirrored_checkerboard_is_like_any_other(run, shots, tmp_path):
+    for i in (1, 2):
+        write_image(tmp_path / f"{i}.png", cv2.flip(read_image(shots / f"{i}.png"), 1))
+    said = json.loads(run("detect", tmp_path / "*.png", "--pattern", "9x6", "--json")[1])
+    assert said["notes"] == []
+    assert all(picture["boards"] for picture in said["pictures"])
