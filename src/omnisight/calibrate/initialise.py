@@ -1,6 +1,7 @@
 """Finding a camera to start from, with no guess of focal length or field of view and no pinhole plane."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate.pose import plane_poses, settled_poses
 from omnisight.calibrate.refine import refine
+from omnisight.calibrate.restart import STILL
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
@@ -15,19 +17,17 @@ from omnisight.models import CameraModel, model_class
 
 Array = NDArray[np.float64]
 
-# Ideal projections, and the angle from the axis that the farthest corner may be at.
+# Ideal projections, and the angle from the axis that the farthest corner may be at; below, they are all alike.
 FAMILIES = ("equidistant", "equisolid", "stereographic")
-REACH_DEG = (15, 25, 35, 45, 55, 65, 75, 85, 95, 105, 120, 135, 150)
-NARROW_DEG = (15, 25, 35, 45, 55, 65)
+REACH_DEG = (50, 65, 80, 95, 110, 130, 150)
+NARROW_DEG = {"equidistant": (16, 28), "pinhole": (28, 42, 58)}
+# Starts whose focal lengths differ by less than this share have come from one place.
+APART = 0.45
 # Models that together bend to every lens and mirror with few parameters.
 SCOUTS = ("kannala_brandt", "unified")
-# What a lens has next to nothing of: a start that took it from noise would be a start of its own.
-STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
-SETTLED, SCOUTED = 4, 2
+SETTLED, SCOUTED = 6, 2
 # Pictures that are enough to tell a good start from a bad one, and to find the camera; the others are posed from it.
 SKETCH, ENOUGH = 10, 40
-# Angles from the axis, and around it, at which a camera is sampled.
-CONE = 16
 
 
 def initialise(views: BoardViews, size: tuple[int, int]) -> State:
@@ -52,8 +52,8 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     if len(views) > ENOUGH:
         return posed(initialise(_some(views, ENOUGH), size).model, views)
     sketch = _some(views, SKETCH)
-    ranked = sorted(_ideal_starts(sketch, size), key=lambda start: _score(start, sketch))
-    settled = [_settled(posed(start.model, sketch), sketch, 8, 1e-3) for start in ranked[:SETTLED]]
+    begun = _unlike(_ideal_starts(sketch, size), sketch)
+    settled = [_settled(posed(start.model, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
     scouts = list[State]()
     names: tuple[str, ...] = SCOUTS
     for start in sorted(settled, key=lambda state: _score(state, sketch))[:SCOUTED]:
@@ -77,29 +77,6 @@ def _scout(start: State, name: str, views: BoardViews) -> State | None:
         return None
     rough = _settled(replace(start, model=model), views, 15, 1e-4)
     return _settled(repose(rough, views), views, 15, 1e-4)
-
-
-def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
-    """Give the state with another camera model, fitted to its own; None where it cannot be."""
-    try:
-        return replace(state, model=cls.fit(*pairs(state, views), fixed=STILL))
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-
-
-def pairs(state: State, views: BoardViews) -> tuple[Array, Array]:
-    """Give directions (M, 3), the corners' and all others as far from the axis, and their pixels in the state's camera.
-
-    What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
-    bend as it likes where there are none.
-    """
-    points, _ = state.points(views)
-    farthest = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max(initial=0.0)
-    theta, phi = (np.arange(CONE) + 0.5)[:, None] / CONE * farthest, np.linspace(0, 2 * np.pi, CONE, endpoint=False)
-    parts = np.broadcast_arrays(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
-    points = np.concatenate([points, np.stack(parts, -1).reshape(-1, 3)])
-    pixels, valid = state.model.project_numpy(points)
-    return points[valid], pixels[valid]
 
 
 def repose(state: State, views: BoardViews) -> State:
@@ -134,15 +111,24 @@ def _posed_roughly(model: CameraModel, views: BoardViews) -> State:
 def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
     centre = (np.array(size, float) - 1) / 2
     reach = np.linalg.norm(views.pixels - centre, axis=1).max()
-    for family, degrees in [(f, d) for f in FAMILIES for d in REACH_DEG] + [("pinhole", d) for d in NARROW_DEG]:
-        cls = model_class(family)
+    narrow = [(name, degrees) for name, angles in NARROW_DEG.items() for degrees in angles]
+    for name, degrees in [*narrow, *itertools.product(FAMILIES, REACH_DEG)]:
+        plain = model_class(name).from_dict({"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0})
         theta = np.radians(degrees)
-        radius, _ = cls.from_dict({"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0}).project_numpy(
-            np.array([[np.sin(theta), 0.0, np.cos(theta)]])
-        )
+        radius, _ = plain.project_numpy(np.array([[np.sin(theta), 0.0, np.cos(theta)]]))
         focal = reach / radius[0, 0]
-        model = cls.from_dict({"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]})
-        yield _posed_roughly(model, views)
+        camera = {"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]}
+        yield _posed_roughly(type(plain).from_dict(camera), views)
+
+
+def _unlike(starts: Iterable[State], views: BoardViews) -> list[State]:
+    """Give those of the starts, best first, that have no better one with nearly the same focal length."""
+    kept = list[State]()
+    for start in sorted(starts, key=lambda start: _score(start, views)):
+        focal = start.model.params[0]
+        if all(abs(np.log(focal / better.model.params[0])) > APART for better in kept):
+            kept.append(start)
+    return kept
 
 
 def _settled(state: State, views: BoardViews, iterations: int, tolerance: float) -> State:
