@@ -1,5 +1,6 @@
 """Draws the pictures of the README and the documentation, from rendered scenes only: the same at every run."""
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ def main() -> None:
     ASSETS.mkdir(exist_ok=True)
     om.write_image(ASSETS / "hero.jpg", hero())
     om.write_image(ASSETS / "mirror.jpg", mirror())
+    om.write_image(ASSETS / "next.jpg", next_picture())
 
 
 def hero() -> np.ndarray:
@@ -44,6 +46,27 @@ def mirror() -> np.ndarray:
     u, v = round(setup.camera.model.to_dict()["cx"]), round(setup.camera.model.to_dict()["cy"])
     half = 536
     return beside(shrunk(picture[max(v - half, 0) : v + half, u - half : u + half], unrolled.shape[0]), unrolled)
+
+
+def next_picture() -> np.ndarray:
+    """Where to hold the board next, after seven pictures with it on the right."""
+    from omnisight.cli.calibrate import calibrate
+    from omnisight.cli.next import next as propose
+
+    setup = fisheye_setup(960)
+    render = setup.renderer(samples=2)
+    yaws, pitches = (8, 25, 40, 55, 30, 15, 45), (5, -25, 10, -5, 30, -10, -30)
+    with tempfile.TemporaryDirectory() as place:
+        folder = f"{place}/pictures"
+        Path(folder).mkdir()
+        for i, (yaw, pitch) in enumerate(zip(yaws, pitches, strict=True)):
+            lean = 0.6 * np.cos(i), 0.6 * np.sin(i), 0.3 * i
+            om.write_image(f"{folder}/{i}.png", render([held(yaw, pitch, lean, 0.55)], noise=12).image)
+        camera, drawing = Path(place, "camera.json"), Path(place, "next.png")
+        calibrate([folder], model="mei", output=camera, quiet=True)
+        propose([folder], camera=camera, count=3, draw=drawing, quiet=True)
+        drawn = om.read_image(drawing)
+    return shrunk(drawn, round(0.6 * len(drawn)))
 
 
 def shoot(setup: Setup, *boards: BoardInScene) -> np.ndarray:
