@@ -280,6 +280,7 @@ def test_pictures_that_tilt_a_little_are_usable_and_the_tilt_is_told():
 @pytest.mark.parametrize("model", ["kannala_brandt", "unified"])
 def test_three_copies_of_a_picture_are_not_used(model):
     view = shoot(lens(180), 180, np.random.default_rng(0))[3]
-    found = calibrate_camera(BoardViews.of([view] * 3), SIZE, model=model)
+    found = calibrate_camera(BoardViews.of([view] * 3), SIZE, model=model, force=True)
     assert str(found.verdict) == "do not use"
     assert "1 pictures that differ" in found.verdict.reasons[0]
+    assert "or a model with fewer parameters" in found.verdict.reasons[0]

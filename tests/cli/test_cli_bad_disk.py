@@ -21,8 +21,9 @@ def full_disk(monkeypatch):
 def test_disk_full_at_the_end_names_the_file_and_leaves_the_old_camera(run, shots, tmp_path):
     kept = tmp_path / "camera.json"
     kept.write_text("what was there")
-    status, _, err = run("calibrate", shots, *QUICK, "-o", kept)
+    status, out, err = run("calibrate", shots, *QUICK, "-o", kept)
     assert status == 2
+    assert "verdict: " in out  # the figures of a long run are not lost with the file
     assert f"cannot write {kept}: No space left on device" in err
     assert kept.read_text() == "what was there"
     assert visible(tmp_path) == ["camera.json"]

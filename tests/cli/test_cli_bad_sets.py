@@ -34,6 +34,7 @@ def test_mixed_resolutions_use_the_largest_group_and_name_the_rest_with_sizes_an
     status, out, err = run("calibrate", folder, *QUICK)
     assert (status, err) == (0, "")
     assert "3 of 6 pictures" in out
+    assert "note: pictures have 3 sizes: 3 of 640x480, which are used; 2 of 320x240 (5.png, 6.png); 1 of 600x480" in out
     table = lines_of(out)
     for name in ("5.png", "6.png"):
         assert table[name].split()[1] == "no"
@@ -87,6 +88,7 @@ def test_duplicates_are_named_and_counted(run, folder):
     assert "the same as 2.png" in table["8.jpg"]
     assert "Pictures that repeat another one: 2 (1.png = 7.png, 2.png = 8.jpg)" in out
     assert "move the board between pictures" in out
+    assert "note: 2 of 8 pictures with a board repeat another one" in out
 
 
 def test_video_near_duplicates_are_counted_with_how_far_they_moved(run, tmp_path):
@@ -135,6 +137,33 @@ def test_corners_outside_the_image_circle_are_flagged_with_their_count(run, fold
 def test_too_few_views_are_refused_with_the_number_and_the_least(refuses, shots, number):
     said = refuses("calibrate", *(shots / f"{i + 1}.png" for i in range(number)), *QUICK)
     assert f"the 9x6 board was found in {number} of {number} pictures; 3 is the least and 10 to 20 are good" in said
+
+
+def test_too_few_views_that_differ_are_refused_with_the_copies(refuses, shots, tmp_path):
+    for name in "abc":
+        shutil.copy(shots / "2.png", tmp_path / f"{name}.png")
+    said = refuses("calibrate", tmp_path, *QUICK)
+    assert "3 pictures with a board, but only 1 that differ (a.png = b.png, a.png = c.png): 3 is the least" in said
+    assert "move and tilt the board between pictures (--force calibrates all the same)" in said
+
+
+def test_too_few_views_name_the_parameters_they_leave_open(run, shots):
+    told = ("--pattern", "9x6", "--model", "kannala_brandt", "--force", "--json")
+    said = json.loads(run("calibrate", shots / "2.png", *told)[1])
+    (reason,) = [reason for reason in said["reasons"] if "pictures that differ" in reason]
+    assert "k4 (+-" in reason
+    assert "a model with fewer parameters, such as --model equidistant --square-pixels" in reason
+
+
+def test_blurred_pictures_that_stand_out_are_named_with_the_option_that_leaves_them_out(run, folder):
+    path = folder / "3.png"
+    blurred = cv2.GaussianBlur(read_image(path), (0, 0), 3.0)
+    write_image(path, np.random.default_rng(0).normal(blurred, 25).clip(0, 255).astype(np.uint8))
+    _, out, _ = run("calibrate", folder, *QUICK)
+    (note,) = [line for line in out.splitlines() if line.startswith("note: pictures that stand out")]
+    assert "3.png (rms " in note
+    assert "blurred: " in note
+    assert note.endswith("--drop 3.png")
 
 
 def test_all_parallel_boards_are_not_used_and_the_tilt_is_told(run, tmp_path):

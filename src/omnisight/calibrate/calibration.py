@@ -24,7 +24,7 @@ from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.assess import Trust, assess
-from omnisight.calibrate.trust.verdict import FEWEST, Verdict
+from omnisight.calibrate.trust.verdict import FEWEST, Verdict, same_pictures
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
@@ -121,7 +121,7 @@ def calibrate_camera(
     flat
         Take the board as flat. Otherwise its bend is estimated, and kept if pictures held out are explained better.
     force
-        Calibrate also from fewer than three pictures.
+        Calibrate also from fewer than three pictures that differ.
     start
         A camera near enough to begin from, if one is known.
     field
@@ -165,7 +165,13 @@ def calibrate_camera(
 
 
 def must_be_enough(views: BoardViews, *, force: bool) -> None:
-    """Raise ValueError if there are too few pictures to calibrate from."""
+    """Raise ValueError if there are too few pictures that differ to calibrate from."""
+    if len(views) >= (1 if force else FEWEST) > len(views) - len(same := same_pictures(views)) and not force:
+        pairs = ", ".join(f"{a} = {b}" for a, b in same[:3]) + (", ..." if len(same) > 3 else "")
+        raise ValueError(
+            f"{len(views)} pictures with a board, but only {len(views) - len(same)} that differ ({pairs}): {FEWEST} is"
+            " the least, 10 to 20 are good; move and tilt the board between pictures (--force calibrates all the same)"
+        )
     if len(views) < (1 if force else FEWEST):
         raise ValueError(
             f"{len(views)} pictures with a board are too few: {FEWEST} is the least, 10 to 20 are good;"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate.pose import plane_poses, settled_poses
 from omnisight.calibrate.refine import refine
-from omnisight.calibrate.restart import STILL
+from omnisight.calibrate.restart import STILL, fitted
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
@@ -63,8 +63,11 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     if not scouts:
         raise ValueError("no camera explains these corners: are they corners of one flat board, in order?")
     best = min(scouts, key=lambda state: _score(state, sketch))
-    best = _settled(posed(best.model, views), views, 25, 1e-5)
-    return _settled(repose(best, views), views, 25, 1e-5)
+    best = _settled(repose(_settled(posed(best.model, views), views, 25, 1e-5), views), views, 25, 1e-5)
+    # The other may follow this lens more closely, now that the boards are in their places.
+    (other,) = (name for name in SCOUTS if name != best.model.name)
+    begun = fitted(best, model_class(other), views)
+    return min([best] if begun is None else [best, _settled(begun, views, 25, 1e-5)], key=lambda s: _score(s, views))
 
 
 def _scout(start: State, name: str, views: BoardViews) -> State | None:

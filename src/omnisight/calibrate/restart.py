@@ -21,15 +21,15 @@ Array = NDArray[np.float64]
 STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
 DECENTRED = set(STILL[1:])
 # Models that bend to most lenses in ways of their own: what one of them finds, a richer model may miss from another.
-SOURCES = ("kannala_brandt", "eucm")
+SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.7, 1.4)
 # px: a fit to a camera this far from it (rms) is none.
 ALIKE = 2.0
 # Steps that each start is refined by, and how many of them are then refined further.
-ROUNDS = ((12, 2), (100, 1))
-# Angles from the axis, and around it, at which a camera is sampled.
-CONE = 16
+ROUNDS = ((40, 3), (100, 1))
+# Angles from the axis, and around it, at which a camera is sampled; how far past the corners, so that no fit folds there.
+CONE, PAST = 16, 1.05
 
 
 def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
@@ -53,7 +53,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | 
 
 def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator[State]:
     """Give starts of the model, each in a valley that may be another."""
-    first = _fitted(state, cls, views)
+    first = fitted(state, cls, views)
     if first is None:
         return
     yield first
@@ -63,14 +63,15 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
     elif DECENTRED & names:
         yield _centred(first, views)
         for name in SOURCES:
-            source = _fitted(state, model_class(name), views)
-            source = None if source is None else _fitted(refine(source, views).state, cls, views)
+            source = fitted(state, model_class(name), views)
+            source = None if source is None else fitted(refine(source, views).state, cls, views)
             if source is not None:
                 yield source
                 yield _centred(source, views)
 
 
-def _fitted(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
+def fitted(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
+    """Give the state with another camera model, fitted to its own; None where it cannot be."""
     try:
         return replace(state, model=cls.fit(*pairs(state, views), fixed=STILL))
     except (ValueError, np.linalg.LinAlgError):
@@ -102,13 +103,13 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
 
 
 def pairs(state: State, views: BoardViews) -> tuple[Array, Array]:
-    """Give directions (M, 3), the corners' and all others as far from the axis, and their pixels in the state's camera.
+    """Give directions (M, 3), the corners' and all others about as far from the axis, and their pixels in the state's camera.
 
     What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
     bend as it likes where there are none.
     """
     points, _ = state.points(views)
-    farthest = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max(initial=0.0)
+    farthest = min(PAST * np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max(initial=0.0), np.pi)
     theta, phi = (np.arange(CONE) + 0.5)[:, None] / CONE * farthest, np.linspace(0, 2 * np.pi, CONE, endpoint=False)
     parts = np.broadcast_arrays(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
     points = np.concatenate([points, np.stack(parts, -1).reshape(-1, 3)])

@@ -49,7 +49,8 @@ class BoardViews:
     ) -> Self:
         """Join views, each (points (n, 3), pixels (n, 2)) or (points, pixels, covariance (n, 2, 2)).
 
-        The extent is that of all corners unless told otherwise.
+        Points may be (n, 2), on the plane z = 0, and both may be lists, of any real type, or (n, 1, k) or (1, n, k) as
+        OpenCV writes them. The extent is that of all corners unless told otherwise.
 
         Raises
         ------
@@ -60,14 +61,21 @@ class BoardViews:
         points, pixels, covariance = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
         groups, start = list[slice](), 0
         for name, (view_points, view_pixels, *rest) in zip(names, views, strict=True):
-            x, p = np.asarray(view_points, float), np.asarray(view_pixels, float)
+            x, p = (_rows(values, name) for values in (view_points, view_pixels))
             c = np.asarray(rest[0], float) if rest else np.zeros((len(x), 2, 2))
-            if x.ndim != 2 or x.shape[1] != 3 or p.shape != (len(x), 2):
-                raise ValueError(f"{name}: needs points (n, 3) and pixels (n, 2), got {x.shape} and {p.shape}")
+            if x.ndim != 2 or x.shape[1] not in (2, 3) or p.shape != (len(x), 2):
+                got = f"{np.shape(view_points)} and {np.shape(view_pixels)}"
+                raise ValueError(f"{name}: needs points (n, 3) or (n, 2) and pixels (n, 2), got {got}")
             if c.shape != (len(x), 2, 2):
                 raise ValueError(f"{name}: needs a covariance (n, 2, 2), got {c.shape} with {len(x)} corners")
-            if not (np.isfinite(x).all() and np.isfinite(p).all() and np.isfinite(c).all()):
-                raise ValueError(f"{name}: a corner is not a finite number")
+            if not (finite := np.isfinite(x).all(1) & np.isfinite(p).all(1) & np.isfinite(c).all((1, 2))).all():
+                k = int(np.argmin(finite))
+                raise ValueError(
+                    f"{name}: a corner is not a finite number: row {k}, point {x[k].tolist()}, pixel {p[k].tolist()};"
+                    " leave out corners that were not seen"
+                )
+            if x.shape[1] == 2:
+                x = np.concatenate([x, np.zeros((len(x), 1))], 1)
             points.append(x)
             pixels.append(p)
             covariance.append(c)
@@ -124,3 +132,14 @@ class BoardViews:
         rows = [self.groups[i] for i in views]
         chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
         return self.of(chosen, [self.names[i] for i in views], self.extent)
+
+
+def _rows(values: ArrayLike, name: str) -> Array:
+    """Give an array (n, k) of what may also be (n, 1, k) or (1, n, k); any other shape as it is."""
+    try:
+        array = np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: needs arrays of numbers: {error}") from None
+    if array.ndim == 3 and 1 in array.shape[:2]:
+        return array.reshape(-1, array.shape[2])
+    return array

@@ -13,6 +13,7 @@ from omnisight.camera import Camera
 from omnisight.cli._console import console
 from omnisight.cli._draw import rows_of_pictures
 from omnisight.cli._names import labels
+from omnisight.cli._standouts import standouts
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
 from omnisight.targets import BoardSearch, Checkerboard
@@ -59,7 +60,7 @@ def as_json(
         "second_look": asdict(result.won),
         "verdict": str(calibration.verdict),
         "reasons": list(calibration.verdict.reasons),
-        "warnings": [*([search.hint] if search.hint else []), *_about(search)],
+        "warnings": _notes(search, calibration),
         "candidates": [c.as_dict() for c in calibration.candidates],
         "seconds": dict(seconds),
         "camera": to_json(camera),
@@ -123,7 +124,7 @@ def print_report(
             " from the axis",
             soft_wrap=True,
         )
-    for note in [*([search.hint] if search.hint else []), *_about(search)]:
+    for note in _notes(search, calibration):
         out.print(f"note: {note}", soft_wrap=True)
     out.print()
     out.print(f"verdict: {calibration.verdict}", style=STYLES[calibration.verdict.level], highlight=False)
@@ -134,6 +135,12 @@ def print_report(
         out.print(f"written: {written.path}", soft_wrap=True)
     else:
         out.print("nothing written: give -o camera.json")
+
+
+def _notes(search: BoardSearch, calibration: Calibration) -> list[str]:
+    """Give what to know of the pictures beside the verdict."""
+    odd = standouts(search, [row["rms"] for row in rows(search, calibration)])
+    return [*filter(None, (search.hint, *search.notes, odd)), *_about(search)]
 
 
 def _about(search: BoardSearch) -> list[str]:

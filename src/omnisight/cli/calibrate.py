@@ -133,8 +133,13 @@ def calibrate(
     solved = time.perf_counter()
     camera = result.calibration.camera if classic is None else classic_camera(classic, result.calibration)
     camera = _with_provenance(camera, result.search)
-    # The result first: what is drawn afterwards cannot lose it.
-    written = save(camera, output) if output is not None else None
+    # The result first: what is drawn afterwards cannot lose it. A disk that is full by now loses the file, not the
+    # figures: those are printed all the same, with --json the camera among them.
+    written, failure = None, None
+    try:
+        written = save(camera, output) if output is not None else None
+    except (OSError, ValueError) as error:
+        failure = error
     seconds = {
         "detect": detected - begun,
         "solve": solved - detected,
@@ -146,6 +151,8 @@ def calibrate(
         print_report(result, seconds, written)
         if classic is not None:
             print_classic(classic, result.calibration)
+    if failure is not None:
+        raise failure
     if draw is not None:
         from omnisight.cli._draw import draw_residuals
 
@@ -204,6 +211,8 @@ def _too_few_found(search: Any, least: int) -> str:
     said = f"{_kind(search.board)} was found in {number} of {len(pictures)} pictures"
     if number:
         said += f"; {least} is the least and 10 to 20 are good"
+    if number and number == len(pictures):
+        return f"{said}: take more, with the board tilted, or calibrate a simple model all the same with --force"
     return "\n".join([f"{said}: {search.hint or advice(search.board)}", *notes])
 
 

@@ -11,7 +11,9 @@ from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import Ceiling
 from omnisight.calibrate.trust.coverage import SECTORS, SIDES, Coverage
+from omnisight.calibrate.trust.determined import focal_spread, open_parameters
 from omnisight.calibrate.trust.halves import Halves
+from omnisight.calibrate.trust.shutter import rolling_shutter
 from omnisight.calibrate.trust.uncertainty import UncertaintyMap
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
@@ -137,8 +139,9 @@ def pictures(e: Evidence) -> Check:
     if distinct < FEWEST:
         level = Level.DO_NOT_USE
         sentences.append(
-            f"{distinct} pictures that differ leave parameters open where the residuals are small: take 10 to 20, with"
-            " the board tilted and everywhere in the picture."
+            f"{distinct} pictures that differ leave parameters open where the residuals are small{_left_open(e)}: take"
+            " 10 to 20, with the board tilted and everywhere in the picture, or a model with fewer parameters, such as"
+            " --model equidistant --square-pixels."
         )
     elif distinct < FEW:
         level = Level.USABLE
@@ -155,8 +158,8 @@ def tilt(e: Evidence) -> Check:
     return Check(
         "tilt",
         level,
-        f"The boards tilt only {largest:.0f} degrees against each other, which leaves the focal length open: take"
-        " pictures with the board tilted by 30 to 45 degrees, to either side.",
+        f"The boards tilt only {largest:.0f} degrees against each other, which leaves the focal length open"
+        f"{_focal(e.camera)}: take pictures with the board tilted by 30 to 45 degrees, to either side.",
     )
 
 
@@ -252,10 +255,9 @@ def halves(e: Evidence) -> Check:
     h = e.halves
     if h is None or h.ratio <= DISAGREE or h.difference <= MATTERS * e.scale:
         return Check("halves")
-    poor = e.ceiling is not None and e.ceiling.left > POOR * (e.best.held_out_rms or 0.0)
     why = (
         "the model is too poor for this lens: try --model spline."
-        if poor
+        if _poor(e)
         else "something is not as it should be, such as a board that is not flat, a lens that refocused or blur: the"
         " stated uncertainty allows for it."
     )
@@ -267,7 +269,14 @@ def halves(e: Evidence) -> Check:
     )
 
 
-CHECKS = (pictures, tilt, explained, held_out, uncertainty, coverage, rim, halves)
+def shutter(e: Evidence) -> Check:
+    """Ask that nothing moved while the rows of a picture were read."""
+    found = None if _poor(e) else rolling_shutter(e.best.state, e.views)
+    sentence = "" if found is None else found.sentence
+    return Check("shutter", Level.USABLE if sentence else Level.GOOD, sentence)
+
+
+CHECKS = (pictures, tilt, explained, held_out, uncertainty, coverage, rim, halves, shutter)
 
 
 def same_pictures(views: BoardViews) -> list[tuple[str, str]]:
@@ -287,6 +296,24 @@ def largest_tilt(state: State) -> float:
     """Give the largest angle (degrees) between the planes of two boards."""
     normals = state.rotations[:, :, 2]
     return float(np.degrees(np.arccos(np.clip(np.abs(normals @ normals.T), 0, 1))).max())
+
+
+def _poor(e: Evidence) -> bool:
+    """Say whether the model is to blame for a good part of the error."""
+    return e.ceiling is not None and e.ceiling.left > POOR * (e.best.held_out_rms or 0.0)
+
+
+def _focal(camera: Camera) -> str:
+    """Say how open the focal length is, where it is by more than 2 %."""
+    spread = focal_spread(camera)
+    if spread is None or spread < 0.02:
+        return ""
+    return f" (+-{100 * spread:.0f} %)" if spread < 10 else " (+-1000 % or more)"
+
+
+def _left_open(e: Evidence) -> str:
+    names = open_parameters(e.camera)
+    return f" ({', '.join(names)})" if names else ""
 
 
 def _level(value: float, limits: tuple[float, float], scale: float) -> Level:
