@@ -172,3 +172,31 @@ def test_opensfm_lengths_are_shares_of_the_longer_side(get):
     )
     assert params(camera) == {"fx": 320, "fy": 320, "cx": 325.9, "cy": 239.5, "k1": 0.1, "k2": 0, "k3": 0, "k4": 0}
     assert camera.extra == {"k1_prior": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"calibration": [1, 2]}, '"calibration" must be an object'),
+        ({"provenance": "me"}, '"provenance" must be an object'),
+        ({"theta_max_deg": -5}, "theta_max_deg must lie between 0 and 180"),
+        ({"theta_max_deg": 80, "theta_min_deg": 170}, "theta_min_deg must lie between 0 and theta_max_deg"),
+        ({"theta_min_deg": "x"}, "theta_min_deg must be a number"),
+        ({"covariance": [[1.0]]}, "covariance must have 4 rows of 4 numbers"),
+        ({"covariance": [[-1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}, "negative variance"),
+        ({"version": -3}, "version -3 is none"),
+    ],
+)
+def test_our_own_file_is_not_believed_blindly(tmp_path, change, said):
+    import json
+
+    from omnisight.camera import Camera
+    from omnisight.formats import FormatError, load
+    from omnisight.formats.native import to_json
+    from omnisight.models import model_class
+
+    stored = to_json(Camera(model_class("equidistant").example(), (640, 480))) | change
+    (tmp_path / "camera.json").write_text(json.dumps(stored))
+    with pytest.raises(FormatError, match=r"camera\.json") as error:
+        load(tmp_path / "camera.json")
+    assert said in str(error.value)

@@ -282,5 +282,53 @@ def test_three_copies_of_a_picture_are_not_used(model):
     view = shoot(lens(180), 180, np.random.default_rng(0))[3]
     found = calibrate_camera(BoardViews.of([view] * 3), SIZE, model=model, force=True)
     assert str(found.verdict) == "do not use"
-    assert "1 pictures that differ" in found.verdict.reasons[0]
+    assert "1 picture leaves" in found.verdict.reasons[0]
     assert "or a model with fewer parameters" in found.verdict.reasons[0]
+
+
+def test_a_model_forced_on_a_lens_it_does_not_describe_is_not_called_good():
+    views = noisy(shoot(lens(200), 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
+    found = calibrate_camera(views, SIZE, model="equidistant", flat=True)
+    assert str(found.verdict) != "good"
+    (said,) = [reason for reason in found.verdict.reasons if "that a spline explains" in reason]
+    assert "--model auto" in said
+
+
+def test_pictures_of_another_camera_are_named():
+    own = shoot(lens(180), 180, np.random.default_rng(0), count=10)
+    other = shoot(lens(100), 100, np.random.default_rng(1), count=2)
+    names = [f"{i}.png" for i in range(10)] + ["a.png", "b.png"]
+    found = calibrate_camera(BoardViews.of([*own, *other], names), SIZE)
+    (said,) = [reason for reason in found.verdict.reasons if "no common camera" in reason]
+    assert "a.png" in said
+    assert "b.png" in said
+    assert "0.png" not in said
+    assert "--drop" in said
+
+
+def test_parallel_boards_that_lean_from_the_axis_of_a_wide_lens_are_usable():
+    truth = lens(180)
+    middle = BOARD.points.mean(0)
+    rng = np.random.default_rng(0)
+    turn = so3.exp([0.7, 0.2, 0.0])
+    views = []
+    for i in range(15):
+        theta, phi = 1.1 * np.sqrt((i + 0.5) / 15), 2.4 * i
+        away = rng.uniform(8, 12) * polar(np.array(theta), np.array(phi))
+        pixels, valid = truth.project((BOARD.points - middle) @ turn.T + away)
+        assert valid.all()
+        views.append((BOARD.points, pixels + rng.normal(0, 0.05, pixels.shape)))
+    found = calibrate_camera(BoardViews.of(views), SIZE, model="equisolid")
+    (tilt,) = [check for check in found.verdict.checks if check.name == "tilt"]
+    assert str(tilt.level) == "usable"
+    assert "leaves the focal length open" not in tilt.sentence
+
+
+def test_what_is_not_shown_is_no_gap():
+    _, found = calibrated(180, 0, 16)
+    coverage = Coverage.of(found.camera, found.state, found.views)
+    corners, shown = coverage.corners.copy(), coverage.shown.copy()
+    corners[:, 3:6] = 0
+    assert dataclasses.replace(coverage, corners=corners).gap > np.pi / 2
+    shown[:, 3:6] = False
+    assert dataclasses.replace(coverage, corners=corners, shown=shown).gap == 0.0

@@ -178,3 +178,21 @@ def test_a_report_is_one_page_and_a_failing_one_loses_no_camera(run, shots, tmp_
 
 def test_a_report_that_could_not_be_written_is_refused_before_the_work(refuses, shots, tmp_path):
     assert "there is no folder" in refuses("calibrate", shots, *QUICK, "--report", tmp_path / "no" / "report.html")
+
+
+@pytest.mark.parametrize("option", ["-o", "--report"])
+def test_a_picture_is_never_written_over(refuses, folder, option):
+    picture = folder / "1.png"
+    before = picture.read_bytes()
+    assert "is one of the pictures and would be lost" in refuses("calibrate", folder, *QUICK, option, picture)
+    assert picture.read_bytes() == before
+
+
+def test_camera_and_report_need_two_files(refuses, shots, tmp_path):
+    one = tmp_path / "one.json"
+    assert "give two files" in refuses("calibrate", shots, *QUICK, "-o", one, "--report", one)
+
+
+def test_dropping_all_pictures_is_told_so(refuses, shots):
+    drops = [word for name in visible(shots) for word in ("--drop", name)]
+    assert "--drop leaves no picture" in refuses("calibrate", shots, *QUICK, *drops)

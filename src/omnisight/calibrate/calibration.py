@@ -24,7 +24,8 @@ from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.assess import Trust, assess
-from omnisight.calibrate.trust.verdict import FEWEST, Verdict, same_pictures
+from omnisight.calibrate.trust.checks import FEWEST, same_pictures
+from omnisight.calibrate.trust.verdict import Verdict
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
@@ -52,7 +53,7 @@ class Calibration:
     views
         The corners it was calibrated on.
     candidates
-        Every model that was fitted, best first.
+        Every model that was fitted: the chosen one, then the others, best first.
     reason
         One sentence: why this model.
     rms, mean, held_out_rms
@@ -174,8 +175,8 @@ def must_be_enough(views: BoardViews, *, force: bool) -> None:
         )
     if len(views) < (1 if force else FEWEST):
         raise ValueError(
-            f"{len(views)} pictures with a board are too few: {FEWEST} is the least, 10 to 20 are good;"
-            " the board tilted, and everywhere in the picture"
+            f"{len(views)} {'picture with a board is' if len(views) == 1 else 'pictures with a board are'} too few:"
+            f" {FEWEST} is the least, 10 to 20 are good; the board tilted, and everywhere in the picture"
         )
 
 
@@ -262,7 +263,7 @@ def _conclude(
         dataclasses.replace(camera, calibration=figures),
         state,
         views,
-        ranked,
+        (best, *(candidate for candidate in ranked if candidate is not best)),
         reason,
         best.rms,
         best.mean,

@@ -138,7 +138,7 @@ def starts_of(name: str, start: State, views: BoardViews) -> list[tuple[str, Sta
             # From what one degree less finds, where that is nearer.
             still = Freedom.of(states[-1].model, fixed=STRETCH)
             found = refine(states[-1], views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state
-            found = dataclasses.replace(found, model=found.model.raised())
+            found = dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0}))
             state = min(state, found, key=Bundle(views, Freedom.none(state.model), spread).cost)
         states.append(state)
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]

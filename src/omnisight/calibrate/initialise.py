@@ -33,9 +33,9 @@ SKETCH, ENOUGH = 10, 40
 def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     """Find a camera and board poses near the best, for pictures of plane boards.
 
-    Every ideal projection is tried with every field of view: each poses some of the boards from bearings, and the few
-    that explain the corners best are refined, first as they are, then as models that bend to any lens. The best by
-    robust cost is kept.
+    Every ideal projection is tried with every field of view: each poses some of the boards from bearings. The few that
+    explain the corners best, each of a focal length of its own, are refined, first as they are, then as models that
+    bend to any lens. The best by robust cost is kept.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
         return posed(initialise(_some(views, ENOUGH), size).model, views)
     sketch = _some(views, SKETCH)
     begun = _unlike(_ideal_starts(sketch, size), sketch)
-    settled = [_settled(posed(start.model, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
+    settled = [_settled(_turned(start, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
     scouts = list[State]()
     names: tuple[str, ...] = SCOUTS
     for start in sorted(settled, key=lambda state: _score(state, sketch))[:SCOUTED]:
@@ -66,8 +66,10 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     best = _settled(repose(_settled(posed(best.model, views), views, 25, 1e-5), views), views, 25, 1e-5)
     # The other may follow this lens more closely, now that the boards are in their places.
     (other,) = (name for name in SCOUTS if name != best.model.name)
-    begun = fitted(best, model_class(other), views)
-    return min([best] if begun is None else [best, _settled(begun, views, 25, 1e-5)], key=lambda s: _score(s, views))
+    ends = [best]
+    if (again := fitted(best, model_class(other), views)) is not None:
+        ends.append(_settled(again, views, 25, 1e-5))
+    return min(ends, key=lambda end: _score(end, views))
 
 
 def _scout(start: State, name: str, views: BoardViews) -> State | None:
@@ -97,9 +99,13 @@ def repose(state: State, views: BoardViews) -> State:
 
 def posed(model: CameraModel, views: BoardViews) -> State:
     """Pose every board from its bearings."""
-    bearings, _ = model.unproject_numpy(views.pixels)
-    rough = _posed_roughly(model, views)
-    return State(model, *settled_poses(views, bearings, rough.rotations, rough.translations))
+    return _turned(_posed_roughly(model, views), views)
+
+
+def _turned(rough: State, views: BoardViews) -> State:
+    """Pose every board from its bearings and a rough pose."""
+    bearings, _ = rough.model.unproject_numpy(views.pixels)
+    return State(rough.model, *settled_poses(views, bearings, rough.rotations, rough.translations))
 
 
 def _posed_roughly(model: CameraModel, views: BoardViews) -> State:

@@ -17,6 +17,8 @@ TINY = 1e-9
 ROUNDS = 2
 # Steps of a refinement, and those of them after which what counts as far is settled.
 STEPS, SETTLED = 8, 3
+# Costs that fall to more than this share of what they were have settled too.
+STAYS = 0.999
 
 
 def plane_poses(views: BoardViews, bearings: Array) -> Poses:
@@ -133,6 +135,9 @@ class _Groups:
         self.use = finite.astype(float)
         self.bearings = np.where(finite[:, None], bearings, 0.0)
         self.count = np.bincount(self.view, self.use, len(views)).astype(np.intp)
+        # A table with a row for each view, and which column each corner has.
+        self.place = np.arange(len(self.view)) - self.starts[self.view]
+        self.table = len(views), int(self.place.max(initial=0)) + 1
         # Coordinates on the boards (N, 2) about their centre (V, 2), over their size (V,).
         plane = self.points[:, :2]
         self.centre = self.sum(plane * self.use[:, None]) / np.maximum(self.count, 1)[:, None]
@@ -151,8 +156,11 @@ class _Groups:
 
     def medians(self, values: Array) -> Array:
         """Give the median of values (N,) by view, of those that count."""
-        order = np.lexsort((np.where(self.use > 0, values, np.inf), self.view))
-        return values[order[np.minimum(self.starts + np.maximum(self.count - 1, 0) // 2, len(order) - 1)]]
+        table = np.full(self.table, np.inf)
+        table[self.view, self.place] = np.where(self.use > 0, values, np.inf)
+        table.sort(axis=1)
+        middle = table[np.arange(len(table)), np.maximum(self.count - 1, 0) // 2]
+        return np.where(self.count > 0, middle, 0.0)
 
     def scale(self, squares: Array) -> Array:
         """Give for each corner (N,) the squared chord that counts a quarter, from those of its view."""
@@ -213,5 +221,7 @@ def _refined(groups: _Groups, poses: Poses) -> Poses:
         wins = cost[1] < cost[0]
         rotations = np.where(wins[:, None, None], moved[0], rotations)
         translations = np.where(wins[:, None], moved[1], translations)
+        if step >= SETTLED and np.all(wins & (cost[1] > STAYS * cost[0])):
+            break
         damping = np.clip(np.where(wins, damping / 5, damping * 10), 1e-12, 1e6)
     return rotations, translations

@@ -26,9 +26,9 @@ SOURCES = ("kannala_brandt", "eucm", "division")
 TRADED = (-0.3, 0.2, 0.7, 1.4)
 # px: a fit to a camera this far from it (rms) is none.
 ALIKE = 2.0
-# Steps that each start is refined by, and how many of them are then refined further.
-ROUNDS = ((40, 3), (100, 1))
-# Angles from the axis, and around it, at which a camera is sampled; how far past the corners, so that no fit folds there.
+# Steps that each start is refined by, and how many of them are then refined further; more where parts are not centred.
+ROUNDS, LONG_ROUNDS = ((12, 2), (100, 1)), ((40, 3), (100, 1))
+# Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
 CONE, PAST = 16, 1.05
 
 
@@ -42,7 +42,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | 
     if len(starts) < 2:
         return starts[0] if starts else None
     ends = starts
-    for iterations, kept in ROUNDS:
+    for iterations, kept in ROUNDS if "xi" in starts[0].model.param_names else LONG_ROUNDS:
         ends = [refine(end, views, iterations=iterations).state for end in ends]
         sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
         problem = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views))
@@ -90,7 +90,8 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
     points, pixels = points[::every], pixels[::every]
     values, known = start.model.to_dict(), state.model.to_dict()
     # The state's own camera, where this model is that one and more.
-    starts = [({name: known.get(name, 0.0) for name in values}, STILL)] if set(known) < set(values) else []
+    own = {name: known.get(name, 0.0) for name in values}
+    starts: list[tuple[dict[str, float], tuple[str, ...]]] = [(own, STILL)] if set(known) < set(values) else []
     for xi in TRADED:
         # On the axis all such models magnify by f/(1 + xi).
         scale = (1 + xi) / (1 + values["xi"])
@@ -103,7 +104,7 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
 
 
 def pairs(state: State, views: BoardViews) -> tuple[Array, Array]:
-    """Give directions (M, 3), the corners' and all others about as far from the axis, and their pixels in the state's camera.
+    """Give directions (M, 3), the corners' and all others out to there, and their pixels in the state's camera.
 
     What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
     bend as it likes where there are none.

@@ -1,18 +1,17 @@
 """What `omnisight calibrate` says when it is done."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from omnisight.calibrate import Calibration, PicturesCalibration
-from omnisight.calibrate.trust.verdict import Level
+from omnisight.calibrate.trust.evidence import Level
 from omnisight.camera import Camera
 from omnisight.cli._console import console
 from omnisight.cli._draw import rows_of_pictures
-from omnisight.cli._names import labels
 from omnisight.cli._standouts import standouts
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
@@ -21,12 +20,12 @@ from omnisight.targets import BoardSearch, Checkerboard
 STYLES = {Level.GOOD: "bold green", Level.USABLE: "bold yellow", Level.DO_NOT_USE: "bold red"}
 
 
-def rows(search: BoardSearch, calibration: Calibration) -> list[dict[str, Any]]:
+def rows(search: BoardSearch, names: Sequence[str], calibration: Calibration) -> list[dict[str, Any]]:
     """Give one row per picture: name, found, corners, rms and worst residual (px), note."""
     lengths = calibration.residual_lengths
     groups = iter(rows_of_pictures(search))
     table: list[dict[str, Any]] = []
-    for picture, name in zip(search.pictures, labels([p.path for p in search.pictures]), strict=True):
+    for picture, name in zip(search.pictures, names, strict=True):
         residual = lengths[next(groups)] if picture.boards else None
         table.append(
             {
@@ -43,6 +42,7 @@ def rows(search: BoardSearch, calibration: Calibration) -> list[dict[str, Any]]:
 
 def as_json(
     result: PicturesCalibration,
+    names: Sequence[str],
     camera: Camera,
     seconds: Mapping[str, float],
     more: Mapping[str, Any],
@@ -50,7 +50,7 @@ def as_json(
     """Print one object on stdout, and nothing else; `more` is what else to say."""
     search, calibration = result.search, result.calibration
     said = {
-        "pictures": rows(search, calibration),
+        "pictures": rows(search, names, calibration),
         "pattern": str(search.board),
         "model": camera.model.name,
         "rms": calibration.rms,
@@ -60,7 +60,7 @@ def as_json(
         "second_look": asdict(result.won),
         "verdict": str(calibration.verdict),
         "reasons": list(calibration.verdict.reasons),
-        "warnings": _notes(search, calibration),
+        "warnings": _notes(search, names, calibration),
         "candidates": [c.as_dict() for c in calibration.candidates],
         "seconds": dict(seconds),
         "camera": to_json(camera),
@@ -71,6 +71,7 @@ def as_json(
 
 def print_report(
     result: PicturesCalibration,
+    names: Sequence[str],
     seconds: Mapping[str, float],
     written: Written | None,
 ) -> None:
@@ -82,7 +83,7 @@ def print_report(
     table = Table("picture", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
     for column in table.columns[2:5]:
         column.justify = "right"
-    for row in rows(search, calibration):
+    for row in rows(search, names, calibration):
         table.add_row(
             row["name"],
             "yes" if row["found"] else "no",
@@ -124,7 +125,7 @@ def print_report(
             " from the axis",
             soft_wrap=True,
         )
-    for note in _notes(search, calibration):
+    for note in _notes(search, names, calibration):
         out.print(f"note: {note}", soft_wrap=True)
     out.print()
     out.print(f"verdict: {calibration.verdict}", style=STYLES[calibration.verdict.level], highlight=False)
@@ -137,10 +138,10 @@ def print_report(
         out.print("nothing written: give -o camera.json")
 
 
-def _notes(search: BoardSearch, calibration: Calibration) -> list[str]:
+def _notes(search: BoardSearch, names: Sequence[str], calibration: Calibration) -> list[str]:
     """Give what to know of the pictures beside the verdict."""
-    odd = standouts(search, [row["rms"] for row in rows(search, calibration)])
-    return [*filter(None, (search.hint, *search.notes, odd)), *_about(search)]
+    odd = standouts(search, names, [row["rms"] for row in rows(search, names, calibration)])
+    return [*filter(None, (search.hint, *search.notes, odd, *calibration.verdict.remarks)), *_about(search)]
 
 
 def _about(search: BoardSearch) -> list[str]:

@@ -12,7 +12,13 @@ from omnisight.cli._console import console
 
 def classic_camera(classic: OcamCalibResult, ours: Calibration) -> Camera:
     """Give the camera of Scaramuzza's method, with its error beside that of our own."""
-    figures = {"method": "ocamcalib", **steps(classic)["refined"], "omnisight": {"rms": ours.rms, "mean": ours.mean}}
+    kept = ("verdict", "reasons", "pictures", "corners", "outliers")
+    figures = {
+        **{name: ours.camera.calibration[name] for name in kept},
+        "method": "ocamcalib",
+        **steps(classic)["refined"],
+        "omnisight": {"rms": ours.rms, "mean": ours.mean},
+    }
     return dataclasses.replace(ours.camera, model=classic.model, covariance=None, calibration=figures)
 
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from omnisight.cli._detect_report import light
-from omnisight.cli._names import labels
 from omnisight.targets import BoardSearch, PictureDetection
 
 # Times the median of all pictures from which an rms stands out, and the least (px) that matters.
@@ -14,7 +13,7 @@ WORSE, MATTERS = 2.5, 0.15
 BLURRIER, LESS_SHARP = 1.5, 0.5
 
 
-def standouts(search: BoardSearch, rms: Sequence[float | None]) -> str | None:
+def standouts(search: BoardSearch, names: Sequence[str], rms: Sequence[float | None]) -> str | None:
     """Name the pictures whose rms (px, one per picture) stands out, and what is odd about them; None if none does."""
     known = [error for error in rms if error is not None]
     if not known:
@@ -22,7 +21,6 @@ def standouts(search: BoardSearch, rms: Sequence[float | None]) -> str | None:
     usual = float(np.median(known))
     said: list[str] = []
     dropped: list[str] = []
-    names = labels([picture.path for picture in search.pictures])
     for picture, name, error in zip(search.pictures, names, rms, strict=True):
         if error is not None and error > max(WORSE * usual, MATTERS):
             reasons = _reasons(picture, search.found)

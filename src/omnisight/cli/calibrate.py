@@ -81,7 +81,7 @@ def calibrate(
     """
     begun = time.perf_counter()
     from omnisight.calibrate import calibrate_pictures
-    from omnisight.calibrate.trust.verdict import FEWEST
+    from omnisight.calibrate.trust.checks import FEWEST
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
@@ -91,17 +91,18 @@ def calibrate(
     from omnisight.models import model_class
 
     # What cannot work is said before the work.
-    if output is not None:
-        _must_be_writable(output)
+    for file in (output, report):
+        if file is not None:
+            _must_be_writable(file)
+    if output is not None and report is not None and output.resolve() == report.resolve():
+        raise ValueError(f"{output}: is named for the camera and for the report; give two files")
     if model != "auto":
         model_class(model)
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures, clips=True)
     if draw is not None:
         drawings(paths, draw)
-    if report is not None:
-        _must_be_writable(report)
-        spare([report], paths)
+    spare([file for file in (output, report) if file is not None], [*paths, *([target] if target else [])])
     with progress(quiet or json) as tell:
         search = search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
         # Named before any is dropped: a second --drop then still finds what the first table called so.
@@ -146,9 +147,9 @@ def calibrate(
         "total": time.perf_counter() - begun,
     }
     if json:
-        as_json(result, camera, seconds, {} if classic is None else {"ocamcalib": steps(classic)})
+        as_json(result, names, camera, seconds, {} if classic is None else {"ocamcalib": steps(classic)})
     else:
-        print_report(result, seconds, written)
+        print_report(result, names, seconds, written)
         if classic is not None:
             print_classic(classic, result.calibration)
     if failure is not None:
@@ -179,6 +180,8 @@ def _without(search: Any, known: list[str], dropped: list[str]) -> Any:
         near = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
         raise ValueError(f"--drop: there is no picture {', '.join(unknown)}; there are {near}")
     kept = [picture for picture, name in zip(search.pictures, known, strict=True) if name not in dropped]
+    if not kept:
+        raise ValueError("--drop leaves no picture; keep three or more")
     return dataclasses.replace(search, pictures=kept)
 
 

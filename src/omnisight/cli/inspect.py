@@ -51,11 +51,12 @@ def _describe(camera: Any, path: Path) -> None:
     import numpy as np
 
     from omnisight.cli._profile import radial_profile, to_text
-    from omnisight.formats import format_named
+    from omnisight.formats import format_named, format_names
 
     model = camera.model
     source = camera.provenance.get("format", "native")
-    print(f"file        {path.name}: {format_named(source).TITLE if source else ''}")
+    source = source if source in format_names() else "native"
+    print(f"file        {path.name}: {format_named(source).TITLE}")
     print(f"model       {model.name}: {(type(model).__doc__ or '').strip().splitlines()[0]}")
     told = list(zip(model.parameters, model.params, strict=True))
     for parameter, value in told[:MOST_PARAMETERS]:

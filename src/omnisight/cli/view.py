@@ -256,8 +256,9 @@ def _warn(source: Any, share: float, marked: bool) -> None:
         hint = "" if marked else "; --mark hatches it"
         print(f"{share:.0%} of what is shown lies {where}, where the camera extrapolates{hint}")
     if source.calibration.get("verdict") == "do not use":
-        reasons = source.calibration.get("reasons") or ["see omnisight inspect"]
-        print(f"this calibration's own verdict is: do not use. {reasons[0]}")
+        reasons = source.calibration.get("reasons")
+        told = isinstance(reasons, list) and reasons and isinstance(reasons[0], str)
+        print(f"this calibration's own verdict is: do not use. {reasons[0] if told else 'See omnisight inspect.'}")
 
 
 def _tell(

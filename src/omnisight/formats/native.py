@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import number
+from omnisight.formats._checks import number, numbers
 from omnisight.formats._protocol import note_unknown
 from omnisight.models import model_class, model_names
 
@@ -38,19 +39,44 @@ def parse(text: str) -> Mapping[str, Camera]:
     size = data["size"]
     if not (isinstance(size, list) and len(size) == 2 and all(isinstance(s, int) and 0 <= s < 10**6 for s in size)):
         raise ValueError(f'"size" must be [width, height], got {size!r}')
-    theta = data.get("theta_max_deg")
+    if data["version"] is True or data["version"] < 1:
+        raise ValueError(f"version {data['version']!r} is none")
+    for name in ("calibration", "provenance"):
+        if not isinstance(data.get(name) or {}, dict):
+            raise ValueError(f'"{name}" must be an object, got {data[name]!r:.60}')
+    model = model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()})
+    theta_max, theta_min = _cone(data)
     covariance = data.get("covariance")
     camera = Camera(
-        model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()}),
+        model,
         (size[0], size[1]),
-        theta_max=None if theta is None else float(np.radians(theta)),
-        theta_min=float(np.radians(data.get("theta_min_deg") or 0.0)),
+        theta_max=theta_max,
+        theta_min=theta_min,
         calibration=data.get("calibration") or {},
-        covariance=None if covariance is None else np.array(covariance, float),
+        covariance=None if covariance is None else _covariance(covariance, len(model.params)),
         provenance=data.get("provenance") or {},
         extra=note_unknown(data, KEYS),
     )
     return {"camera": camera}
+
+
+def _cone(data: dict[str, Any]) -> tuple[float | None, float]:
+    """Give the angles from the axis (radians) between which corners were seen."""
+    high, low = data.get("theta_max_deg"), number(data.get("theta_min_deg") or 0.0, "theta_min_deg")
+    if high is not None and not 0 < number(high, "theta_max_deg") <= 180:
+        raise ValueError(f"theta_max_deg must lie between 0 and 180, got {high:g}")
+    if not 0 <= low < (180 if high is None else high):
+        raise ValueError(f"theta_min_deg must lie between 0 and theta_max_deg, got {low:g}")
+    return None if high is None else float(np.radians(high)), float(np.radians(low))
+
+
+def _covariance(rows: Any, count: int) -> NDArray[np.float64]:
+    if not isinstance(rows, list) or len(rows) != count:
+        raise ValueError(f"covariance must have {count} rows of {count} numbers")
+    matrix = np.array([numbers(row, "covariance", count) for row in rows])
+    if (np.diagonal(matrix) < 0).any():
+        raise ValueError("covariance has a negative variance")
+    return matrix
 
 
 def to_json(camera: Camera) -> dict[str, Any]:

@@ -9,28 +9,32 @@ from omnisight.models._protocol import Array, CameraModel
 from omnisight.optim.dense import least_squares
 
 SKETCH = 400  # pairs that are enough to tell a good start from a bad one
-FINALISTS = 2  # starts that are refined to the end
 WEAK = 1e-5  # px, what a parameter one standard deviation from 0 weighs
 Model = TypeVar("Model", bound=CameraModel)
 
 
 def fit(cls: type[Model], bearings: Array, pixels: Array, fixed: Sequence[str] = ()) -> Model:
-    """Refine each start of the model a little, and the best two to the end; see `CameraModel.fit`."""
+    """Refine each start of the model a little, and the best to the end; see `CameraModel.fit`."""
     if len(bearings) != len(pixels) or len(bearings) < 4:
         raise ValueError(f"fit needs 4 or more pairs, got {len(bearings)} bearings and {len(pixels)} pixels")
     every = -(-len(bearings) // SKETCH)
     sketch = bearings[::every], pixels[::every]
-    tried = [refine(start, *sketch, fixed, iterations=10) for start in cls.starts(bearings, pixels)]
+    tried = [refine(start, *sketch, fixed, iterations=10, tolerance=1e-6) for start in cls.starts(bearings, pixels)]
     if not tried:
         farthest = np.degrees(np.arccos((bearings[:, 2] / np.linalg.norm(bearings, axis=1)).min()))
         raise ValueError(f"{cls.name} cannot be fitted to bearings up to {farthest:.0f} degrees from the axis")
-    tried.sort(key=lambda found: found[1])
-    ends = [refine(model, bearings, pixels, fixed) for model, _ in tried[:FINALISTS]]
-    return min(ends, key=lambda found: found[1])[0]
+    best, _ = min(tried, key=lambda found: found[1])
+    return refine(best, bearings, pixels, fixed)[0]
 
 
 def refine(
-    start: Model, bearings: Array, pixels: Array, fixed: Sequence[str] = (), *, iterations: int = 60
+    start: Model,
+    bearings: Array,
+    pixels: Array,
+    fixed: Sequence[str] = (),
+    *,
+    iterations: int = 60,
+    tolerance: float = 1e-12,
 ) -> tuple[Model, float]:
     """Refine a camera on bearings and pixels; give it and half its sum of squares (px^2).
 
@@ -63,6 +67,13 @@ def refine(
     free = np.array([name not in fixed for name in start.param_names])
     high = np.array([p.high for p in start.parameters])
     solution = least_squares(
-        residuals, derivatives, start.params.copy(), low=low, high=high, free=free, iterations=iterations
+        residuals,
+        derivatives,
+        start.params.copy(),
+        low=low,
+        high=high,
+        free=free,
+        iterations=iterations,
+        tolerance=tolerance,
     )
     return start.with_params(solution.state), solution.cost

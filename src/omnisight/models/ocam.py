@@ -1,6 +1,5 @@
 """Scaramuzza's polynomial model."""
 
-import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -162,10 +161,6 @@ class Ocam(Central):
         design = s[:, None] * (r[:, None] / scale) ** powers
         a = np.linalg.lstsq(design, z * r / scale, rcond=None)[0] * scale / scale**powers
         return cls(lens.cx, lens.cy, lens.fy / lens.fx, 0.0, 0.0, a=tuple(map(float, a)))
-
-    def raised(self) -> Self:
-        """Give the same camera as a polynomial of one degree more."""
-        return dataclasses.replace(self, a=(*self.a, 0.0))
 
     @classmethod
     def example(cls) -> Self:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.trust.verdict import UNCERTAIN
+from omnisight.calibrate.trust.checks import UNCERTAIN
 from omnisight.report.axes import chart
 from omnisight.report.colours import LogScale
 from omnisight.report.markup import Markup, element

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from omnisight.calibrate.trust.verdict import Level
+from omnisight.calibrate.trust.evidence import Level
 from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import Material
 

@@ -14,9 +14,9 @@ from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.assess import CHANCE
+from omnisight.calibrate.trust.checks import LARGE_PX
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.calibrate.trust.halves import compare_halves
-from omnisight.calibrate.trust.verdict import LARGE_PX
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis

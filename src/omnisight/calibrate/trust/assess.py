@@ -11,9 +11,10 @@ from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import Ceiling, fit_ceiling
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.calibrate.trust.coverage import Coverage
+from omnisight.calibrate.trust.evidence import Evidence
 from omnisight.calibrate.trust.halves import Halves, compare_halves
 from omnisight.calibrate.trust.uncertainty import UncertaintyMap
-from omnisight.calibrate.trust.verdict import Evidence, Verdict
+from omnisight.calibrate.trust.verdict import Verdict
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.images import ImageField
@@ -21,7 +22,7 @@ from omnisight.images import ImageField
 Array = NDArray[np.float64]
 
 # Halves that differ so many times more than noise explains do so by more than chance.
-CHANCE = 1.5
+CHANCE = 2.5
 
 
 @dataclass(frozen=True)

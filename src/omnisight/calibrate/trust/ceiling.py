@@ -76,7 +76,7 @@ def fit_ceiling(
     Parameters
     ----------
     best
-        The chosen model; None comes back if it was not asked about pictures held out.
+        The chosen model; None comes back if it was not asked about pictures held out, or is the spline itself.
     scout
         Another state: the spline starts from it where it explains the corners better.
     views
@@ -86,7 +86,7 @@ def fit_ceiling(
     loss
         As in `refine`.
     """
-    if best.held_out_lengths is None or usable.sum() < RINGS:
+    if best.held_out_lengths is None or usable.sum() < RINGS or best.name == "spline":
         return None
     start = spline_start(min(best.state, scout, key=lambda state: float(np.median(state.lengths(views)))), views)
     spline = Candidate.fit("spline", start, views, Freedom.of(start.model, warp=best.freedom.warp), loss=loss)

@@ -19,6 +19,8 @@ SECTORS = 8
 # Directions asked for in a cell, each way, and the part of them that must fall in the picture for it to count.
 FINE = 4
 SEEN = 0.5
+# Where it is not known what is shown, corners that begin so far from the axis (radians) leave a mirror's blind middle.
+BLIND = np.radians(30.0)
 # Corners that make a cell covered.
 ENOUGH = 3
 SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
@@ -56,7 +58,10 @@ class Coverage:
         corners = np.zeros((rings, SECTORS), np.intp)
         np.add.at(corners, (ring, sector), 1)
         corners[0] = corners[0].sum()
-        return cls(edges, corners, _shown(camera, edges, field))
+        shown = _shown(camera, edges, field)
+        if field is None and camera.theta_min > BLIND:
+            shown[edges[1:] <= camera.theta_min] = False
+        return cls(edges, corners, shown)
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -71,10 +76,10 @@ class Coverage:
 
     @property
     def gap(self) -> float:
-        """The widest range of azimuths (radians) without a corner, beyond the innermost ring."""
-        sectors = np.flatnonzero(self.covered[1:].any(0))
-        if len(sectors) == 0:
+        """The widest range of azimuths (radians) that are shown without a corner, beyond the innermost ring."""
+        if not (self.covered & self.shown)[1:].any():
             return 2 * np.pi
+        sectors = np.flatnonzero(self.covered[1:].any(0) | ~self.shown[1:].any(0))
         steps = np.diff(np.append(sectors, sectors[0] + SECTORS))
         return float((steps.max() - 1) * 2 * np.pi / SECTORS)
 

@@ -81,7 +81,8 @@ class Uncertainty:
     def turn(self) -> Array:
         """The turn (3, P), radians, that the camera frame makes to fit best when a parameter is off by one."""
         bearings = cap(self.reach, 12)
-        bearings = bearings[self.camera.calibrated(bearings)]
+        pixels, _ = self.camera.model.project_numpy(bearings)
+        bearings = bearings[self.camera.calibrated(bearings) & self.camera.in_image(pixels)]
         d_params, d_turn = self._effects(bearings)
         known = np.isfinite(d_params).all((1, 2))
         d_params, d_turn = d_params[known], d_turn[known]

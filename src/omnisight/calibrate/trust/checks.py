@@ -1,0 +1,292 @@
+"""What can be wrong with a calibration: each check finds one thing, and says what to do."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
+from omnisight.calibrate.trust.coverage import SECTORS, SIDES
+from omnisight.calibrate.trust.determined import focal_spread, open_parameters
+from omnisight.calibrate.trust.evidence import Check, Evidence, Level
+from omnisight.calibrate.trust.shutter import rolling_shutter
+from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
+
+Array = NDArray[np.float64]
+
+# Pictures that say the same, px; three that do not are the least a plane calibration is determined by.
+SAME_PX = 0.5
+FEWEST, FEW = 3, 6
+# The largest angle between two boards, degrees.
+PARALLEL_DEG, LITTLE_TILT_DEG = 10.0, 20.0
+# Relative standard deviation of the focal length from which on it is worth telling.
+FOCAL = 0.02
+# Part of a picture's corners, and of all, that no common camera explains: some pictures do not belong, or many.
+STRAY, STRAY_OF_ALL = 0.5, (0.15, 0.3)
+MANY_STRAY = 1 / 3
+# Limits in px of a picture 1000 px wide; a larger one may be as much worse.
+HELD_OUT = (0.7, 2.0)
+UNCERTAIN = (0.5, 2.0)
+LARGE_PX = 2.0
+# Held-out error over that of the pictures themselves: more means that the model bends to noise.
+OVERFIT = 1.5
+# Halves of the pictures may differ so many times more than noise explains, where the difference matters at all, px.
+DISAGREE, MATTERS = 3.0, 0.1
+# Part of the held-out error that a spline saves where the model is to blame.
+POOR = 0.3
+# An image that folds over within so many times the angle that corners reach is no extrapolation.
+FOLDS = 1.1
+# Part of what the picture shows in which corners should be, and azimuths that may lack them.
+COVERED = 0.6
+ONE_SIDED = np.radians(150)
+
+
+def pictures(e: Evidence) -> Check:
+    """Ask for enough pictures that differ."""
+    same = same_pictures(e.views)
+    distinct = len(e.views) - len(same)
+    sentences: list[str] = []
+    level = Level.GOOD
+    if same:
+        level = Level.USABLE
+        more = ", ..." if len(same) > 3 else ""
+        pairs = ", ".join(f"{a} = {b}" for a, b in same[:3])
+        sentences.append(
+            f"Pictures that repeat another one: {len(same)} ({pairs}{more}); they add nothing: move the board between"
+            " pictures."
+        )
+    if distinct < FEWEST:
+        level = Level.DO_NOT_USE
+        sentences.append(
+            f"{distinct} {'picture leaves' if distinct == 1 else 'pictures that differ leave'} parameters open where the"
+            f" residuals are small{_left_open(e)}: take"
+            " 10 to 20, with the board tilted and everywhere in the picture, or a model with fewer parameters, such as"
+            " --model equidistant --square-pixels."
+        )
+    elif distinct < FEW:
+        level = Level.USABLE
+        sentences.append(f"{distinct} pictures are few: take 10 to 20.")
+    return Check("pictures", level, " ".join(sentences))
+
+
+def tilt(e: Evidence) -> Check:
+    """Ask for boards that are not parallel: only their tilt tells the focal length from their distance."""
+    largest = largest_tilt(e.best.state)
+    if len(e.views) < 2 or largest >= LITTLE_TILT_DEG:
+        return Check("tilt")
+    # Parallel boards that lean away from the axis still tell it, if the lens is wide.
+    lean = float(np.degrees(np.arccos(np.clip(np.abs(e.best.state.rotations[:, 2, 2]), 0, 1))).max())
+    spread = focal_spread(e.camera)
+    told = lean >= LITTLE_TILT_DEG and spread is not None and spread < FOCAL
+    what = (
+        "so that little beside the lens's own distortion tells the focal length"
+        if told
+        else f"which leaves the focal length open{_focal(e.camera)}"
+    )
+    return Check(
+        "tilt",
+        Level.DO_NOT_USE if largest < PARALLEL_DEG and not told else Level.USABLE,
+        f"The boards tilt only {largest:.0f} degrees against each other, {what}: take pictures with the board tilted by"
+        " 30 to 45 degrees, to either side.",
+    )
+
+
+def explained(e: Evidence) -> Check:
+    """Ask that the model explains the corners at all."""
+    median = float(np.median(e.best.state.lengths(e.views)))
+    if median <= LARGE_PX * e.scale:
+        return Check("residuals")
+    why = (
+        "no model explains them; are they corners of one flat board, in order, all from one camera?"
+        if e.auto
+        else f"{e.camera.model.name} does not describe this camera: use --model auto."
+    )
+    return Check("residuals", Level.DO_NOT_USE, f"Half of the corners are more than {median:.1f} px off: {why}")
+
+
+def strays(e: Evidence) -> Check:
+    """Ask that all pictures are of one camera as it is now."""
+    bad = Spread.of(e.best.state, e.views).doubtful(e.best.state, e.views)
+    odd = [name for name, rows in zip(e.views.names, e.views.groups, strict=True) if bad[rows].mean() > STRAY]
+    share = float(bad.mean())
+    level = Level(int(bool(odd) or share > STRAY_OF_ALL[0]))
+    if len(odd) >= MANY_STRAY * len(e.views) or share > STRAY_OF_ALL[1]:
+        level = Level.DO_NOT_USE
+    if not level:
+        return Check("strays")
+    named = ", ".join(odd[:5]) + (", ..." if len(odd) > 5 else "")
+    where = f"Most corners of {named} lie" if odd else f"{share:.0%} of the corners lie"
+    return Check(
+        "strays",
+        level,
+        f"{where} where no common camera puts them: another camera or focus, or blur; leave those pictures out (--drop)"
+        " and calibrate again.",
+    )
+
+
+def poor(e: Evidence) -> Check:
+    """Ask that a generic camera explains pictures held out little better."""
+    if e.ceiling is None or not _poor(e) or e.ceiling.left <= MATTERS * e.scale:
+        return Check("model")
+    large = e.ceiling.left > UNCERTAIN[0] * e.scale
+    return Check(
+        "model",
+        Level.DO_NOT_USE if large and not e.auto else Level.USABLE,
+        f"{e.camera.model.name} leaves {e.ceiling.left:.2f} px that a spline explains, which the stated uncertainty"
+        f" does not hold: use {'--model spline' if e.auto else '--model auto or --model spline'}.",
+    )
+
+
+def held_out(e: Evidence) -> Check:
+    """Ask for a small error where the camera was not calibrated."""
+    name = "held-out error"
+    error, rms = e.best.held_out_rms, e.best.rms
+    if error is None:
+        return Check(
+            name, Level.USABLE, "Too few pictures to hold any out, so nothing tests the camera: take 10 to 20."
+        )
+    level = _level(error, HELD_OUT, e.scale)
+    if level:
+        return Check(
+            name,
+            level,
+            f"On pictures that it was not calibrated on the camera is {error:.2f} px off: "
+            + (
+                f"{e.camera.model.name} does not describe this camera; use --model auto."
+                if _poor(e) and not e.auto
+                else "look at the pictures with the largest residuals (--draw) and leave out those that are blurred or"
+                " whose board is not flat."
+            ),
+        )
+    if error > OVERFIT * rms and error > MATTERS * e.scale:
+        return Check(
+            name,
+            Level.USABLE,
+            f"Pictures it was not calibrated on are {error / rms:.1f} times farther off than the others ({error:.2f} px"
+            f" against {rms:.2f} px): add pictures, or take a model with fewer parameters.",
+        )
+    return Check(name)
+
+
+def uncertainty(e: Evidence) -> Check:
+    """Ask for a camera that is sure of itself wherever corners were seen."""
+    pixels, angle, theta, phi = e.uncertainty.worst()
+    if not np.isfinite(pixels):
+        return Check("uncertainty", Level.DO_NOT_USE, "How sure the camera is cannot be told: take 10 to 20 pictures.")
+    level = _level(pixels, UNCERTAIN, e.scale)
+    if not level:
+        return Check("uncertainty")
+    return Check(
+        "uncertainty",
+        level,
+        f"A far point {np.degrees(theta):.0f} degrees from the axis {_side(theta, phi)} would land {pixels:.2g} px"
+        f" ({np.degrees(angle):.2g} degrees) off: put the board there, tilted by 30 to 45 degrees.",
+    )
+
+
+def coverage(e: Evidence) -> Check:
+    """Ask for corners all around the camera and not on a single side only."""
+    c = e.coverage
+    if c.gap >= ONE_SIDED:
+        return Check(
+            "coverage",
+            Level.USABLE,
+            f"The corners leave {np.degrees(c.gap):.0f} degrees around the axis empty: put the board at"
+            f" {c.empty_side()}.",
+        )
+    if c.share < COVERED:
+        return Check(
+            "coverage",
+            Level.USABLE,
+            f"Corners were seen in {c.share:.0%} of what the picture shows: put the board {c.missing()}.",
+        )
+    return Check("coverage")
+
+
+def rim(e: Evidence) -> Check:
+    """Ask for a model whose image does not fold over just where the corners end."""
+    folds, reach = e.camera.model.theta_max, e.camera.theta_max or 0.0
+    if folds >= FOLDS * reach or folds >= np.pi - 1e-6 or np.isfinite(e.camera.angle_of(e.camera.border())).all():
+        return Check("rim")
+    return Check(
+        "rim",
+        Level.USABLE,
+        f"The model's image folds over {np.degrees(folds):.0f} degrees from the axis, and corners reach"
+        f" {np.degrees(reach):.0f}: put the board farther out, or try another --model.",
+    )
+
+
+def halves(e: Evidence) -> Check:
+    """Ask that two halves of the pictures agree as noise has it, or say what else is at work."""
+    h = e.halves
+    if h is None or h.ratio <= DISAGREE or h.difference <= MATTERS * e.scale:
+        return Check("halves")
+    why = (
+        "the model is too poor for this lens: try --model spline."
+        if _poor(e)
+        else "something is not as it should be, such as a board that is not flat, a lens that refocused or blur: the"
+        " stated uncertainty allows for it."
+    )
+    return Check(
+        "halves",
+        Level.USABLE if h.difference > UNCERTAIN[0] * e.scale else Level.GOOD,
+        f"Two halves of the pictures give cameras {h.difference:.2f} px apart, {h.ratio:.1f} times what corner noise"
+        f" explains: {why}",
+    )
+
+
+def shutter(e: Evidence) -> Check:
+    """Ask that nothing moved while the rows of a picture were read."""
+    found = None if _poor(e) else rolling_shutter(e.best.state, e.views)
+    sentence = "" if found is None else found.sentence
+    return Check("shutter", Level.USABLE if sentence else Level.GOOD, sentence)
+
+
+CHECKS = (pictures, tilt, explained, poor, strays, held_out, uncertainty, coverage, rim, halves, shutter)
+
+
+def same_pictures(views: BoardViews) -> list[tuple[str, str]]:
+    """Give the pairs of views whose corners are the same, (the first, its repetition)."""
+    found: list[tuple[str, str]] = []
+    for i, rows in enumerate(views.groups):
+        for j in range(i):
+            other = views.groups[j]
+            a, b = views.pixels[rows], views.pixels[other]
+            if a.shape == b.shape and np.abs(a - b).max() < SAME_PX:
+                found.append((views.names[j], views.names[i]))
+                break
+    return found
+
+
+def largest_tilt(state: State) -> float:
+    """Give the largest angle (degrees) between the planes of two boards."""
+    normals = state.rotations[:, :, 2]
+    return float(np.degrees(np.arccos(np.clip(np.abs(normals @ normals.T), 0, 1))).max())
+
+
+def _poor(e: Evidence) -> bool:
+    """Say whether the model is to blame for a good part of the error."""
+    return e.ceiling is not None and e.ceiling.left > POOR * (e.best.held_out_rms or 0.0)
+
+
+def _focal(camera: Camera) -> str:
+    """Say how open the focal length is, where it is by more than 2 %."""
+    spread = focal_spread(camera)
+    if spread is None or spread < FOCAL:
+        return ""
+    return f" (+-{100 * spread:.0f} %)" if spread < 10 else " (+-1000 % or more)"
+
+
+def _left_open(e: Evidence) -> str:
+    names = open_parameters(e.camera)
+    return f" ({', '.join(names)})" if names else ""
+
+
+def _level(value: float, limits: tuple[float, float], scale: float) -> Level:
+    return Level(int(value > limits[0] * scale) + int(value > limits[1] * scale))
+
+
+def _side(theta: float, phi: float) -> str:
+    if theta < 1e-6:
+        return "in the middle"
+    return f"at the {SIDES[round(phi / (2 * np.pi / SECTORS)) % SECTORS]}"
