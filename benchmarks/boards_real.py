@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from benchmarks.boards_detectors import DETECTORS, NEAR, Found, classic, nothing, sector_based
 from omnisight.calibrate import BoardViews, calibrate_camera
-from omnisight.calibrate.pose import plane_poses
 from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.pose import plane_poses
 from omnisight.calibrate.refine import State, refine
 from omnisight.images import read_image, to_gray8
 from omnisight.models import CameraModel

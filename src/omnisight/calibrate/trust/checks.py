@@ -58,8 +58,8 @@ def pictures(e: Evidence) -> Check:
     if distinct < FEWEST:
         level = Level.DO_NOT_USE
         sentences.append(
-            f"{distinct} {'picture leaves' if distinct == 1 else 'pictures that differ leave'} parameters open where the"
-            f" residuals are small{_left_open(e)}: take"
+            f"{distinct} {'picture leaves' if distinct == 1 else 'pictures that differ leave'} parameters open where"
+            f" the residuals are small{_left_open(e)}: take"
             " 10 to 20, with the board tilted and everywhere in the picture, or a model with fewer parameters, such as"
             " --model equidistant --square-pixels."
         )
