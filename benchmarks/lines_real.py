@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate import BoardViews, Calibration, calibrate_camera
-from omnisight.calibrate.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_scene
+from omnisight.calibrate.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_arcs
 from omnisight.geometry import rotation as so3
-from omnisight.images import read_image, to_gray8
-from omnisight.targets import Checkerboard, find_boards
+from omnisight.images import estimate_field, read_image, to_gray8
+from omnisight.targets import Checkerboard, Detection, find_boards
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ SETS = {
     "camodocal": ("camodocal_fisheye/*.png", Checkerboard(9, 6)),
 }
 # Pictures whose edges are traced, evenly out of a set.
-PICTURES = 10
+PICTURES = 8
 STEP = 12  # px between the pixels that are compared
 
 
@@ -83,19 +83,68 @@ def rows_and_columns(points: Array, ids: Array, pixels: Array) -> Iterator[Array
 
 def measure(name: str) -> Iterator[tuple[str, LinesCalibration, Compared]]:
     """Calibrate a set by its boards, by their rows and columns, and by the edges of its scenes."""
-    pattern, board = SETS[name]
-    paths = sorted(DATA.glob(pattern))
-    seen = [(i, p.detection) for i, p in enumerate(find_boards(paths, board).pictures) if p.detection is not None]
-    views = BoardViews.of([(board.points[d.ids], d.pixels) for _, d in seen])
-    size = read_image(paths[0]).shape[1::-1]
-    truth = calibrate_camera(views, size, model="mei")
+    truth, seen, paths = on_boards(name, "mei")
+    board, size = SETS[name][1], truth.camera.size
     rows = [(line, i) for i, d in seen for line in rows_and_columns(board.points, d.ids, d.pixels)]
     found = calibrate_lines(Chains.of([r for r, _ in rows], [i for _, i in rows]), size, trusted=True)
     yield "rows of corners", found, compare(found, truth)
     few = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, PICTURES).round().astype(int))]
-    arcs, centre = find_scene([lambda path=path: to_gray8(read_image(path)) for path in few])
-    found = calibrate_lines(arcs, size, centre=centre)
+    grays = [to_gray8(read_image(path)) for path in few]
+    field = estimate_field(grays)
+    arcs = [(arc, i) for i, gray in enumerate(grays) for arc in find_arcs(gray, field)]
+    centre = None if field.outer is None else np.array(field.outer.centre)
+    found = calibrate_lines(Chains.of([a for a, _ in arcs], [i for _, i in arcs]), size, centre=centre)
     yield f"edges of {len(few)} scenes", found, compare(found, truth)
+
+
+def shapes(board: Calibration) -> tuple[float, float]:
+    """Give the factor on tan(theta) with which the unified model explains perfect lines through a camera; their rms.
+
+    It is what the shape of the camera, and nothing else, takes from the scale that lines tell.
+    """
+    camera, rng = board.camera, np.random.default_rng(0)
+    reach = min(camera.theta_max, np.radians(100))
+    arcs: list[Array] = []
+    while len(arcs) < 60:
+        across = np.linalg.svd(rng.normal(size=(1, 3)))[2][1:]
+        start = rng.uniform(0, 2 * np.pi)
+        turn = np.linspace(start, start + np.radians(rng.uniform(20, 70)), 40)[:, None]
+        bearings = np.cos(turn) * across[0] + np.sin(turn) * across[1]
+        pixels, valid = camera.model.project_numpy(bearings)
+        if valid.all() and (bearings[:, 2] > np.cos(reach)).all() and camera.in_image(pixels).all():
+            arcs.append(pixels)
+    found = calibrate_lines(Chains.of(arcs), camera.size, trusted=True)
+    pixels = np.concatenate(arcs)
+    a, b = found.camera.model.unproject_numpy(pixels)[0], camera.model.unproject_numpy(pixels)[0]
+    factors = np.exp(np.linspace(-0.2, 0.2, 201))
+    return float(min(factors, key=lambda k: apart_turned(a * (k, k, 1.0), b))), found.rms
+
+
+def apart_turned(a: Array, b: Array) -> float:
+    """Give the angle (rms) between directions (N, 3), turned to fit best."""
+    a = a / np.linalg.norm(a, axis=1, keepdims=True)
+    return float(np.sqrt(((a @ so3.nearest(b.T @ a).T - b) ** 2).sum(1).mean()))
+
+
+def report_shapes(only: list[str]) -> None:
+    """Print what real cameras take from the scale."""
+    print("| pictures | model of the boards | factor on tan(theta) | lines off px |")
+    print("|---|---|---|---|")
+    for name, (pattern, _) in SETS.items():
+        if (only and not name.startswith(tuple(only))) or not list(DATA.glob(pattern)):
+            continue
+        for model in ("kannala_brandt", "mei"):
+            factor, rms = shapes(on_boards(name, model)[0])
+            print(f"| {name} | {model} | {factor:.3f} | {rms:.3f} |", flush=True)
+
+
+def on_boards(name: str, model: str) -> tuple[Calibration, list[tuple[int, Detection]], list[Path]]:
+    """Calibrate a set by its boards; give their detections by picture, and the pictures, too."""
+    pattern, board = SETS[name]
+    paths = sorted(DATA.glob(pattern))
+    seen = [(i, p.detection) for i, p in enumerate(find_boards(paths, board).pictures) if p.detection is not None]
+    views = BoardViews.of([(board.points[d.ids], d.pixels) for _, d in seen])
+    return calibrate_camera(views, read_image(paths[0]).shape[1::-1], model=model), seen, paths
 
 
 def report(only: list[str]) -> None:

@@ -8,7 +8,9 @@ from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.lines import (
     Chains,
     Lines,
+    Uncertainty,
     apart,
+    bearing_deviation,
     calibrate_lines,
     fit_circle,
     line_conic,
@@ -16,6 +18,7 @@ from omnisight.calibrate.lines import (
     parabolic_camera,
     refine_lines,
 )
+from omnisight.calibrate.lines.once import seen_before
 from omnisight.calibrate.lines.plumb import PlumbLine
 from omnisight.models import model_class
 from omnisight.models.unified import Unified
@@ -244,6 +247,58 @@ def test_curved_edges_are_left_out_and_parts_of_a_line_joined():
     assert apart(found.camera.model, HYPERBOLIC, np.concatenate(arcs)) < 3 * found.bearing_sd
     assert found.camera.calibration["method"] == "lines"
     assert found.camera.calibration["arcs_rejected"] == (found.line_of_arc < 0).sum()
+
+
+def test_an_edge_that_stands_still_in_many_pictures_is_told_once():
+    arcs, _ = line_images(HYPERBOLIC, 14, noise=0.2, seed=5, pixels=160)
+    rng = np.random.default_rng(2)
+    again = [arc + 0.2 * rng.normal(size=arc.shape) for _ in range(3) for arc in arcs[:6]]
+    chains = Chains.of([*arcs, *again], [0] * 14 + [1] * 6 + [2] * 6 + [3] * 6)
+    told = seen_before(chains)
+    assert (told >= 0).sum() == 18
+    found = calibrate_lines(chains, SIZE)
+    assert len(found.chains) == 14
+    assert (found.line_of_arc[14:].reshape(3, 6) == found.line_of_arc[:6]).all()
+    assert (seen_before(Chains.of([*arcs, *again])) < 0).all()  # in one picture they are different edges
+
+
+def test_a_line_spans_the_angle_between_its_ends():
+    turn = np.linspace(0, np.radians(70), 40)[:, None]
+    bearings = np.cos(turn) * [0.6, 0, 0.8] + np.sin(turn) * [0, 1.0, 0]
+    chains = Chains.of([HYPERBOLIC.project_numpy(bearings)[0]])
+    assert lines_of(HYPERBOLIC, chains).extents(chains) == pytest.approx([np.radians(70)], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["equidistant", "equisolid", "fov"])
+def test_what_is_stated_holds_what_a_lens_of_another_shape_takes_from_the_scale(name):
+    values = model_class(name).example().to_dict()
+    values |= {"cx": 640.0, "cy": 512.0, "fy": values["fx"]}
+    truth = model_class(name).from_dict(values)
+    pixels = np.concatenate(arcs := line_images(truth, 30, radii=(30, 400))[0])
+    found = calibrate_lines(Chains.of(arcs), SIZE, trusted=True)
+    # Its lines are straight to a unified model of another scale: their residuals tell nothing of that.
+    error = apart(found.camera.model, truth, pixels)
+    assert error > 5 * bearing_deviation(found.camera.model, found.camera.covariance, pixels)
+    assert error < 2 * found.deviation_at(pixels)
+
+
+def test_a_known_xi_leaves_no_doubt_about_the_scale():
+    known = calibrate_lines(Chains.of(line_images(PARABOLIC, 8)[0]), SIZE, known={"xi": 1.0}, trusted=True)
+    assert known.bearing_sd < 1e-6
+
+
+def test_lines_that_come_in_bundles_say_less_than_their_number():
+    rng = np.random.default_rng(3)
+    arcs, normals = line_images(HYPERBOLIC, 50, noise=0.1)
+    chains = Chains.of(arcs)
+    free = Freedom.of(HYPERBOLIC, square=True)
+    once = Uncertainty.of(refine_lines(Lines(HYPERBOLIC, normals), chains, free).state, chains, free)
+    bundle = Chains.of([arc + 0.1 * rng.normal(size=2) for arc in arcs for _ in range(4)])
+    state = refine_lines(Lines(HYPERBOLIC, np.repeat(normals, 4, axis=0)), bundle, free).state
+    many = Uncertainty.of(state, bundle, free)
+    # Four copies of the same errors: half the deviation would be said if they were independent.
+    deviations = [np.sqrt(np.diagonal(u.covariance))[[0, 2, 3, 4]] for u in (once, many)]
+    assert (deviations[1] > 0.75 * deviations[0]).all()
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_files_that_hold_something_else_are_refused(tmp_path, text, message):
 def test_a_rendered_room_calibrates_the_mirror_that_shows_it():
     from omnisight.simulate import mirror_setup
 
-    setup = mirror_setup(720)
+    setup = mirror_setup(480)
     gray = to_gray8(setup.renderer(samples=2)().image)
     field = estimate_field([gray])
     arcs = Chains.of(find_arcs(gray, field))
@@ -137,6 +137,26 @@ def test_a_rendered_room_calibrates_the_mirror_that_shows_it():
     error = apart(found.camera.model, seen, found.chains.pixels)
     assert error < 3 * found.bearing_sd
     assert np.degrees(error) < 1.5
+
+
+@pytest.mark.parametrize("name", ["kaidan", "mei"])
+def test_the_rows_of_real_boards_agree_with_the_boards_within_what_is_stated(data, name):
+    # A board calibration of the same corners by OpenCV (cv2.omnidir): its centre, and its focal length there.
+    import json
+
+    folder = data("corners")
+    with np.load(folder / f"{name}.npz") as stored:
+        columns, rows = (int(n) for n in stored["pattern"])
+        boards = stored["corners"].astype(float).reshape(-1, rows, columns, 2)
+    theirs = json.loads((folder / "opencv_omnidir.json").read_text())[name]
+    lines = [line for board in boards for line in (*board, *board.transpose(1, 0, 2))]
+    found = calibrate_lines(Chains.of(lines), {"kaidan": (640, 480), "mei": (1280, 1024)}[name], trusted=True)
+    off = np.hypot(found.camera.model.cx - theirs["c"][0], found.camera.model.cy - theirs["c"][1])
+    values = found.camera.model.to_dict()
+    focal = values["fx"] / (1 + values["xi"])
+    assert np.degrees(off / focal) < 3 * np.degrees(found.bearing_sd)
+    assert np.log(focal * (1 + theirs["xi"]) / theirs["f"]) == pytest.approx(0, abs=0.1)
+    assert np.degrees(found.bearing_sd) < 1.2
 
 
 def scene(folder, names, masked=False):
@@ -155,14 +175,14 @@ def scene(folder, names, masked=False):
 @pytest.mark.parametrize(
     ("names", "xi"),
     [
-        (["paracat_1024x768_01.jpg"], (0.9, 1.4)),
-        (["hypercat_1280x1024_01.jpg", "hypercat_1280x1024_02.jpg"], (0.7, 0.98)),
+        (["paracat_1024x768_01.jpg"], (0.95, 1.25)),
+        (["hypercat_1280x1024_01.jpg"], (0.7, 0.98)),
         (["fisheyeEquiangular_1024x768_03.jpg"], (1.5, 3.5)),
     ],
 )
 def test_one_picture_of_a_room_or_a_house_tells_mirrors_from_lenses(data, names, xi):
     arcs, size, centre = scene(data("line_images_unizar"), names, masked=True)
     found = calibrate_lines(arcs, size, centre=centre)
-    assert len(found.chains) > 40
+    assert len(found.chains) > 30
     assert found.rms < 0.6
     assert xi[0] < found.camera.model.to_dict()["xi"] < xi[1]

@@ -9,23 +9,27 @@ from numpy.typing import NDArray
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.lines.chains import Chains
 from omnisight.calibrate.lines.consensus import FEWEST, Consensus, find_lines, select
+from omnisight.calibrate.lines.halves import widened
+from omnisight.calibrate.lines.once import seen_before
 from omnisight.calibrate.lines.plumb import Lines, refine_lines
 from omnisight.calibrate.lines.rival import as_model, unlike
-from omnisight.calibrate.lines.scale import bends_freely, without_scale
+from omnisight.calibrate.lines.scale import bends_freely, scale_deviation, without_scale
 from omnisight.calibrate.lines.uncertainty import Uncertainty, bearing_deviation
 from omnisight.camera import Camera
-from omnisight.models import model_class
+from omnisight.models import CameraModel, model_class
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-# The lines decide anew which arcs are lines, so often.
-ROUNDS = 2
+# The camera decides anew which arcs are lines, so often; where they are known it is refined so often.
+ROUNDS, TRUSTED_ROUNDS = 5, 2
 PIXELS = 150
 # A doubtful result, and none at all, radians.
 UNSURE, LOST = np.radians(3.0), np.radians(30.0)
 FEW_LINES = 6
-# Past this inflation the stated deviations were too small on real pictures.
+# Another model's bearings that are worth a word, radians.
+UNLIKE = np.radians(1.0)
+# Past this inflation the lines are of very different worth.
 TOGETHER = 80.0
 ROUGH_PX = 1.0
 
@@ -47,10 +51,12 @@ class LinesCalibration:
     uncertainty
         How surely the parameters are known.
     bearing_sd
-        Standard deviation of a bearing where the lines are, radians: from the covariance, and the misfit beside it.
+        Standard deviation of a bearing where the lines are, radians; see `deviation_at`.
     misfit
-        Part of it: what a model that bends freely makes of the same lines, if it explains them clearly better; and what
-        is held, if anything is.
+        Part of it: what a model that bends freely makes of the lines, if it explains them clearly better; and what is
+        held, if anything is.
+    shape_known
+        Whether a known xi tells the scale. It is else told by the model's shape, which no real camera quite has.
     rms
         Root mean square distance of the pixels from their lines, px.
     scale_held
@@ -66,9 +72,17 @@ class LinesCalibration:
     uncertainty: Uncertainty
     bearing_sd: float
     misfit: float
+    shape_known: bool
     rms: float
     scale_held: bool
     warnings: tuple[str, ...]
+
+    def deviation_at(self, pixels: Array) -> float:
+        """Give the standard deviation of the bearings of pixels (N, 2), radians, rms, the camera turned to fit best.
+
+        It is made of the covariance, of the misfit, and of the scale: what real cameras are off the unified model.
+        """
+        return _deviation(self.state.model, self.uncertainty, pixels, self.misfit, self.shape_known)
 
 
 def calibrate_lines(
@@ -123,6 +137,10 @@ def calibrate_lines(
         raise ValueError(f"{model} has no {', '.join(unknown)}; it has {', '.join(cls.example().param_names)}")
     if len(arcs) < FEWEST:
         raise ValueError(f"{len(arcs)} lines are too few: {FEWEST} is the least, 10 and more all around are good")
+    given = arcs
+    told = np.full(len(given), -1) if trusted else seen_before(given)
+    own = np.flatnonzero(told < 0)
+    arcs = given.subset(own)
     middle = (np.array(size, float) - 1) / 2 if centre is None else centre
     report("find lines", 0, 1)
     found = find_lines(
@@ -133,9 +151,10 @@ def calibrate_lines(
     freedom = Freedom.of(found.state.model, square=square, fixed=tuple(known) if model == "unified" else ())
     found = _settled(found, arcs, freedom, trusted, loss, lambda k: report("unified", k, ROUNDS))
     few = found.chains.thinned(PIXELS)
-    uncertainty = Uncertainty.of(found.state, few, freedom)
+    choice = None if trusted else arcs
+    uncertainty = widened(Uncertainty.of(found.state, few, freedom), found.state, few, freedom)
     deviation = bearing_deviation(found.state.model, uncertainty.covariance, few.pixels)
-    misfit = unlike(found.state, few, freedom, uncertainty)
+    misfit = unlike(found.state, few, freedom, uncertainty, choice)
     held = False
     if model != "unified":
         scouted = np.hypot(deviation, misfit)
@@ -148,7 +167,7 @@ def calibrate_lines(
                 freedom = without_scale(freedom, start.model, few.pixels)
             settled = _settled(found, arcs, freedom, trusted, loss, lambda k: report(model, k, ROUNDS))
             few = settled.chains.thinned(PIXELS)
-            uncertainty = Uncertainty.of(settled.state, few, freedom)
+            uncertainty = widened(Uncertainty.of(settled.state, few, freedom), settled.state, few, freedom)
             deviation = bearing_deviation(settled.state.model, uncertainty.covariance, few.pixels)
             lost = uncertainty.singular or deviation > LOST
             if not lost or held:
@@ -160,18 +179,23 @@ def calibrate_lines(
                 f"lines do not determine the parameters of {model}: with some of them changed all straight lines stay"
                 " straight; choose another model, or calibrate with a board"
             )
-        misfit = float(scouted) if held else unlike(found.state, few, freedom, uncertainty)
-    return _concluded(found, size, uncertainty, deviation, misfit, held, len(arcs))
+        misfit = float(scouted) if held else unlike(found.state, few, freedom, uncertainty, choice)
+    line = np.full(len(given), -1, np.intp)
+    line[own] = found.line_of_arc
+    line[told >= 0] = line[told[told >= 0]]
+    found = Consensus(found.state, found.chains, line)
+    return _concluded(found, size, uncertainty, misfit, "xi" in known, held, len(given))
 
 
 def _settled(
     found: Consensus, arcs: Chains, freedom: Freedom, trusted: bool, loss: str, report: Callable[[int], None]
 ) -> Consensus:
     """Refine the camera on its lines, let it say anew which arcs are lines, and refine it on those."""
-    for k in range(ROUNDS):
+    rounds = TRUSTED_ROUNDS if trusted else ROUNDS
+    for k in range(rounds):
         report(k)
         if k:
-            found = select(found.state.model, arcs, trusted=trusted)
+            found = select(found.state.model, arcs, trusted=trusted, joined=k == rounds - 1)
         if len(found.chains) < FEWEST:
             raise ValueError(
                 f"of {len(arcs)} arcs only {len(found.chains)} are images of lines; {FEWEST} is the least: take a"
@@ -187,8 +211,8 @@ def _concluded(
     found: Consensus,
     size: tuple[int, int],
     uncertainty: Uncertainty,
-    deviation: float,
     misfit: float,
+    shape_known: bool,
     held: bool,
     given: int,
 ) -> LinesCalibration:
@@ -197,6 +221,7 @@ def _concluded(
     feet = state.bearings(chains)
     reach = float(np.nanmax(np.arctan2(np.hypot(feet[:, 0], feet[:, 1]), feet[:, 2])))
     rms = float(np.sqrt((distances**2).mean()))
+    total = _deviation(state.model, uncertainty, chains.thinned(PIXELS).pixels, misfit, shape_known)
     figures = {
         "method": "lines",
         "rms": rms,
@@ -207,18 +232,30 @@ def _concluded(
         "pixels": len(chains.pixels),
         "pictures": len(np.unique(chains.pictures)),
         "inflation": uncertainty.inflation,
-        "bearing_sd_deg": float(np.degrees(np.hypot(deviation, misfit))),
+        "bearing_sd_deg": float(np.degrees(total)),
         "model_error_deg": float(np.degrees(misfit)),
         "scale_held": held,
     }
     camera = Camera(state.model, size, theta_max=reach, calibration=figures, covariance=uncertainty.covariance)
-    total = float(np.hypot(deviation, misfit))
-    doubts = _doubts(state, chains, rms, total, uncertainty.inflation, held, given)
-    return LinesCalibration(camera, state, chains, found.line_of_arc, uncertainty, total, misfit, rms, held, doubts)
+    doubts = _doubts(state, chains, rms, total, 0.0 if held else misfit, uncertainty.inflation, held, given)
+    line = found.line_of_arc
+    return LinesCalibration(camera, state, chains, line, uncertainty, total, misfit, shape_known, rms, held, doubts)
+
+
+def _deviation(model: CameraModel, uncertainty: Uncertainty, pixels: Array, misfit: float, shape_known: bool) -> float:
+    parts = [bearing_deviation(model, uncertainty.covariance, pixels), misfit]
+    return float(np.linalg.norm(parts if shape_known else [*parts, scale_deviation(model, pixels)]))
 
 
 def _doubts(
-    state: Lines, chains: Chains, rms: float, deviation: float, inflation: float, held: bool, given: int
+    state: Lines,
+    chains: Chains,
+    rms: float,
+    deviation: float,
+    misfit: float,
+    inflation: float,
+    held: bool,
+    given: int,
 ) -> tuple[str, ...]:
     found: list[str] = []
     if held:
@@ -233,11 +270,16 @@ def _doubts(
             f"Bearings are known to {np.degrees(deviation):.1f} degrees only: take more and longer lines, all around"
             " and bent, or more pictures."
         )
+    if misfit > UNLIKE:
+        found.append(
+            f"A model that bends freely explains the lines better than {state.model.name}, and sees bearings"
+            f" {np.degrees(misfit):.1f} degrees away: try --model kannala_brandt."
+        )
     if inflation > TOGETHER:
         found.append(
             f"Whole lines are off {np.sqrt(inflation):.0f} times more than their pixels: among them are likely edges"
-            " that are not straight, or the camera is not quite of this model. Errors may be larger than stated;"
-            " look at the drawing (--draw), or draw the lines by hand (--lines)."
+            " that are not straight, or the camera is not quite of this model. Look at the drawing (--draw); lines"
+            " drawn by hand (--lines) may do better."
         )
     if rms > ROUGH_PX:
         found.append(

@@ -23,10 +23,15 @@ ENOUGH = 120
 PIXELS = 24
 # The rms distances (px) up to which an arc counts as a line, one after another.
 NARROWING = (3.0, 2.0, 1.5, 1.2)
-# In the end an arc is a line up to so many times the noise of lines, between these (px).
-SIGMAS = 3.0
-BENT = 1.5
-LEAST_OFF, MOST_OFF = 0.15, 1.5
+# px that an arc may lie off its line at most, bends of all kinds together.
+MOST_OFF = 1.5
+# An arc that is bent otherwise than its line by more than so many times what is usual is none; by so many standard
+# deviations at least, as noise would have it (pixels next to each other share theirs), and by so many px.
+BENT, CHANCE, LEAST_BENT = 2.0, 5.0, 0.04
+# The angle (radians) that a line spans at least, where so many do: what is shorter hardly bends, be it a line or not.
+LONG, ENOUGH_LONG = np.radians(12.0), 12
+# The angle (radians) to the great circle of another arc past which none of its line is looked for.
+FAR = np.radians(4.0)
 # Lines that a camera is determined by.
 FEWEST = 3
 
@@ -63,8 +68,7 @@ def find_lines(
     """Find the camera of the unified model that explains most, and the arcs that are images of lines.
 
     The likeliest cameras of `starts` are refined on the arcs that they explain, ever more strictly, and the one is kept
-    that leaves the least unexplained. Arcs of one picture that lie on one great circle are then joined: a line that
-    something stands before is told by all its parts.
+    that leaves the least unexplained.
 
     Parameters
     ----------
@@ -109,36 +113,51 @@ def find_lines(
     return select(best.model, arcs, trusted=trusted)
 
 
-def select(model: CameraModel, arcs: Chains, *, trusted: bool = False) -> Consensus:
-    """Say which arcs are lines to a camera, and join those of one line."""
+def select(model: CameraModel, arcs: Chains, *, trusted: bool = False, joined: bool = False) -> Consensus:
+    """Say which arcs are lines to a camera.
+
+    If asked to, arcs of one picture that lie on one great circle are joined: a line that something stands before is
+    told by all its parts.
+    """
     state = lines_of(model, arcs)
     chosen = np.arange(len(arcs)) if trusted else np.flatnonzero(_explained(state, arcs))
     line = np.full(len(arcs), -1, np.intp)
     if trusted:
         line[:] = np.arange(len(arcs))
         return Consensus(state, arcs, line)
-    lines = _joined(model, arcs, chosen)
-    for i, members in enumerate(lines):
-        line[members] = i
+    lines = _joined(model, arcs, chosen) if joined else [[int(i)] for i in chosen]
     chains = Chains.of(
         [np.concatenate([arcs.pixels[arcs.groups[k]] for k in members]) for members in lines],
         [int(arcs.pictures[members[0]]) for members in lines],
     )
-    return Consensus(lines_of(model, chains), chains, line)
+    state = lines_of(model, chains)
+    long = state.extents(chains) > LONG
+    if long.sum() >= ENOUGH_LONG:
+        chains, lines = chains.subset(np.flatnonzero(long)), [lines[i] for i in np.flatnonzero(long)]
+        state = Lines(model, state.normals[long])
+    for i, members in enumerate(lines):
+        line[members] = i
+    return Consensus(state, chains, line)
 
 
 def _explained(state: Lines, arcs: Chains) -> NDArray[np.bool_]:
-    """Say which arcs lie on lines within the noise of those that clearly do, and not plainly bent otherwise (L,)."""
+    """Say which arcs are bent as lines are (L,).
+
+    What a circle, which bends as it likes, explains of an arc and its great circle does not is its bend. An arc that
+    wanders to both sides is a rough edge; one that bends to one side is no line. Long arcs say what is usual: it is
+    what the model does not describe.
+    """
     rms = chain_rms(state.distances(arcs), arcs)
-    clear = rms < MOST_OFF
-    # Long ones say what is usual: they are lines, and show what the model does not describe; short ones fit anything.
-    order = np.argsort(rms)
-    weight = np.cumsum(np.where(clear, arcs.spans**2, 0.0)[order])
-    usual = float(rms[order][np.searchsorted(weight, weight[-1] / 2)]) if clear.any() else MOST_OFF
-    # A circle may bend as it likes: what it fits far better is no line.
     free = np.array([np.sqrt((fit_circle(arc).distance(arc) ** 2).mean()) for arc in arcs.each()])
-    limit = np.minimum(SIGMAS * usual, np.maximum(BENT * free, BENT * usual))
-    return rms < np.clip(limit, LEAST_OFF, MOST_OFF)
+    bend = np.sqrt(np.maximum(rms**2 - free**2, 0.0))
+    clear = rms < MOST_OFF
+    if not clear.any():
+        return clear
+    order = np.argsort(bend)
+    weight = np.cumsum(np.where(clear, arcs.spans**2, 0.0)[order])
+    usual = float(bend[order][np.searchsorted(weight, weight[-1] / 2)])
+    chance = CHANCE * free / np.sqrt(arcs.counts)
+    return clear & (bend < np.maximum(np.maximum(BENT * usual, LEAST_BENT), chance))
 
 
 def _apart(cameras: list[Unified]) -> list[Unified]:
@@ -184,6 +203,7 @@ def _joined(model: CameraModel, arcs: Chains, chosen: NDArray[np.intp]) -> list[
     single = lines_of(model, few)
     alone = chain_rms(single.distances(few), few)
     sigma = line_sigma(Lines(model, single.normals[chosen]), few.subset(chosen)) if len(chosen) else 0.0
+    bearings = np.nan_to_num(model.unproject_numpy(few.pixels)[0])
     groups: list[list[int]] = []
     normals: list[Array] = []
     for arc in chosen[np.argsort(-arcs.spans[chosen], kind="stable")]:
@@ -193,8 +213,7 @@ def _joined(model: CameraModel, arcs: Chains, chosen: NDArray[np.intp]) -> list[
             if arcs.pictures[members[0]] != arcs.pictures[arc] or abs(normals[k] @ single.normals[arc]) < 0.9:
                 continue
             # Far off already as it lies: no need to fit.
-            seen = Lines(model, normals[k][None])
-            if chain_rms(seen.distances(Chains.of([pixels])), Chains.of([pixels]))[0] > 4 * MOST_OFF:
+            if np.abs(bearings[few.groups[arc]] @ normals[k]).max() > FAR:
                 continue
             both = Chains.of([np.concatenate([few.pixels[few.groups[m]] for m in members] + [pixels])])
             joint = lines_of(model, both)

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from omnisight.calibrate.lines.chains import Chains
 
@@ -27,7 +27,7 @@ def seen_before(arcs: Chains) -> NDArray[np.intp]:
         return told
     few = arcs.thinned(PIXELS)
     owner = arcs.chain_of_row
-    tree = cKDTree(arcs.pixels)
+    tree = KDTree(arcs.pixels)
     for arc in order:
         near = tree.query_ball_point(few.pixels[few.groups[arc]], NEAR)
         found = [np.unique(owner[rows]) for rows in near]

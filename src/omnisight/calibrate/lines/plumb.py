@@ -51,6 +51,14 @@ class Lines:
         """Give the point of its line's great circle (N, 3) that is nearest to each pixel; NaN outside the domain."""
         return _feet(self, chains)
 
+    def extents(self, chains: Chains) -> Array:
+        """Give the angle (L,), radians, from one end of each line to the other, along its great circle."""
+        feet = np.nan_to_num(_feet(self, chains))
+        middle = chains.sums(feet)[chains.chain_of_row]
+        ahead = np.cross(self.normals[chains.chain_of_row], middle)
+        along = np.arctan2((feet * ahead).sum(1), (feet * middle).sum(1))
+        return np.array([np.ptp(along[rows]) for rows in chains.groups])
+
 
 @dataclass(frozen=True)
 class _Measured:

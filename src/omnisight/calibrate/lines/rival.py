@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom, squared
 from omnisight.calibrate.lines.chains import Chains
-from omnisight.calibrate.lines.plumb import HUBER_SIGMAS, Lines, PlumbLine, refine_lines
+from omnisight.calibrate.lines.consensus import select
+from omnisight.calibrate.lines.plumb import HUBER_SIGMAS, Lines, PlumbLine, lines_of, refine_lines
 from omnisight.calibrate.lines.scale import without_scale
 from omnisight.calibrate.lines.start import with_known
 from omnisight.calibrate.lines.uncertainty import Uncertainty
@@ -20,9 +21,11 @@ Array = NDArray[np.float64]
 
 STILL = ("skew", "c", "d", "e")
 # The least fall of chi^2 that tells of more than noise: four more numbers make it fall by 4 on average, and past this
-# in 1 case of 1000.
-CLEARLY = 18.5
+# in 1 case of 100.
+CLEARLY = 13.3
 PIXELS = 60
+# How often the rival chooses its lines.
+CHOICES = 2
 
 
 def as_model(
@@ -44,25 +47,33 @@ def as_model(
     return Lines(with_known(squared(model) if square else model, known), state.normals)
 
 
-def unlike(state: Lines, chains: Chains, freedom: Freedom, uncertainty: Uncertainty) -> float:
+def unlike(state: Lines, chains: Chains, freedom: Freedom, uncertainty: Uncertainty, arcs: Chains | None) -> float:
     """Give by how much (radians, rms over the pixels) a model that bends freely sees other bearings.
 
-    It is Kannala and Brandt's, of the same scale, for lines do not tell it. Zero where it explains the lines no better
-    than by chance: the model is then as good as the lines can tell.
+    It is Kannala and Brandt's, of the same scale, for lines do not tell it. It chooses its own lines out of `arcs`, if
+    any are given: those that the first model chose agree with it. Zero where it explains them no better than by chance:
+    the model is then as good as the lines can tell.
     """
     few = chains.thinned(PIXELS)
     try:
         rival = as_model(KannalaBrandt, state, few, square=True, known={})
     except ValueError:
         return 0.0
+    for _ in range(1 if arcs is None else CHOICES):
+        bends = without_scale(Freedom.of(rival.model, square=True), rival.model, few.pixels)
+        rival = refine_lines(rival, few, bends, iterations=30, tolerance=1e-6).state
+        if arcs is not None:
+            few = select(rival.model, arcs).chains.thinned(PIXELS)
+            rival = lines_of(rival.model, few)
     bends = without_scale(Freedom.of(rival.model, square=True), rival.model, few.pixels)
     rival = refine_lines(rival, few, bends, iterations=30, tolerance=1e-6).state
-    own = refine_lines(state, few, freedom, iterations=10, tolerance=1e-6).state
+    own = refine_lines(lines_of(state.model, few), few, freedom, iterations=10, tolerance=1e-6).state
     judge = PlumbLine(few, Huber(max(HUBER_SIGMAS * uncertainty.sigma, 1e-3)), freedom)
-    fall = 2 * (judge.cost(own) - judge.cost(rival))
-    if fall < CLEARLY * uncertainty.sigma**2 * uncertainty.inflation:
+    # Each line counts as one observation, for its pixels err together.
+    fall = judge.cost(own) / max(judge.cost(rival), 1e-300) - 1
+    if fall * max(len(few) - 4, 1) < CLEARLY:
         return 0.0
-    return apart(own.model, rival.model, few.pixels)
+    return apart(state.model, rival.model, few.pixels)
 
 
 def apart(first: CameraModel, second: CameraModel, pixels: Array) -> float:

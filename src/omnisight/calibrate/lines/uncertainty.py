@@ -1,6 +1,6 @@
 """How well lines determine a camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 # Of normal equations with a unit diagonal: what is so much smaller than the largest eigenvalue is rounding.
 SINGULAR = 1e-14
 BEARINGS = 400
+# Planes for each parameter that is estimated, with which their scatter tells a whole matrix and not only its size.
+PLENTY = 10
 # Planes so close (radians) are of one edge, or of the two sides of a bar.
 ONE_PLANE = np.radians(1.0)
 
@@ -49,9 +51,10 @@ class Uncertainty:
         With H_i what line i says of the camera once its own plane is eliminated (its Schur complement) and s_i its
         gradient, the covariance is sigma^2 H^-1, H the sum of H_i, if pixels err independently. They do not: one edge
         is blurred, or not straight, or the model bends it, as a whole, and a second picture of it errs as the first.
-        Then the s_i scatter more than sigma^2 H_i, and by how much is the inflation (the sandwich of Huber 1967 with
-        lines as clusters, those of nearly one plane together, reduced to one factor so that few lines do for it; the
-        trace below is its expectation for independent pixels):
+        Then the s_i scatter more than sigma^2 H_i, and the covariance is H^-1 (sum s_i s_i^T) H^-1 G/(G - Q), lines as
+        clusters, those of nearly one plane together (the sandwich: Huber 1967, White 1980; for clusters Liang and Zeger
+        1986; the factor for few of them as usual). Few planes do not tell so much; then it is one factor on sigma^2
+        H^-1, the inflation, whose trace is its expectation for independent pixels:
 
         tr(H^-1 sum s_i s_i^T) / (sigma^2 (Q - sum tr (H^-1 H_i)^2))
         """
@@ -62,10 +65,11 @@ class Uncertainty:
         if not count:
             return cls(np.zeros((names, names)), sigma, 1.0, False)
         said = [_said(state, chains, i, freedom, loss) for i in range(len(chains))]
-        alike = _alike(state.normals)
-        each, slopes = np.zeros((alike.max() + 1, count, count)), np.zeros((alike.max() + 1, count))
-        np.add.at(each, alike, np.array([h for h, _ in said]))
-        np.add.at(slopes, alike, np.array([s for _, s in said]))
+        plane = alike(state.normals)
+        planes = int(plane.max()) + 1
+        each, slopes = np.zeros((planes, count, count)), np.zeros((planes, count))
+        np.add.at(each, plane, np.array([h for h, _ in said]))
+        np.add.at(slopes, plane, np.array([s for _, s in said]))
         total = each.sum(0)
         scale = 1 / np.sqrt(np.maximum(np.diagonal(total), 1e-300))
         values, vectors = np.linalg.eigh(total * scale[:, None] * scale)
@@ -77,8 +81,15 @@ class Uncertainty:
         shares = inverse @ each
         expected = int(known.sum()) - float(np.einsum("lij,lji->", shares, shares))
         inflation = max(scatter / (sigma**2 * max(expected, 0.1)), 1.0) if sigma > 0 else 1.0
-        covariance = freedom.directions @ inverse @ freedom.directions.T * (sigma**2 * inflation)
+        spread = inverse * (sigma**2 * inflation)
+        if planes >= PLENTY * count and inflation > 1:
+            spread = inverse @ (slopes.T @ slopes) @ inverse * (planes / (planes - count))
+        covariance = freedom.directions @ spread @ freedom.directions.T
         return cls(covariance, sigma, inflation, bool(not known.all()))
+
+    def times(self, factor: float) -> "Uncertainty":
+        """Give it with deviations so many times larger."""
+        return replace(self, covariance=self.covariance * factor**2, inflation=self.inflation * factor**2)
 
 
 def bearing_deviation(model: CameraModel, covariance: Array, pixels: Array) -> float:
@@ -97,7 +108,7 @@ def bearing_deviation(model: CameraModel, covariance: Array, pixels: Array) -> f
     return float(np.sqrt(np.einsum("ni,ij,nj->", slopes, covariance, slopes) / len(b)))
 
 
-def _alike(normals: Array) -> NDArray[np.intp]:
+def alike(normals: Array) -> NDArray[np.intp]:
     """Number planes (L,) so that those of nearly one direction share a number."""
     near = np.abs(normals @ normals.T) > np.cos(ONE_PLANE)
     number = np.full(len(normals), -1, np.intp)
