@@ -69,8 +69,9 @@ def print_report(found: LinesCalibration, known: Mapping[str, float], written: W
         soft_wrap=True,
     )
     out.print(
-        f"bearings where the lines are: {np.degrees(found.bearing_sd):.2g} degrees (one standard deviation; pixels of"
-        f" one edge err together, which widens it {np.sqrt(found.uncertainty.inflation):.1f} times)",
+        f"bearings where the lines are: {np.degrees(found.bearing_sd):.2g} degrees (one standard deviation:"
+        f" of the lines, widened {np.sqrt(found.uncertainty.inflation):.1f} times for the pixels of one edge err"
+        f" together, and of {'the model' if found.shape_known else 'the model and its scale'})",
         soft_wrap=True,
     )
     out.print(f"not determined by lines: {'; '.join(open_questions(found))}", soft_wrap=True)
