@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
@@ -71,8 +72,6 @@ def rolling_shutter(state: State, views: BoardViews) -> Shutter | None:
 
     None where no view has enough corners.
     """
-    from scipy.stats import f as fisher
-
     usable = ~Spread.of(state, views).doubtful(state, views) & np.isfinite(state.residuals(views)).all(1)
     points, turned = state.points(views)
     residuals = state.residuals(views)
@@ -99,7 +98,7 @@ def rolling_shutter(state: State, views: BoardViews) -> Shutter | None:
     if not free or before <= 0:
         return None
     ratio = ((before - rows_left) / parameters) / max(rows_left / free, 1e-300)
-    chance = float(fisher.sf(ratio, parameters, free))
+    chance = float(fdtrc(parameters, free, ratio))
     rms = float(np.sqrt(max(before - rows_left, 0.0) / corners))
     return Shutter(1 - rows_left / before, 1 - columns_left / before, chance, rms, name)
 
