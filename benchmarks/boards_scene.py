@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import omnisight as om
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.targets import Checkerboard
 
 Array = NDArray[np.float64]
@@ -184,7 +185,7 @@ def visible_corners(lens: Lens, pose: Pose) -> NDArray[np.bool_]:
     ends = np.array([(0, 0), (-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)])
     points = pose @ (BOARD.points[:, None] + np.pad(ends, ((0, 0), (0, 1))))
     pixels, valid = lens.camera.project(points)
-    angle = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
+    angle = angle_from_axis(points)
     margin = BORDER / abs(lens.camera.model.params[0])
     inside = (pixels >= BORDER) & (pixels <= np.array(lens.camera.size) - 1 - BORDER)
     inside = inside.all(-1) & valid & (angle < lens.far - margin)

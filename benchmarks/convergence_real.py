@@ -1,13 +1,10 @@
 """Real corners: does every model that `auto` tries stay where it is when it is started again from elsewhere?"""
 
-import os
 from collections.abc import Iterator
-from pathlib import Path
 
-import cv2
 import numpy as np
-from scipy.io import loadmat
 
+from benchmarks.solvers_corners import corner_sets
 from omnisight.calibrate import BoardViews
 from omnisight.calibrate.candidates import AUTO, Candidate, starts_of
 from omnisight.calibrate.freedom import Freedom
@@ -15,47 +12,8 @@ from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.geometry import rotation as so3
-from omnisight.targets import Checkerboard
 
-ROOT = Path(__file__).resolve().parent.parent
-DATA = ROOT / os.environ.get("OMNISIGHT_DATA", "../shared/data")
-SIZES = {
-    "kaidan": (640, 480),
-    "mei": (1280, 1024),
-    "fish1": (1032, 778),
-    "camo": (1280, 960),
-    "fstereo_left": (960, 600),
-    "fstereo_right": (960, 600),
-    "ai360_a": (1920, 1920),
-    "derlunz": (1000, 750),
-}
 RESTARTS = 4
-
-
-def sets() -> Iterator[tuple[str, BoardViews, tuple[int, int]]]:
-    """Give the sets that are there: name, corners, size of the pictures."""
-    for name, size in SIZES.items():
-        if (path := DATA / f"corners/{name}.npz").exists():
-            with np.load(path) as stored:
-                points = Checkerboard(*(int(n) for n in stored["pattern"])).points
-                yield name, BoardViews.of([(points, pixels) for pixels in stored["corners"].astype(float)]), size
-    folder = DATA / "detected_corners_opencv_contrib"
-    for file, names in (("calib", ("imagePoints",)), ("stereocalib", ("imagePoints1", "imagePoints2"))):
-        if not (path := folder / f"contrib_omni_{file}_data.xml").exists():
-            continue
-        stored = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        for k, name in enumerate(names):
-            sizes = stored.getNode(f"imageSize{k + 1}" if len(names) > 1 else "imageSize")
-            width, height = (int(sizes.at(i).real()) for i in (0, 1))
-            boards, seen = (stored.getNode(node) for node in ("objectPoints", name))
-            views = [(boards.at(i).mat().reshape(-1, 3), seen.at(i).mat().reshape(-1, 2)) for i in range(seen.size())]
-            yield f"contrib_{file}{k + 1 if len(names) > 1 else ''}", BoardViews.of(views), (width, height)
-    if (path := DATA / "babelcalib_ov_plane/train.mat").exists():
-        stored = loadmat(path, squeeze_me=True, struct_as_record=False)
-        plane = stored["boards"].X.T
-        views = [(np.pad(plane[c.cspond[0] - 1], ((0, 0), (0, 1))), c.x.T - 1.0) for c in stored["corners"]]
-        height, width = sorted(int(n) for n in np.ravel(stored["imgsize"])[:2])
-        yield "ov_plane", BoardViews.of(views), (width, height)
 
 
 def restarts(found: State, views: BoardViews, size: tuple[int, int], rng: np.random.Generator) -> Iterator[State]:
@@ -82,7 +40,7 @@ def restarts(found: State, views: BoardViews, size: tuple[int, int], rng: np.ran
 def table() -> str:
     """Calibrate every set as every model and from every restart, and say how many of the restarts are better."""
     lines = ["| set | model | rms, px | restarts | better by, of the good corners' cost |", "|---|---|---|---|---|"]
-    for name, views, size in sets():
+    for name, views, size in ((corners.name, corners.views, corners.size) for corners in corner_sets()):
         rng = np.random.default_rng(0)
         start = initialise(views, size)
         for key, begun in (found for model in AUTO if model != "spline" for found in starts_of(model, start, views)):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from omnisight.calibrate import BoardViews
 from omnisight.calibrate.state import State
 from omnisight.geometry import rotation as so3
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
 from omnisight.models.ocam import Ocam
 from omnisight.targets import Checkerboard
@@ -165,11 +166,11 @@ def scene(cell: Cell) -> Scene:
             rotation, translation = _held(cell, i, blind, sector, attempt / TRIES, rng)
             points = (BOARD.points - middle) @ rotation.T + translation
             # The pupil moves along the axis with the angle: these corners are not seen from one point.
-            theta = _angle(points)
+            theta = angle_from_axis(points)
             seen_from = np.zeros_like(points)
             seen_from[:, 2] = PUPIL * np.sin(theta / 2) ** 2 * (cell.boards == "near")
             pixels, valid = model.project_numpy(points - seen_from)
-            theta = _angle(points - seen_from)
+            theta = angle_from_axis(points - seen_from)
             use = valid & (theta < np.radians(cell.fov / 2)) & (theta > blind)
             use &= ((np.nan_to_num(pixels, nan=-1.0) >= 0) & (pixels <= np.array(SIZE) - 1.0)).all(1)
             if cell.boards in ("usual", "past90") and use.mean() < MOST * (1 - attempt / TRIES):
@@ -233,7 +234,3 @@ def _part(rng: np.random.Generator) -> NDArray[np.bool_]:
     left, top = int(rng.integers(0, BOARD.columns - columns + 1)), int(rng.integers(0, BOARD.rows - rows + 1))
     x, y = BOARD.points[:, 0], BOARD.points[:, 1]
     return (x >= left) & (x < left + columns) & (y >= top) & (y < top + rows)
-
-
-def _angle(points: Array) -> Array:
-    return np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])

@@ -63,6 +63,11 @@ class Camera:
         """Rows."""
         return self.size[1]
 
+    @property
+    def px_unit(self) -> float:
+        """What a px of a picture 1000 px wide is here, for limits: as much larger as the picture is, and no smaller."""
+        return max(1.0, max(self.size) / 1000)
+
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
         """Project points (..., 3) to pixels (..., 2) and their validity; see `CameraModel.project`."""
         return self.model.project(points)

@@ -1,12 +1,10 @@
 """A camera to start from, out of the border of a mirror or of an image circle: the way of Mei's toolbox."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omnisight.images import ImageField
 from omnisight.models.mei import Mei
-
-Array = NDArray[np.float64]
 
 # How far from the axis the border is taken to look. Mirrors are made to look somewhat below the horizon, and lenses
 # that show their whole circle reach about as far as they are sold for.

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnisight.calibrate.pose import plane_poses, settled_poses
 from omnisight.calibrate.refine import refine
@@ -14,8 +13,6 @@ from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.models import CameraModel, model_class
-
-Array = NDArray[np.float64]
 
 # Ideal projections, and the angle from the axis that the farthest corner may be at; below, they are all alike.
 FAMILIES = ("equidistant", "equisolid", "stereographic")

@@ -11,6 +11,7 @@ from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
+from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.models import CameraModel, model_class
 from omnisight.models._fit import SKETCH
 from omnisight.models._fit import refine as fit_from
@@ -110,9 +111,8 @@ def pairs(state: State, views: BoardViews) -> tuple[Array, Array]:
     bend as it likes where there are none.
     """
     points, _ = state.points(views)
-    farthest = min(PAST * np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max(initial=0.0), np.pi)
+    farthest = min(PAST * angle_from_axis(points).max(initial=0.0), np.pi)
     theta, phi = (np.arange(CONE) + 0.5)[:, None] / CONE * farthest, np.linspace(0, 2 * np.pi, CONE, endpoint=False)
-    parts = np.broadcast_arrays(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
-    points = np.concatenate([points, np.stack(parts, -1).reshape(-1, 3)])
+    points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])
     pixels, valid = state.model.project_numpy(points)
     return points[valid], pixels[valid]

@@ -85,6 +85,7 @@ def calibrate(
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
+    from omnisight.cli._files import must_be_writable
     from omnisight.cli._names import drawings, labels, spare
     from omnisight.formats import save
     from omnisight.images import collect_images
@@ -93,7 +94,7 @@ def calibrate(
     # What cannot work is said before the work.
     for file in (output, report):
         if file is not None:
-            _must_be_writable(file)
+            must_be_writable(file)
     if output is not None and report is not None and output.resolve() == report.resolve():
         raise ValueError(f"{output}: is named for the camera and for the report; give two files")
     if model != "auto":
@@ -185,20 +186,6 @@ def _without(search: Any, known: list[str], dropped: list[str]) -> Any:
     return dataclasses.replace(search, pictures=kept)
 
 
-def _must_be_writable(output: Path) -> None:
-    """Refuse, before any work, a file that could not be written after it."""
-    import tempfile
-
-    if output.is_dir():
-        raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'camera.json'}")
-    if not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
-    try:
-        tempfile.TemporaryFile(dir=output.parent).close()
-    except OSError as error:
-        raise ValueError(f"{output}: cannot be written: {error.strerror} ({output.parent})") from error
-
-
 def _too_few_found(search: Any, least: int) -> str:
     from omnisight.cli._detect_report import advice
 
@@ -225,13 +212,11 @@ def _kind(board: Any) -> str:
 
 def _with_provenance(camera: Any, search: Any) -> Any:
     import dataclasses
-    import datetime
 
-    import omnisight
+    from omnisight.cli._files import made_now
 
     provenance = {
-        "tool": f"omnisight {omnisight.__version__}",
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **made_now(),
         "pattern": str(search.board),
         "target": search.board.to_dict(),
         "pictures": [p.path.name for p in search.found],

@@ -55,18 +55,21 @@ def calibrate_lines(
         Show no progress.
     """
     from omnisight.calibrate import lines as by_lines
+    from omnisight.cli._files import must_be_writable
     from omnisight.cli._lines_report import as_json, print_report
-    from omnisight.cli._names import drawings
+    from omnisight.cli._names import drawings, spare
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.models import model_class
 
     # What cannot work is said before the work.
-    if output is not None and not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
+    if output is not None:
+        must_be_writable(output)
     names = model_class(model).example().param_names
     known = _known(fix or [], names, model)
     paths = collect_images(pictures)
+    if output is not None:
+        spare([output], [*paths, *([lines] if lines else []), *([mask] if mask else [])])
     if draw is not None:
         drawings(paths, draw)
     with progress(quiet or json) as report:
@@ -167,13 +170,11 @@ def _known(fix: Sequence[str], names: Sequence[str], model: str) -> dict[str, fl
 
 def _with_provenance(camera: Any, paths: Sequence[Path], lines: Path | None) -> Any:
     import dataclasses
-    import datetime
 
-    import omnisight
+    from omnisight.cli._files import made_now
 
     provenance = {
-        "tool": f"omnisight {omnisight.__version__}",
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **made_now(),
         "pictures": [path.name for path in paths],
         **({} if lines is None else {"lines": lines.name}),
     }

@@ -22,7 +22,7 @@ WHOLE = (0.0, 2 * np.pi)
 def uncertainty(m: Material) -> Figure:
     """Draw the two maps."""
     found = m.calibration.trust.uncertainty
-    limit = UNCERTAIN[0] * max(1.0, max(m.camera.size) / 1000)
+    limit = UNCERTAIN[0] * m.camera.px_unit
     pixels, angle, theta, _ = found.worst()
     worst = (
         f" At worst it is {pixels:.2g} px and {np.degrees(angle):.2g}°, the former {np.degrees(theta):.0f}° from the"

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.simulate.board import BoardInScene
 from omnisight.targets import Checkerboard
 
@@ -94,7 +95,7 @@ def _held(
 def _shown(camera: Camera, board: BoardInScene, theta: tuple[float, float]) -> bool:
     """Say whether the paper lies inside the picture and the image circle, its printed side to the camera."""
     outline = board.outline(8)
-    angle = np.arctan2(np.hypot(outline[:, 0], outline[:, 1]), outline[:, 2])
+    angle = angle_from_axis(outline)
     pixels, valid = camera.project(outline)
     return bool(
         valid.all()

@@ -16,6 +16,7 @@ from omnisight.calibrate.lines.rival import as_model, unlike
 from omnisight.calibrate.lines.scale import bends_freely, scale_deviation, without_scale
 from omnisight.calibrate.lines.uncertainty import Uncertainty, bearing_deviation
 from omnisight.camera import Camera
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
 
 Array = NDArray[np.float64]
@@ -219,7 +220,7 @@ def _concluded(
     state, chains = found.state, found.chains
     distances = state.distances(chains)
     feet = state.bearings(chains)
-    reach = float(np.nanmax(np.arctan2(np.hypot(feet[:, 0], feet[:, 1]), feet[:, 2])))
+    reach = float(np.nanmax(angle_from_axis(feet)))
     rms = float(np.sqrt((distances**2).mean()))
     total = _deviation(state.model, uncertainty, chains.thinned(PIXELS).pixels, misfit, shape_known)
     figures = {

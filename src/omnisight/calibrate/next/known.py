@@ -13,9 +13,8 @@ from omnisight.calibrate.initialise import posed
 from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
-from omnisight.calibrate.trust.assess import CHANCE
 from omnisight.calibrate.trust.checks import LARGE_PX
-from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.covariance import camera_covariance, residual_variance
 from omnisight.calibrate.trust.halves import compare_halves
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
@@ -77,7 +76,7 @@ class Known:
         freedom = estimated(camera)
         fit = Candidate.fit(camera.model.name, posed(camera.model, views), views, freedom, loss="huber")
         state = fit.state
-        median, limit = float(np.median(state.lengths(views))), LARGE_PX * max(1.0, max(camera.size) / 1000)
+        median, limit = float(np.median(state.lengths(views))), LARGE_PX * camera.px_unit
         if not median <= limit:
             raise ValueError(
                 f"the camera does not explain these pictures: half of the corners are more than {median:.1f} px off;"
@@ -90,10 +89,10 @@ class Known:
         camera = replace(camera, model=state.model, theta_max=reach, covariance=camera_covariance(fit, views))
         normal = Bundle(views, freedom, spread).linearise(state)
         used = np.diagonal(normal.shared) > 0
-        variance = spread.sigma**2 * views.pixels.size / max(views.pixels.size - freedom.count - 6 * len(views), 1)
+        variance = residual_variance(spread, views, freedom)
         halves = compare_halves(fit, camera, views, loss="huber")
-        if halves is not None and halves.ratio > CHANCE:
-            variance *= halves.ratio**2
+        if halves is not None:
+            variance *= halves.inflation
         moving = freedom.directions[:, used[: freedom.directions.shape[1]]]
         schur = normal.reduced()[0][np.ix_(used, used)]
         freedom = replace(freedom, directions=moving)

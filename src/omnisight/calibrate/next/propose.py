@@ -96,16 +96,12 @@ class Proposal:
     @property
     def enough(self) -> bool:
         """Whether more pictures hardly help."""
-        return self.now.error <= ENOUGH_PX * _scale(self.known)
+        return self.now.error <= ENOUGH_PX * self.known.camera.px_unit
 
 
 def unknown_px(known: Known) -> float:
     """Give the error, px, from which on a direction counts as unknown."""
-    return UNKNOWN_PX * _scale(known)
-
-
-def _scale(known: Known) -> float:
-    return max(1.0, max(known.camera.size) / 1000)
+    return UNKNOWN_PX * known.camera.px_unit
 
 
 def propose(known: Known, board: Board, field: ImageField | None = None, count: int = 3) -> Proposal:

@@ -19,11 +19,6 @@ from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.images import ImageField
 
-Array = NDArray[np.float64]
-
-# Halves that differ so many times more than noise explains do so by more than chance.
-CHANCE = 2.5
-
 
 @dataclass(frozen=True)
 class Trust:
@@ -80,12 +75,11 @@ def assess(
     explains their difference (Birge, The calculation of errors by the method of least squares, 1932): whatever is at
     work beside noise is then part of what the camera says of itself.
     """
-    camera = replace(camera, covariance=camera_covariance(best, views, loss=loss))
+    covariance = camera_covariance(best, views, loss=loss)
     halves = compare_halves(best, camera, views, loss=loss)
-    if halves is not None and halves.ratio > CHANCE and camera.covariance is not None:
-        camera = replace(camera, covariance=camera.covariance * halves.ratio**2)
+    camera = replace(camera, covariance=covariance if halves is None else covariance * halves.inflation)
     uncertainty = UncertaintyMap.of(camera, field=field)
     coverage = Coverage.of(camera, best.state, views, field)
     ceiling = fit_ceiling(best, scout, views, usable, loss=loss)
-    verdict = Verdict.of(Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, auto))
+    verdict = Verdict.of(Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, ~usable, auto))
     return camera, Trust(uncertainty, coverage, halves, ceiling, verdict)

@@ -1,9 +1,7 @@
 """What can be wrong with a calibration: each check finds one thing, and says what to do."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.coverage import SECTORS, SIDES
 from omnisight.calibrate.trust.determined import focal_spread, open_parameters
@@ -11,8 +9,6 @@ from omnisight.calibrate.trust.evidence import Check, Evidence, Level
 from omnisight.calibrate.trust.shutter import rolling_shutter
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
-
-Array = NDArray[np.float64]
 
 # Pictures that say the same, px; three that do not are the least a plane calibration is determined by.
 SAME_PX = 0.5
@@ -106,9 +102,8 @@ def explained(e: Evidence) -> Check:
 
 def strays(e: Evidence) -> Check:
     """Ask that all pictures are of one camera as it is now."""
-    bad = Spread.of(e.best.state, e.views).doubtful(e.best.state, e.views)
-    odd = [name for name, rows in zip(e.views.names, e.views.groups, strict=True) if bad[rows].mean() > STRAY]
-    share = float(bad.mean())
+    odd = [name for name, rows in zip(e.views.names, e.views.groups, strict=True) if e.outliers[rows].mean() > STRAY]
+    share = float(e.outliers.mean())
     level = Level(int(bool(odd) or share > STRAY_OF_ALL[0]))
     if len(odd) >= MANY_STRAY * len(e.views) or share > STRAY_OF_ALL[1]:
         level = Level.DO_NOT_USE

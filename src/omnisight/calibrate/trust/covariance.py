@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.views import BoardViews
@@ -21,9 +22,13 @@ def camera_covariance(candidate: Candidate, views: BoardViews, *, loss: str = "h
     state, freedom = candidate.state, candidate.freedom
     spread = Spread.of(state, views, loss)
     normal = Bundle(views, freedom, spread).linearise(state)
-    measured = views.pixels.size
-    left = measured - freedom.count - 6 * len(views)
-    variance = spread.sigma**2 * measured / max(left, 1)
     count = freedom.directions.shape[1]
     among = normal.shared_covariance()[:count, :count]
-    return variance * freedom.directions @ among @ freedom.directions.T
+    return residual_variance(spread, views, freedom) * freedom.directions @ among @ freedom.directions.T
+
+
+def residual_variance(spread: Spread, views: BoardViews, freedom: Freedom) -> float:
+    """Give the variance, px^2, of a corner's coordinate: that of the residuals, and what was fitted of it."""
+    measured = views.pixels.size
+    left = measured - freedom.count - 6 * len(views)
+    return spread.sigma**2 * measured / max(left, 1)

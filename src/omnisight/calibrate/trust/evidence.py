@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.trust.ceiling import Ceiling
 from omnisight.calibrate.trust.coverage import Coverage
@@ -53,9 +56,10 @@ class Evidence:
     coverage: Coverage
     halves: Halves | None
     ceiling: Ceiling | None
+    outliers: NDArray[np.bool_]
     auto: bool
 
     @property
     def scale(self) -> float:
         """How much larger errors may be than in a picture 1000 px wide."""
-        return max(1.0, max(self.camera.size) / 1000)
+        return self.camera.px_unit

@@ -14,6 +14,8 @@ from omnisight.camera import Camera
 from omnisight.geometry.sphere import cap
 
 FEWEST = 8
+# Halves that differ so many times more than noise explains do so by more than chance.
+CHANCE = 2.5
 RINGS = 12
 
 
@@ -40,6 +42,11 @@ class Halves:
     def ratio(self) -> float:
         """How many times larger the difference is than predicted."""
         return self.difference / max(self.predicted, 1e-12)
+
+    @property
+    def inflation(self) -> float:
+        """What a variance is multiplied by so that it explains the difference (Birge 1932); 1 where chance does."""
+        return self.ratio**2 if self.ratio > CHANCE else 1.0
 
     def as_dict(self) -> dict[str, float]:
         """Give the figures by name, px."""
