@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
 
@@ -75,6 +76,11 @@ class Camera:
     def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
         """Give the bearings (..., 3) of pixels (..., 2) and their validity; see `CameraModel.unproject`."""
         return self.model.unproject(pixels)
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Give the rays of pixels (..., 2) in the camera's frame: all from its centre."""
+        bearings, valid = self.unproject(pixels)
+        return Rays(np.where(valid[..., None], 0.0, bearings), bearings, valid)
 
     def calibrated(self, bearings: Array) -> NDArray[np.bool_]:
         """Say which directions (..., 3) lie where corners were seen, of as much as is known of that."""
