@@ -25,6 +25,13 @@ CELLS = (
     "280/parabola/aside/usual/1/0.1/4",
     "280/mirror_ocam/aside/parts/0.2/0.1/10",
 )
+# Cells that were lost once, each with the model that was.
+LOST = (
+    ("240/stereographic/aside/past90/0/0/20", "radial_polynomial"),
+    ("240/ocam/aside/parts/0.2/0.1/4", "ocam"),
+    ("280/equidistant/middle/past90/0/0/20", "double_sphere"),
+    ("100/equidistant/aside/narrow/0.2/0.1/4", "rational"),
+)
 # What `auto` tries, and the model that stands for those made of a plane and a distortion.
 MODELS = ("unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam", "division")
 
@@ -43,6 +50,13 @@ def test_every_model_that_can_represent_the_lens_reaches_the_optimum_that_the_tr
     cell = convergence.Cell.parse(text)
     runs = convergence.run(cell, MODELS)
     assert {"ocam"} <= {run.model.split()[0] for run in runs}
+    assert [str((run.model, run.excess)) for run in runs if not run.reached] == []
+
+
+@pytest.mark.parametrize(("text", "model"), LOST)
+def test_what_was_lost_once_is_reached(convergence, text, model):
+    runs = convergence.run(convergence.Cell.parse(text), [model])
+    assert runs
     assert [str((run.model, run.excess)) for run in runs if not run.reached] == []
 
 

@@ -206,21 +206,22 @@ def _hold_out(
     least = min(c.rms for c in fitted)
     near = [i for i, c in enumerate(fitted) if c.rms <= HOPELESS * least]
     judged = list(fitted)
-    if not flat and _is_bent(min((fitted[i] for i in near), key=lambda c: (c.parameters, c.rms)), views, usable, loss):
-        for i in near:
-            judged[i] = fitted[i].bent(views, loss=loss)
+    if not flat:
+        scout = min(near, key=lambda i: (fitted[i].parameters, fitted[i].rms))
+        judged[scout], bent = (
+            candidate.held_out(views, usable, loss=loss)
+            for candidate in (fitted[scout], fitted[scout].bent(views, loss=loss))
+        )
+        if (bent.held_out_rms or 0.0) < (1 - TIE) * (judged[scout].held_out_rms or 0.0):
+            judged = [
+                c if i not in near else bent if i == scout else c.bent(views, loss=loss) for i, c in enumerate(fitted)
+            ]
     for done, i in enumerate(near):
         report("hold out", done, len(near))
-        judged[i] = judged[i].held_out(views, usable, loss=loss)
+        if judged[i].held_out_rms is None:
+            judged[i] = judged[i].held_out(views, usable, loss=loss)
     report("hold out", len(near), len(near))
     return judged
-
-
-def _is_bent(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_], loss: str) -> bool:
-    """Say whether pictures held out are explained better with a board that is bent."""
-    flat = candidate.held_out(views, usable, loss=loss).held_out_rms or 0.0
-    bent = candidate.bent(views, loss=loss).held_out(views, usable, loss=loss).held_out_rms or 0.0
-    return bent < (1 - TIE) * flat
 
 
 def _conclude(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import STRETCH, Freedom
+from omnisight.calibrate.initialise import repose
 from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.restart import pairs, restart
 from omnisight.calibrate.spread import Spread
@@ -33,6 +34,12 @@ FOLD_TOLERANCE = 1e-5
 HOPELESS = 1.5
 # Held-out figures this close are the same: the model with fewer parameters is taken.
 TIE = 0.01
+# Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
+UNSEEN = np.radians(20)
+# Floors of valleys this close are one floor, reached from several sides.
+LEVEL = 1e-5
+# A view whose corners lie so many times farther off than those of the others may be posed wrongly.
+ASTRAY = 4.0
 # An image should go on for so many times the angle that corners reach.
 ROOM = 1.03
 
@@ -83,8 +90,12 @@ class Candidate:
 
     @classmethod
     def fit(cls, name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: str) -> "Candidate":
-        """Refine one model on all pictures."""
+        """Refine one model on all pictures; again with boards posed anew, if some ended where they do not belong."""
         state = refine(start, views, freedom=freedom, loss=loss).state
+        if _astray(state, views) and loss != "squared":
+            healed = refine(repose(state, views), views, freedom=freedom, loss=loss).state
+            spread = Spread.of(healed, views, loss)
+            state = min(healed, state, key=Bundle(views, Freedom.none(state.model), spread).cost)
         lengths = state.lengths(views)
         return cls(name, state, freedom, float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
 
@@ -115,6 +126,13 @@ class Candidate:
         return solution.state
 
 
+def _astray(state: State, views: BoardViews) -> bool:
+    """Say whether a view's corners lie so much farther off than those of others that its pose may be a wrong one."""
+    lengths = state.lengths(views)
+    medians = [float(np.median(lengths[rows])) for rows in views.groups]
+    return max(medians) > ASTRAY * float(np.median(medians))
+
+
 def posed_by(trained: State, start: State, views: BoardViews, spread: Spread) -> Array:
     """Pose views by a camera and board that did not see them, and give the length (px) of each residual (N,)."""
     start = dataclasses.replace(start, model=trained.model, warp=trained.warp)
@@ -129,19 +147,34 @@ def starts_of(name: str, start: State, views: BoardViews) -> list[tuple[str, Sta
     if name != "ocam":
         state = restart(start, model_class(name), views)
         return [] if state is None else [(name, state)]
-    points, pixels = pairs(start, views)
-    spread = Spread.of(start, views)
     states = list[State]()
     for degree in OCAM_DEGREES:
-        state = dataclasses.replace(start, model=Ocam.start_of_degree(points, pixels, degree))
-        if states:
-            # From what one degree less finds, where that is nearer.
-            still = Freedom.of(states[-1].model, fixed=STRETCH)
-            found = refine(states[-1], views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state
-            found = dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0}))
-            state = min(state, found, key=Bundle(views, Freedom.none(state.model), spread).cost)
-        states.append(state)
+        states.append(_polynomial_start(degree, start, states[-1] if states else None, views))
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
+
+
+def _polynomial_start(degree: int, start: State, lower: State | None, views: BoardViews) -> State:
+    """Fit a polynomial of that degree to the start, or begin from what one degree less finds, where that is nearer."""
+    spread = Spread.of(start, views)
+
+    def fresh(*, inwards: bool) -> State:
+        model = Ocam.start_of_degree(*pairs(start, views, inwards=inwards), degree)
+        return dataclasses.replace(start, model=model)
+
+    starts = [fresh(inwards=False)]
+    if lower is not None:
+        still = Freedom.of(lower.model, fixed=STRETCH)
+        found = refine(lower, views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state
+        starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
+    ends = starts
+    if float(angle_from_axis(start.points(views)[0]).min(initial=np.pi)) > UNSEEN:
+        # What no corner shows of the middle leaves several valleys: only their floors tell them apart.
+        starts.append(fresh(inwards=True))
+        ends = [refine(end, views, spread=spread).state for end in starts]
+    cost = Bundle(views, Freedom.none(start.model), spread).cost
+    floors = [cost(end) for end in ends]
+    lowest = [begun for begun, floor in zip(starts, floors, strict=True) if floor <= (1 + LEVEL) * min(floors)]
+    return min(lowest, key=cost)
 
 
 def spline_start(start: State, views: BoardViews) -> State:

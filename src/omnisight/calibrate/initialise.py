@@ -24,7 +24,7 @@ APART = 0.45
 SCOUTS = ("kannala_brandt", "unified")
 SETTLED, SCOUTED = 6, 2
 # Pictures that are enough to tell a good start from a bad one, and to find the camera; the others are posed from it.
-SKETCH, ENOUGH = 10, 40
+SKETCH, CORNERS, ENOUGH = 10, 400, 40
 
 
 def initialise(views: BoardViews, size: tuple[int, int]) -> State:
@@ -48,7 +48,7 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
     """
     if len(views) > ENOUGH:
         return posed(initialise(_some(views, ENOUGH), size).model, views)
-    sketch = _some(views, SKETCH)
+    sketch = _some(views, SKETCH).thinned(CORNERS)
     begun = _unlike(_ideal_starts(sketch, size), sketch)
     settled = [_settled(_turned(start, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
     scouts = list[State]()

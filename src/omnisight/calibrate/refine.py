@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibrate._bundle_kernel import weighted
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
@@ -49,33 +51,30 @@ class Bundle:
 
     def linearise(self, state: State) -> GroupedNormal:
         points, turned = state.points(self.views)
-        pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
-        residuals = pixels - self.views.pixels
-        outside = ~valid | ~np.isfinite(d_params).all((1, 2))
-        residuals[outside], d_point[outside], d_params[outside] = 0.0, 0.0, 0.0
-        residuals = np.einsum("nij,nj->ni", self.spread.roots, residuals)
-        root = np.sqrt(self.loss.weight(np.linalg.norm(residuals, axis=1)))[:, None]
-        weight = self.spread.roots * root[..., None]
-        residuals = residuals * root
-        d_point, d_params = weight @ d_point, weight @ d_params
-        # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
-        d_local = np.concatenate([np.cross(turned[:, None, :], d_point), d_point], -1)
+        pixels, _, d_point, d_params = state.model.project_with_jacobians(points)
+        seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
+        weights = self.spread.roots, self.spread.threshold
+        residuals, jacobian, cross, local, local_gradient = weighted(
+            pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations
+        )
         prior, params = self._prior(state.model), state.model.params
-        gradient = np.einsum("nrp,nr->p", d_params, residuals) + prior * params
-        held = held_back(params, gradient, *_bounds(state.model))
-        directions = np.where(held[:, None], 0.0, self.freedom.directions)
-        d_shared = d_params @ directions
-        if self.freedom.warp:
-            back = state.rotations[self.views.view_of_row, :, 2]
-            bent = np.einsum("nri,ni->nr", d_point, back)[..., None] * self.views.bows[:, None, :]
-            d_shared = np.concatenate([d_shared, bent], -1)
-            directions = np.pad(directions, ((0, 0), (0, 2)))
-        normal = GroupedNormal.assemble(d_shared, d_local, residuals, self.views.groups)
-        return normal.with_prior(directions.T @ (prior[:, None] * directions), directions.T @ (prior * params))
+        gradient = jacobian.T @ residuals
+        held = held_back(params, gradient[:-2] + prior * params, *state.model.bounds)
+        directions = self._directions.copy()
+        directions[:-2][held] = 0.0
+        normal = GroupedNormal(
+            directions.T @ (jacobian.T @ jacobian) @ directions,
+            directions.T @ cross,
+            local,
+            directions.T @ gradient,
+            local_gradient,
+        )
+        known = directions[:-2]
+        return normal.with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * params))
 
     def move(self, state: State, step: Array) -> State:
         camera, shared = self.freedom.directions.shape[1], self.freedom.count
-        params = np.clip(state.model.params + self.freedom.directions @ step[:camera], *_bounds(state.model))
+        params = np.clip(state.model.params + self.freedom.directions @ step[:camera], *state.model.bounds)
         poses = step[shared:].reshape(-1, 6)
         return State(
             state.model.with_params(params) if camera else state.model,
@@ -84,13 +83,18 @@ class Bundle:
             state.warp + step[camera:shared] if self.freedom.warp else state.warp,
         )
 
+    @cached_property
+    def _directions(self) -> Array:
+        """The freedom's directions, in the parameters and the board's two bends."""
+        moving = self.freedom.directions
+        directions = np.zeros((len(moving) + 2, self.freedom.count))
+        directions[:-2, : moving.shape[1]] = moving
+        directions[-2:, moving.shape[1] :] = np.eye(2)[:, : 2 * self.freedom.warp]
+        return directions
+
     def _prior(self, model: CameraModel) -> Array:
         # What is known of a parameter beforehand counts as residuals do, whose unit is sigma.
-        return (self.spread.sigma / np.array([p.spread for p in model.parameters])) ** 2
-
-
-def _bounds(model: CameraModel) -> tuple[Array, Array]:
-    return np.array([p.low for p in model.parameters]), np.array([p.high for p in model.parameters])
+        return (self.spread.sigma / model.spreads) ** 2
 
 
 def refine(

@@ -25,6 +25,8 @@ DECENTRED = set(STILL[1:])
 SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.7, 1.4)
+# That are enough to tell a valley from another.
+CORNERS = 600
 # px: a fit to a camera this far from it (rms) is none.
 ALIKE = 2.0
 # Steps that each start is refined by, and how many of them are then refined further; more where parts are not centred.
@@ -39,14 +41,16 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | 
     A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
     in each, and the one that ends lowest is given as it was: what a calibration holds fixed must not have moved.
     """
-    starts = list(_starts(state, cls, views))
+    sketch = views.thinned(CORNERS)
+    starts = list(_starts(state, cls, sketch))
     if len(starts) < 2:
         return starts[0] if starts else None
     ends = starts
     for iterations, kept in ROUNDS if "xi" in starts[0].model.param_names else LONG_ROUNDS:
-        ends = [refine(end, views, iterations=iterations).state for end in ends]
-        sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
-        problem = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views))
+        seen = sketch if kept > 1 else views
+        ends = [refine(end, seen, iterations=iterations).state for end in ends]
+        sharpest = min(ends, key=lambda end: float(np.median(end.lengths(seen))))
+        problem = Bundle(seen, Freedom.none(sharpest.model), Spread.of(sharpest, seen))
         order = np.argsort([problem.cost(end) for end in ends], kind="stable")[:kept]
         starts, ends = [starts[i] for i in order], [ends[i] for i in order]
     return starts[0]
@@ -104,15 +108,22 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
             yield replace(start, model=model)
 
 
-def pairs(state: State, views: BoardViews) -> tuple[Array, Array]:
-    """Give directions (M, 3), the corners' and all others out to there, and their pixels in the state's camera.
+def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Array, Array]:
+    """Give directions (M, 3), the corners' and all others between them, and their pixels in the state's camera.
+
+    `inwards` those within the corners too, which the state's camera only guesses.
 
     What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
     bend as it likes where there are none.
     """
     points, _ = state.points(views)
-    farthest = min(PAST * angle_from_axis(points).max(initial=0.0), np.pi)
-    theta, phi = (np.arange(CONE) + 0.5)[:, None] / CONE * farthest, np.linspace(0, 2 * np.pi, CONE, endpoint=False)
+    angles = angle_from_axis(points)
+    nearest, farthest = (
+        (0.0 if inwards else angles.min(initial=np.pi) / PAST),
+        min(PAST * angles.max(initial=0.0), np.pi),
+    )
+    theta = nearest + (np.arange(CONE) + 0.5)[:, None] / CONE * (farthest - nearest)
+    phi = np.linspace(0, 2 * np.pi, CONE, endpoint=False)
     points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])
     pixels, valid = state.model.project_numpy(points)
     return points[valid], pixels[valid]

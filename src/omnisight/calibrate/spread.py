@@ -47,7 +47,7 @@ class Spread:
         if loss not in ("huber", "squared"):
             raise ValueError(f"loss must be 'huber' or 'squared', got {loss!r}")
         equal = loss == "squared" or not views.covariance.any()
-        roots = np.broadcast_to(np.eye(2), (len(views.pixels), 2, 2)) if equal else _roots(state, views)
+        roots = np.tile(np.eye(2), (len(views.pixels), 1, 1)) if equal else _roots(state, views)
         sigma = robust_sigma(state.lengths(views, roots))
         return cls(roots, sigma, np.inf if loss == "squared" else max(HUBER_SIGMAS * sigma, 1e-6))
 
@@ -84,4 +84,4 @@ def _roots(state: State, views: BoardViews) -> Array:
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
     covariance = views.covariance + high * np.eye(2)
     scale = np.median(own) + high
-    return np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance) * scale), 1, 2)
+    return np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance) * scale), 1, 2).copy()

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibrate._bundle_kernel import place, weighted_lengths
 from omnisight.calibrate.views import BoardViews
 from omnisight.models import CameraModel
 
@@ -36,13 +37,7 @@ class State:
 
     def points(self, views: BoardViews) -> tuple[Array, Array]:
         """Give the corners in the camera frame (N, 3), and only turned into it (N, 3)."""
-        corners = views.points
-        if self.warp.any():
-            corners = corners + (views.bows @ self.warp)[:, None] * (0, 0, 1)
-        turned = np.empty_like(corners)
-        for rotation, rows in zip(self.rotations, views.groups, strict=True):
-            turned[rows] = corners[rows] @ rotation.T
-        return turned + self.translations[views.view_of_row], turned
+        return place(views.points, views.bows, self.warp, views.view_of_row, self.rotations, self.translations)
 
     def part(self, views: NDArray[np.intp]) -> "State":
         """Give it for some of the views."""
@@ -58,10 +53,7 @@ class State:
 
         `OUTSIDE` outside the model's domain.
         """
-        residuals = self.residuals(views)
-        if roots is not None:
-            residuals = np.einsum("nij,nj->ni", roots, residuals)
-        length = np.linalg.norm(residuals, axis=1)
+        pixels, _ = self.model.project_numpy(self.points(views)[0])
+        roots = np.broadcast_to(np.eye(2), (len(pixels), 2, 2)).copy() if roots is None else roots
         # No less than a wrong corner may cost, or a camera would fold so as to lose those.
-        across = float(np.linalg.norm(np.ptp(views.pixels, axis=0))) if len(length) else 0.0
-        return np.where(np.isfinite(length), length, max(OUTSIDE, across))
+        return weighted_lengths(pixels, views.pixels, roots, max(OUTSIDE, views.across))

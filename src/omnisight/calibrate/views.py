@@ -12,6 +12,9 @@ from omnisight.targets import BoardSearch
 
 Array = NDArray[np.float64]
 
+# Corners of a view that are always kept: a pose needs some.
+FEW = 12
+
 
 @dataclass(frozen=True)
 class BoardViews:
@@ -109,7 +112,12 @@ class BoardViews:
         """Give the number of views."""
         return len(self.groups)
 
-    @property
+    @cached_property
+    def across(self) -> float:
+        """How far apart corners lie in the pictures, px."""
+        return float(np.linalg.norm(np.ptp(self.pixels, axis=0))) if len(self.pixels) else 0.0
+
+    @cached_property
     def view_of_row(self) -> NDArray[np.intp]:
         """(N,) the view of each corner."""
         return np.repeat(np.arange(len(self)), [g.stop - g.start for g in self.groups])
@@ -132,6 +140,19 @@ class BoardViews:
         rows = [self.groups[i] for i in views]
         chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
         return self.of(chosen, [self.names[i] for i in views], self.extent)
+
+    def thinned(self, most: int) -> Self:
+        """Give all views with about so many of the corners, evenly spaced; all of them if they are no more."""
+        if len(self.pixels) <= most:
+            return self
+        share = most / len(self.pixels)
+        rows = list[NDArray[np.intp]]()
+        for group in self.groups:
+            count = group.stop - group.start
+            kept = min(max(round(share * count), FEW), count)
+            rows.append(np.linspace(group.start, group.stop - 1, kept).round().astype(np.intp))
+        chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
+        return self.of(chosen, self.names, self.extent)
 
 
 def _rows(values: ArrayLike, name: str) -> Array:

@@ -69,12 +69,14 @@ class AnglePolynomial(Central):
         return where(theta > 0.0, theta, 0.0), step
 
     def derived(self) -> dict[str, Any]:
+        return super().derived() | {k: 0.0 for k in ("k1", "k2", "k3", "k4", "k5", "k6") if k not in self.param_names}
+
+    def derived_back(self) -> dict[str, Any]:
         limit = self.fold
         theta = limit * np.sin(np.linspace(0, np.pi / 2, 65)[1:])  # denser towards the fold
         r = theta * self._polynomial(theta)
         w = np.sqrt(np.maximum(1 - (r / r[-1]) ** 2, 0))
         start = np.linalg.lstsq(w[:, None] ** np.arange(START_TERMS), theta / r, rcond=None)[0]
-        lacking = {k: 0.0 for k in ("k1", "k2", "k3", "k4", "k5", "k6") if k not in self.param_names}
         terms = {f"i{i}": float(value) for i, value in enumerate(start)}
         # A hair past the last angle keeps the rim itself.
         inverse = {
@@ -82,7 +84,7 @@ class AnglePolynomial(Central):
             "theta_max": self.theta_max * (1 + 1e-12),
             "r_last": self.radius_max(),
         }
-        return super().derived() | lacking | terms | inverse
+        return super().derived_back() | terms | inverse
 
     def _polynomial(self, theta: Any) -> Any:
         return np.polynomial.polynomial.polyval(theta**2, [1.0, self.k1, self.k2, self.k3, self.k4, self.k5, self.k6])

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -55,23 +56,24 @@ class Central(Undistorted, CameraModel):
     # -- the protocol -----------------------------------------------------------------------------------------
 
     def derived(self) -> dict[str, Any]:
-        a11, a12, a21, a22, u0, v0 = self.affine()
-        determinant = a11 * a22 - a12 * a21
+        c_min, radius_max = self._rim
+        affine = dict(zip(("a11", "a12", "a21", "a22", "u0", "v0"), self.affine(), strict=True))
+        return {"c_min": c_min, "r2_max": radius_max**2, **affine}
+
+    @cached_property
+    def _rim(self) -> tuple[float, float]:
+        """Of the valid cone: the cosine of its angle, and the radius of the plane."""
         theta_max = self.theta_max
-        radius_max = min(self.plane_radius_max(), self.radius_max())
-        c_min = -1.0 if theta_max >= np.pi else float(np.cos(theta_max))
+        return -1.0 if theta_max >= np.pi else float(np.cos(theta_max)), min(self.disc, self.radius_max())
+
+    def derived_back(self) -> dict[str, Any]:
+        a11, a12, a21, a22, _, _ = self.affine()
+        determinant = a11 * a22 - a12 * a21
+        c_min, radius_max = self._rim
         return {
-            "c_min": c_min,
-            "r2_max": radius_max**2,
             # What was projected from the very rim must come back, rounded as it is.
             "c_back": c_min - 1e-9,
             "r2_back": radius_max**2 * (1 + 1e-9),
-            "a11": a11,
-            "a12": a12,
-            "a21": a21,
-            "a22": a22,
-            "u0": u0,
-            "v0": v0,
             "b11": a22 / determinant if determinant else np.nan,
             "b12": -a12 / determinant if determinant else np.nan,
             "b21": -a21 / determinant if determinant else np.nan,
@@ -104,14 +106,14 @@ class Central(Undistorted, CameraModel):
         b = points / n[:, None]
         x, y, c = b[:, 0], b[:, 1], b[:, 2]
         s = np.sqrt(x * x + y * y)
-        g = self.gain(self.kernel, s, c, FULL)
+        g = self.gain(self.forward, s, c, FULL)
         px, py = g * x, g * y
-        qx, qy = self.distort(self.kernel, px, py)
+        qx, qy = self.distort(self.forward, px, py)
         a11, a12, a21, a22, u0, v0 = self.affine()
         pixels = np.stack([a11 * qx + a12 * qy + u0, a21 * qx + a22 * qy + v0], -1)
-        valid = (c > self.kernel.c_min) & (px * px + py * py <= self.kernel.r2_max)
+        valid = (c > self.forward.c_min) & (px * px + py * py <= self.forward.r2_max)
         # With p = g(c) b_xy:  dp/db_xy = g (I - b_xy b^T) and dc/dpoint = (e_z - c b)/n.
-        xx, xy, yx, yy = self.distort_jacobian(self.kernel, px, py)
+        xx, xy, yx, yy = self.distort_jacobian(self.forward, px, py)
         j11, j12 = a11 * xx + a12 * yx, a11 * xy + a12 * yy
         j21, j22 = a21 * xx + a22 * yx, a21 * xy + a22 * yy
         dg_dc, dg_dparams = self.gain_derivatives(s, c, g)
@@ -148,8 +150,8 @@ class Central(Undistorted, CameraModel):
             values = zeros | {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0} | shape
             model = cls(**values)
             with np.errstate(all="ignore"):
-                g = model.gain(model.kernel, s, c, FULL)
-                use = (c > model.kernel.c_min) & np.isfinite(g)
+                g = model.gain(model.forward, s, c, FULL)
+                use = (c > model.forward.c_min) & np.isfinite(g)
             if use.sum() < 6 or use.sum() < 0.5 * len(use):
                 continue
             # Weighted down where the gain is steep: there the shape, not the focal length, decides.

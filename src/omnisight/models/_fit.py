@@ -50,7 +50,7 @@ def refine(
         return np.where(np.isfinite(d), d, lost)
 
     # What is known of a parameter beforehand decides only what the pairs leave open.
-    prior = WEAK / np.array([p.spread for p in start.parameters])
+    prior = WEAK / start.spreads
     known = prior > 0
     by_prior = np.diag(prior)[known]
 
@@ -63,9 +63,8 @@ def refine(
         jacobian = np.where(np.isfinite(d_params), d_params, 0.0).reshape(-1, params.size)
         return np.append(difference(seen), by_prior @ params), np.concatenate([jacobian, by_prior])
 
-    low = np.array([p.low for p in start.parameters])
+    low, high = start.bounds
     free = np.array([name not in fixed for name in start.param_names])
-    high = np.array([p.high for p in start.parameters])
     solution = least_squares(
         residuals,
         derivatives,

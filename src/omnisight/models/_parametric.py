@@ -1,9 +1,9 @@
-"""What has parameters: cameras, and the mirrors they look into."""
+"""What has parameters: cameras, the mirrors they look into, and what is made of parts that have some."""
 
 import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,8 +14,10 @@ Array = NDArray[np.float64]
 
 
 class Parametric:
-    """What is known by its parameters: a frozen dataclass whose fields, in order, are numbers or tuples of numbers.
+    """What is known by its parameters: a frozen dataclass whose fields, in order, hold them.
 
+    A field is a number, a tuple of numbers, a part that is Parametric itself, or a tuple of such parts. Parameters of a
+    part keep their names; those of a tuple of parts begin with `coefficient_names` of it (mirror_radius).
     Solvers see one flat vector, names and bounds, and never the class.
     """
 
@@ -30,14 +32,20 @@ class Parametric:
         """What is known of each parameter, in the order of `params`."""
         found: list[Parameter] = []
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
-            value = getattr(self, field.name)
-            names = self.coefficient_names(len(value), field.name) if isinstance(value, tuple) else (field.name,)
-            found += [Parameter(name, **field.metadata) for name in names]
+            value: Any = getattr(self, field.name)
+            several = isinstance(value, tuple)
+            names = self.coefficient_names(len(value), field.name) if several else (field.name,)
+            for name, part in zip(names, value if several else (value,), strict=True):
+                if isinstance(part, Parametric):
+                    before = f"{name}_" if several else ""
+                    found += [dataclasses.replace(p, name=before + p.name) for p in part.parameters]
+                else:
+                    found.append(Parameter(name, **field.metadata))
         return tuple(found)
 
     @staticmethod
     def coefficient_names(count: int, field: str) -> tuple[str, ...]:
-        """Name the coefficients of a parameter that is a tuple: the field's name and a number."""
+        """Name the coefficients, or the parts, of a field that is a tuple: the field's name and a number."""
         return tuple(f"{field}{i}" for i in range(count))
 
     @cached_property
@@ -46,33 +54,44 @@ class Parametric:
         return tuple(p.name for p in self.parameters)
 
     @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """The least and the greatest value of each parameter, (P,) and (P,)."""
+        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
+    @cached_property
+    def spreads(self) -> Array:
+        """How far from 0 each parameter (P,) is expected to be: `Parameter.spread`."""
+        return np.array([p.spread for p in self.parameters])
+
+    @cached_property
     def params(self) -> Array:
         """The parameters (P,) as one flat, read-only vector."""
-        values = [getattr(self, f.name) for f in dataclasses.fields(self)]  # pyright: ignore[reportArgumentType]
-        flat = np.hstack([np.asarray(v, float).ravel() for v in values])
+        flat = np.hstack([_numbers(getattr(self, f.name)) for f in dataclasses.fields(self)])  # pyright: ignore[reportArgumentType]
         flat.flags.writeable = False
         return flat
 
     def with_params(self, params: ArrayLike) -> Self:
-        """Give the camera of this model with other parameters (P,)."""
+        """Give the same with other parameters (P,)."""
         vector = np.asarray(params, float)
         if vector.shape != self.params.shape:
             raise ValueError(f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}")
         values, start = {}, 0
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             old = getattr(self, field.name)
-            count = len(old) if isinstance(old, tuple) else 1
-            part = tuple(float(p) for p in vector[start : start + count])
-            values[field.name] = part if isinstance(old, tuple) else part[0]
-            start += count
-        return dataclasses.replace(self, **values)  # pyright: ignore[reportArgumentType]
+            stop = start + (1 if isinstance(old, float) else _numbers(old).size)
+            values[field.name] = _with_numbers(old, vector[start:stop])
+            start = stop
+        made = dataclasses.replace(self, **values)  # pyright: ignore[reportArgumentType]
+        # What is known of the parameters stays the same: solvers ask at every step.
+        made.__dict__.update({name: getattr(self, name) for name in ("parameters", "param_names", "bounds", "spreads")})
+        return made
 
-    def to_dict(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, Any]:
         """Give the parameters by name."""
         return dict(zip(self.param_names, map(float, self.params), strict=True))
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, float]) -> Self:
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """Make the model from its parameters by name.
 
         Raises
@@ -103,3 +122,24 @@ class Parametric:
                 if part[0] in numbers
             }
         )
+
+
+def _numbers(value: Any) -> Array:
+    """Give the numbers of a field's value in order."""
+    if isinstance(value, Parametric):
+        return value.params
+    if isinstance(value, tuple) and value and isinstance(value[0], Parametric):
+        return np.hstack([part.params for part in value])
+    return np.asarray(value, float).ravel()
+
+
+def _with_numbers(value: Any, numbers: Array) -> Any:
+    """Give a field's value with other numbers."""
+    if isinstance(value, float):
+        return float(numbers[0])
+    if isinstance(value, Parametric):
+        return value.with_params(numbers)
+    if isinstance(value, tuple) and value and isinstance(value[0], Parametric):
+        ends = np.cumsum([part.params.size for part in value])
+        return tuple(part.with_params(n) for part, n in zip(value, np.split(numbers, ends[:-1]), strict=True))
+    return tuple(map(float, numbers)) if isinstance(value, tuple) else float(numbers[0])

@@ -1,5 +1,6 @@
 """Distortions of the normalised plane, between a profile and the pixels (mixins of camera models)."""
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,20 @@ from omnisight.models._protocol import Array
 FOLD_MARGIN = 1e-6
 # A plane that never folds is followed to this radius (89.94 degrees of a pinhole).
 FARTHEST = 1e3
+# Circles on which a plane is asked whether it folds, and points around each, as shares of the largest circle's radius.
+SHARES = np.linspace(0.01, 1, 100) ** 3
+RINGS = SHARES[:, None] * np.array((np.cos(AROUND := 2 * np.pi / 32 * np.arange(32)), np.sin(AROUND)))[:, None]
 
 
 class Undistorted:
     """The plane as it is."""
 
     def derived(self) -> dict[str, Any]:
-        """Give the constants that the elementwise functions need beside the parameters."""
+        """Give the constants that `distort` needs beside the parameters."""
+        return {}
+
+    def derived_back(self) -> dict[str, Any]:
+        """Give the constants that only `undistort` needs."""
         return {}
 
     @staticmethod
@@ -39,6 +47,11 @@ class Undistorted:
     def plane_radius_max(self) -> float:
         """Give the radius of the disc of the plane on which the distortion is one-to-one."""
         return np.inf
+
+    @cached_property
+    def disc(self) -> float:
+        """`plane_radius_max`, found once."""
+        return self.plane_radius_max()
 
 
 class Distorted(Undistorted):
@@ -84,11 +97,11 @@ class Distorted(Undistorted):
         over = 1.0 / (xx * yy - xy * yx)
         return p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over, dx * dx + dy * dy
 
-    def derived(self) -> dict[str, Any]:
+    def derived_back(self) -> dict[str, Any]:
         azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-        radius = self.plane_radius_max()
+        radius = self.disc
         x, y = self.distort(self, radius * np.cos(azimuth), radius * np.sin(azimuth))
-        return {**super().derived(), "d2_max": 1.05 * float((x * x + y * y).max()), "p2_max": radius**2}
+        return {**super().derived_back(), "d2_max": 1.05 * float((x * x + y * y).max()), "p2_max": radius**2}
 
     def radial_fold(self) -> float:
         """Give the radius at which the radial part alone stops growing."""
@@ -100,11 +113,9 @@ class Distorted(Undistorted):
     def radius_before_fold(self, radius: float) -> float:
         """Give the radius, at most that one, of the disc in which the plane does not fold."""
         # Where the parts that are not radial are strong, the plane folds before the radial part does.
-        inner = radius * np.linspace(0.01, 1, 100)[:, None] ** 3
-        azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)
-        xx, xy, yx, yy = self.distort_jacobian(self, inner * np.cos(azimuth), inner * np.sin(azimuth))
+        xx, xy, yx, yy = self.distort_jacobian(self, radius * RINGS[0], radius * RINGS[1])
         folded = np.flatnonzero(np.any(xx * yy - xy * yx <= 0, axis=1))
-        return float(inner[max(folded[0] - 2, 0), 0]) if len(folded) else radius
+        return float(radius * SHARES[max(folded[0] - 2, 0)]) if len(folded) else radius
 
 
 def first_positive_root(coefficients: list[float]) -> float:

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -61,7 +62,11 @@ class CameraModel(Parametric):
         raise NotImplementedError
 
     def derived(self) -> dict[str, Any]:
-        """Give the constants that the elementwise functions need beside the parameters."""
+        """Give the constants that `project_point` needs beside the parameters."""
+        return {}
+
+    def derived_back(self) -> dict[str, Any]:
+        """Give the constants that only `unproject_pixel` needs."""
         return {}
 
     @property
@@ -144,7 +149,7 @@ class CameraModel(Parametric):
         """
         with np.errstate(all="ignore"):
             x, y, z = points.T
-            *pixel, valid = self.project_point(self.kernel, x, y, z, FULL)
+            *pixel, valid = self.project_point(self.forward, x, y, z, FULL)
             valid = np.broadcast_to(valid, len(points)) & True
             return np.where(valid[:, None], np.stack(pixel, -1), np.nan), valid
 
@@ -204,11 +209,16 @@ class CameraModel(Parametric):
         """The parameters and derived constants as the named tuple that compiled code takes."""
         return type(self).kernel_type(**self.kernel_values())
 
+    @cached_property
+    def forward(self) -> Any:
+        """The parameters, and the constants that projecting alone needs, by name: solvers make many cameras."""
+        return SimpleNamespace(**self.__dict__ | self.derived(), model=type(self))
+
     def kernel_values(self) -> dict[str, Any]:
         """Give the parameters and derived constants by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # pyright: ignore[reportArgumentType]
         values = {n: tuple(map(float, v)) if isinstance(v, tuple) else float(v) for n, v in values.items()}
-        return values | self.derived()
+        return values | self.derived() | self.derived_back()
 
     @classmethod
     def fit(cls, bearings: ArrayLike, pixels: ArrayLike, *, fixed: Sequence[str] = ()) -> Self:

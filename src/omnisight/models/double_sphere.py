@@ -22,7 +22,8 @@ class DoubleSphere(Central):
     """
 
     SHAPES: ClassVar = tuple(
-        {"xi": xi, "alpha": alpha} for xi, alpha in ((0.0, 0.2), (-0.2, 0.6), (0.0, 0.55), (0.3, 0.7))
+        {"xi": xi, "alpha": alpha}
+        for xi, alpha in ((0.0, 0.2), (-0.2, 0.6), (0.0, 0.55), (0.3, 0.7), (0.8, 0.72), (0.97, 0.9), (1.1, 0.6))
     )
 
     fx: float = parameter("focal length along x", unit="px")

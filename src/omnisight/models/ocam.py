@@ -158,8 +158,12 @@ class Ocam(Central):
         scale = r.max()
         powers = np.array((0, *range(2, degree + 1)))
         # s f(r) = z r, in the unit of the largest radius.
-        design = s[:, None] * (r[:, None] / scale) ** powers
-        a = np.linalg.lstsq(design, z * r / scale, rcond=None)[0] * scale / scale**powers
+        design, right = s[:, None] * (r[:, None] / scale) ** powers, z * r / scale
+        a = np.linalg.lstsq(design, right, rcond=None)[0]
+        if a[0] <= 0:  # what a mirror shows far from its middle may leave open: then as the equidistant lens has it
+            a[0] = lens.fx / scale
+            a[1:] = np.linalg.lstsq(design[:, 1:], right - a[0] * design[:, 0], rcond=None)[0]
+        a *= scale / scale**powers
         return cls(lens.cx, lens.cy, lens.fy / lens.fx, 0.0, 0.0, a=tuple(map(float, a)))
 
     @classmethod

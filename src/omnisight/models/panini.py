@@ -73,11 +73,11 @@ class Panini(CameraModel):
         by_d = (e - (d + 1) * q) / e**2
         d_params[:, 0, 0], d_params[:, 0, 2], d_params[:, 0, 4] = k * x, 1.0, self.fx * x * by_d
         d_params[:, 1, 1], d_params[:, 1, 3], d_params[:, 1, 4] = k * y, 1.0, self.fy * y * by_d
-        return pixels, (c > self.kernel.cos_min) & (q + np.abs(y) < np.inf), d_point, d_params
+        return pixels, (c > self.forward.cos_min) & (q + np.abs(y) < np.inf), d_point, d_params
 
     @property
     def theta_max(self) -> float:
-        return float(np.arccos(self.kernel.cos_min))
+        return float(np.arccos(self.forward.cos_min))
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:

@@ -12,6 +12,9 @@ from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
 from omnisight.models._protocol import Array
 
+# What magnifies so much more off the axis than on it is no lens: f would run to 0 and the others after it.
+STEEPEST = 4.0
+
 
 @dataclass(frozen=True)
 class RadialPolynomial(Central):
@@ -29,9 +32,9 @@ class RadialPolynomial(Central):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k2: float = parameter("coefficient of theta^2")
-    k3: float = parameter("coefficient of theta^3")
-    k4: float = parameter("coefficient of theta^4")
+    k2: float = parameter("coefficient of theta^2", low=-STEEPEST, high=STEEPEST)
+    k3: float = parameter("coefficient of theta^3", low=-STEEPEST, high=STEEPEST)
+    k4: float = parameter("coefficient of theta^4", low=-STEEPEST, high=STEEPEST)
 
     @staticmethod
     def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
@@ -71,7 +74,7 @@ class RadialPolynomial(Central):
         theta = where(theta < m.theta_max, theta, m.theta_max)
         return where(theta > 0.0, theta, 0.0), step
 
-    def derived(self) -> dict[str, Any]:
+    def derived_back(self) -> dict[str, Any]:
         theta = self.fold * np.sin(np.linspace(0, np.pi / 2, 65)[1:])  # denser towards the fold
         r = self._radius(theta)
         q = r / r[-1]
@@ -84,7 +87,7 @@ class RadialPolynomial(Central):
             "theta_max": self.theta_max * (1 + 1e-12),
             "r_last": self.radius_max(),
         }
-        return super().derived() | {f"i{i}": float(value) for i, value in enumerate(start)} | inverse
+        return super().derived_back() | {f"i{i}": float(value) for i, value in enumerate(start)} | inverse
 
     def _radius(self, theta: Any) -> Any:
         return np.polynomial.polynomial.polyval(theta, [0.0, 1.0, self.k2, self.k3, self.k4])

@@ -81,6 +81,9 @@ class SplineProfile(Central):
         return theta + step, where(value > 0.0, theta, low), where(value > 0.0, high, theta), step
 
     def derived(self) -> dict[str, Any]:
+        return {**super().derived(), "controls": self.controls}
+
+    def derived_back(self) -> dict[str, Any]:
         limit = min(self.reach, self.fold, np.pi)
         theta = limit * np.sin(np.linspace(0, np.pi / 2, 4 * START_CELLS + 1))  # denser towards the fold
         with np.errstate(all="ignore"):
@@ -96,7 +99,7 @@ class SplineProfile(Central):
             "theta_last": self.theta_max * (1 + 1e-12),
             "r_last": self.radius_max(),
         }
-        return {**super().derived(), "controls": self.controls, **inverse}
+        return {**super().derived_back(), **inverse}
 
     def _per_angle(self, theta: Array) -> Array:
         place = theta * ((len(self.controls) - 3) / self.reach)

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
+# Damping up to which a step is nearly the whole step.
+FREE = 1e-2
+
 
 class Linearised(Protocol):
     """The normal equations of a least-squares problem at one state, in whatever sparse form suits it."""
@@ -114,6 +117,7 @@ def minimise(
         state, cost = moved, new_cost
         if watch:
             watch(iteration, cost)
-        if fall <= tolerance * cost:
+        # A step that damping has made short says nothing of how far the cost can still fall.
+        if fall <= tolerance * cost and damping <= FREE:
             return Solution(state, cost, True, iteration, "the cost stopped falling")
     return Solution(state, cost, False, iterations, f"{iterations} iterations were not enough")

@@ -1,0 +1,88 @@
+"""The compiled part of `refine`: what is done corner by corner, whatever the camera model."""
+
+# Compiled code takes its types from its arguments.
+# pyright: basic
+
+import numba
+import numpy as np
+
+_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+
+@numba.njit(**_OPTIONS)
+def place(corners, bows, warp, view, rotations, translations):
+    """Give corners (N, 3) of boards in the camera's frame, and only turned into it; each of the view (N,) it is in."""
+    points, turned = np.empty((len(corners), 3)), np.empty((len(corners), 3))
+    for n in range(len(corners)):
+        x, y = corners[n, 0], corners[n, 1]
+        z = corners[n, 2] + bows[n, 0] * warp[0] + bows[n, 1] * warp[1]
+        k = view[n]
+        for i in range(3):
+            t = rotations[k, i, 0] * x + rotations[k, i, 1] * y + rotations[k, i, 2] * z
+            turned[n, i] = t
+            points[n, i] = t + translations[k, i]
+    return points, turned
+
+
+@numba.njit(**_OPTIONS)
+def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, view, rotations):
+    """Give the weighted residuals (2 N,) and what they depend on, as far as boards do not share it.
+
+    Beside the residuals: their Jacobian (2 N, P + 2) by the camera and the board's bend, and per view its product
+    (P + 2, 6) with the Jacobian by the pose, that Jacobian's square (6, 6) and its product with the residuals (6,).
+    A corner outside the model's domain counts nothing.
+    """
+    count, shared, views = len(pixels), d_params.shape[2] + 2, len(rotations)
+    residuals, jacobian = np.zeros(2 * count), np.zeros((2 * count, shared))
+    cross, local, gradient = np.zeros((views, shared, 6)), np.zeros((views, 6, 6)), np.zeros((views, 6))
+    d_pixel, d_pose = np.empty((2, shared)), np.empty(6)
+    for n in range(count):
+        r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
+        inside = np.isfinite(r0 + r1)
+        for p in range(shared - 2):
+            inside &= np.isfinite(d_params[n, 0, p] + d_params[n, 1, p])
+        if not inside:
+            continue
+        k = view[n]
+        length = np.hypot(roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1)
+        root = np.sqrt(threshold / length) if length > threshold else 1.0
+        for i in range(2):
+            d_pixel[i, : shared - 2] = d_params[n, i]
+            back = 0.0
+            for j in range(3):
+                back += d_point[n, i, j] * rotations[k, j, 2]
+            d_pixel[i, shared - 2], d_pixel[i, shared - 1] = back * bows[n, 0], back * bows[n, 1]
+        a, b, c = turned[n]
+        for i in range(2):
+            w0, w1 = root * roots[n, i, 0], root * roots[n, i, 1]
+            row = jacobian[2 * n + i]
+            for p in range(shared):
+                row[p] = w0 * d_pixel[0, p] + w1 * d_pixel[1, p]
+            x = w0 * d_point[n, 0, 0] + w1 * d_point[n, 1, 0]
+            y = w0 * d_point[n, 0, 1] + w1 * d_point[n, 1, 1]
+            z = w0 * d_point[n, 0, 2] + w1 * d_point[n, 1, 2]
+            # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
+            d_pose[0], d_pose[1], d_pose[2] = b * z - c * y, c * x - a * z, a * y - b * x
+            d_pose[3], d_pose[4], d_pose[5] = x, y, z
+            r = w0 * r0 + w1 * r1
+            residuals[2 * n + i] = r
+            for q in range(6):
+                gradient[k, q] += d_pose[q] * r
+                for s in range(6):
+                    local[k, q, s] += d_pose[q] * d_pose[s]
+            for p in range(shared):
+                if row[p] != 0.0:
+                    for q in range(6):
+                        cross[k, p, q] += row[p] * d_pose[q]
+    return residuals, jacobian, cross, local, gradient
+
+
+@numba.njit(**_OPTIONS)
+def weighted_lengths(pixels, seen, roots, outside):
+    """Give the lengths (N,) of the weighted residuals; `outside` where there is none."""
+    lengths = np.empty(len(pixels))
+    for n in range(len(pixels)):
+        r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
+        length = np.hypot(roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1)
+        lengths[n] = length if np.isfinite(length) else outside
+    return lengths
