@@ -142,15 +142,17 @@ class BoardViews:
         return self.of(chosen, [self.names[i] for i in views], self.extent)
 
     def thinned(self, most: int) -> Self:
-        """Give all views with about so many of the corners, evenly spaced; all of them if they are no more."""
+        """Give all views with about so many of the corners, evenly spaced, the outermost of each board among them."""
         if len(self.pixels) <= most:
             return self
         share = most / len(self.pixels)
         rows = list[NDArray[np.intp]]()
         for group in self.groups:
-            count = group.stop - group.start
-            kept = min(max(round(share * count), FEW), count)
-            rows.append(np.linspace(group.start, group.stop - 1, kept).round().astype(np.intp))
+            x, y = self.points[group, 0], self.points[group, 1]
+            outermost = [end(side) for end in (np.argmin, np.argmax) for side in (x + y, x - y)]
+            kept = min(max(round(share * len(x)), FEW), len(x))
+            evenly = np.linspace(0, len(x) - 1, kept).round().astype(np.intp)
+            rows.append(group.start + np.union1d(evenly, outermost))
         chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
         return self.of(chosen, self.names, self.extent)
 
