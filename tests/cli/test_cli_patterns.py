@@ -41,7 +41,7 @@ def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern,
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
         (("--square", "30"), "the length '30' has no unit: write 30mm if millimetres are meant"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
-        (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in"),
+        (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in, um"),
         (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: cylindrical"),
     ],
 )

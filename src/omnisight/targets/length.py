@@ -4,16 +4,16 @@ import re
 
 import numpy as np
 
-_PER_METRE = {"mm": 1000, "cm": 100, "m": 1, "in": 1 / 0.0254}
+_PER_METRE = {"mm": 1000, "cm": 100, "m": 1, "in": 1 / 0.0254, "um": 1e6}
 
 
 def parse_length(text: str) -> float:
     """Read a length with its unit, `32.5mm`, in metres; ValueError if it has none or is not positive."""
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Z\"]*)\s*", text)
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Zµμ\"]*)\s*", text)
     units = ", ".join(_PER_METRE)
     if match is None:
         raise ValueError(f"cannot read the length {text!r}: give a number with its unit ({units}), such as 32.5mm")
-    number, unit = match[1], match[2].lower()
+    number, unit = match[1], re.sub("[µμ]", "u", match[2].lower())
     if not unit:
         raise ValueError(
             f"the length {text.strip()!r} has no unit: write {number}mm if millimetres are meant ({units})"

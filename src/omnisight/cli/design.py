@@ -1,0 +1,180 @@
+"""omnisight design."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+
+def design(
+    what: Literal["mirror"],
+    /,
+    *,
+    kind: str = "hyperbolic",
+    hfov: float = 360.0,
+    up: float = 20.0,
+    down: float = 60.0,
+    sensor: str = "1280x960",
+    pixel: str = "3.75um",
+    focal: str | None = None,
+    diameter: str | None = None,
+    distance: str | None = None,
+    body: str = "30mm",
+    working_distance: str = "1m",
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    camera: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Design a camera that looks into a mirror above it and sees all around.
+
+    Give the field of view and the sensor, and what is fixed of the sizes; the rest follows:
+
+        omnisight design mirror --up 20 --down 60
+        omnisight design mirror --up 10 --down 50 --sensor 1920x1080 --pixel 3um --focal 8mm --diameter 50mm
+        omnisight design mirror --kind parabolic --up 15 --diameter 40mm -o mirror.svg --camera camera.json
+
+    Two of focal length, diameter and distance settle the third. With one or none of them, the lens sees the mirror
+    within 40 degrees, and the mirror is 60 mm wide.
+
+    Parameters
+    ----------
+    what
+        mirror.
+    kind
+        hyperbolic, parabolic (needs a telecentric lens), spherical or conical (both without a single viewpoint).
+    hfov
+        Field around, degrees. A mirror of revolution shows all 360.
+    up
+        How far the picture is to reach above the horizon, degrees.
+    down
+        And below it; straight down is the camera itself.
+    sensor
+        WIDTHxHEIGHT, px.
+    pixel
+        Side of a pixel with its unit: 3.75um.
+    focal
+        Focal length of the lens with its unit: 8mm.
+    diameter
+        Of the mirror's rim: 60mm.
+    distance
+        From the lens' centre, which is its entrance pupil, to the mirror's vertex: 80mm.
+    body
+        Diameter of the camera, as the mirror sees it: it hides what is behind it. A telecentric lens is as wide as its
+        mirror at least.
+    working_distance
+        How far things are: what a mirror out of its place costs there is told.
+    output
+        An SVG of the cross section, and of the resolution.
+    camera
+        The camera file of the design, the unified model, for `omnisight view` and the rest.
+    json
+        Print one JSON object and nothing else.
+    """
+    del what
+    from omnisight.cli._design_report import as_json, print_report
+    from omnisight.optics.design.mirror import design_mirror
+    from omnisight.optics.design.performance import performance
+
+    if hfov != 360:
+        raise ValueError(
+            f"--hfov is {hfov:g}: a mirror of revolution shows all 360 degrees around. Leave it at 360, and cut out"
+            " what you need of the panorama: omnisight view --to cylinder --azimuth -90:90"
+        )
+    for file, suffixes in ((output, (".svg",)), (camera, (".json",))):
+        if file is not None:
+            _must_be(file, suffixes)
+    made = design_mirror(_order(kind, up, down, sensor, pixel, focal, diameter, distance, body, working_distance))
+    shown = performance(made)
+    written = _camera(made, shown) if camera is not None else None
+    if json:
+        as_json(made, shown)
+    else:
+        print_report(made, shown)
+    if output is not None:
+        from omnisight.cli._design_draw import draw_design
+        from omnisight.images import write_bytes
+
+        write_bytes(output, draw_design(made, shown).encode())
+        if not json:
+            print(f"drawn       {output}")
+    if camera is not None and written is not None:
+        from omnisight.formats import save
+
+        save(written, camera, format="native")
+        if not json:
+            print(f"written     {camera}; upright panoramas: omnisight view PICTURE --camera {camera} --up back")
+
+
+def _order(
+    kind: str,
+    up: float,
+    down: float,
+    sensor: str,
+    pixel: str,
+    focal: str | None,
+    diameter: str | None,
+    distance: str | None,
+    body: str,
+    working_distance: str,
+) -> Any:
+    """Read what was asked for."""
+    import numpy as np
+
+    from omnisight.optics.design.order import Order
+
+    def length(name: str, text: str | None) -> float | None:
+        return None if text is None else _length(name, text)
+
+    return Order(
+        kind,
+        float(np.radians(up)),
+        float(np.radians(down)),
+        _sensor(sensor),
+        _length("--pixel", pixel),
+        length("--focal", focal),
+        length("--diameter", diameter),
+        length("--distance", distance),
+        _length("--body", body),
+        _length("--working-distance", working_distance),
+    )
+
+
+def _sensor(text: str) -> tuple[int, int]:
+    from omnisight.cli._size import parse_size
+
+    try:
+        return parse_size(text)
+    except ValueError as error:
+        raise ValueError(str(error).replace("--size", "--sensor")) from None
+
+
+def _length(name: str, text: str) -> float:
+    from omnisight.targets.length import parse_length
+
+    try:
+        return parse_length(text)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _must_be(file: Path, suffixes: tuple[str, ...]) -> None:
+    """Refuse, before any work, a file that could not be written, or of another kind."""
+    from omnisight.cli._files import must_be_writable
+
+    if file.suffix.lower() not in suffixes:
+        raise ValueError(f"{file}: what is written is {' or '.join(suffixes)}; name it {file.stem}{suffixes[0]}")
+    must_be_writable(file)
+
+
+def _camera(made: Any, shown: Any) -> Any:
+    """Give the camera of a design, as far as it shows the world."""
+    from omnisight.camera import Camera
+    from omnisight.cli._files import made_now
+
+    return Camera(
+        made.model(),
+        made.order.size,
+        theta_max=made.order.theta,
+        theta_min=shown.blind.theta,
+        provenance=made_now() | {"source": "omnisight design mirror"},
+    )

@@ -1,0 +1,1 @@
+"""Mirrors made to order: from a field of view, a sensor and a size to a mirror, its lens, and what they show."""

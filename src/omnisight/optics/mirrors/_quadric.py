@@ -1,0 +1,37 @@
+"""Mirrors that are quadrics of revolution: rays meet them in closed form."""
+
+import numpy as np
+
+from omnisight.optics.mirrors._mirror import Array, Mirror
+
+
+class Quadric(Mirror):
+    """A (x^2 + y^2) + B z^2 + 2 C z = 0, of which the mirror is one sheet."""
+
+    def quadric(self) -> tuple[float, float, float, float]:
+        """Give A, B, C, and the sign that B z + C has on the sheet."""
+        raise NotImplementedError
+
+    def first(self, origins: Array, bearings: Array) -> Array:
+        a, b, c, sign = self.quadric()
+        (ox, oy, oz), (dx, dy, dz) = origins.T, bearings.T
+        # f(t) = p t^2 + 2 q t + r
+        gz = b * oz + c
+        p = a * (dx * dx + dy * dy) + b * dz * dz
+        q = a * (ox * dx + oy * dy) + gz * dz
+        r = a * (ox * ox + oy * oy) + (gz + c) * oz
+        # The sum that does not cancel.
+        q_root = -(q + np.copysign(np.sqrt(q * q - p * r), q))
+        near, far = r / q_root, q_root / p
+        found = np.full(len(origins), np.inf)
+        for t in (near, far):
+            # Once Newton: near a tangent the square root has lost digits.
+            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+            f = a * (x * x + y * y) + (b * z + 2 * c) * z
+            df = a * (x * dx + y * dy) + (b * z + c) * dz
+            step = 0.5 * f / df
+            t = t - np.where(np.abs(step) < 1e-3 * np.abs(t), step, 0.0)
+            x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+            hit = (t > 0) & (t < found) & (sign * (b * z + c) >= 0) & self.within(x * x + y * y)
+            found = np.where(hit, t, found)
+        return found

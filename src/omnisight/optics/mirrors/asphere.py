@@ -1,0 +1,45 @@
+"""Even aspheres: a conic section and a polynomial."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from omnisight.models._parameter import parameter
+from omnisight.optics.mirrors._mirror import Array, Mirror, inner_rim
+
+
+@dataclass(frozen=True)
+class Asphere(Mirror):
+    """z(rho) = C rho^2 / (1 + sqrt(1 - (1 + k) C^2 rho^2)) + b0 rho^4 + b1 rho^6 + ...
+
+    The even asphere of optical design (ISO 10110-12): the curvature C at the vertex, the conic constant k = -e^2, and
+    coefficients of the even powers from the fourth on. It is given out to its rim, where the square root must be real.
+    """
+
+    curvature: float = parameter("curvature at the vertex, 1/R", unit="1/m", free=False)
+    conic: float = parameter("conic constant, -e^2", free=False)
+    b: tuple[float, ...] = parameter("coefficient of rho^4, rho^6, ...", default=(0.0,), free=False)
+    rim: float = parameter("distance of the rim from the axis", unit="m", low=0.0, default=0.05, free=False)
+    hole: float = inner_rim()
+
+    def __post_init__(self) -> None:
+        """Refuse a rim where the profile has no height."""
+        if not np.isfinite(self.rim) or (1 + self.conic) * (self.curvature * self.rim) ** 2 >= 1:
+            raise ValueError(
+                f"the rim of an asphere must lie where its conic section has a height: (1 + conic) (curvature rim)^2 < "
+                f"1, got conic {self.conic:g}, curvature {self.curvature:g} and rim {self.rim:g}"
+            )
+
+    def profile(self, w: Array) -> tuple[Array, Array, Array]:
+        c, share = self.curvature, (1 + self.conic) * self.curvature**2
+        q = np.sqrt(1 - share * w)
+        s, ds = c * w / (1 + q), 0.5 * c / q
+        dds = 0.5 * share * ds / (q * q)
+        for i, b in enumerate(self.b, start=2):
+            s, ds, dds = s + b * w**i, ds + i * b * w ** (i - 1), dds + i * (i - 1) * b * w ** (i - 2)
+        return s, ds, dds
+
+    @classmethod
+    def example(cls) -> Self:
+        return cls(curvature=18.0, conic=-1.8, b=(600.0, -5e4), rim=0.04)

@@ -1,0 +1,143 @@
+"""A camera whose rays need not meet in a point: a model of rays, the size of its pictures, and what is known of it."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnisight.geometry.rays import Rays
+from omnisight.models import CameraModel, model_class
+from omnisight.models._resized import resized
+from omnisight.optics.ray_model import RayModel
+
+Array = NDArray[np.float64]
+
+# Pixels along each side of the picture that a central camera is fitted to.
+SAMPLES = 33
+
+
+@dataclass(frozen=True)
+class RayCamera:
+    """A non-central camera with its picture: what `Camera` is to a central one.
+
+    Every pixel has a ray of its own, a place and a bearing, so that the distance of what is seen matters. There is no
+    `unproject`: a bearing alone does not say what a pixel sees.
+
+    Attributes
+    ----------
+    model
+        Pixels to rays, and points to pixels.
+    size
+        (width, height) of the picture, px; (0, 0) where it is not known.
+    unit
+        Of the model's lengths and of points: "m", or "squares" of a board whose size was not given.
+    theta_max, theta_min
+        The angles from the axis (radians) between which corners were seen in calibration; None and 0 where that is not
+        known.
+    calibration
+        Figures of the calibration (rms, held_out_rms, views, corners ...), by name.
+    covariance
+        (P, P) of the parameters, or None.
+    provenance
+        Where it came from: file, format, tool, date.
+    extra
+        What its file held beside that, kept for the next writer.
+    """
+
+    model: RayModel
+    size: tuple[int, int]
+    unit: str = "m"
+    theta_max: float | None = None
+    calibration: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    covariance: Array | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    theta_min: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a size that is none."""
+        if len(self.size) != 2 or min(self.size) < 0:
+            raise ValueError(f"size must be (width, height), got {self.size!r}")
+
+    @property
+    def width(self) -> int:
+        """Pixels per row."""
+        return self.size[0]
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.size[1]
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Give the rays of pixels (..., 2) in the camera's frame."""
+        return self.model.rays(pixels)
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points (..., 3), in `unit`, to pixels (..., 2) and their validity; see `RayModel.project`."""
+        return self.model.project(points)
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
+        p = np.asarray(pixels, float)
+        with np.errstate(invalid="ignore"):
+            return np.all((p >= -0.5) & (p < np.array(self.size) - 0.5), axis=-1)
+
+    def scaled(self, factor: float) -> "RayCamera":
+        """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
+        size = (round(self.width * factor), round(self.height * factor))
+        return dataclasses.replace(self, model=resized(self.model, factor), size=size, covariance=None)
+
+    def points_at(self, pixels: ArrayLike, distance: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Give what pixels (..., 2) see at a distance from the frame's origin: points (..., 3), and which see any.
+
+        Where its ray meets the sphere of that radius about the origin, going outwards.
+        """
+        origins, bearings, valid = self.rays(pixels)
+        with np.errstate(invalid="ignore"):
+            middle = (origins * bearings).sum(-1)
+            square = distance**2 - (origins**2).sum(-1) + middle**2
+            along = np.sqrt(np.where(square >= 0, square, np.nan)) - middle
+            valid = valid & (along > 0)
+        return np.where(valid[..., None], origins + along[..., None] * bearings, np.nan), valid
+
+    def central(self, distance: float, model: str | None = None) -> tuple[CameraModel, float]:
+        """Give the central camera that agrees with it about what is so far from its origin.
+
+        Parameters
+        ----------
+        distance
+            From the frame's origin, in `unit`; infinity for a far scene.
+        model
+            A central camera model; that of its lens where it has one, kannala_brandt otherwise.
+
+        Returns
+        -------
+        model
+            In the same frame; `Camera(model, size)` has its pictures.
+        error
+            By how much, px, the two differ at that distance at most.
+
+        Raises
+        ------
+        ValueError
+            If no central camera of that model comes near, or the distance is none.
+        """
+        if not distance > 0:
+            raise ValueError(f"distance must be positive, got {distance!r}")
+        u, v = (np.linspace(0, side - 1, SAMPLES) for side in self.size)
+        pixels = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
+        seen, valid = self.points_at(pixels, distance) if np.isfinite(distance) else self.rays(pixels)[1:]
+        if self.theta_max is not None:
+            with np.errstate(invalid="ignore"):
+                angle = np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
+                valid &= angle <= self.theta_max
+        lens = getattr(self.model, "lens", None)
+        name = model or (lens.name if isinstance(lens, CameraModel) else "kannala_brandt")
+        found = model_class(name).fit(seen[valid], pixels[valid])
+        again, back = found.project(seen[valid])
+        error = float(np.linalg.norm(again - pixels[valid], axis=1).max()) if back.all() else float("inf")
+        return found, error

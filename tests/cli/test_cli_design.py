@@ -1,0 +1,150 @@
+"""omnisight design mirror."""
+
+import json
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from shooting import visible
+
+import omnisight as om
+from omnisight.formats import load
+from omnisight.optics.design.shapes import KINDS
+
+FIELD = ("--hfov", 360, "--up", 20, "--down", 60)
+WITHIN = {"conical": ("--up", 20, "--down", 10), "parabolic": FIELD}
+
+
+@pytest.fixture
+def design(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: run("design", "mirror", *arguments)
+
+
+@pytest.fixture
+def cannot(refuses, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: refuses("design", "mirror", *arguments)
+
+
+def test_a_mirror_is_told_with_all_that_is_needed_to_make_it(design, tmp_path):
+    status, out, err = design(*FIELD)
+    assert (status, err) == (0, "")
+    for said in (
+        "mirror      a hyperboloid, the lens in its far focus",
+        "shape       radius at the vertex 17.93 mm, eccentricity 1.2817, conic constant -1.6428 (a 27.89 mm, b 22.",
+        "rim         60 mm across, 18.78 mm deep",
+        "lens        focal length 4.847 mm, 40.0 degrees across the mirror; its entrance pupil 63.65 mm from",
+        "viewpoint   7.858 mm above the vertex, single",
+        "field       from 20.0 degrees above the horizon to 78.2 below it, 360 around",
+        "blind       11.8 degrees around straight down, 33 px: the camera itself",
+        "picture     941 px across; sensor 1280x960 px of 3.75 um",
+        "model       unified, xi 0.96997, gamma 314.35 px",
+        "tilted 1°",
+        "for things 1 m away",
+    ):
+        assert said in out
+    assert visible(tmp_path) == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_told_drawn_and_given_as_numbers(design, tmp_path, kind):
+    field = WITHIN.get(kind, FIELD)
+    status, out, err = design("--kind", kind, *field, "-o", "mirror.svg")
+    assert (status, err) == (0, "")
+    assert "drawn       mirror.svg" in out
+    root = ElementTree.parse(tmp_path / "mirror.svg").getroot()
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    words = " ".join(root.itertext())
+    for said in ("20.0 degrees above the horizon", "60 mm", "20° up", "viewpoint", "px per degree", "blind"):
+        assert said in words
+    assert "nan" not in (tmp_path / "mirror.svg").read_text()
+    status, out, err = design("--kind", kind, *field, "--json", "-o", "mirror.svg")
+    assert (status, err) == (0, "")
+    numbers = json.loads(out)
+    assert (numbers["kind"], numbers["up_deg"]) == (kind, pytest.approx(20))
+    assert numbers["viewpoint"]["single"] is KINDS[kind].central
+    assert (numbers["model"] is None) is not KINDS[kind].central
+    assert numbers["resolution"][0]["elevation_deg"] == pytest.approx(20)
+    assert numbers["resolution"][0]["radius_px"] == pytest.approx(numbers["circle_px"], rel=1e-6)
+    assert {row["said"] for row in numbers["misalignments"]} >= {"as designed", "1 mm across", "tilted 0.1°"}
+
+
+def test_lengths_are_read_with_their_units(design):
+    given = ("--pixel", "3 um", "--focal", "8mm", "--diameter", "5cm", "--working-distance", "2m", "--body", "1in")
+    numbers = json.loads(design(*FIELD, "--sensor", "1920x1080", *given, "--json")[1])
+    assert numbers["focal"] == 0.008
+    assert numbers["mirror"]["rim"] == pytest.approx(0.025)
+    assert numbers["working_distance"] == 2.0
+    assert numbers["circle_px"] == pytest.approx(0.98 * 540)
+
+
+@pytest.mark.parametrize("kind", ["hyperbolic", "parabolic"])
+def test_the_camera_file_is_that_of_the_design(design, tmp_path, kind):
+    status, out, _ = design("--kind", kind, *FIELD, "--camera", "camera.json")
+    assert status == 0
+    assert "written     camera.json; upright panoramas: omnisight view PICTURE --camera camera.json --up back" in out
+    camera = load(tmp_path / "camera.json")
+    assert camera.size == (1280, 960)
+    assert (camera.model.name, camera.model.fx < 0 < camera.model.fy) == ("unified", True)
+    assert np.degrees(camera.theta_max) == pytest.approx(110)
+    assert 5 < np.degrees(camera.theta_min) < 20
+    # The rim is on the picture's circle, and the horizon, ahead, is above the middle in an upright view of it.
+    (pixel,), _ = camera.project([[np.sin(camera.theta_max), 0, np.cos(camera.theta_max)]])
+    assert abs(pixel[0] - 639.5) == pytest.approx(0.98 * 480, rel=1e-9)
+
+
+def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
+    """A picture that shows each direction's elevation in red and azimuth in green, through the camera file and view."""
+    assert design(*FIELD, "--sensor", "640x480", "--camera", "camera.json")[0] == 0
+    camera = load(tmp_path / "camera.json")
+    u, v = np.meshgrid(np.arange(640), np.arange(480))
+    bearings, valid = camera.unproject(np.stack([u, v], -1))
+    elevation = np.degrees(np.arctan2(-bearings[..., 2], np.hypot(bearings[..., 0], bearings[..., 1])))
+    picture = np.zeros((480, 640, 3), np.uint8)
+    picture[..., 0] = np.where(valid, np.clip(128 + 2 * np.nan_to_num(elevation), 0, 255), 0)
+    om.write_image(tmp_path / "picture.png", picture)
+    view = ("--to", "cylinder", "--up", "back", "--elevation=-40:15", "-o", "around.png")
+    status, _, err = run("view", "picture.png", "--camera", "camera.json", *view)
+    assert (status, err) == (0, "")
+    around = om.read_image(tmp_path / "around.png")[..., 0].astype(float)
+    top, bottom = around[2].mean(), around[-3].mean()
+    assert top == pytest.approx(128 + 2 * 15, abs=4)
+    assert bottom == pytest.approx(128 - 2 * 40, abs=4)
+    assert around[2].std() < 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--hfov", 270), "a mirror of revolution shows all 360 degrees around. Leave it at 360, and cut out"),
+        (("--up", 80), "no mirror shows more than 70.0 degrees up to it, --up is 80: ask for less up, or for a longer"),
+        (
+            ("--down", 85),
+            "the camera hides what is more than 78.2 degrees below the horizon, --down is 85: ask for less",
+        ),
+        (("--kind", "round"), "unknown kind of mirror 'round'; there are: hyperbolic, parabolic, spherical, conical"),
+        (
+            ("--kind", "conical", "--focal", "8mm"),
+            "a cone shows as many degrees of elevation as half its lens, 12.4 here, and 80",
+        ),
+        (("--kind", "parabolic", "--focal", "8mm"), "leave the focal length out, or choose a hyperbolic mirror"),
+        (("--kind", "spherical", "--camera", "camera.json"), "a spherical mirror has no single viewpoint"),
+        (("--focal", "8"), "--focal: the length '8' has no unit: write 8mm"),
+        (("--pixel", "big"), "--pixel: cannot read the length 'big'"),
+        (("--pixel", "0um"), "--pixel: the length"),
+        (("--sensor", "wide"), "--sensor must be WIDTHxHEIGHT in px"),
+        (("--sensor", "8x8"), "the sensor has 8x8 px: too few"),
+        (("--diameter", "6cm", "--distance", "6cm", "--focal", "25mm"), "px wide, the sensor 960: take 4.625mm"),
+        (("-o", "mirror.png"), "what is written is .svg; name it mirror.svg"),
+        (("-o", "none/mirror.svg"), "there is no folder none; make it first"),
+        (("--camera", "camera.yaml"), "what is written is .json; name it camera.json"),
+    ],
+)
+def test_what_cannot_be_says_why_and_leaves_nothing(cannot, tmp_path, arguments, said):
+    assert said in cannot(*arguments)
+    assert visible(tmp_path) == []
+
+
+def test_what_else_is_not_designed(run):
+    assert run("design", "lens")[0] == 2

@@ -1,0 +1,245 @@
+"""Mirrors made to order: what comes is traced, and is what was asked for."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from omnisight.geometry.sphere import angle_from_axis
+from omnisight.optics.design.mirror import design_mirror
+from omnisight.optics.design.order import FILL, Order
+from omnisight.optics.design.performance import blind_spot, misalignments, performance, resolution, viewpoint
+from omnisight.optics.design.shapes import KINDS
+from omnisight.optics.viewpoint import lens_places
+
+
+def order(kind="hyperbolic", up=20.0, down=None, **more):
+    down = (10.0 if kind == "conical" else 60.0) if down is None else down
+    given = {"size": (1280, 960), "pixel": 3.75e-6} | more
+    return Order(kind, float(np.radians(up)), float(np.radians(down)), **given)
+
+
+def theta_at(design, radius):
+    """The angle from straight down at a radius of the picture, px; the ray's origin."""
+    u, v = design.centre
+    origins, bearings, valid = design.system().rays([u + radius, v])
+    assert valid
+    return angle_from_axis(-bearings), origins
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("up", [-20.0, 0.0, 20.0, 35.0])
+def test_the_rim_shows_the_top_of_the_field(kind, up):
+    design = design_mirror(order(kind, up, 30.0 if up < 0 else 5.0))
+    theta, origin = theta_at(design, design.circle * (1 - 1e-12))
+    assert np.degrees(theta) == pytest.approx(90 + up, abs=1e-8)
+    assert origin[0] == pytest.approx(design.mirror.rim, rel=1e-9)
+    assert design.circle == pytest.approx(FILL * 480, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.central])
+def test_a_central_design_has_its_lens_in_the_focus_and_its_model_is_the_traced_camera(kind):
+    design = design_mirror(order(kind, 25.0))
+    (place,) = lens_places(design.mirror)
+    assert -place.lens == (np.inf if kind == "parabolic" else pytest.approx(design.distance, rel=1e-12))
+    found = viewpoint(design, blind_spot(design))
+    assert found.worst < 1e-14
+    np.testing.assert_allclose(found.point, [0, 0, design.distance + place.viewpoint], atol=1e-13)
+    # The camera file's frame is the lens' turned about y, so that z looks down: a rotation.
+    traced = design.system().rays(found.pixels).bearings
+    modelled, valid = design.model().unproject(found.pixels)
+    assert valid.all()
+    assert np.abs(modelled - traced * [-1, 1, -1]).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["spherical", "conical"])
+def test_a_design_that_is_not_central_has_no_model(kind):
+    design = design_mirror(order(kind))
+    assert viewpoint(design, blind_spot(design)).rms > 1e-4
+    with pytest.raises(ValueError, match="has no single viewpoint"):
+        design.model()
+
+
+@pytest.mark.parametrize("kind", ["hyperbolic", "spherical", "conical"])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"diameter": 0.05},
+        {"distance": 0.08},
+        {"focal": 0.004},
+        {"focal": 0.004, "diameter": 0.05},
+        {"focal": 0.004, "distance": 0.1},
+        {"diameter": 0.05, "distance": 0.03},
+        {"diameter": 0.05, "distance": 0.03, "focal": 0.002},
+    ],
+)
+def test_what_is_given_is_kept_and_the_rest_follows(kind, given):
+    design = design_mirror(order(kind, 15.0, 1.0, **given))
+    rim, mirror = design.mirror.rim, design.mirror
+    if "diameter" in given:
+        assert 2 * rim == pytest.approx(given["diameter"], rel=1e-12)
+    if "distance" in given:
+        assert design.distance == pytest.approx(given["distance"], rel=1e-9)
+    if "focal" in given:
+        assert design.focal == pytest.approx(given["focal"], rel=1e-12)
+    if len(given) < 3:
+        assert design.circle == pytest.approx(FILL * 480, rel=1e-9)
+    # What the lens sees the rim at is what its picture shows.
+    across = rim / (design.distance + float(mirror.sag(rim)))
+    assert design.circle == pytest.approx(design.focal * across / 3.75e-6, rel=1e-9)
+    assert np.degrees(theta_at(design, design.circle * (1 - 1e-12))[0]) == pytest.approx(105, abs=1e-7)
+
+
+def test_a_telecentric_lens_may_stand_anywhere():
+    near, far = (design_mirror(order("parabolic", distance=d, diameter=0.04)) for d in (0.05, 0.3))
+    assert near.mirror == far.mirror
+    assert (near.focal, near.magnification) == (None, pytest.approx(FILL * 480 * 3.75e-6 / 0.02))
+    assert (near.distance, far.distance) == (0.05, 0.3)
+
+
+def test_a_cone_shows_as_much_as_half_its_lens():
+    design = design_mirror(order("conical", 20.0, 10.0))
+    tip, _ = theta_at(design, 1e-6)
+    assert np.degrees(tip) == pytest.approx(80, abs=1e-4)
+    assert np.degrees(np.arctan(design.circle * 3.75e-6 / design.focal)) == pytest.approx(30, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_resolution_is_the_slope_of_the_picture(kind):
+    design = design_mirror(order(kind))
+    found = resolution(design, 50.0)
+    assert (found.radius[0], found.radius[-1]) == (50.0, pytest.approx(design.circle))
+    assert (np.diff(found.theta) > 0).all()
+    slope = np.gradient(found.radius, found.theta, edge_order=2)
+    np.testing.assert_allclose(found.up, slope, rtol=2e-4)
+    np.testing.assert_allclose(found.around, found.radius / np.sin(found.theta), rtol=1e-12)
+
+
+def test_a_paraboloid_shows_small_things_in_their_shape():
+    """Stereographic projection is conformal; R m px, m = tan(theta/2)."""
+    design = design_mirror(order("parabolic"))
+    found = resolution(design, 30.0)
+    np.testing.assert_allclose(found.up, found.around, rtol=1e-12)
+    gamma = design.model().fy
+    np.testing.assert_allclose(found.up, gamma / (1 + np.cos(found.theta)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("body", [0.01, 0.03, 0.05])
+def test_the_blind_spot_of_a_hyperboloid_is_the_body_seen_from_the_viewpoint(body):
+    design = design_mirror(order(body=body))
+    blind = blind_spot(design)
+    assert np.tan(blind.theta) == pytest.approx(body / 2 / design.mirror.focal_distance, rel=1e-9)
+    u, v = design.centre
+    inner, outer = (design.system().rays([u + s * blind.radius, v]) for s in (0.99, 1.01))
+    at_lens = [o - o[2] / b[2] * b for o, b, _ in (inner, outer)]
+    assert at_lens[0][0] < body / 2 < at_lens[1][0]
+
+
+def test_a_telecentric_lens_hides_as_much_as_the_mirror_is_wide():
+    design = design_mirror(order("parabolic", body=0.01, diameter=0.06))
+    above = design.distance + design.mirror.foci[0]
+    assert np.tan(blind_spot(design).theta) == pytest.approx(0.03 / above, rel=1e-9)
+
+
+def test_a_cone_hides_nothing_but_shows_nothing_below():
+    blind = blind_spot(design_mirror(order("conical")))
+    assert blind.radius == 0
+    assert np.degrees(blind.theta) == pytest.approx(80, abs=1e-3)
+
+
+def test_a_misplaced_mirror_loses_its_viewpoint_in_proportion():
+    design = design_mirror(order())
+    rows = {row.said: row for row in misalignments(design, blind_spot(design))}
+    assert rows["as designed"].worst < 1e-14
+    assert rows["as designed"].moved_px == 0
+    for small, large in (
+        ("0.1 mm too far", "1 mm too far"),
+        ("0.1 mm across", "1 mm across"),
+        ("tilted 0.1°", "tilted 1°"),
+    ):
+        for figure in ("rms", "worst", "rms_px", "worst_px", "moved_px"):
+            ratio = getattr(rows[large], figure) / getattr(rows[small], figure)
+            assert ratio == pytest.approx(10, rel=0.2), (small, figure)
+        assert rows[small].rms < rows[small].worst
+
+
+def test_a_paraboloid_does_not_mind_being_moved_but_tilted():
+    design = design_mirror(order("parabolic"))
+    rows = {row.said: row for row in misalignments(design, blind_spot(design))}
+    assert max(rows[name].worst for name in ("1 mm too far", "1 mm across")) < 1e-14
+    assert rows["1 mm across"].moved_px > 10
+    assert rows["tilted 1°"].worst > 1e-4
+
+
+def test_the_parallax_is_less_the_farther_things_are():
+    near, far = (misalignments(d := design_mirror(order(working_distance=w)), blind_spot(d))[-1] for w in (0.5, 5.0))
+    assert near.worst == pytest.approx(far.worst)
+    assert near.worst_px == pytest.approx(10 * far.worst_px, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_larger_mirror_in_proportion_shows_the_same(kind):
+    one = design_mirror(order(kind, diameter=0.03, body=0.015))
+    other = design_mirror(order(kind, diameter=0.06, body=0.03))
+    a, b = performance(one), performance(other)
+    assert other.distance == pytest.approx(2 * one.distance)
+    np.testing.assert_allclose(a.resolution.up, b.resolution.up, rtol=1e-9)
+    np.testing.assert_allclose(2 * a.viewpoint.distances, b.viewpoint.distances, rtol=1e-6, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"kind": "cubic"}, "unknown kind of mirror 'cubic'; there are: hyperbolic, parabolic, spherical, conical"),
+        ({"up": 75.0}, "no mirror shows more than 70.0 degrees up to it, --up is 75: ask for less up, or for a longer"),
+        ({"up": 95.0}, "less than 90, got 95 and 60"),
+        ({"up": -30.0, "down": 20.0}, "the field from -20 to -30 degrees is empty"),
+        (
+            {"up": -75.0, "down": 89.0},
+            "the lens sees the rim at 20.0 degrees from the axis, and is to show 15 degrees there",
+        ),
+        ({"kind": "conical", "down": 30.0, "focal": 0.004}, "elevation as half its lens, 23.8 here, and 50 are"),
+        (
+            {"kind": "conical", "down": 60.0},
+            "as half its lens, 80.0 here, and no mirror shows more than 10.0 degrees up",
+        ),
+        ({"kind": "parabolic", "focal": 0.004}, "needs a telecentric lens"),
+        ({"diameter": 0.0}, "the diameter must be a positive length, got 0.0"),
+        ({"pixel": np.nan}, "the pixel must be a positive length"),
+        ({"size": (10, 10)}, "too few for a picture"),
+        ({"kind": "spherical", "diameter": 0.06, "distance": 0.004}, "shows 20 degrees up needs a lens 5.6"),
+        ({"diameter": 0.001, "distance": 30.0}, "is too far for a mirror of 1mm"),
+        ({"diameter": 0.06, "distance": 0.06, "focal": 0.02}, "px wide, the sensor 960: take 4.625mm, a smaller"),
+    ],
+)
+def test_what_cannot_be_says_why_and_what_to_change(given, said):
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        design_mirror(order(**given))
+    assert said in str(error.value)
+
+
+def test_a_camera_in_the_way_is_told():
+    with pytest.raises(ValueError, match=r"hides what is more than 78\.2 degrees below the horizon, --down is 85"):
+        performance(design_mirror(order(down=85.0)))
+    assert performance(design_mirror(order(down=85.0, body=0.005))).blind.theta < np.radians(5)
+
+
+def test_a_small_mirror_is_not_moved_out_of_sight():
+    small = performance(design_mirror(order(diameter=0.004, body=0.002)))
+    assert [row.said for row in small.misalignments] == [
+        "as designed",
+        "0.1 mm too far",
+        "0.1 mm across",
+        "tilted 0.1°",
+        "tilted 1°",
+    ]
+
+
+def test_things_nearer_than_the_rays_are_apart_are_told():
+    with pytest.raises(ValueError, match=r"rays pass the viewpoint at up to .*mm, and the working distance is 5mm"):
+        performance(design_mirror(order("spherical", working_distance=0.005)))
+
+
+def test_an_order_is_not_changed_by_its_design():
+    one = order()
+    assert design_mirror(one).order == dataclasses.replace(one)
