@@ -96,7 +96,7 @@ def fitted(name: str, start: State, views: BoardViews) -> State:
 
 def compared(state: State, views: BoardViews, spread: Spread) -> State:
     """Bring a result to the bottom of the cost that it is compared by: a few steps, too few to go anywhere else."""
-    return refine(state, views, spread=spread, iterations=10).state
+    return refine(state, views, spread=spread, iterations=30).state
 
 
 def from_truth(made: Scene, models: Sequence[str] = MODELS) -> dict[str, State]:
