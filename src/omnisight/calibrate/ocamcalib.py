@@ -109,7 +109,10 @@ def calibrate_ocamcalib(
         raise ValueError(f"the polynomial must be of degree 2 or more, got {degree}")
     for name, rows in zip(views.names, views.groups, strict=True):
         if rows.stop - rows.start < FEWEST_CORNERS:
-            raise ValueError(f"{name}: {rows.stop - rows.start} corners, the linear steps need {FEWEST_CORNERS}")
+            raise ValueError(
+                f"{name}: {rows.stop - rows.start} corners, the linear steps need {FEWEST_CORNERS}: leave it out"
+                f" (--drop {name})"
+            )
     report = progress or (lambda stage, done, total: None)
     middle = (np.array(size, float) - 1) / 2
     begun = linear_steps(views, middle if centre is None else np.array(centre, float), degree)
