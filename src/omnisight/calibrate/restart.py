@@ -25,8 +25,10 @@ DECENTRED = set(STILL[1:])
 SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.7, 1.4)
+# Of the double sphere's alpha, from which all others are reached.
+MIDDLING = 0.6
 # That are enough to tell a valley from another.
-CORNERS = 600
+CORNERS = 1000
 # px: a fit to a camera this far from it (rms) is none.
 ALIKE = 2.0
 # Steps that each start is refined by, and how many of them are then refined further; more where parts are not centred.
@@ -101,6 +103,8 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
         # On the axis all such models magnify by f/(1 + xi).
         scale = (1 + xi) / (1 + values["xi"])
         moved = {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
+        if "alpha" in values:  # wherever it ended, on a bound perhaps
+            moved["alpha"] = MIDDLING
         starts.append((values | moved, (*STILL, "xi")))
     for moved, still in starts:
         model, cost = fit_from(start.model.from_dict(moved), points, pixels, still, iterations=20)
