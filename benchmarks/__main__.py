@@ -1,4 +1,4 @@
-"""Run all benchmarks, or those named: `python -m benchmarks points views calibration startup`.
+"""Run all benchmarks, or those named: `python -m benchmarks points views calibration render startup`.
 
 `boards`, which takes a quarter of an hour, `solvers`, which takes some minutes, and `convergence`, which takes an hour,
 run only where they are named; `python -m benchmarks.boards` and `python -m benchmarks.convergence` have options, and
@@ -12,10 +12,10 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
 import cv2
 
-from benchmarks import calibration, points, startup, views
+from benchmarks import calibration, points, render, startup, views
 from benchmarks.race import table
 
-ALL = {"points": points, "views": views, "calibration": calibration, "startup": startup}
+ALL = {"points": points, "views": views, "calibration": calibration, "render": render, "startup": startup}
 
 if not hasattr(cv2, "omnidir"):
     sys.exit(

@@ -63,6 +63,20 @@ def _model(name: str) -> str:
     return "\n".join([*lines, ""])
 
 
+def ray_models() -> str:
+    """Give one section per non-central camera that can be calibrated."""
+    from omnisight.optics.models import ray_model_class, ray_model_names
+
+    sections: list[str] = []
+    for name in ray_model_names():
+        cls = ray_model_class(name)
+        own = [p for p in cls.example().parameters if p.unit != "px" and p.unit]
+        rows = [f"| `{p.name}` | {_plain(p.doc)} | {p.unit} |" for p in own]
+        prose = _prose((inspect.getdoc(cls) or "").partition("\n\nAttributes\n")[0])
+        sections += [f"### {name}", "", *prose, "| parameter | what it is | unit |", "|---|---|---|", *rows, ""]
+    return "\n".join(sections)
+
+
 def formats() -> str:
     """Give the table of formats."""
     lines = ["| `--to` | what it is | file | models, the most usual first |", "|---|---|---|---|"]
@@ -157,7 +171,10 @@ def file(name: str, instead: str = "") -> str:
 
 MARKS = {
     function.__name__: function
-    for function in (models, formats, conventions, matrix, candidates, commands, examples, api, members, picture, file)
+    for function in (
+        *(models, ray_models, formats, conventions, matrix, candidates, commands),
+        *(examples, api, members, picture, file),
+    )
 }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
-from omnisight.simulate import BOARD, BoardInScene, Setup, fisheye_setup, mirror_setup
+from omnisight.simulate import BOARD, BoardInScene, Renderer, Setup, Truth, fisheye_setup, mirror_setup, scene_named
 
 ASSETS = Path(__file__).parent / "assets"
 GAP = 10
@@ -19,6 +19,7 @@ def main() -> None:
     om.write_image(ASSETS / "hero.jpg", hero())
     om.write_image(ASSETS / "mirror.jpg", mirror())
     om.write_image(ASSETS / "next.jpg", next_picture())
+    write_small(ASSETS / "simulate.jpg", rendered(), 72)
 
 
 def hero() -> np.ndarray:
@@ -67,6 +68,60 @@ def next_picture() -> np.ndarray:
         propose([folder], camera=camera, count=3, draw=drawing, quiet=True)
         drawn = om.read_image(drawing)
     return shrunk(drawn, round(0.6 * len(drawn)))
+
+
+def rendered() -> np.ndarray:
+    """Show the room and the street through a fisheye, a mirror camera and all around, and the truth of two pictures."""
+    fisheye, mirror = fisheye_setup(960), mirror_setup(960)
+    rows = []
+    truths = []
+    for name, place in (("room", fisheye.world_from_cam), ("street", om.Pose())):
+        scene = scene_named(name)
+        lens = Renderer(fisheye.camera, place, scene, theta=fisheye.theta, samples=3)
+        bowl = Renderer(mirror.camera, om.Pose(om.look(up="back")), scene, theta=mirror.theta, samples=3)
+        around = Renderer(om.sphere(1104), place, scene, samples=3, vignette=0)
+        discs = beside(disc(lens(noise=0.6).image), disc(bowl(noise=0.6).image))
+        rows.append(beside(discs, around(noise=0.6).image))
+        truths.append((lens if name == "street" else bowl).truth())
+    room, street = truths
+    figures = [disc(figure) for figure in (depths(street), normals(street), instances(street), instances(room))]
+    rows.append(beside(beside(figures[0], figures[1]), beside(figures[2], figures[3])))
+    width = min(row.shape[1] for row in rows)
+    whole = below(below(*(row[:, :width] for row in rows[:2])), rows[2][:, :width])
+    return shrunk(whole, round(1600 * whole.shape[0] / width))
+
+
+def disc(image: np.ndarray) -> np.ndarray:
+    """Cut the middle of a picture 4:3 to a square."""
+    side = image.shape[0]
+    left = (image.shape[1] - side) // 2
+    return shrunk(image[:, left : left + side], 552)
+
+
+def depths(truth: Truth) -> np.ndarray:
+    """Show distance: the nearer the brighter."""
+    with np.errstate(invalid="ignore"):
+        near = np.clip(2.0 / truth.depth, 0, 1) ** 0.6
+    return np.repeat(np.nan_to_num(255 * near).astype(np.uint8)[..., None], 3, -1)
+
+
+def normals(truth: Truth) -> np.ndarray:
+    """Show normals as colours."""
+    return np.nan_to_num(127.5 * (truth.normals + 1)).astype(np.uint8)
+
+
+def instances(truth: Truth) -> np.ndarray:
+    """Show each thing in a colour of its own."""
+    tones = np.random.default_rng(2).integers(40, 255, (truth.instances.max() + 1, 3)).astype(np.uint8)
+    tones[0] = 0
+    return tones[truth.instances]
+
+
+def write_small(path: Path, image: np.ndarray, quality: int) -> None:
+    """Write a JPEG of a quality."""
+    import cv2
+
+    cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
 def shoot(setup: Setup, *boards: BoardInScene) -> np.ndarray:

@@ -20,6 +20,7 @@ EXPECTED = {
     "05_convert": ({"fisheye.native.json"}, "kannala_brandt as ocam"),
     "06_video_remapper": ({"last.jpg"}, "fps"),
     "07_mirror_dimensions": ({"parabola.json", "hyperbola.json", "ellipse.json"}, "xi = 0.95135"),
+    "08_rig": ({"rig.json", "front.jpg", "back.jpg", "sphere.jpg"}, "100.0 % of the sphere"),
 }
 
 

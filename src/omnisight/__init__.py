@@ -7,11 +7,13 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from omnisight.calibrate import BoardViews, Calibration, calibrate_camera, calibrate_pictures
     from omnisight.camera import Camera
-    from omnisight.formats import load, save
+    from omnisight.formats import load, load_rig, save, save_rig
     from omnisight.geometry.pose import Pose
     from omnisight.geometry.rotation import look
     from omnisight.images import read_image, write_image
     from omnisight.models import CameraModel, model_class, model_names
+    from omnisight.ray_camera import RayCamera
+    from omnisight.rig import Rig
     from omnisight.targets import Checkerboard, Detection, find_boards
     from omnisight.views import (
         Remapper,
@@ -30,11 +32,13 @@ if TYPE_CHECKING:
 _HOME = {
     "calibrate": ("BoardViews", "Calibration", "calibrate_camera", "calibrate_pictures"),
     "camera": ("Camera",),
-    "formats": ("load", "save"),
+    "formats": ("load", "load_rig", "save", "save_rig"),
     "geometry.pose": ("Pose",),
     "geometry.rotation": ("look",),
     "images": ("read_image", "write_image"),
     "models": ("CameraModel", "model_class", "model_names"),
+    "ray_camera": ("RayCamera",),
+    "rig": ("Rig",),
     "targets": ("Checkerboard", "Detection", "find_boards"),
     "views": (
         *("Remapper", "cube_face", "cylinder", "fisheye", "mercator"),
@@ -51,7 +55,9 @@ __all__ = [
     "Checkerboard",
     "Detection",
     "Pose",
+    "RayCamera",
     "Remapper",
+    "Rig",
     "calibrate_camera",
     "calibrate_pictures",
     "cube_face",
@@ -59,6 +65,7 @@ __all__ = [
     "find_boards",
     "fisheye",
     "load",
+    "load_rig",
     "look",
     "mercator",
     "model_class",
@@ -69,6 +76,7 @@ __all__ = [
     "read_image",
     "remap",
     "save",
+    "save_rig",
     "sphere",
     "write_image",
 ]

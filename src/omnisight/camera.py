@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
+from omnisight.models._resized import resized
 
 Array = NDArray[np.float64]
 
@@ -113,16 +114,7 @@ class Camera:
     def scaled(self, factor: float) -> "Camera":
         """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
         size = (round(self.width * factor), round(self.height * factor))
-        params = self.model.params.copy()
-        for i, parameter in enumerate(self.model.parameters):
-            name = parameter.name
-            if name in ("cx", "cy"):
-                params[i] = (params[i] + 0.5) * factor - 0.5
-            elif parameter.unit == "px":
-                params[i] *= factor
-            elif name[0] == "a" and name[1:].isdigit():  # f(r) = a0 + a2 r^2 ... with r in pixels
-                params[i] *= factor ** (1 - int(name[1:]))
-        return dataclasses.replace(self, model=self.model.with_params(params), size=size, covariance=None)
+        return dataclasses.replace(self, model=resized(self.model, factor), size=size, covariance=None)
 
     def samples(self, theta_max: float | None = None, count: int = 41) -> tuple[Array, Array]:
         """Give bearings (N, 3) and their pixels (N, 2) over the picture, up to an angle from the axis (radians).

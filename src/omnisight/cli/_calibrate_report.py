@@ -1,9 +1,9 @@
 """What `omnisight calibrate` says when it is done."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,11 @@ from omnisight.cli._draw import rows_of_pictures
 from omnisight.cli._standouts import standouts
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
+from omnisight.ray_camera import RayCamera
 from omnisight.targets import BoardSearch, Checkerboard
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 STYLES = {Level.GOOD: "bold green", Level.USABLE: "bold yellow", Level.DO_NOT_USE: "bold red"}
 
@@ -43,7 +47,7 @@ def rows(search: BoardSearch, names: Sequence[str], calibration: Calibration) ->
 def as_json(
     result: PicturesCalibration,
     names: Sequence[str],
-    camera: Camera,
+    camera: Camera | RayCamera,
     seconds: Mapping[str, float],
     more: Mapping[str, Any],
 ) -> None:
@@ -74,8 +78,9 @@ def print_report(
     names: Sequence[str],
     seconds: Mapping[str, float],
     written: Written | None,
+    viewpoint: "Callable[[Console], None]",
 ) -> None:
-    """Print the tables and what to make of them."""
+    """Print the tables and what to make of them; `viewpoint` prints whether rays meet in a point."""
     search, calibration = result.search, result.calibration
     from rich.table import Table
 
@@ -107,6 +112,7 @@ def print_report(
     out.print(calibration.reason, soft_wrap=True)
     if trust.ceiling is not None:
         out.print(f"ceiling: {trust.ceiling}.", soft_wrap=True)
+    viewpoint(out)
     if calibration.candidates and calibration.state.warp.any():
         out.print(_bent(search, calibration), soft_wrap=True)
     out.print(

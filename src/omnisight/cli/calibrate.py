@@ -50,7 +50,8 @@ def calibrate(
         Kalibr's (YAML).
     model
         A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and
-        the one that explains best what it was not calibrated on is taken.
+        the one that explains best what it was not calibrated on is taken. Or axial: a camera whose viewpoint moves
+        along its axis.
     method
         omnisight, or ocamcalib: Scaramuzza's original steps, to compare with; both errors are printed.
     drop
@@ -81,15 +82,18 @@ def calibrate(
     """
     begun = time.perf_counter()
     from omnisight.calibrate import calibrate_pictures
+    from omnisight.calibrate.rays import ask, calibrate_rays
     from omnisight.calibrate.trust.checks import FEWEST
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._names import drawings, labels, spare
+    from omnisight.cli._viewpoint import print_viewpoint, viewpoint_json
     from omnisight.formats import save
     from omnisight.images import collect_images
-    from omnisight.models import model_class
+    from omnisight.models import model_names
+    from omnisight.optics.models import ray_model_names
 
     # What cannot work is said before the work.
     for file in (output, report):
@@ -97,8 +101,13 @@ def calibrate(
             must_be_writable(file)
     if output is not None and report is not None and output.resolve() == report.resolve():
         raise ValueError(f"{output}: is named for the camera and for the report; give two files")
-    if model != "auto":
-        model_class(model)
+    if model not in (known := ("auto", *model_names(), *ray_model_names())):
+        raise ValueError(f"unknown camera model {model!r}; there are: {', '.join(known)}")
+    rays = model in ray_model_names()
+    if rays and method == "ocamcalib":
+        raise ValueError(
+            f"--method ocamcalib calibrates cameras whose rays meet in a point, and --model {model} is none"
+        )
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures, clips=True)
     if draw is not None:
@@ -119,7 +128,7 @@ def calibrate(
         result = calibrate_pictures(
             search,
             names=names,
-            model=model,
+            model="auto" if rays else model,
             loss=loss,
             square=square_pixels,
             flat=flat,
@@ -132,9 +141,12 @@ def calibrate(
             from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
 
             classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=tell)
+        unit = "squares" if result.search.board is None else result.search.board.unit
+        asked = ask(result.calibration, unit=unit)
+        traced = calibrate_rays(result.calibration, model, unit=unit, loss=loss) if rays else None
     solved = time.perf_counter()
     camera = result.calibration.camera if classic is None else classic_camera(classic, result.calibration)
-    camera = _with_provenance(camera, result.search)
+    camera = _with_provenance(camera if traced is None else traced.camera, result.search)
     # The result first: what is drawn afterwards cannot lose it. A disk that is full by now loses the file, not the
     # figures: those are printed all the same, with --json the camera among them.
     written, failure = None, None
@@ -148,9 +160,10 @@ def calibrate(
         "total": time.perf_counter() - begun,
     }
     if json:
-        as_json(result, names, camera, seconds, {} if classic is None else {"ocamcalib": steps(classic)})
+        more: dict[str, Any] = {} if classic is None else {"ocamcalib": steps(classic)}
+        as_json(result, names, camera, seconds, {**more, **viewpoint_json(asked, traced)})
     else:
-        print_report(result, names, seconds, written)
+        print_report(result, names, seconds, written, lambda out: print_viewpoint(out, asked, traced))
         if classic is not None:
             print_classic(classic, result.calibration)
     if failure is not None:
@@ -168,7 +181,7 @@ def calibrate(
 
         own = _with_provenance(result.calibration.camera, result.search)
         command = ["omnisight", *sys.argv[1:]]
-        write_report(result, own, report, names=names, command=command, apply_exif=apply_exif)
+        write_report(result, own, report, names=names, command=command, apply_exif=apply_exif, asked=asked)
         if not json:
             print(f"report: {report}")
 

@@ -14,6 +14,7 @@ def convert(
     model: str | None = None,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     name: str | None = None,
+    distance: str | None = None,
     max_theta: float | None = None,
     max_error: float = 1.0,
     force: bool = False,
@@ -33,6 +34,9 @@ def convert(
         The file to write; beside the camera's file unless told otherwise.
     name
         Which camera, where the file holds several.
+    distance
+        Of a camera whose rays do not meet in a point: how far what it looks at is, with its unit (2m, or inf). The
+        central camera that fits there is written.
     max_theta
         Fit only up to this angle from the axis, degrees, instead of the calibrated cone.
     max_error
@@ -42,10 +46,11 @@ def convert(
     """
     import numpy as np
 
+    from omnisight.cli._central import central_camera
     from omnisight.conversion import conversions, convert_model
-    from omnisight.formats import format_named, load, save
+    from omnisight.formats import format_named, save
 
-    source = load(camera, name=name)
+    source = central_camera(camera, name=name, distance=distance)
     chosen = format_named(to)
     limit = None if max_theta is None else float(np.radians(max_theta))
     if model is not None and model not in chosen.MODELS:

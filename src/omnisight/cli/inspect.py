@@ -40,24 +40,50 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
             print(f"== {key}")
         _describe(value, camera)
     if svg is not None:
+        shown = _as_seen(next(iter(cameras.values())))
+        if shown is None:
+            raise ValueError(f"{camera}: a camera of rays without a lens of its own has no r(theta) to draw")
         from omnisight.cli._profile import radial_profile, to_svg
         from omnisight.images import write_bytes
 
-        write_bytes(svg, to_svg(radial_profile(next(iter(cameras.values())))).encode())
+        write_bytes(svg, to_svg(radial_profile(shown)).encode())
         print(f"written: {svg}")
 
 
 def _describe(camera: Any, path: Path) -> None:
-    import numpy as np
-
-    from omnisight.cli._profile import radial_profile, to_text
     from omnisight.formats import format_named, format_names
+    from omnisight.ray_camera import RayCamera
 
     model = camera.model
     source = camera.provenance.get("format", "native")
     source = source if source in format_names() else "native"
     print(f"file        {path.name}: {format_named(source).TITLE}")
     print(f"model       {model.name}: {(type(model).__doc__ or '').strip().splitlines()[0]}")
+    _parameters(camera)
+    print(f"size        {camera.width} x {camera.height} px" if camera.width else "size        not in the file")
+    if isinstance(camera, RayCamera):
+        _viewpoint(camera)
+    central = _as_seen(camera)
+    curve = "" if central is None else _picture(central)
+    for key, value in camera.calibration.items():
+        _tell(key, value)
+    print("convention  x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0)")
+    print(f"its file    {format_named(source).CONVENTION}")
+    for key, value in camera.provenance.items():
+        text = str(value)
+        print(f"from        {key}: {text if len(text) < 90 else text[:87] + '...'}")
+    for key, value in camera.extra.items():
+        text = str(value)
+        print(f"also        {key}: {text if len(text) < 90 else text[:87] + '...'}")
+    if curve:
+        print()
+        print(curve)
+
+
+def _parameters(camera: Any) -> None:
+    import numpy as np
+
+    model = camera.model
     told = list(zip(model.parameters, model.params, strict=True))
     for parameter, value in told[:MOST_PARAMETERS]:
         sigma = ""
@@ -65,10 +91,48 @@ def _describe(camera: Any, path: Path) -> None:
             index = model.param_names.index(parameter.name)
             deviation = float(np.sqrt(max(camera.covariance[index, index], 0)))
             sigma = f" +- {deviation:.2g}" if deviation else " (fixed)"
-        print(f"  {parameter.name:<8} {value:14.8g}{sigma:<12} {parameter.unit:<3} {parameter.doc}")
+        unit = getattr(camera, "unit", "m") if parameter.unit == "m" else parameter.unit
+        print(f"  {parameter.name:<8} {value:14.8g}{sigma:<12} {unit:<3} {parameter.doc}")
     if len(told) > MOST_PARAMETERS:
         print(f"  ... and {len(told) - MOST_PARAMETERS} more, to {told[-1][0].name}")
-    print(f"size        {camera.width} x {camera.height} px" if camera.width else "size        not in the file")
+
+
+def _as_seen(camera: Any) -> Any:
+    """Give the central camera that r(theta) is drawn of: the lens of one whose viewpoint moves along its axis."""
+    from omnisight.camera import Camera
+    from omnisight.optics.models.axial import Axial
+
+    if isinstance(camera, Camera):
+        return camera
+    if not isinstance(camera.model, Axial):
+        return None
+    return Camera(camera.model.lens, camera.size, theta_max=camera.theta_max, theta_min=camera.theta_min)
+
+
+def _viewpoint(camera: Any) -> None:
+    import math
+
+    from omnisight.optics.models.axial import Axial
+
+    print("rays        do not meet in a point: the distance of what is seen matters")
+    print(f"lengths     in {'metres' if camera.unit == 'm' else camera.unit}")
+    if isinstance(camera.model, Axial):
+        first, last = camera.theta_min, camera.theta_max or camera.model.theta_max
+        travel = camera.model.travel(first, last)
+        said = f"{1e3 * travel:.3g} mm" if camera.unit == "m" else f"{travel:.3g} {camera.unit}"
+        print(
+            f"viewpoint   moves by {said} along the axis, {math.degrees(first):.0f} to {math.degrees(last):.0f} degrees"
+        )
+    print("central     what fits at a distance: omnisight convert --distance, view --distance")
+
+
+def _picture(camera: Any) -> str:
+    """Say how a central camera shows the world, and give its curve r(theta)."""
+    import numpy as np
+
+    from omnisight.cli._profile import radial_profile, to_text
+
+    model = camera.model
     if camera.width:
         h, v, d = _fields(camera)
         print(f"field       {h} across, {v} down, {d} corner to corner")
@@ -88,18 +152,7 @@ def _describe(camera: Any, path: Path) -> None:
     if camera.theta_max is not None:
         inner = f"from {np.degrees(camera.theta_min):.1f} " if camera.theta_min else ""
         print(f"calibrated  {inner}to {np.degrees(camera.theta_max):.1f} degrees from the axis; extrapolated past it")
-    for key, value in camera.calibration.items():
-        _tell(key, value)
-    print("convention  x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0)")
-    print(f"its file    {format_named(source).CONVENTION}")
-    for key, value in camera.provenance.items():
-        text = str(value)
-        print(f"from        {key}: {text if len(text) < 90 else text[:87] + '...'}")
-    for key, value in camera.extra.items():
-        text = str(value)
-        print(f"also        {key}: {text if len(text) < 90 else text[:87] + '...'}")
-    print()
-    print(to_text(profile))
+    return to_text(profile)
 
 
 def _tell(key: str, value: Any) -> None:

@@ -61,14 +61,14 @@ def next(
     from omnisight.calibrate.next.propose import propose
     from omnisight.calibrate.views import BoardViews
     from omnisight.cli._board import asked_board, search_boards
+    from omnisight.cli._central import central_camera
     from omnisight.cli._names import labels
     from omnisight.cli._next_report import as_json, print_report
-    from omnisight.formats import load
     from omnisight.images import collect_images
 
     if not 1 <= count <= MOST:
         raise ValueError(f"--count is {count}: give 1 to {MOST} pictures to propose")
-    source = load(camera)
+    source = central_camera(camera, takes=False)
     paths = collect_images(pictures, clips=True)
     if draw is not None:
         _must_be_apart(draw, paths)

@@ -41,6 +41,7 @@ def view(
     mark: bool = False,
     view_camera: Path | None = None,
     scale_camera: bool = False,
+    distance: str | None = None,
     apply_exif: bool = False,
     quiet: bool = False,
 ) -> None:
@@ -93,6 +94,8 @@ def view(
         Write the view's own camera, whose rotation is in its provenance.
     scale_camera
         The pictures were resized since the calibration: scale the camera to them.
+    distance
+        Of a camera whose rays do not meet in a point: how far what it looks at is, with its unit (2m, or inf).
     apply_exif
         Turn pictures as their EXIF orientation says.
     quiet
@@ -100,13 +103,14 @@ def view(
     """
     import numpy as np
 
+    from omnisight.cli._central import central_camera
     from omnisight.cli._names import outputs, spare
-    from omnisight.formats import load, save
+    from omnisight.formats import save
     from omnisight.images import collect_images, read_image, write_image
     from omnisight.views.maps import extrapolated
     from omnisight.views.remapper import Remapper
 
-    source = load(camera)
+    source = central_camera(camera, distance=distance)
     target, rotations = _target(to, fov, size, elevation, azimuth, projection, (yaw, pitch, roll), up, flip)
     paths = collect_images(pictures)
     several = len(paths) > 1

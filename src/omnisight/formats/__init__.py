@@ -4,6 +4,17 @@ A format is found by its file. Reading goes by what a file holds, never by its n
 """
 
 from omnisight.formats._protocol import Format, FormatError, Written
-from omnisight.formats._registry import format_named, format_names, load, load_all, save
+from omnisight.formats._registry import format_named, format_names, load, load_all, load_rig, save, save_rig
 
-__all__ = ["Format", "FormatError", "Written", "format_named", "format_names", "load", "load_all", "save"]
+__all__ = [
+    "Format",
+    "FormatError",
+    "Written",
+    "format_named",
+    "format_names",
+    "load",
+    "load_all",
+    "load_rig",
+    "save",
+    "save_rig",
+]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import json
 import pkgutil
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,8 @@ from omnisight.camera import Camera
 from omnisight.formats._binary import to_bytes, to_text
 from omnisight.formats._protocol import Format, FormatError, Written
 from omnisight.images import write_bytes
+from omnisight.ray_camera import RayCamera
+from omnisight.rig import Rig
 
 LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
 # What reading a damaged file runs into, where no check of its own says it better.
@@ -33,7 +36,7 @@ def format_named(name: str) -> Format:
     return cast(Format, importlib.import_module(f"omnisight.formats.{name}"))
 
 
-def load(path: str | Path, *, name: str | None = None) -> Camera:
+def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
     """Read a camera from a calibration file of any format, told by what it holds.
 
     Parameters
@@ -58,7 +61,7 @@ def load(path: str | Path, *, name: str | None = None) -> Camera:
     return next(iter(cameras.values()))
 
 
-def load_all(path: str | Path) -> dict[str, Camera]:
+def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
     """Read every camera of a calibration file of any format, by name."""
     text = _read(Path(path))
     for name in format_names():
@@ -67,7 +70,7 @@ def load_all(path: str | Path) -> dict[str, Camera]:
             continue
         source = {"file": Path(path).name, "format": name}
         try:
-            cameras = {
+            cameras: dict[str, Camera | RayCamera] = {
                 key: dataclasses.replace(camera, provenance=dict(camera.provenance) or source)
                 for key, camera in candidate.parse(text).items()
             }
@@ -83,7 +86,9 @@ def load_all(path: str | Path) -> dict[str, Camera]:
     )
 
 
-def save(camera: Camera, path: str | Path, *, format: str = "native", max_error: float = float("inf")) -> Written:
+def save(
+    camera: Camera | RayCamera, path: str | Path, *, format: str = "native", max_error: float = float("inf")
+) -> Written:
     """Write a camera, read it again, and report the difference.
 
     The file appears whole or not at all.
@@ -105,6 +110,8 @@ def save(camera: Camera, path: str | Path, *, format: str = "native", max_error:
         If the format cannot hold the camera's model, reads back too far off, or the file cannot be written.
     """
     chosen = format_named(format)
+    if isinstance(camera, RayCamera):
+        return _save_rays(camera, Path(path), chosen, format)
     try:
         text, notes = chosen.render(camera)
         again = next(iter(chosen.parse(text).values()))
@@ -115,11 +122,66 @@ def save(camera: Camera, path: str | Path, *, format: str = "native", max_error:
         raise FormatError(
             f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing is written"
         )
+    _write(path, text)
+    return Written(Path(path), error_px, notes)
+
+
+def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> Written:
+    """Write a camera of rays, which only our own format holds."""
+    if format != "native":
+        raise FormatError(
+            f"{path}: {chosen.TITLE} holds cameras whose rays meet in a point, and this one's do not"
+            f" ({camera.model.name}): save it as native, or save the central camera that fits at the distance of what"
+            " you look at: RayCamera.central, omnisight convert --distance"
+        )
+    from omnisight.formats.native import parse, render
+
+    text, notes = render(camera)
+    again = parse(text)["camera"]
+    if not np.array_equal(again.model.params, camera.model.params):
+        raise FormatError(f"{path}: {chosen.TITLE}: does not read back as it is; nothing is written")
+    _write(path, text)
+    return Written(path, 0.0, notes)
+
+
+def load_rig(path: str | Path) -> Rig:
+    """Read a rig from omnisight's JSON.
+
+    Raises
+    ------
+    FormatError
+        If it is none, or is damaged.
+    """
+    from omnisight.formats.native import TITLE, rig_from_json
+
+    text = _read(Path(path))
+    try:
+        rig = rig_from_json(json.loads(text))
+    except DAMAGED as error:
+        said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
+        raise FormatError(f"{path}: {TITLE} of a rig: {said}") from error
+    return dataclasses.replace(rig, provenance={"file": Path(path).name, "format": "native"})
+
+
+def save_rig(rig: Rig, path: str | Path) -> Path:
+    """Write a rig as omnisight's JSON; the file appears whole or not at all.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be written.
+    """
+    from omnisight.formats.native import rig_to_json
+
+    _write(path, json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n")
+    return Path(path)
+
+
+def _write(path: str | Path, text: str) -> None:
     try:
         write_bytes(path, to_bytes(text))
     except OSError as error:
         raise FormatError(str(error)) from error
-    return Written(Path(path), error_px, notes)
 
 
 def difference_px(camera: Camera, other: Camera) -> float:

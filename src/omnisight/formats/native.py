@@ -1,4 +1,4 @@
-"""omnisight's own JSON."""
+"""omnisight's own JSON: a camera, a camera of rays, or a rig of several."""
 
 import json
 from collections.abc import Mapping
@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.formats._checks import number, numbers
 from omnisight.formats._protocol import note_unknown
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import nearest
 from omnisight.models import model_class, model_names
+from omnisight.optics.catadioptric import Catadioptric
+from omnisight.optics.models import ray_model_class
+from omnisight.ray_camera import RayCamera
+from omnisight.rig import Rig
 
 TITLE = "omnisight JSON"
 SUFFIX = ".json"
@@ -20,6 +26,10 @@ VERSION = 1
 _FIRST = {"format", "version", "model", "params", "units", "size", "convention", "theta_max_deg", "theta_min_deg"}
 KEYS = _FIRST | {"calibration", "covariance", "provenance", "rms_definition"}
 RMS = "root mean square of the residual's length |d|, px, over all corners"
+CAMERA, RAYS, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
+UNITS = ("m", "squares")
+# By how much a rotation of a file may be none.
+SKEWED = 1e-6
 
 
 def matches(text: str) -> bool:
@@ -27,37 +37,85 @@ def matches(text: str) -> bool:
     return text.lstrip().startswith("{") and '"omnisight' in text[:2000]
 
 
-def parse(text: str) -> Mapping[str, Camera]:
-    """Read the camera."""
+def parse(text: str) -> Mapping[str, Camera | RayCamera]:
+    """Read the camera, or those of a rig by their names."""
     data: Any = json.loads(text)
-    if data.get("format") != "omnisight-camera":
-        raise ValueError(f'"format" is {data.get("format")!r}, not "omnisight-camera"')
-    if not isinstance(data.get("version"), int) or data["version"] > VERSION:
-        raise ValueError(f"version {data.get('version')!r}; this omnisight reads up to {VERSION}: update it")
+    if data.get("format") == RIG:
+        rig = rig_from_json(data)
+        return dict(zip(rig.names, rig.cameras, strict=True))
+    return {"camera": camera_from_json(data)}
+
+
+def camera_from_json(data: Any) -> Camera | RayCamera:
+    """Read a camera from the object that a file holds."""
+    central = _checked(data, (CAMERA, RAYS)) == CAMERA
     if missing := sorted({"model", "params", "size"} - set(data)):
         raise ValueError(f"missing {', '.join(missing)}")
     size = data["size"]
     if not (isinstance(size, list) and len(size) == 2 and all(isinstance(s, int) and 0 <= s < 10**6 for s in size)):
         raise ValueError(f'"size" must be [width, height], got {size!r}')
-    if data["version"] is True or data["version"] < 1:
-        raise ValueError(f"version {data['version']!r} is none")
     for name in ("calibration", "provenance"):
         if not isinstance(data.get(name) or {}, dict):
             raise ValueError(f'"{name}" must be an object, got {data[name]!r:.60}')
-    model = model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()})
     theta_max, theta_min = _cone(data)
+    common: dict[str, Any] = {
+        "theta_max": theta_max,
+        "theta_min": theta_min,
+        "calibration": data.get("calibration") or {},
+        "provenance": data.get("provenance") or {},
+    }
     covariance = data.get("covariance")
-    camera = Camera(
-        model,
-        (size[0], size[1]),
-        theta_max=theta_max,
-        theta_min=theta_min,
-        calibration=data.get("calibration") or {},
-        covariance=None if covariance is None else _covariance(covariance, len(model.params)),
-        provenance=data.get("provenance") or {},
-        extra=note_unknown(data, KEYS),
-    )
-    return {"camera": camera}
+    if not central:
+        # Names of lenses and mirrors are the things here that are no numbers.
+        values = {k: v if isinstance(v, str) else number(v, k) for k, v in data["params"].items()}
+        kind = Catadioptric if data["model"] == Catadioptric.name else ray_model_class(data["model"])
+        rays = kind.from_dict(values)
+        if (unit := data.get("length_unit", "m")) not in UNITS:
+            raise ValueError(f"length_unit must be {' or '.join(UNITS)}, got {unit!r}")
+        common["covariance"] = None if covariance is None else _covariance(covariance, len(rays.params))
+        extra = note_unknown(data, KEYS | {"length_unit"})
+        return RayCamera(rays, (size[0], size[1]), unit, extra=extra, **common)
+    model = model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()})
+    common["covariance"] = None if covariance is None else _covariance(covariance, len(model.params))
+    return Camera(model, (size[0], size[1]), extra=note_unknown(data, KEYS), **common)
+
+
+def rig_from_json(data: Any) -> Rig:
+    """Read a rig from the object that a file holds."""
+    _checked(data, (RIG,))
+    sensors = data.get("sensors")
+    if not isinstance(sensors, dict) or not all(isinstance(value, dict) for value in sensors.values()):
+        raise ValueError('"sensors" must be an object of cameras by name')
+    found: dict[str, tuple[Camera | RayCamera, Pose]] = {}
+    for name, sensor in sensors.items():
+        try:
+            found[name] = camera_from_json(sensor["camera"]), _pose(sensor["sensor_from_rig"])
+        except KeyError as error:
+            raise ValueError(f"sensor {name}: missing {error.args[0]}") from None
+    return Rig.of(found)
+
+
+def _pose(data: Any) -> Pose:
+    rows = data["rotation"]
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise ValueError("rotation must have 3 rows of 3 numbers")
+    rotation = np.array([numbers(row, "rotation", 3) for row in rows])
+    turned = nearest(rotation)
+    if np.abs(turned - rotation).max() > SKEWED:
+        raise ValueError(f"rotation is none: it is {np.abs(turned - rotation).max():.2g} off the nearest one")
+    return Pose(turned, np.array(numbers(data["translation"], "translation", 3)))
+
+
+def _checked(data: Any, kinds: tuple[str, ...]) -> str:
+    """Give the kind of object, or say what is wrong with its header."""
+    if not isinstance(data, dict) or data.get("format") not in kinds:
+        found = data.get("format") if isinstance(data, dict) else data
+        raise ValueError(f'"format" is {found!r:.60}, not "{CAMERA}"')
+    if not isinstance(data.get("version"), int) or data["version"] > VERSION:
+        raise ValueError(f"version {data.get('version')!r}; this omnisight reads up to {VERSION}: update it")
+    if data["version"] is True or data["version"] < 1:
+        raise ValueError(f"version {data['version']!r} is none")
+    return data["format"]
 
 
 def _cone(data: dict[str, Any]) -> tuple[float | None, float]:
@@ -79,14 +137,16 @@ def _covariance(rows: Any, count: int) -> NDArray[np.float64]:
     return matrix
 
 
-def to_json(camera: Camera) -> dict[str, Any]:
+def to_json(camera: Camera | RayCamera) -> dict[str, Any]:
     """Give the camera as the object that the file holds."""
+    rays = isinstance(camera, RayCamera)
     return {
-        "format": "omnisight-camera",
+        "format": RAYS if rays else CAMERA,
         "version": VERSION,
         "model": camera.model.name,
         "params": camera.model.to_dict(),
         "units": {p.name: p.unit or "1" for p in camera.model.parameters},
+        **({"length_unit": camera.unit} if rays else {}),
         "size": list(camera.size),
         "convention": CONVENTION,
         "theta_max_deg": None if camera.theta_max is None else float(np.degrees(camera.theta_max)),
@@ -100,6 +160,18 @@ def to_json(camera: Camera) -> dict[str, Any]:
     }
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
+def rig_to_json(rig: Rig) -> dict[str, Any]:
+    """Give the rig as the object that the file holds."""
+    sensors = {
+        name: {
+            "sensor_from_rig": {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()},
+            "camera": to_json(camera),
+        }
+        for name, camera, pose in zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True)
+    }
+    return {"format": RIG, "version": VERSION, "convention": "x_sensor = sensor_from_rig x_rig", "sensors": sensors}
+
+
+def render(camera: Camera | RayCamera) -> tuple[str, tuple[str, ...]]:
     """Give the text; nothing is lost."""
     return json.dumps(to_json(camera), indent=2, allow_nan=False) + "\n", ()

@@ -30,6 +30,7 @@ def said(m: Material) -> dict[str, Any]:
         "checks": [{"name": k.name, "level": str(k.level), "sentence": k.sentence} for k in c.verdict.checks],
         "reason": c.reason,
         "candidates": [candidate.as_dict() for candidate in c.candidates],
+        "viewpoint": None if m.asked is None else m.asked.as_dict(),
         "board": None if board is None else board.to_dict(),
         "board_unit": None if board is None else board.unit,
         "pictures": [_picture(m, picture) for picture in m.pictures],

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate import Calibration, PicturesCalibration
+from omnisight.calibrate.rays import Asked
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.report.markup import Markup, element
@@ -102,6 +103,8 @@ class Material:
         The command that made it, word by word.
     apply_exif
         As the pictures were read.
+    asked
+        Whether the viewpoint moves, if that was asked.
     """
 
     result: PicturesCalibration
@@ -109,6 +112,7 @@ class Material:
     names: Sequence[str]
     command: Sequence[str]
     apply_exif: bool = False
+    asked: Asked | None = None
 
     @property
     def calibration(self) -> Calibration:

@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from omnisight.calibrate import PicturesCalibration
+from omnisight.calibrate.rays import Asked
 from omnisight.camera import Camera
 from omnisight.images import write_bytes
 from omnisight.report.coverage import coverage
@@ -22,9 +23,10 @@ from omnisight.report.residuals import residuals
 from omnisight.report.scene import scene
 from omnisight.report.uncertainty import uncertainty
 from omnisight.report.verdict import key_figures, title, verdict
+from omnisight.report.viewpoint import viewpoint
 
 # In the order of the page.
-FIGURES = (pictures, coverage, profile, uncertainty, residuals, models, scene, parameters, downloads)
+FIGURES = (pictures, coverage, profile, uncertainty, residuals, models, viewpoint, scene, parameters, downloads)
 
 
 def write_report(
@@ -35,6 +37,7 @@ def write_report(
     names: Sequence[str],
     command: Sequence[str],
     apply_exif: bool = False,
+    asked: Asked | None = None,
 ) -> None:
     """Write a calibration as one HTML file that fetches nothing.
 
@@ -54,13 +57,15 @@ def write_report(
         The words of the command that made the calibration: the page adds `--drop` to it.
     apply_exif
         As the pictures were read.
+    asked
+        Whether the viewpoint moves: the page has a part on it where that was asked.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     """
-    text = page(Material(result, camera, names, command, apply_exif))
+    text = page(Material(result, camera, names, command, apply_exif, asked))
     # A file name that is no text in this encoding has stray surrogates.
     write_bytes(path, text.encode("utf-8", "replace"))
 
@@ -73,7 +78,7 @@ def page(m: Material) -> str:
         f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}';"
         " base-uri 'none'; form-action 'none'"
     )
-    figures = [figure(m) for figure in FIGURES]
+    figures = [shown for figure in FIGURES if (shown := figure(m)) is not None]
     head = element(
         "head",
         element("meta", charset="utf-8"),

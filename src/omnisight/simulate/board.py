@@ -1,19 +1,25 @@
-"""A printed checkerboard that stands in front of the camera."""
+"""A printed board that is held up before a camera, or stands in a scene."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
-from omnisight.targets import Checkerboard
+from omnisight.simulate.sight import Sight
+from omnisight.simulate.solids import Solid, box
+from omnisight.simulate.texture import Texture
+from omnisight.targets import Board, Checkerboard
+from omnisight.targets.printing.drawing import Disc, Shape
 
 Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
-MARGIN = 0.6  # of white paper around the squares, in squares
-INK, PAPER = 34.0, 232.0
+MARGIN = 0.6  # of white paper around the ink, in squares
+THICK = 0.08  # in squares
+INK, PAPER = 56, 232
+TEXELS, FINER = 40, 4  # of a square's side, and parts of a texel that are looked at
+LARGEST = 8192  # texels along a side
 
 
 @dataclass(frozen=True)
@@ -23,71 +29,98 @@ class BoardInScene:
     Attributes
     ----------
     board
-        The checkerboard.
+        Of any kind whose lengths are known; a checkerboard without has squares of 1.
     cam_from_board
-        Its pose, in the unit of `Checkerboard.points`; it is printed on the side that looks along its own -z.
+        Its pose, in the unit of `Board.points`; it is printed on the side that looks along its own -z.
     """
 
-    board: Checkerboard
+    board: Board
     cam_from_board: Pose
 
-    @property
-    def side(self) -> float:
-        """Of a square."""
-        return self.board.square or 1.0
-
-    @property
-    def distance(self) -> float:
-        """From the camera to the board's middle."""
-        return float(np.linalg.norm(self.cam_from_board @ self.board.points.mean(0)))
-
-    def corners(self, camera: Camera) -> Array:
-        """Give the exact pixels (N, 2) of the inner corners, in the order of `board.points`; NaN where not valid."""
+    def corners(self, camera: Sight) -> Array:
+        """Give the exact pixels (N, 2) of its points, in the order of `board.points`; NaN where not valid."""
         return camera.project(self.cam_from_board @ self.board.points)[0]
 
     def outline(self, per_side: int = 24) -> Array:
-        """Give points (N, 3) around the paper's edge, in the camera's frame."""
+        """Give points (N, 3) around the edges of the front and the back, in the camera's frame."""
         t = np.linspace(0, 1, per_side, endpoint=False)[:, None]
-        low = np.full(2, -1 - MARGIN)
-        high = np.array((self.board.columns, self.board.rows)) + MARGIN
+        low, high = _paper(self.board)
         turns = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
         edge = np.concatenate([turns[i] + t * (turns[i + 1] - turns[i]) for i in range(4)])
-        return self.cam_from_board @ (np.pad(edge, ((0, 0), (0, 1))) * self.side)
+        thick = THICK * _measured(self.board).quiet
+        return self.cam_from_board @ np.concatenate(
+            [np.pad(edge, ((0, 0), (0, 1)), constant_values=z) for z in (0, thick)]
+        )
 
     def faces_camera(self) -> bool:
-        """Say whether the camera sees the printed side."""
+        """Say whether a camera in the origin sees the printed side."""
         return float(self.cam_from_board.rotation[:, 2] @ self.cam_from_board.translation) > 0
 
-    def trace(self, bearings: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Give the brightness (rows, columns) that bearings (rows, columns, 3) meet, and which of them meet paper.
-
-        Edges between squares are averaged over the spacing of the grid: exact corners need more than sampling.
-        """
-        rotation, position = self.cam_from_board.rotation, self.cam_from_board.translation
-        eye = (-rotation.T @ position / self.side).astype(np.float32)
-        rays = bearings @ rotation.astype(np.float32)
-        with np.errstate(all="ignore"):
-            distance = -eye[2] / rays[..., 2]
-            x, y = eye[0] + distance * rays[..., 0], eye[1] + distance * rays[..., 1]
-            across, inside_x = _wave(x, self.board.columns)
-            down, inside_y = _wave(y, self.board.rows)
-            squares = np.minimum(inside_x, inside_y)
-            hit = (distance > 0) & (_beyond(x, self.board.columns) < MARGIN) & (_beyond(y, self.board.rows) < MARGIN)
-        black = squares * (1 + across * down) / 2 * self.faces_camera()
-        # Light falls from above, a little more on one end of the paper.
-        shade = 0.86 + 0.14 * float(abs(rotation[:, 2] @ position) / np.linalg.norm(position))
-        slope = 1 - 0.06 * np.clip(x / self.board.columns + y / self.board.rows, -0.4, 2.4)
-        return ((PAPER + (INK - PAPER) * black) * shade * slope).astype(np.float32), hit
+    def solid(self, world_from_cam: Pose, name: str) -> Solid:
+        """Give it as a part of a scene."""
+        return standing(self.board, world_from_cam @ self.cam_from_board, name)
 
 
-def _wave(x: Floats, count: int) -> tuple[Floats, Floats]:
-    """Give +1 on even squares and -1 on odd ones along one axis, and 1 on squares and 0 beside them; both averaged."""
-    span = np.sum([np.abs(np.gradient(x, axis=i)) for i in (0, 1) if x.shape[i] > 1], axis=0) + np.float32(1e-6)
-    edge = np.clip(np.rint(x), 0, count - 1)
-    sign = np.where(edge % 2 == 0, 1, -1)
-    return sign * np.clip(2 * (x - edge) / span, -1, 1), np.clip(0.5 - _beyond(x, count) / span, 0, 1)
+def standing(board: Board, world_from_board: Pose, name: str) -> Solid:
+    """Give a board at a place in a scene, printed on a sheet that its points lie on; its back is white."""
+    low, high = _paper(board)
+    thick = THICK * _measured(board).quiet
+    textures = {"near": printed(board), "other": Texture.plain((PAPER, PAPER, PAPER))}
+    return box((*low, 0.0), (*high, thick), textures, name).moved(world_from_board)
 
 
-def _beyond(x: Floats, count: int) -> Floats:
-    """Give how far x lies beyond the squares, in squares; negative on them."""
-    return np.abs(x - np.float32((count - 1) / 2)) - np.float32((count + 1) / 2)
+@cache
+def printed(board: Board) -> Texture:
+    """Give a board's print: each texel as dark as ink covers it.
+
+    Raises
+    ------
+    ValueError
+        If the board has too many squares for a picture of it.
+    """
+    known = _measured(board)
+    low, high = _paper(board)
+    columns, rows = (round(float(side) * TEXELS / known.quiet) * FINER for side in high - low)
+    if max(columns, rows) > LARGEST * FINER:
+        raise ValueError(f"the {board} board is too fine to be drawn")
+    ink = np.zeros((rows, columns), np.bool_)
+    for shape in known.drawing():
+        _fill(ink, shape, low, np.array((columns, rows)) / (high - low))
+    cover = ink.reshape(rows // FINER, FINER, columns // FINER, FINER).mean((1, 3))
+    gray = np.rint(PAPER + (INK - PAPER) * cover).astype(np.uint8)
+    return Texture(np.repeat(gray[..., None], 3, -1))
+
+
+def _fill(ink: NDArray[np.bool_], shape: Shape, low: Array, scale: Array) -> None:
+    """Blacken, or whiten, the samples whose middles lie in a shape."""
+    if isinstance(shape, Disc):
+        corners = np.array(shape.centre) + shape.radius * np.array([(-1, -1), (1, 1)])
+    else:
+        corners = np.array(shape.corners)
+    corners = (corners - low) * scale - 0.5
+    left, top = np.maximum(np.floor(corners.min(0)).astype(int), 0)
+    right, bottom = np.ceil(corners.max(0)).astype(int) + 1
+    window = ink[top:bottom, left:right]
+    v, u = np.mgrid[top : top + window.shape[0], left : left + window.shape[1]]
+    if isinstance(shape, Disc):
+        x, y = (np.array(shape.centre) - low) * scale - 0.5
+        inside = ((u - x) / scale[0]) ** 2 + ((v - y) / scale[1]) ** 2 < shape.radius**2
+    else:
+        inside = np.zeros(window.shape, np.bool_)
+        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, 0), strict=True):
+            if y0 != y1:  # a line to the right from the sample crosses this edge
+                inside ^= ((y0 > v) != (y1 > v)) & (u < x0 + (v - y0) * (x1 - x0) / (y1 - y0))
+    window[inside] = not shape.white
+
+
+def _measured(board: Board) -> Board:
+    """Give the board with a side of 1 for its squares where none is known."""
+    return replace(board, square=1.0) if isinstance(board, Checkerboard) and board.square is None else board
+
+
+def _paper(board: Board) -> tuple[Array, Array]:
+    """Give the top left and the bottom right corner of the paper, in the frame of the board's points."""
+    known = _measured(board)
+    left, top, right, bottom = known.extent
+    margin = MARGIN * known.quiet
+    return np.array((left - margin, top - margin)), np.array((right + margin, bottom + margin))

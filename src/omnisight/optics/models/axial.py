@@ -36,12 +36,12 @@ class Axial(RayModel):
 
         s(theta) = (theta/sin(theta) - 1) (e0 + e1 theta^2 + e2 theta^4 ...)
 
-    (Gennery, Generalized camera calibration including fish-eye lenses, IJCV 68, 2006, eq. 11: there for the entrance
-    pupil of a fisheye.) A constant is left out: a camera moved along its axis is the same camera, so that s(0) = 0. For
-    mirrors it is as good: what a ray misses the origin by, s sin(theta) = (theta - sin(theta)) (e0 + ...), is smooth up
-    to 180 degrees, as it is for a sphere, whose rays far out pass the axis at a distance. Two coefficients leave 0.1 %
-    of the travel of a sphere seen from afar and 2 % of that of a hyperbola off its focus, three some 5 % of these; a
-    polynomial in theta^2 leaves a hundred times as much of the sphere.
+    (Gennery, Generalized camera calibration including fish-eye lenses, IJCV 68, 2006, where it is the entrance pupil of
+    a fisheye; the model is known as CAHVORE). A constant is left out: a camera moved along its axis is the same camera,
+    so that s(0) = 0. For mirrors it is as good: what a ray misses the origin by, s sin(theta) = (theta - sin(theta))
+    (e0 + ...), is smooth up to 180 degrees, as it is for a sphere, whose rays far out pass the axis at a distance. Two
+    coefficients leave 0.1 % of the travel of a sphere, seen to 145 degrees, and 2 % of that of a hyperbola off its
+    focus, three a sixth of these or less; polynomials in theta^2 leave up to a hundred times as much of the sphere.
 
     Valid for points past the place where neighbouring rays cross (the caustic), at positive distance along their ray.
 

@@ -1,4 +1,4 @@
-"""What hangs and stands in the room, drawn onto a face; places are (left, top, width, height) in metres."""
+"""What hangs and stands in rooms, drawn onto a face; places are (left, top, width, height) in metres."""
 
 from typing import Any
 
@@ -108,8 +108,8 @@ def shelves(face: Bytes, place: Place, rng: np.random.Generator) -> None:
             x = x_end
 
 
-def sideboard(face: Bytes, place: Place, rng: np.random.Generator) -> None:
-    """Stand a low cupboard with a plant and a bowl on it."""
+def sideboard(face: Bytes, place: Place) -> None:
+    """Stand a low cupboard of three doors."""
     import cv2
 
     front = framed(face, place, (122, 86, 58), (100, 68, 44), border=0.03)
@@ -118,19 +118,10 @@ def sideboard(face: Bytes, place: Place, rng: np.random.Generator) -> None:
         corners = (round(columns * (i / 3 + 0.015)), 10), (round(columns * ((i + 1) / 3 - 0.015)), rows - 10)
         cv2.rectangle(front, *corners, (138, 98, 66), -1)
         cv2.circle(front, ((corners[0][0] + corners[1][0]) // 2, rows // 3), 7, (214, 190, 130), -1, SOFT)
-    left, top, width, _ = place
-    foot = point(left + width * 0.2, top)
-    for _ in range(26):
-        tip = foot + np.array(point(*rng.normal((0, -0.33), (0.13, 0.08))))
-        green = tuple(int(c) for c in rng.integers((40, 84, 36), (92, 140, 70)))
-        cv2.line(face, tuple(foot), tuple(tip), green, 9, SOFT)
-    cut(face, (left + width * 0.2 - 0.08, top - 0.15, 0.16, 0.15))[:] = (190, 104, 70)
-    bowl = tuple(point(left + width * 0.7, top - 0.09))
-    cv2.ellipse(face, bowl, (40, 22), 0, 0, 180, (70, 110, 140), -1, SOFT)
 
 
-def rug(face: Bytes, place: Place) -> None:
-    """Lay a rug of nested frames."""
+def rug(face: Bytes, place: Place, rng: np.random.Generator) -> None:
+    """Lay a rug of nested frames, worn here and there."""
     import cv2
 
     cloth = cut(face, place)
@@ -144,16 +135,10 @@ def rug(face: Bytes, place: Place) -> None:
         for size, colour in ((1.0, (44, 64, 92)), (0.5, (226, 204, 164))):
             diamond = np.array([[0, -0.14], [0.11, 0], [0, 0.14], [-0.11, 0]]) * rows * size
             cv2.fillPoly(cloth, [(middle + diamond).astype(np.int32)], colour, SOFT)
-
-
-def lamp(face: Bytes, place: tuple[float, float], radius: float) -> None:
-    """Hang a round lamp with its glow."""
-    v, u = np.mgrid[: face.shape[0], : face.shape[1]].astype(np.float32) / PIXELS_PER_METRE
-    away = np.hypot(u - place[0], v - place[1]) / radius
-    glow = np.where(away < 1, 40, 26 * np.exp(1 - np.maximum(away, 1)))[..., None]
-    face[:] = np.clip(face + glow, 0, 255).astype(np.uint8)
-    ring = (away > 1) & (away < 1.08)
-    face[ring] = (176, 176, 172)
+    knots = rng.normal(0, 9, ((rows + 2) // 3, (columns + 2) // 3)).astype(np.float32)
+    knots += cv2.resize(rng.normal(0, 7, (24, 30)).astype(np.float32), knots.shape[::-1], interpolation=cv2.INTER_CUBIC)
+    pile = cv2.resize(knots, (columns, rows), interpolation=cv2.INTER_LINEAR)
+    cloth[:] = np.clip(cloth + pile[..., None], 0, 255).astype(np.uint8)
 
 
 def outdoors(picture: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:

@@ -1,0 +1,170 @@
+"""Whether pictures ask for a camera whose viewpoint moves, and what a central one leaves."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibrate.calibration import Calibration
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.rays.fitting import axial_of, clearly_better
+from omnisight.calibrate.rays.left import METRES, WIDTHS, Left, corners
+from omnisight.calibrate.trust.ceiling import ENOUGH
+from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.optics.models.axial import Axial
+
+Array = NDArray[np.float64]
+
+# Coefficients of the place on the axis: one follows most fisheyes, and mirrors need the second.
+COEFFICIENTS = 2
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A central camera beside the same lens with a viewpoint that moves along the axis.
+
+    Attributes
+    ----------
+    needed
+        Whether pictures held out are explained better so, by more than chance.
+    open
+        Whether they would be, but a central spline explains them better still: then the lens' profile may be what the
+        camera lacks, and not the viewpoint.
+    central_rms, axial_rms
+        Root mean square residual of the two on pictures held out, px.
+    travel, travel_sigma
+        How far the viewpoint moves between the first and the last angle where corners were seen, and its standard
+        deviation.
+    unit
+        Of the lengths: "m" or "squares".
+    widths
+        The distances in widths of the board; None where they are in metres.
+    left
+        What the central camera leaves at three distances.
+    axial
+        The other candidate.
+    """
+
+    needed: bool
+    open: bool
+    central_rms: float
+    axial_rms: float
+    travel: float
+    travel_sigma: float
+    unit: str
+    widths: tuple[float, ...] | None
+    left: Left
+    axial: Candidate
+
+    def length(self, value: float) -> str:
+        """Write a length in its unit, metres as mm or m."""
+        if self.unit != "m":
+            return f"{value:.2g} {self.unit}"
+        return f"{value:g} m" if value >= 0.1 else f"{1e3 * value:.2g} mm"
+
+    def distance(self, k: int) -> str:
+        """Say a distance of `left`."""
+        if self.widths is None:
+            return self.length(float(self.left.distances[k]))
+        return f"{self.widths[k]:g} board width{'s' if self.widths[k] != 1 else ''}"
+
+    def __str__(self) -> str:
+        """Say it in one sentence."""
+        held = f"{self.axial_rms:.3f} px on pictures held out, against {self.central_rms:.3f} px of one that stands"
+        moving = (
+            f"a viewpoint that moves along the axis, by {self.length(self.travel)} ± {self.length(self.travel_sigma)},"
+        )
+        if self.needed:
+            return f"the rays do not meet in a point: {moving} has {held}"
+        if self.open:
+            return f"it is open whether the rays meet in a point: {moving} has {held}; a central spline has less"
+        return f"the rays meet in a point, as far as these pictures tell: {moving} has {held}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the figures by name; angles in degrees."""
+        left = self.left
+        return {
+            "needed": self.needed,
+            "open": self.open,
+            "central_held_out_rms": _known(self.central_rms),
+            "axial_held_out_rms": _known(self.axial_rms),
+            "travel": _known(self.travel),
+            "travel_sigma": _known(self.travel_sigma),
+            "unit": self.unit,
+            "central_leaves": [
+                {
+                    "distance": float(left.distances[k]),
+                    "max_px": _known(left.worst_pixels[k]),
+                    "rms_px": _known(left.rms_pixels[k]),
+                    "max_deg": _known(np.degrees(left.worst_angles[k])),
+                    "rms_deg": _known(np.degrees(left.rms_angles[k])),
+                    "theta_deg": [round(float(t), 3) for t in np.degrees(left.theta)],
+                    "px": [_known(p) for p in left.pixels[k]],
+                }
+                for k in range(len(left.distances))
+            ],
+        }
+
+
+def ask(calibration: Calibration, *, unit: str = "squares") -> Asked | None:
+    """Ask a calibration's pictures whether a viewpoint that moves along the axis explains them better.
+
+    The chosen camera is fitted once more so, and both are asked about pictures held out. It costs about as much as one
+    more candidate.
+
+    Parameters
+    ----------
+    calibration
+        The central calibration; None comes back if it was not asked about pictures held out.
+    unit
+        Of the boards: "m", or "squares" where their size is not known.
+    """
+    best = calibration.candidates[0]
+    if best.held_out_lengths is None:
+        return None
+    views, usable = calibration.views, ~calibration.outliers
+    ceiling = calibration.trust.ceiling
+    if len(views) > ENOUGH:  # the same that the ceiling has
+        some = np.unique(np.linspace(0, len(views) - 1, ENOUGH).round().astype(np.intp))
+        rows = views.rows(some)
+        best = replace(best, state=best.state.part(some), held_out_lengths=best.held_out_lengths[rows])
+        views, usable = views.subset(some), usable[rows]
+    axial = axial_of(best, views, COEFFICIENTS, loss="huber").held_out(views, usable, loss="huber")
+    better = clearly_better(axial, best, views, usable)
+    doubtful = better and ceiling is not None and clearly_better(ceiling.candidate, axial, views, usable)
+    camera, model = calibration.camera, axial.state.model
+    assert isinstance(model, Axial)
+    cone = camera.theta_min, camera.theta_max or model.theta_max
+    width = float(np.ptp(views.extent, axis=0).max())
+    distances = METRES if unit == "m" else tuple(width * times for times in WIDTHS)
+    points = corners(axial.state, views, usable)
+    assert best.held_out_lengths is not None
+    return Asked(
+        better and not doubtful,
+        doubtful,
+        float(np.sqrt((best.held_out_lengths[usable] ** 2).mean())),
+        axial.held_out_rms or 0.0,
+        model.travel(*cone),
+        travel_sigma(axial, model, cone, camera_covariance(axial, views, loss="huber")),
+        unit,
+        None if unit == "m" else WIDTHS,
+        Left.of(best.state.model, model, points, size=camera.size, cone=cone, distances=distances),
+        axial,
+    )
+
+
+def travel_sigma(candidate: Candidate, model: Axial, cone: tuple[float, float], covariance: Array) -> float:
+    """Give the standard deviation of the way between the two ends of the travel."""
+    theta = np.linspace(cone[0], min(cone[1], model.theta_max), 181)
+    s = model.start(theta)
+    ends = theta[[int(s.argmin()), int(s.argmax())]]
+    count = len(model.pupil)
+    unit = [Axial(model.lens, tuple(np.eye(count)[k])).start(ends) for k in range(count)]
+    way = np.array([two[1] - two[0] for two in unit])
+    return float(np.sqrt(max(way @ covariance[-count:, -count:] @ way, 0.0)))
+
+
+def _known(value: float) -> float | None:
+    """Give a figure as JSON holds it; None where it is not known."""
+    return float(value) if np.isfinite(value) else None

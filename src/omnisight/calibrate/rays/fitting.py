@@ -1,0 +1,92 @@
+"""Fitting cameras of rays to boards: the same bundle adjustment as for central ones."""
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from omnisight.calibrate.candidates import TIE, Candidate
+from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.pose import plane_poses, settled_poses
+from omnisight.calibrate.refine import refine
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import OUTSIDE, State
+from omnisight.calibrate.views import BoardViews
+from omnisight.models import CameraModel
+from omnisight.optics.models.axial import Axial
+from omnisight.optics.ray_model import RayModel
+
+Array = NDArray[np.float64]
+
+# Cost, as a share, that a fit may still have to fall.
+TOLERANCE = 1e-6
+
+
+def with_rays(state: State, model: RayModel) -> State:
+    """Give the state with a camera of rays: a bundle asks of it what it asks of any camera."""
+    return replace(state, model=cast(CameraModel, model))
+
+
+def fit(name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: str) -> Candidate:
+    """Refine a camera on all pictures, from a state that is near."""
+    spread = Spread.of(start, views, loss)
+    while True:
+        state = refine(start, views, freedom=freedom, spread=spread, tolerance=TOLERANCE).state
+        before, spread = spread, Spread.of(state, views, loss)
+        if spread.like(before):
+            break
+        start = state
+    lengths = state.lengths(views)
+    return Candidate(name, state, freedom, float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
+
+
+def axial_of(central: Candidate, views: BoardViews, count: int, *, loss: str) -> Candidate:
+    """Let the viewpoint of a central candidate move along its axis, with so many coefficients.
+
+    Of the lens is estimated what was: pixels that were held square stay so.
+    """
+    start = with_rays(central.state, Axial(central.state.model, (0.0,) * count))
+    directions = block_diag(central.freedom.directions, np.eye(count))
+    freedom = Freedom(np.asarray(directions, float), central.freedom.warp)
+    return fit(f"axial {central.name}, {count}", start, views, freedom, loss=loss)
+
+
+def placed(model: RayModel, views: BoardViews) -> State:
+    """Pose every board for a camera that is nearly known, as if its rays began where they do in the mean.
+
+    Raises
+    ------
+    ValueError
+        If the camera's rays explain too few of the corners of a picture.
+    """
+    origins, bearings, valid = model.rays(views.pixels)
+    if not valid.any():
+        raise ValueError(
+            f"{model.name}: the camera to start from has no ray for any corner; is it for this picture size?"
+        )
+    centre = origins[valid].mean(0)
+    rotations, translations = plane_poses(views, bearings)
+    if not (known := np.isfinite(translations).all(1)).all():
+        name = views.names[int(np.argmin(known))]
+        raise ValueError(f"{model.name}: the camera to start from has rays for too few corners of {name}; leave it out")
+    rotations, translations = settled_poses(views, bearings, rotations, translations)
+    state = State(cast(CameraModel, model), rotations, translations + centre)
+    return refine(state, views, freedom=Freedom.none(state.model), iterations=30).state
+
+
+def clearly_better(one: Candidate, other: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:
+    """Say whether a candidate explains pictures held out better than another by more than chance.
+
+    By more than a hundredth of the other's, and by more than the standard error, over the pictures, of the difference
+    of their squares; only corners that lie inside both cameras' domains count.
+    """
+    assert one.held_out_lengths is not None
+    assert other.held_out_lengths is not None
+    mine, its = one.held_out_lengths, other.held_out_lengths
+    use = usable & (mine < OUTSIDE) & (its < OUTSIDE)
+    if np.sqrt((mine[use] ** 2).mean()) >= (1 - TIE) * np.sqrt((its[use] ** 2).mean()):
+        return False
+    gained = np.bincount(views.view_of_row, np.where(use, its**2 - mine**2, 0.0), len(views))
+    return bool(gained.mean() > gained.std(ddof=1) / np.sqrt(len(views)))

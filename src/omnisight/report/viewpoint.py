@@ -1,0 +1,103 @@
+"""Whether the rays meet in a point, and what a camera that says so leaves near and far."""
+
+import numpy as np
+
+from omnisight.calibrate.rays import Asked
+from omnisight.report.axes import Axes, chart
+from omnisight.report.markup import Markup, element, together
+from omnisight.report.material import LEAST, Figure, Material
+
+# How the distances are drawn, the nearest first.
+LINES = ("other", "curve", "ideal ideal-0")
+
+
+def viewpoint(m: Material) -> Figure | None:
+    """Draw the error of the central camera over the angle at each distance; nothing where it was not asked."""
+    asked = m.asked
+    if asked is None:
+        return None
+    sentence = str(asked)
+    good = (
+        "Pictures held out that are explained no better by a viewpoint that moves, and errors below the residuals"
+        " themselves at the distances you work at."
+    )
+    do = (
+        "Calibrate with --model axial if you measure nearer or farther than the boards were: the file then has a ray,"
+        " place and bearing, for each pixel."
+        if asked.needed or asked.open
+        else "Nothing, as long as you work at the distances of the boards. To be surer of the travel, hold boards very"
+        " near and far, out to the rim: only the two together tell a viewpoint that moves from a lens."
+    )
+    return Figure(
+        "viewpoint",
+        "Whether the rays meet in a point",
+        together(
+            element("p", f"{sentence[:1].upper()}{sentence[1:]}.", class_="lead"),
+            _chart(asked),
+            element("div", _table(asked), class_="scroll"),
+        ),
+        (
+            "A central camera has one point that all rays pass. In most fisheyes that point moves with the angle, by"
+            " millimetres, and in mirrors that are not made and mounted for it, by more. The same camera was fitted"
+            " with a viewpoint that moves along its axis; drawn is by how much the central camera then puts a point"
+            " beside its place, root mean square around the axis, for points at three distances. It stands where it"
+            " agrees best with the boards. What it leaves is hardly known where the travel is no larger than its"
+            " standard deviation.",
+            good,
+            do,
+        ),
+        "Viewpoint",
+    )
+
+
+def _chart(asked: Asked) -> Markup:
+    degrees, left = np.degrees(asked.left.theta), asked.left
+    top = max(float(np.nanmax(left.pixels, initial=LEAST)) * 1.12, LEAST)
+    axes = Axes(
+        (float(degrees[0]), float(degrees[-1])),
+        (0.0, top),
+        "angle from the axis θ, degrees",
+        "error of the central camera, px",
+        box=(52.0, 26.0, 438.0, 248.0),
+    )
+    legend = [
+        together(
+            element("path", d=f"M{56 + 130 * k} 14h18", class_=f"line {line}"),
+            element("text", asked.distance(k), x=80 + 130 * k, y=18),
+        )
+        for k, line in enumerate(LINES)
+    ]
+    said = "; ".join(f"{asked.distance(k)}: {left.rms_pixels[k]:.2g} px" for k in range(len(LINES)))
+    return chart(
+        axes.frame(),
+        axes.inside(*(axes.line(degrees, left.pixels[k], line) for k, line in enumerate(LINES))),
+        *legend,
+        said=f"Error of the central camera over the angle from the axis, root mean square: {said}.",
+    )
+
+
+def _table(asked: Asked) -> Markup:
+    left = asked.left
+    rows = [
+        element(
+            "tr",
+            element("th", asked.distance(k), scope="row"),
+            element("td", f"{left.rms_pixels[k]:.3f}", class_="number"),
+            element("td", f"{left.worst_pixels[k]:.3f}", class_="number"),
+            element("td", f"{np.degrees(left.rms_angles[k]):.3f}", class_="number"),
+            element("td", f"{np.degrees(left.worst_angles[k]):.3f}", class_="number"),
+        )
+        for k in range(len(left.distances))
+    ]
+    columns = ("distance", "rms, px", "worst, px", "rms, degrees", "worst, degrees")
+    return element(
+        "table",
+        element("caption", "What the central camera leaves over the field"),
+        element(
+            "thead",
+            element(
+                "tr", *(element("th", t, scope="col", class_="number" if k else None) for k, t in enumerate(columns))
+            ),
+        ),
+        element("tbody", *rows),
+    )

@@ -1,0 +1,189 @@
+"""omnisight simulate."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.formats import load, save, save_rig
+from omnisight.images import read_image
+from omnisight.optics.models.axial import Axial
+from omnisight.ray_camera import RayCamera
+from omnisight.rig import Rig
+from omnisight.simulate import Renderer, scene_named
+from omnisight.simulate.trajectory import read_trajectory
+
+SMALL = om.fisheye(64, 180)
+
+
+@pytest.fixture
+def small(tmp_path):
+    return save(SMALL, tmp_path / "small.json").path
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A data set of three pictures of the lines."""
+    from omnisight import cli
+
+    place = tmp_path_factory.mktemp("set")
+    save(SMALL, place / "small.json")
+    with pytest.raises(SystemExit) as left:
+        cli.main(
+            ["simulate", "lines", "--camera", str(place / "small.json"), "--frames", "3", "-o", str(place / "out")]
+        )
+    assert not left.value.code
+    return place / "out"
+
+
+def test_the_files_are_there_and_the_readme_names_them(written):
+    text = (written / "README.txt").read_text()
+    names = {str(path.relative_to(written)) for path in written.rglob("*") if path.is_file()}
+    kinds = ("images", "depth", "normals", "instances")
+    assert names == {
+        *(f"{kind}/{i:06d}.png" for kind in kinds for i in range(3)),
+        *("README.txt", "settings.json", "poses.txt", "images.txt", "depth.txt", "camera.json", "instances.json"),
+    }
+    for name in (*(f"{kind}/" for kind in kinds), "poses.txt", "images.txt", "camera.json", "instances.json"):
+        assert name in text
+    assert json.loads((written / "settings.json").read_text())["scene"] == "lines"
+    assert (written / "images.txt").read_text().splitlines()[1] == "0.033333 images/000001.png"
+
+
+def test_what_is_read_back_is_what_is_seen_from_those_poses(written):
+    """A reader that knows the README alone gets the points of the scene."""
+    camera, motion = load(written / "camera.json"), read_trajectory(written / "poses.txt")
+    names = json.loads((written / "instances.json").read_text())
+    scene = scene_named("lines")
+    bearings, valid = camera.unproject(np.stack(np.meshgrid(np.arange(64), np.arange(64)), -1))
+    for i, pose in enumerate(motion.poses):
+        read = {
+            kind: cv2.imread(str(written / kind / f"{i:06d}.png"), cv2.IMREAD_UNCHANGED)
+            for kind in ("depth", "instances")
+        }
+        normals = cv2.imread(str(written / "normals" / f"{i:06d}.png"), cv2.IMREAD_UNCHANGED)[..., ::-1] / 65535 * 2 - 1
+        truth = Renderer(SMALL, pose, scene).truth()
+        seen = valid & (read["depth"] > 0)
+        assert seen.mean() > 0.6
+        points = pose @ (read["depth"][..., None] / 1000 * bearings)
+        close = np.abs(points - truth.points).max(-1)[seen] < 1e-3
+        assert close.mean() > 0.995  # but at edges, where the pose's last digit decides
+        assert np.mean(read["instances"][seen] == truth.instances[seen]) > 0.995
+        assert np.median(np.abs(normals - truth.normals)[seen]) < 2e-5
+    assert names[str(read["instances"][32, 32])] in scene.names
+    image = read_image(written / "images" / "000000.png")
+    assert image.shape == (64, 64, 3)
+    assert image.std() > 10
+
+
+def test_exact_truth_is_of_float32(run, small, tmp_path):
+    out, options = tmp_path / "out", ("--exact", "--jpeg", 90, "--circle", "5:80")
+    status, _, err = run("simulate", "lines", "--camera", small, "--frames", 1, *options, "-o", out)
+    assert (status, err) == (0, "")
+    depth = np.load(out / "depth" / "000000.npy")
+    pose = read_trajectory(out / "poses.txt").poses[0]
+    truth = Renderer(SMALL, pose, scene_named("lines")).truth()
+    assert depth.dtype == np.float32
+    assert np.isnan(depth).any()
+    assert np.mean(np.abs(depth - truth.depth)[~np.isnan(depth)] < 1e-5) > 0.995
+    assert (out / "images" / "000000.jpg").is_file()
+    assert "images/000000.jpg" in (out / "images.txt").read_text()
+
+
+def test_the_same_seed_writes_the_same_bytes_and_an_older_set_is_replaced(run, small, tmp_path):
+    def pictures(folder, *options):
+        status, _, err = run("simulate", "lines", "--camera", small, "--rays", 1, *options, "-o", folder)
+        assert (status, err) == (0, "")
+        return [path.read_bytes() for path in sorted((folder / "images").iterdir())]
+
+    first = pictures(tmp_path / "a", "--frames", 2)
+    assert pictures(tmp_path / "b", "--frames", 2) == first
+    assert pictures(tmp_path / "b", "--frames", 1, "--seed", 4) != first[:1]
+    assert len(list((tmp_path / "b" / "depth").iterdir())) == 1
+
+
+def test_a_folder_of_something_else_is_left_alone(refuses, small, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "README.txt").write_text("my thesis")
+    said = refuses("simulate", "lines", "--camera", small, "-o", tmp_path / "mine")
+    assert "holds something that is no data set of omnisight; name another folder" in said
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["README.txt"]
+    assert "is a file; name a folder" in refuses("simulate", "lines", "--camera", small, "-o", small)
+
+
+def test_a_trajectory_file_says_when_and_where(run, small, tmp_path):
+    (tmp_path / "way.csv").write_text("timestamp,tx,ty,tz,qx,qy,qz,qw\n10,0,0,0,0,0,0,1\n10.5,0.2,0,0,0,0,0,1\n")
+    common = ("simulate", "lines", "--camera", small, "--rays", 1, "--trajectory", tmp_path / "way.csv")
+    run(*common, "-o", tmp_path / "own")
+    own = read_trajectory(tmp_path / "own" / "poses.txt")
+    np.testing.assert_array_equal(own.times, [10, 10.5])
+    status, out, _ = run(*common, "--fps", 8, "-o", tmp_path / "even", "--json")
+    told = json.loads(out)
+    assert (status, told["frames"], told["scene"]) == (0, 5, "lines")
+    even = read_trajectory(tmp_path / "even" / "poses.txt")
+    np.testing.assert_allclose([pose.translation[0] for pose in even.poses], np.linspace(0, 0.2, 5), atol=1e-9)
+
+
+def test_a_rolling_shutter_is_said_and_seen(run, small, tmp_path):
+    common = ("simulate", "lines", "--camera", small, "--rays", 1, "--frames", 1, "--trajectory", "turn", "--noise", 0)
+    run(*common, "-o", tmp_path / "global")
+    run(*common, "--rolling-shutter", 20, "-o", tmp_path / "rolling")
+    assert "The shutter rolls over 20 ms" in (tmp_path / "rolling" / "README.txt").read_text()
+    a, b = (read_image(tmp_path / kind / "images" / "000000.png") for kind in ("global", "rolling"))
+    assert (a != b).any()
+
+
+def test_rigs_and_non_central_cameras_are_rendered(run, tmp_path):
+    lens = om.fisheye(48, 170).model
+    cameras = {
+        "left": (om.fisheye(48, 170), om.Pose(translation=np.array((0.1, 0, 0)))),
+        "right": (RayCamera(Axial(lens, (0.01, 0.0)), (48, 48)), om.Pose(om.look(180), np.array((-0.1, 0, 0)))),
+    }
+    file = save_rig(Rig.of(cameras), tmp_path / "rig.json")
+    out = tmp_path / "out"
+    status, said, err = run("simulate", "lines", "--camera", file, "--frames", 2, "--rays", 1, "-o", out)
+    assert (status, err) == (0, "")
+    assert "by each of 2 cameras" in said
+    rig = read_trajectory(out / "poses.txt")
+    for name, (_, sensor_from_rig) in cameras.items():
+        own = read_trajectory(out / name / "poses.txt")
+        expected = rig.poses[1] @ sensor_from_rig.inverse()
+        np.testing.assert_allclose(own.poses[1].translation, expected.translation, atol=1e-8)
+        assert (out / name / "images" / "000001.png").is_file()
+        assert load(out / name / "camera.json").size == (48, 48)
+    assert (out / "rig.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--rays", 5), "--rays must be 1, 4, 9 or 16, got 5"),
+        (("--frames", 0), "--frames must be from 1"),
+        (("--fps", 0), "--fps must be from 0.001"),
+        (("--vignette", 2), "--vignette must be from 0 to 1"),
+        (("--rolling-shutter", "nan"), "--rolling-shutter must be"),
+        (("--seed", -1), "--seed must not be negative"),
+        (("--jpeg", 0), "--jpeg must be from 1 to 100"),
+        (("--circle", "90:20"), "--circle must be two angles"),
+        (("--noise", -1), "noise must be from 0 to 255"),
+        (("--trajectory", "circle"), "there is no such file, and no such motion of line, loop"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(refuses, small, tmp_path, options, message):
+    assert message in refuses("simulate", "lines", "--camera", small, *options, "-o", tmp_path / "out")
+
+
+def test_unknown_scenes_and_hostile_files_are_refused(refuses, small, tmp_path):
+    assert "there is no scene 'moon'" in refuses("simulate", "moon", "--camera", small, "-o", tmp_path / "out")
+    (tmp_path / "bad.csv").write_text("1 0 0 0 0 0 0 1\n2 0 0 zero 0 0 0 1\n")
+    said = refuses("simulate", "lines", "--camera", small, "--trajectory", tmp_path / "bad.csv", "-o", tmp_path / "out")
+    assert "bad.csv, line 2: 'zero' is no number" in said
+    squares = RayCamera(Axial(SMALL.model, (0.1, 0.0)), (64, 64), unit="squares")
+    file = save(squares, tmp_path / "squares.json").path
+    assert "in squares, not metres" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
+    rig = Rig.of({"../../up": (SMALL, om.Pose())})
+    file = save_rig(rig, tmp_path / "rig.json")
+    assert "is no name for a folder" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,143 @@
+"""Boards seen by cameras whose rays do not meet in a point, traced exactly: the truth that calibrations are held to."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import omnisight as om
+from omnisight.geometry import rotation as so3
+from omnisight.geometry.sphere import polar
+from omnisight.models.equisolid import Equisolid
+from omnisight.models.pinhole import Pinhole
+from omnisight.optics import Catadioptric
+from omnisight.optics.mirrors.conic import Conic
+from omnisight.optics.placed import Placed
+
+SIZE = (1280, 1024)
+BOARD = om.Checkerboard(9, 6, 0.03)
+# From what a mirror sees (z away from the lens, in the middle of the picture back at it) to the frame of its lens.
+TURN = np.diag([-1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A lens that looks into a mirror: its frame is the lens's, turned to look at the world, in the mirror's vertex."""
+
+    system: Catadioptric
+
+    @property
+    def vertex(self):
+        pose = self.system.mirrors[0].lens_from_mirror
+        return pose.translation
+
+    def project(self, points):
+        return self.system.project(points @ TURN + self.vertex)
+
+    def rays(self, pixels):
+        origins, bearings, valid = self.system.rays(pixels)
+        return (origins - self.vertex) @ TURN, bearings @ TURN, valid
+
+
+@dataclass(frozen=True)
+class MovingPupil:
+    """An equisolid fisheye whose entrance pupil comes forward with the angle: s = travel (1 - cos(theta))."""
+
+    lens: Equisolid
+    travel: float
+
+    def project(self, points):
+        rho, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
+        low, high = np.zeros(len(points)), np.full(len(points), np.pi)
+        for _ in range(60):
+            middle = (low + high) / 2
+            start = self.travel * (1 - np.cos(middle))
+            outside = rho * np.cos(middle) > (z - start) * np.sin(middle)
+            low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+        start = self.travel * (1 - np.cos(low))
+        return self.lens.project(points - start[:, None] * (0.0, 0.0, 1.0))
+
+    def rays(self, pixels):
+        bearings, valid = self.lens.unproject(pixels)
+        return self.travel * (1 - bearings[..., 2:]) * np.array([0.0, 0.0, 1.0]), bearings, valid
+
+
+def sphere():
+    """Give a camera before a ball of 10 cm."""
+    return _before(Conic.sphere(radius=0.05, rim=0.0475), 0.1, 1500.0)
+
+
+def off_focus():
+    """Give a camera 25 mm nearer to a hyperbolic mirror than where it belongs."""
+    mirror = Conic.hyperbola(a=0.028, c=0.0385, rim=0.035)
+    return _before(mirror, 2 * 0.0385 - (0.0385 - 0.028) - 0.025, 700.0)
+
+
+def in_focus():
+    """Give the same where it belongs."""
+    mirror = Conic.hyperbola(a=0.028, c=0.0385, rim=0.035)
+    return _before(mirror, 2 * 0.0385 - (0.0385 - 0.028), 900.0)
+
+
+def moving_pupil():
+    """Give a fisheye whose pupil comes 8 mm forward on the way to 90 degrees."""
+    return MovingPupil(Equisolid(fx=380.0, fy=380.0, cx=641.2, cy=510.3), 0.008)
+
+
+def _before(mirror, distance, focal):
+    lens = Pinhole(fx=focal, fy=focal, cx=640.3, cy=511.2)
+    return Mirror(Catadioptric(lens, (Placed(mirror, tz=distance),)))
+
+
+def shown(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), distance=(0.12, 0.6)):
+    """Give boards held up all around, and their corners in the camera's frame.
+
+    Returns
+    -------
+    views, points
+        The boards as seen with noise (px), and the corners (N, 3) where they truly are.
+    """
+    rng = np.random.default_rng(seed)
+    board = BOARD.points - BOARD.points.mean(0)
+    views, points = [], []
+    for _ in range(50 * count):
+        if len(views) == count:
+            break
+        away = rng.uniform(*distance) * polar(np.array(rng.uniform(*reach)), np.array(rng.uniform(0, 2 * np.pi)))
+        there = board @ _facing(away, rng).T + away
+        pixels, valid = camera.project(there)
+        use = valid & np.all((pixels > 0) & (pixels < np.array(SIZE)), axis=1)
+        if use.sum() >= 40:
+            seen = pixels[use] + noise * rng.standard_normal((use.sum(), 2))
+            views.append((BOARD.points[use], seen))
+            points.append(there[use])
+    assert len(views) == count
+    return om.BoardViews.of(views), np.concatenate(points)
+
+
+def _facing(away, rng):
+    """Give a rotation whose z axis looks nearly along a direction."""
+    z = away / np.linalg.norm(away)
+    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
+    x /= np.linalg.norm(x)
+    upright = np.stack([x, np.cross(z, x), z], -1)
+    return so3.exp(rng.normal(0, 0.35, 3)) @ upright @ so3.exp([0, 0, rng.uniform(0, 6.28)])
+
+
+def cam_from_truth(found, truth):
+    """Give the motion that maps true points (N, 3) most nearly to those that were found.
+
+    It may be a reflection: a mirror exchanges left and right, and boards, which are flat, look the same in a world that
+    does so too.
+    """
+    a, b = truth.mean(0), found.mean(0)
+    u, _, vt = np.linalg.svd((found - b).T @ (truth - a))
+    return u @ vt, b - u @ vt @ a
+
+
+def off_by(camera, truth, views, found, points, distance):
+    """Give by how much (px) a camera puts what the true rays of corners see at a distance beside its pixel (N,)."""
+    rotation, translation = cam_from_truth(found, points)
+    pixels, _ = truth.project(points)
+    origins, bearings, _ = truth.rays(pixels)
+    there = (origins + distance * bearings) @ rotation.T + translation
+    return np.linalg.norm(camera.project(there)[0] - pixels, axis=1)

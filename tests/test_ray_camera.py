@@ -1,0 +1,132 @@
+"""Cameras of rays: what they give, and the files that hold them."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.formats import FormatError, format_names, load_all
+from omnisight.models.kannala_brandt import KannalaBrandt
+from omnisight.optics import Catadioptric
+from omnisight.optics.models.axial import Axial
+
+CAMERA = om.RayCamera(
+    Axial.example(),
+    (960, 962),
+    theta_max=np.pi / 2,
+    theta_min=np.pi / 12,
+    calibration={"rms": 0.2},
+    covariance=np.diag(np.arange(10.0)),
+    provenance={"tool": "a test"},
+    extra={"owner": "nobody"},
+)
+PIXELS = np.random.default_rng(1).uniform(0, 960, (60, 2))
+
+
+def test_points_at_a_distance_lie_there_and_are_seen():
+    for distance in (0.05, 1.0, 30.0):
+        points, valid = CAMERA.points_at(PIXELS, distance)
+        assert valid.any()
+        np.testing.assert_allclose(np.linalg.norm(points[valid], axis=1), distance)
+        np.testing.assert_allclose(CAMERA.project(points[valid])[0], PIXELS[valid], atol=1e-8)
+
+
+def test_a_distance_within_the_camera_has_no_points():
+    far = om.RayCamera(Axial(KannalaBrandt.example(), (1.0,)), (960, 962))
+    points, valid = far.points_at([[470.0, 480.0], [950.0, 480.0]], 0.3)
+    assert valid.tolist() == [True, False]
+    assert np.isnan(points[1]).all()
+
+
+def test_in_image_is_the_picture_with_its_half_pixels():
+    assert CAMERA.in_image([[-0.5, -0.5], [959.49, 961.49]]).all()
+    assert not CAMERA.in_image([[-0.51, 0], [0, 961.5], [np.nan, 3.0]]).any()
+
+
+def test_scaled_keeps_the_rays():
+    half = CAMERA.scaled(0.5)
+    assert half.size == (480, 481)
+    rays, again = CAMERA.rays(PIXELS), half.rays((PIXELS + 0.5) / 2 - 0.5)
+    np.testing.assert_allclose(again.bearings, rays.bearings, atol=1e-12)
+    np.testing.assert_allclose(again.origins, rays.origins, atol=1e-12)
+
+
+@pytest.mark.parametrize("distance", [0.2, 1.0, np.inf])
+def test_a_central_camera_agrees_at_its_distance_and_not_at_others(distance):
+    lens, error = CAMERA.central(distance)
+    assert error < 0.02
+    assert lens.name == "kannala_brandt"
+    for away in (0.2, 1.0, 1e6):
+        points, valid = CAMERA.points_at(PIXELS, away)
+        cone = valid & (np.arccos(np.clip(points[:, 2] / away, -1, 1)) < 1.5)
+        off = np.linalg.norm(lens.project(points[cone])[0] - PIXELS[cone], axis=1)
+        if min(away, 1e6) == min(distance, 1e6):
+            assert off.max() < 0.02
+        else:
+            assert off.max() > 0.5
+
+
+def test_a_central_camera_of_another_model():
+    lens, error = CAMERA.central(1.0, "double_sphere")
+    assert lens.name == "double_sphere"
+    assert error < 0.5
+
+
+@pytest.mark.parametrize("distance", [0, -1.0, np.nan])
+def test_a_distance_that_is_none_is_refused(distance):
+    with pytest.raises(ValueError, match="distance must be positive"):
+        CAMERA.central(distance)
+
+
+def test_a_size_that_is_none_is_refused():
+    with pytest.raises(ValueError, match="size must be"):
+        om.RayCamera(Axial.example(), (-1, 4))
+
+
+@pytest.mark.parametrize("model", [Axial.example(), Catadioptric.example()], ids=lambda model: model.name)
+def test_a_file_holds_all_of_it(model, tmp_path):
+    camera = dataclasses.replace(CAMERA, model=model, covariance=None, unit="squares")
+    written = om.save(camera, tmp_path / "camera.json")
+    assert written.error_px == 0
+    again = om.load(tmp_path / "camera.json")
+    assert isinstance(again, om.RayCamera)
+    assert again == camera
+
+
+def test_a_file_holds_the_covariance(tmp_path):
+    om.save(CAMERA, tmp_path / "camera.json")
+    np.testing.assert_array_equal(om.load(tmp_path / "camera.json").covariance, CAMERA.covariance)
+
+
+@pytest.mark.parametrize("name", [name for name in format_names() if name != "native"])
+def test_other_formats_refuse_it_and_say_what_to_do(name, tmp_path):
+    with pytest.raises(FormatError, match=r"rays meet in a point, and this one's do not \(axial\).*--distance"):
+        om.save(CAMERA, tmp_path / "camera", format=name)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"model": "nonsense"}, "unknown non-central camera 'nonsense'; there are: axial"),
+        ({"model": "kannala_brandt"}, "unknown non-central camera"),
+        ({"length_unit": "feet"}, "length_unit must be m or squares, got 'feet'"),
+        ({"version": 99}, "version 99"),
+        ({"size": [3]}, "size"),
+        ({"params": {}}, "missing lens"),
+        ({"params": {"lens": "kannala_brandt", "pupil0": None}}, "pupil0 must be a number"),
+        ({"params": {"lens": "../evil"}}, "unknown camera model"),
+        ({"params": 3}, "damaged"),
+        ({"covariance": [[1.0]]}, "covariance must have 10 rows"),
+        ({"theta_max_deg": 1e9}, "theta_max_deg"),
+        ({"format": "omnisight-nonsense"}, "'omnisight-nonsense'"),
+    ],
+)
+def test_a_damaged_file_says_what_is_wrong(change, said, tmp_path):
+    om.save(CAMERA, tmp_path / "camera.json")
+    data = json.loads((tmp_path / "camera.json").read_text())
+    (tmp_path / "camera.json").write_text(json.dumps(data | change))
+    with pytest.raises(FormatError, match=said):
+        load_all(tmp_path / "camera.json")

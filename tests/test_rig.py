@@ -1,0 +1,170 @@
+"""Rigs: cameras on one body, heads that see all around, and the files that hold them."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.formats import FormatError, load_all
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.sphere import cap
+from omnisight.optics.models.axial import Axial
+from omnisight.rig import Rig, back_to_back, ladybug, surround_car
+
+HEADS = [pytest.param(make(), id=make.__name__) for make in (back_to_back, ladybug, surround_car)]
+every_head = pytest.mark.parametrize("rig", HEADS)
+FAR = 1000 * cap(np.pi, 50)
+ELEVATION = np.degrees(np.arcsin(-FAR[:, 1] / 1000))
+LENS = om.Camera(om.model_class("kannala_brandt").example(), (960, 962))
+
+
+def pair():
+    """Give a central camera and one of rays, the second turned to the right and a metre away."""
+    rays = om.RayCamera(Axial.example(), (960, 962), theta_max=1.2)
+    return Rig.of({"left": (LENS, Pose()), "right": (rays, Pose(om.look(yaw=90), np.array([0.0, 0.0, -1.0])))})
+
+
+@every_head
+def test_rays_and_projections_agree(rig):
+    for name, camera in zip(rig.names, rig.cameras, strict=True):
+        at = np.random.default_rng(0).uniform(0, 1, (50, 2)) * (np.array(camera.size) - 1)
+        origins, bearings, valid = rig.rays(name, at)
+        np.testing.assert_allclose(np.linalg.norm(bearings[valid], axis=1), 1)
+        pixels, seen = rig.project((origins + 3 * bearings)[valid])
+        assert seen[rig.index(name)].all()
+        np.testing.assert_allclose(pixels[rig.index(name)], at[valid], atol=1e-8)
+
+
+@every_head
+def test_every_camera_stands_where_its_rays_begin(rig):
+    for k, pose in enumerate(rig.sensor_from_rig):
+        origins = rig.rays(k, [[300.0, 300.0], [500.0, 400.0]]).origins
+        np.testing.assert_allclose(pose @ origins, 0, atol=1e-12)
+
+
+def test_two_fisheyes_see_the_whole_sphere_and_share_a_belt():
+    rig = back_to_back()
+    seen = rig.sees(FAR)
+    assert seen.any(0).all()
+    angle = np.degrees(np.arccos(FAR[:, 2] / 1000))
+    np.testing.assert_array_equal(seen[0], angle <= 100)
+    np.testing.assert_array_equal(seen.all(0), np.abs(angle - 90) <= 10)
+
+
+def test_a_ring_of_five_sees_all_but_the_poles():
+    rig = ladybug()
+    assert len(rig) == 5
+    seen = rig.sees(FAR)
+    assert seen.any(0)[np.abs(ELEVATION) < 72].all()
+    assert not seen.any(0)[np.abs(ELEVATION) > 80].any()
+    assert (seen.sum(0)[np.abs(ELEVATION) < 30] <= 2).all()
+    # Of every seam two cameras see both sides.
+    for k in range(5):
+        seam = 1000 * om.look(yaw=72 * k + 36).T @ (0.0, 0.0, 1.0)
+        assert np.flatnonzero(rig.sees(seam)).tolist() == sorted((k, (k + 1) % 5))
+
+
+def test_a_car_sees_the_ground_and_the_horizon_all_around():
+    rig = surround_car()
+    x, z = (g.ravel() for g in np.meshgrid(np.linspace(-6, 6, 25), np.linspace(-7, 7, 29)))
+    ground = np.stack([x, 0 * x, z], -1)
+    outside = (np.abs(x) > 1.2) | (np.abs(z) > 2.4)
+    assert rig.sees(ground)[:, outside].any(0).all()
+    assert rig.sees(FAR)[:, np.abs(ELEVATION) < 15].any(0).all()
+    # Each corner of the car is seen by the two cameras beside it.
+    for name, corner in (("right", (3.0, 0.0, 4.0)), ("left", (-3.0, 0.0, 4.0))):
+        assert {"front", name} <= {rig.names[k] for k in np.flatnonzero(rig.sees(corner))}
+
+
+def test_a_camera_of_rays_rides_along():
+    rig = pair()
+    pixels, valid = rig.project([[0.0, 0.0, 2.0], [5.0, 0.0, 0.0]])
+    assert pixels.shape == (2, 2, 2)
+    assert valid.shape == (2, 2)
+    assert rig.sees([5.0, 0.0, 0.0]).tolist() == [True, True]
+    assert rig.sees([0.3, 0.0, 2.0]).tolist() == [True, False]
+
+
+def test_any_leading_shape_is_kept():
+    pixels, valid = pair().project(np.ones((3, 4, 3)))
+    assert (pixels.shape, valid.shape) == ((2, 3, 4, 2), (2, 3, 4))
+    assert pair().sees(np.ones((0, 3))).shape == (2, 0)
+    assert pair().rays("left", np.ones((2, 5, 2))).bearings.shape == (2, 5, 3)
+
+
+@every_head
+def test_scaled_keeps_the_rays(rig):
+    half = rig.scaled(0.5)
+    at = np.array([[200.0, 300.0], [500.0, 400.0]])
+    np.testing.assert_allclose(half.rays(1, (at + 0.5) / 2 - 0.5).bearings, rig.rays(1, at).bearings, atol=1e-12)
+    assert half.cameras[0].width == round(rig.cameras[0].width / 2)
+
+
+def test_part_keeps_order_and_names():
+    some = ladybug().part([3, "cam1"])
+    assert some.names == ("cam3", "cam1")
+    assert some.sensor_from_rig[1] is not None
+    np.testing.assert_array_equal(some.rays(0, [3.0, 4.0]).origins, ladybug().rays(3, [3.0, 4.0]).origins)
+
+
+def test_what_does_not_fit_together_is_refused():
+    with pytest.raises(ValueError, match="as many cameras as poses and names, got 1, 0 and 1"):
+        Rig((LENS,), (), ("a",))
+    with pytest.raises(ValueError, match="must differ, got a, a"):
+        Rig((LENS, LENS), (Pose(), Pose()), ("a", "a"))
+    with pytest.raises(ValueError, match="no camera 'up'; the rig has left, right"):
+        pair().rays("up", [0.0, 0.0])
+    with pytest.raises(ValueError, match="no camera 2; the rig has 2"):
+        pair().rays(2, [0.0, 0.0])
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        pair().names = ()
+
+
+@pytest.mark.parametrize("rig", [*HEADS, pytest.param(pair(), id="pair")])
+def test_a_file_holds_all_of_it(rig, tmp_path):
+    om.save_rig(rig, tmp_path / "rig.json")
+    again = om.load_rig(tmp_path / "rig.json")
+    assert again.names == rig.names
+    assert [c.model for c in again.cameras] == [c.model for c in rig.cameras]
+    for a, b in zip(again.sensor_from_rig, rig.sensor_from_rig, strict=True):
+        np.testing.assert_allclose(a.rotation, b.rotation, atol=1e-15)
+        np.testing.assert_array_equal(a.translation, b.translation)
+    # Each of its cameras is a camera like any.
+    assert list(load_all(tmp_path / "rig.json")) == list(rig.names)
+    assert om.load(tmp_path / "rig.json", name=rig.names[1]).model == rig.cameras[1].model
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: d.update(sensors=3), "sensors"),
+        (lambda d: d["sensors"].update(left={}), "sensor left: missing camera"),
+        (
+            lambda d: d["sensors"]["left"]["sensor_from_rig"].update(rotation=[[2, 0, 0], [0, 1, 0], [0, 0, 1]]),
+            "rotation",
+        ),
+        (lambda d: d["sensors"]["left"]["sensor_from_rig"].update(translation=[0, 0]), "translation"),
+        (lambda d: d["sensors"]["left"]["sensor_from_rig"].update(translation=[0, 0, float("nan")]), "translation"),
+        (lambda d: d["sensors"]["left"]["camera"].update(model="nonsense"), "nonsense"),
+        (lambda d: d.update(format="omnisight-camera"), "omnisight-camera"),
+        (lambda d: d.update(version="1"), "version"),
+    ],
+)
+def test_a_damaged_file_says_what_is_wrong(change, said, tmp_path):
+    om.save_rig(pair(), tmp_path / "rig.json")
+    data = json.loads((tmp_path / "rig.json").read_text())
+    change(data)
+    (tmp_path / "rig.json").write_text(json.dumps(data))
+    with pytest.raises(FormatError, match=said):
+        om.load_rig(tmp_path / "rig.json")
+
+
+def test_a_reflection_is_no_rotation(tmp_path):
+    om.save_rig(pair(), tmp_path / "rig.json")
+    data = json.loads((tmp_path / "rig.json").read_text())
+    data["sensors"]["left"]["sensor_from_rig"]["rotation"] = np.diag([-1.0, 1.0, 1.0]).tolist()
+    (tmp_path / "rig.json").write_text(json.dumps(data))
+    with pytest.raises(FormatError, match="rotation is none"):
+        om.load_rig(tmp_path / "rig.json")
