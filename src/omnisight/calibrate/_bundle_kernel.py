@@ -3,13 +3,12 @@
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
-import numba
 import numpy as np
 
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+from omnisight.compiled import outer
 
 
-@numba.njit(**_OPTIONS)
+@outer
 def place(corners, bows, warp, view, rotations, translations):
     """Give corners (N, 3) of boards in the camera's frame, and only turned into it; each of the view (N,) it is in."""
     points, turned = np.empty((len(corners), 3)), np.empty((len(corners), 3))
@@ -24,7 +23,7 @@ def place(corners, bows, warp, view, rotations, translations):
     return points, turned
 
 
-@numba.njit(**_OPTIONS)
+@outer
 def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, view, rotations):
     """Give the weighted residuals (2 N,) and what they depend on, as far as boards do not share it.
 
@@ -77,7 +76,7 @@ def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, vi
     return residuals, jacobian, cross, local, gradient
 
 
-@numba.njit(**_OPTIONS)
+@outer
 def weighted_lengths(pixels, seen, roots, outside):
     """Give the lengths (N,) of the weighted residuals; `outside` where there is none."""
     lengths = np.empty(len(pixels))

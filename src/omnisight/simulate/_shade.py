@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from omnisight.simulate._compiled import inner, outer
+from omnisight.compiled import inner, outer
 from omnisight.simulate._shapes import BALL, RECTANGLE, TUBE, chart, place
 from omnisight.simulate._trace import first_hit, to_local, world_normal
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from omnisight.simulate._compiled import inner
+from omnisight.compiled import inner
 
 RECTANGLE, BOX, BALL, TUBE, ROOF = range(5)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnisight.simulate._compiled import inner, outer
+from omnisight.compiled import inner, outer
 from omnisight.simulate._shapes import meet, normal
 
 

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ._compiled import inner, outer
+from omnisight.compiled import inner, outer
 
 FIGURES = 8
 """u, v, the covariance's three entries, amplitude, blur, explained share."""

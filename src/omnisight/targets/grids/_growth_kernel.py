@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ._compiled import inner, outer
+from omnisight.compiled import inner, outer
 
 _NEGATIVE = -0.3
 """Neighbours on a checkerboard are negatives of each other: their rings correlate below this."""

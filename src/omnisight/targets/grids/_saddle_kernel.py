@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from ._compiled import outer
+from omnisight.compiled import outer
 
 
 @outer
