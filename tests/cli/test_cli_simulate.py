@@ -126,6 +126,16 @@ def test_a_trajectory_file_says_when_and_where(run, small, tmp_path):
     np.testing.assert_allclose([pose.translation[0] for pose in even.poses], np.linspace(0, 0.2, 5), atol=1e-9)
 
 
+def test_a_camera_under_a_mirror_is_carried_looking_down(run, refuses, small, tmp_path):
+    order = ["simulate", "lines", "--camera", small, "--trajectory", "still", "--frames", 1]
+    run(*order, "--up", "back", "-o", tmp_path / "out")
+    (pose,) = read_trajectory(tmp_path / "out" / "poses.txt").poses
+    np.testing.assert_allclose(pose.rotation[:, 2], (0, 1, 0), atol=1e-6)  # its axis points to the floor
+    (tmp_path / "own.txt").write_text("0 0 0 0 0 0 0 1\n")
+    order[5] = tmp_path / "own.txt"
+    assert "the poses of a file say themselves" in refuses(*order, "--up", "back", "-o", tmp_path / "other")
+
+
 def test_a_rolling_shutter_is_said_and_seen(run, small, tmp_path):
     common = ("simulate", "lines", "--camera", small, "--rays", 1, "--frames", 1, "--trajectory", "turn", "--noise", 0)
     run(*common, "-o", tmp_path / "global")

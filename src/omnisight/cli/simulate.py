@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -22,6 +22,7 @@ def simulate(
     camera: Path,
     output: Annotated[Path, Parameter(alias="-o")],
     trajectory: str = "loop",
+    up: Literal["top", "back", "front"] = "top",
     frames: int | None = None,
     fps: float | None = None,
     rays: int = 4,
@@ -53,6 +54,9 @@ def simulate(
     trajectory
         loop, line, turn or still; or a file of world_from_cam, in the TUM format (timestamp tx ty tz qx qy qz qw) or
         CSV of the same columns: the rig's, where the camera is one.
+    up
+        How loop, line, turn and still carry the camera: top, level; back, looking down as one under a mirror does, or
+        front, looking up. A file says so itself.
     frames
         Pictures to take at most: 60, or as many as the file's time has.
     fps
@@ -95,7 +99,7 @@ def simulate(
     _check(frames, fps, rays, vignette, rolling_shutter, seed)
     heads = _heads(camera, circle)
     place = scene_named(scene, seed)
-    motion, times = _motion(trajectory, place.free, frames, fps)
+    motion, times = _motion(trajectory, up, place.free, frames, fps)
     dataset = Dataset.begin(output, heads, exact=exact, jpeg=jpeg)
     samples, readout = int(rays**0.5), rolling_shutter / 1e3
     with progress(quiet) as report:
@@ -117,6 +121,7 @@ def simulate(
     settings = {
         "scene": scene,
         "trajectory": trajectory,
+        "up": up,
         "frames": len(times),
         "rays": rays,
         "exposure": exposure,
@@ -143,7 +148,8 @@ def simulate(
         )
         return
     cameras = f" by each of {len(heads)} cameras" if len(heads) > 1 else ""
-    print(f"written: {output}/ ({len(times)} pictures of the {scene}{cameras}, with the truth of each pixel)")
+    count = f"{len(times)} picture{'s' if len(times) > 1 else ''}"
+    print(f"written: {output}/ ({count} of the {scene}{cameras}, with the truth of each pixel)")
     print(f"{seconds:.0f} s; {output / 'README.txt'} says what is what")
 
 
@@ -202,15 +208,21 @@ def _heads(file: Path, circle: str | None) -> list[Any]:
     return heads
 
 
-def _motion(trajectory: str, free: Any, frames: int | None, fps: float | None) -> tuple[Any, Any]:
+def _motion(trajectory: str, up: str, free: Any, frames: int | None, fps: float | None) -> tuple[Any, Any]:
     """Give the motion and the times of its pictures."""
     import numpy as np
 
-    from omnisight.simulate.trajectory import BUILT_IN, built_in, read_trajectory
+    from omnisight.geometry.pose import Pose
+    from omnisight.geometry.rotation import look
+    from omnisight.simulate.trajectory import BUILT_IN, Trajectory, built_in, read_trajectory
 
     if trajectory in BUILT_IN:
         count, rate = frames or FRAMES, fps or FPS
-        return built_in(trajectory, free, count / rate), np.arange(count) / rate
+        level = built_in(trajectory, free, count / rate)
+        carried = tuple(pose @ Pose(look(up=up)) for pose in level.poses)
+        return Trajectory(level.times, carried), np.arange(count) / rate
+    if up != "top":
+        raise ValueError(f"--up {up} is for {', '.join(BUILT_IN)}: the poses of a file say themselves where up is")
     if not Path(trajectory).is_file():
         raise ValueError(
             f"--trajectory {trajectory}: there is no such file, and no such motion of {', '.join(BUILT_IN)}"
