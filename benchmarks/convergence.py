@@ -37,7 +37,7 @@ MODELS = tuple(name for name in model_names() if issubclass(model_class(name), C
 # A model can represent a lens that it follows this closely over the part of it where boards are, px (rms).
 ABLE = 1.0
 EXCESS = 1e-3
-TINY = 1e-4  # px: residuals this long are nothing
+TINY = 1e-3  # px: residuals this long are nothing
 NOISES, OUTLIERS, VIEWS = (0.0, 0.2, 1.0), (0.0, 0.1), (4, 10, 20, 60)
 
 

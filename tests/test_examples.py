@@ -21,6 +21,7 @@ EXPECTED = {
     "06_video_remapper": ({"last.jpg"}, "fps"),
     "07_mirror_dimensions": ({"parabola.json", "hyperbola.json", "ellipse.json"}, "xi = 0.95135"),
     "08_rig": ({"rig.json", "front.jpg", "back.jpg", "sphere.jpg"}, "100.0 % of the sphere"),
+    "09_surround": ({"car.json", "front.jpg", "right.jpg", "back.jpg", "left.jpg", "above.jpg"}, "98 % of the ground"),
 }
 
 
