@@ -32,13 +32,13 @@ def test_a_mirror_is_told_with_all_that_is_needed_to_make_it(design, tmp_path):
     assert (status, err) == (0, "")
     for said in (
         "mirror      a hyperboloid, the lens in its far focus",
-        "shape       radius at the vertex 17.93 mm, eccentricity 1.2817, conic constant -1.6428 (a 27.89 mm, b 22.",
-        "rim         60 mm across, 18.78 mm deep",
+        "shape       convex, radius at the vertex 17.9302 mm, eccentricity 1.28171, conic constant -1.64279 (a 27.89",
+        "rim         60 mm across, 18.7773 mm deep; half way out 5.69333 mm deep",
         "lens        focal length 4.847 mm, 40.0 degrees across the mirror; its entrance pupil 63.65 mm from",
         "viewpoint   7.858 mm above the vertex, single",
         "field       from 20.0 degrees above the horizon to 78.2 below it, 360 around",
         "blind       11.8 degrees around straight down, 33 px: the camera itself",
-        "picture     941 px across; sensor 1280x960 px of 3.75 um",
+        "picture     941 px across, 98 percent of the shorter side; sensor 1280x960 px of 3.75 um",
         "model       unified, xi 0.96997, gamma 314.35 px",
         "tilted 1°",
         "for things 1 m away",
@@ -94,6 +94,21 @@ def test_the_camera_file_is_that_of_the_design(design, tmp_path, kind):
     assert abs(pixel[0] - 639.5) == pytest.approx(0.98 * 480, rel=1e-9)
 
 
+@pytest.mark.parametrize("kind", ["spherical", "conical"])
+def test_a_design_without_a_viewpoint_is_written_with_its_lens_and_mirror(design, tmp_path, kind):
+    status, out, err = design("--kind", kind, *WITHIN.get(kind, FIELD), "--camera", "camera.json")
+    assert (status, err) == (0, "")
+    assert "written     camera.json; rendered pictures: omnisight simulate room --camera camera.json" in out
+    camera = load(tmp_path / "camera.json")
+    assert (type(camera), camera.model.name, camera.size) == (om.RayCamera, "catadioptric", (1280, 960))
+    # Angles are from the lens' axis, up into the mirror: the rim shows 20 degrees above the horizon.
+    assert np.degrees(camera.theta_min) == pytest.approx(70)
+    rim = camera.rays([639.5 + 0.98 * 480 * (1 - 1e-9), 479.5])
+    assert np.degrees(np.arctan2(rim.bearings[0], rim.bearings[2])) == pytest.approx(70, abs=1e-5)
+    points = rim.origins + 2.0 * rim.bearings
+    np.testing.assert_allclose(camera.project(points)[0], [639.5 + 0.98 * 480, 479.5], atol=1e-5)
+
+
 def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
     """A picture that shows each direction's elevation in red and azimuth in green, through the camera file and view."""
     assert design(*FIELD, "--sensor", "640x480", "--camera", "camera.json")[0] == 0
@@ -121,7 +136,7 @@ def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
         (("--up", 80), "no mirror shows more than 70.0 degrees up to it, --up is 80: ask for less up, or for a longer"),
         (
             ("--down", 85),
-            "the camera hides what is more than 78.2 degrees below the horizon, --down is 85: ask for less",
+            "the camera hides what is more than 78.1 degrees below the horizon, --down is 85: ask for less",
         ),
         (("--kind", "round"), "unknown kind of mirror 'round'; there are: hyperbolic, parabolic, spherical, conical"),
         (
@@ -129,7 +144,7 @@ def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
             "a cone shows as many degrees of elevation as half its lens, 12.4 here, and 80",
         ),
         (("--kind", "parabolic", "--focal", "8mm"), "leave the focal length out, or choose a hyperbolic mirror"),
-        (("--kind", "spherical", "--camera", "camera.json"), "a spherical mirror has no single viewpoint"),
+        (("--pixel", "3.75mm"), "the pixel is 0.00375 m, the most thought of is 0.0001 m: is its unit right?"),
         (("--focal", "8"), "--focal: the length '8' has no unit: write 8mm"),
         (("--pixel", "big"), "--pixel: cannot read the length 'big'"),
         (("--pixel", "0um"), "--pixel: the length"),

@@ -99,7 +99,7 @@ def within(system, corners):
 
 
 @every_system
-@pytest.mark.parametrize(("near", "far"), [(1e-3, 1e-2), (0.03, 10.0), (1e3, 1e6)])
+@pytest.mark.parametrize(("near", "far"), [(1e-4, 1e-2), (0.03, 10.0), (1e3, 1e6)])
 def test_every_point_of_the_field_is_found_at_its_pixel(system, near, far):
     if isinstance(system.lens, Orthographic):
         far = min(far, 1e4)  # of parallel rays a pixel is a place: rounding of the point alone moves it
@@ -248,6 +248,7 @@ def test_what_a_mirror_cannot_show_is_not_valid():
         "inside it": [0.0, 0.01, 0.15],
         "no point": [np.nan, 0.0, 1.0],
         "no place": [np.inf, 0.0, 1.0],
+        "too far to be squared": [1e200, 0.0, 0.0],
     }
     pixels, valid = system.project(np.array(list(hidden.values())))
     assert not valid.any(), [name for name, v in zip(hidden, valid, strict=True) if v]
@@ -265,6 +266,34 @@ def test_what_is_shown_is_what_some_pixel_sees():
     points = ray.origins + 1e6 * np.stack([np.sin(theta), 0 * theta, np.cos(theta)], -1)
     _, valid = system.project(points)
     np.testing.assert_array_equal(valid, theta >= limit)
+
+
+@pytest.mark.parametrize("name", ["conic-oblique", "ball-oblique", "cone-decentred", "asphere-on-axis", "ring-on-axis"])
+def test_what_is_said_to_be_hidden_is_not_found_from_elsewhere(name, monkeypatch):
+    # All around, near and far: as many points are shown as if the search went on after the first answer.
+    system = SYSTEMS[name]
+    rng = np.random.default_rng(7)
+    points = rng.normal(size=(600, 3))
+    points *= np.exp(rng.uniform(-4, 7, (600, 1))) / np.linalg.norm(points, axis=-1, keepdims=True)
+    points[:, 2] += 0.12
+    _, valid = system.project(points)
+    assert 0.1 < valid.mean() < 0.97
+    monkeypatch.setattr(Catadioptric, "_hidden", lambda _self, _u, points: np.zeros(len(points), bool))
+    np.testing.assert_array_equal(system.project(points)[1], valid)
+
+
+def test_every_ray_that_is_valid_has_a_place_and_a_bearing():
+    # All of a ball's picture, its very limb included, and pixels that are none.
+    system = SYSTEMS["ball-oblique"]
+    placed = system.mirrors[0]
+    phi = np.linspace(0, 2 * np.pi, 600)
+    for share in (1.0, 1 - 1e-16, 1 - 1e-12):
+        rho = 0.04 * share
+        at = np.stack([rho * np.cos(phi), rho * np.sin(phi), np.full_like(phi, BALL.sag(rho))], -1)
+        pixels, seen = PINHOLE.project(placed.lens_from_mirror @ at)
+        rays = system.rays(np.concatenate([pixels[seen], [[np.nan, 0.0], [np.inf, 0.0], [1e300, 1.0]]]))
+        for part in (rays.origins, rays.bearings):
+            np.testing.assert_array_equal(np.isfinite(part).all(-1), rays.valid)
 
 
 def test_a_smaller_rim_shows_less_and_nothing_else():

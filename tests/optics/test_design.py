@@ -201,12 +201,20 @@ def test_a_larger_mirror_in_proportion_shows_the_same(kind):
         ({"kind": "conical", "down": 30.0, "focal": 0.004}, "elevation as half its lens, 23.8 here, and 50 are"),
         (
             {"kind": "conical", "down": 60.0},
-            "as half its lens, 80.0 here, and no mirror shows more than 10.0 degrees up",
+            "10.0 degrees up to it, --up is 20: ask for less up or down; twice up and once down",
         ),
         ({"kind": "parabolic", "focal": 0.004}, "needs a telecentric lens"),
         ({"diameter": 0.0}, "the diameter must be a positive length, got 0.0"),
         ({"pixel": np.nan}, "the pixel must be a positive length"),
         ({"size": (10, 10)}, "too few for a picture"),
+        ({"size": (10**6, 960)}, "the sensor has 1000000x960 px: too many for a picture"),
+        ({"pixel": 3.75e-3}, "the pixel is 0.00375 m, the most thought of is 0.0001 m: is its unit right?"),
+        ({"focal": 8.0}, "the focal length is 8 m, the most thought of is 1 m: is its unit right?"),
+        ({"diameter": 50.0}, "the diameter is 50 m"),
+        (
+            {"focal": 0.9},
+            "sees the mirror within 0.2246 degrees, less than the 0.4 that are",
+        ),
         ({"kind": "spherical", "diameter": 0.06, "distance": 0.004}, "shows 20 degrees up needs a lens 5.6"),
         ({"diameter": 0.001, "distance": 30.0}, "is too far for a mirror of 1mm"),
         ({"diameter": 0.06, "distance": 0.06, "focal": 0.02}, "px wide, the sensor 960: take 4.625mm, a smaller"),
@@ -219,7 +227,7 @@ def test_what_cannot_be_says_why_and_what_to_change(given, said):
 
 
 def test_a_camera_in_the_way_is_told():
-    with pytest.raises(ValueError, match=r"hides what is more than 78\.2 degrees below the horizon, --down is 85"):
+    with pytest.raises(ValueError, match=r"hides what is more than 78\.1 degrees below the horizon, --down is 85"):
         performance(design_mirror(order(down=85.0)))
     assert performance(design_mirror(order(down=85.0, body=0.005))).blind.theta < np.radians(5)
 
@@ -235,9 +243,15 @@ def test_a_small_mirror_is_not_moved_out_of_sight():
     ]
 
 
-def test_things_nearer_than_the_rays_are_apart_are_told():
-    with pytest.raises(ValueError, match=r"rays pass the viewpoint at up to .*mm, and the working distance is 5mm"):
-        performance(design_mirror(order("spherical", working_distance=0.005)))
+def test_as_much_may_be_asked_for_as_is_said_to_be_left():
+    assert performance(design_mirror(order(down=78.1))).blind.theta < np.radians(11.9)
+    with pytest.raises(ValueError, match=r"more than 78\.1 degrees below the horizon, --down is 78\.2:"):
+        performance(design_mirror(order(down=78.2)))
+
+
+def test_things_within_the_mirror_are_told():
+    with pytest.raises(ValueError, match=r"the mirror is 60mm wide: what is 20mm from the viewpoint lies within it"):
+        performance(design_mirror(order("spherical", working_distance=0.02)))
 
 
 def test_an_order_is_not_changed_by_its_design():

@@ -126,9 +126,9 @@ def test_rays_meet_the_mirror_on_its_surface_and_its_reflecting_side(mirror):
 @every_mirror
 def test_where_a_ray_meets_the_mirror_is_the_first_time_it_does(mirror):
     # March along each ray in steps far finer than the mirror and watch for the first crossing of its surface.
-    origins, bearings = rays_at(mirror, 300)
+    origins, bearings = rays_at(mirror, 150)
     distance, valid = mirror.intersect(origins, bearings)
-    t = np.linspace(0.02, 0.5, 40001)
+    t = np.linspace(0.02, 0.5, 10001)
     for o, d, found, shown in zip(origins, bearings, distance, valid, strict=True):
         p = o + t[:, None] * d
         rho = np.hypot(p[:, 0], p[:, 1])
@@ -193,6 +193,20 @@ def test_the_back_of_a_mirror_is_blind_and_hides():
     assert np.isnan(distance).all()
 
 
+@pytest.mark.parametrize("radius", [0.04, -0.04])
+def test_a_half_ball_has_a_normal_where_it_is_widest(radius):
+    half = Conic.sphere(radius)
+    phi = np.linspace(0, 2 * np.pi, 60)
+    side = np.stack([np.cos(phi), np.sin(phi), 0 * phi], -1)
+    edge = 0.04 * side + [0, 0, radius]
+    np.testing.assert_allclose(half.normal(edge), np.sign(radius) * side, atol=3e-7)  # a root of rounding
+    towards = side * -np.sign(radius) + [0, 0, 1e-3]
+    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+    distance, valid = half.intersect(edge - 0.01 * towards, towards)
+    np.testing.assert_array_equal(valid, np.isfinite(distance))
+    assert np.isfinite(half.normal(edge - 0.01 * towards + distance[:, None] * towards))[valid].all()
+
+
 @pytest.mark.parametrize("shape", [(3,), (5, 3), (2, 4, 3), (0, 3)])
 def test_rays_come_in_any_shape(shape):
     mirror = Conic.example()
@@ -253,6 +267,11 @@ def test_a_conic_knows_its_foci():
         (lambda: Conic.hyperbola(2.0, 1.0, 1.0), "c > a > 0, got a = 2.0, c = 1.0"),
         (lambda: Conic.ellipse(1.0, 2.0, 1.0), "a > c >= 0, got a = 1.0, c = 2.0"),
         (lambda: Asphere(20.0, 0.0, (), rim=0.06), "the rim of an asphere"),
+        (lambda: Conic(0.0, 1.0, 0.1), "is not 0: above it convex, below it concave"),
+        (lambda: Conic(0.1, 1.0, 0.1, hole=0.1), "0 <= hole < rim, got 0.1, 0.1"),
+        (lambda: Conic.parabola(0.1, -0.1), "0 <= hole < rim, got 0.0, -0.1"),
+        (lambda: Plane(np.nan), "0 <= hole < rim"),
+        (lambda: Cone(np.pi, 0.1), "the half angle of a cone lies between 0 and pi"),
         (lambda: mirror_class("torus"), "unknown mirror 'torus'; there are: asphere, cone, conic, plane"),
     ],
 )

@@ -161,6 +161,24 @@ def test_parallax_falls_with_distance_and_things_must_lie_outside():
         found.parallax(found.worst / 2)
 
 
+@pytest.mark.parametrize(
+    ("mirror", "lens", "rms", "worst", "px"),
+    [
+        (Conic.hyperbola(0.028, 0.0385, 0.034), 0.0615, 0.17e-3, 0.30e-3, (0.63, 0.13, 0.025)),
+        (Conic.hyperbola(0.028, 0.0385, 0.034), 0.0315, 1.8e-3, 3.4e-3, (5.0, 1.0, 0.20)),
+        (Conic.sphere(0.04, 0.034), 0.0665, 6.8e-3, 16.9e-3, (5.6, 1.12, 0.22)),
+    ],
+)
+def test_the_figures_of_the_guide(mirror, lens, rms, worst, px):
+    focal = 400 * (lens + float(mirror.sag(mirror.rim))) / mirror.rim
+    system = Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (Placed(mirror, tz=lens),))
+    phi = np.arange(24) * np.pi / 12
+    rings = 400 * (1 - 1e-9) * np.sqrt(np.arange(1, 13) / 12)[:, None, None]
+    found = best_viewpoint(system, rings * np.stack([np.cos(phi), np.sin(phi)], -1))
+    assert (found.rms, found.worst) == pytest.approx((rms, worst), rel=0.02)
+    assert [found.parallax(d).max() for d in (0.2, 1.0, 5.0)] == pytest.approx(px, rel=0.04)
+
+
 def test_the_best_viewpoint_is_best():
     found = best_viewpoint(off_focus(), PIXELS)
     origins, bearings, _ = off_focus().rays(found.pixels)

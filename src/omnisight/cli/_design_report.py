@@ -48,7 +48,8 @@ def facts(design: MirrorDesign, shown: Performance) -> list[tuple[str, str]]:
     """Give the parts and the field, in words."""
     order, mirror = design.order, design.mirror
     rows = [("mirror", KINDS[order.kind].said), ("shape", shape_said(design))]
-    rows.append(("rim", f"{_length(2 * mirror.rim)} across, {_length(float(mirror.sag(mirror.rim)))} deep"))
+    half, deep = (1e3 * float(mirror.sag(rho)) for rho in (mirror.rim / 2, mirror.rim))
+    rows.append(("rim", f"{_length(2 * mirror.rim)} across, {deep:.6g} mm deep; half way out {half:.6g} mm deep"))
     rows.append(("lens", lens_said(design)))
     point, spread = shown.viewpoint, f"rays pass it at {_length(shown.viewpoint.rms)} rms"
     behind = point.point[2] - design.distance
@@ -58,7 +59,8 @@ def facts(design: MirrorDesign, shown: Performance) -> list[tuple[str, str]]:
     rows.append(("blind", blind_said(shown)))
     width, height = order.size
     sensor = f"sensor {width}x{height} px of {order.pixel * 1e6:.4g} um"
-    rows.append(("picture", f"{2 * design.circle:.0f} px across; {sensor}"))
+    share = 200 * design.circle / min(order.size)
+    rows.append(("picture", f"{2 * design.circle:.0f} px across, {share:.0f} percent of the shorter side; {sensor}"))
     if design.central:
         model = design.model()
         rows.append(("model", f"unified, xi {model.xi:.6g}, gamma {model.fy:.2f} px"))
@@ -70,13 +72,13 @@ def shape_said(design: MirrorDesign) -> str:
     mirror = design.mirror
     if not isinstance(mirror, Conic):
         return f"half angle {np.degrees(mirror.half_angle):.3f} degrees"
-    radius = f"radius at the vertex {_length(mirror.radius)}"
+    radius = f"convex, radius at the vertex {1e3 * mirror.radius:.6g} mm"
     e = mirror.eccentricity
     if e <= 1:
         return radius + (f", eccentricity {e:g}, conic constant {-e * e:g}" if e else "")
     a = mirror.radius / (e * e - 1)
     axes = f"a {_length(a)}, b {_length(a * np.sqrt(e * e - 1))}, c {_length(a * e)}"
-    return f"{radius}, eccentricity {e:.5g}, conic constant {-e * e:.5g} ({axes})"
+    return f"{radius}, eccentricity {e:.6g}, conic constant {-e * e:.6g} ({axes})"
 
 
 def lens_said(design: MirrorDesign) -> str:

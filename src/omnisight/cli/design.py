@@ -1,5 +1,6 @@
 """omnisight design."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -66,7 +67,8 @@ def design(
     output
         An SVG of the cross section, and of the resolution.
     camera
-        The camera file of the design, the unified model, for `omnisight view` and the rest.
+        The camera file of the design, for `omnisight simulate` and the rest: the unified model of one with a single
+        viewpoint, for `omnisight view` too; the lens and its mirror of another.
     json
         Print one JSON object and nothing else.
     """
@@ -80,9 +82,9 @@ def design(
             f"--hfov is {hfov:g}: a mirror of revolution shows all 360 degrees around. Leave it at 360, and cut out"
             " what you need of the panorama: omnisight view --to cylinder --azimuth -90:90"
         )
-    for file, suffixes in ((output, (".svg",)), (camera, (".json",))):
+    for file, suffix in ((output, ".svg"), (camera, ".json")):
         if file is not None:
-            _must_be(file, suffixes)
+            _must_be(file, suffix)
     made = design_mirror(_order(kind, up, down, sensor, pixel, focal, diameter, distance, body, working_distance))
     shown = performance(made)
     written = _camera(made, shown) if camera is not None else None
@@ -102,7 +104,10 @@ def design(
 
         save(written, camera, format="native")
         if not json:
-            print(f"written     {camera}; upright panoramas: omnisight view PICTURE --camera {camera} --up back")
+            more = f"upright panoramas: omnisight view PICTURE --camera {camera} --up back"
+            if not made.central:
+                more = f"rendered pictures: omnisight simulate room --camera {camera}"
+            print(f"written     {camera}; {more}")
 
 
 def _order(
@@ -157,24 +162,25 @@ def _length(name: str, text: str) -> float:
         raise ValueError(f"{name}: {error}") from None
 
 
-def _must_be(file: Path, suffixes: tuple[str, ...]) -> None:
+def _must_be(file: Path, suffix: str) -> None:
     """Refuse, before any work, a file that could not be written, or of another kind."""
     from omnisight.cli._files import must_be_writable
 
-    if file.suffix.lower() not in suffixes:
-        raise ValueError(f"{file}: what is written is {' or '.join(suffixes)}; name it {file.stem}{suffixes[0]}")
     must_be_writable(file)
+    if file.suffix.lower() != suffix:
+        raise ValueError(f"{file}: what is written is {suffix}; name it {file.stem}{suffix}")
 
 
 def _camera(made: Any, shown: Any) -> Any:
-    """Give the camera of a design, as far as it shows the world."""
+    """Give the camera of a design: of a central one its model, of another its lens and mirror, to be traced."""
     from omnisight.camera import Camera
     from omnisight.cli._files import made_now
+    from omnisight.ray_camera import RayCamera
 
-    return Camera(
-        made.model(),
-        made.order.size,
-        theta_max=made.order.theta,
-        theta_min=shown.blind.theta,
-        provenance=made_now() | {"source": "omnisight design mirror"},
-    )
+    source = made_now() | {"source": f"omnisight design mirror --kind {made.order.kind}"}
+    if not made.central:
+        # In the lens' frame, whose z looks up into the mirror.
+        limits = {"theta_max": math.pi - shown.blind.theta, "theta_min": math.pi - made.order.theta}
+        return RayCamera(made.system(), made.order.size, provenance=source, **limits)
+    limits = {"theta_max": made.order.theta, "theta_min": shown.blind.theta}
+    return Camera(made.model(), made.order.size, provenance=source, **limits)

@@ -24,6 +24,8 @@ from omnisight.optics.tracing import free, trace
 BLOCK = 16384
 # Starts from which a reflection is looked for where the first does not lead to one.
 TRIED = 16
+# Points farther off have no place: products of their coordinates are no numbers.
+FARTHEST = 1e150
 # What the lens's model is called where it is no central one; "orthographic" is a fisheye.
 TELECENTRIC = "telecentric"
 POSE = ("tilt_x", "tilt_y", "tx", "ty", "tz")
@@ -167,20 +169,40 @@ class Catadioptric(RayModel):
     def _solve(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Give where (2 M, N) light of points (N, 3) meets the mirrors, NaN where not valid, and which is (N,)."""
         found, valid = np.full((2 * len(self.mirrors), len(points)), np.nan), np.zeros(len(points), np.bool_)
-        rest = np.flatnonzero(np.isfinite(points).all(-1))
         with np.errstate(all="ignore"):
+            known = ~((points**2).sum(-1) < FARTHEST**2)
             for seeds, count in zip(self._seeds, (1, TRIED), strict=True):
+                if not len(rest := np.flatnonzero(~known)):
+                    break
                 which, near = seeds.nearest(points[rest], count)
+                known[rest[~near.any(0)]] = True
                 for start, likely in zip(which, near, strict=True):
-                    tried = likely & ~valid[rest]
+                    tried = likely & ~known[rest]
                     begin, goal = seeds.u[:, start[tried]], rest[tried]
                     for first in range(0, len(goal), BLOCK // 4):
                         part = slice(first, first + BLOCK // 4)
-                        u, shown = fermat.stationary(self.mirrors, self._parallel, begin[:, part], points[goal[part]].T)
-                        shown[shown] = self._shown(u[:, shown], points[goal[part][shown]])
-                        found[:, goal[part][shown]], valid[goal[part][shown]] = u[:, shown], True
-                rest = rest[near.any(0) & ~valid[rest]]
+                        u, there = fermat.stationary(self.mirrors, self._parallel, begin[:, part], points[goal[part]].T)
+                        u, reached = u[:, there], goal[part][there]
+                        shown = self._shown(u, points[reached])
+                        found[:, reached[shown]], valid[reached[shown]] = u[:, shown], True
+                        known[reached] = shown
+                        known[reached[~shown]] = self._hidden(u[:, ~shown], points[reached[~shown]])
         return found, valid
+
+    def _hidden(self, u: Array, points: Array) -> NDArray[np.bool_]:
+        """Say of which points (N, 3) the stationary paths (2 M, N) that do not show them prove that nothing does.
+
+        |P - C| + |X - P| is a convex function of P. Over what is behind a convex mirror a reflection is its minimum, or
+        else all that lies straight between: found past the rim, or straight through, there is no other.
+        """
+        mirror = self.mirrors[0].mirror
+        if len(self.mirrors) > 1 or not mirror.convex:
+            return np.zeros(len(points), np.bool_)
+        path = fermat.path(self.mirrors, self._parallel, u, points.T)
+        normal = np.cross(path.tangents[0][1], path.tangents[0][0], axis=0)
+        # A mirror image seen from within, the length's maximum, proves nothing.
+        outside = ((path.legs[0] - path.legs[1]) * normal).sum(0) <= 1e-9 * np.sqrt((normal**2).sum(0))
+        return outside & mirror.on_sheet(*u)
 
     def _shown(self, u: Array, points: Array) -> NDArray[np.bool_]:
         """Say which paths (2 M, N) to points (N, 3) are reflections on mirrors that are there, with nothing between."""
@@ -192,7 +214,7 @@ class Catadioptric(RayModel):
         for i, p in enumerate(self.mirrors):
             normal = np.cross(path.tangents[i][1], path.tangents[i][0], axis=0)
             arriving, leaving = path.legs[i], path.legs[i + 1]
-            shown &= p.mirror.on_sheet(*u[2 * i : 2 * i + 2])
+            shown &= p.mirror.has(*u[2 * i : 2 * i + 2])
             shown &= ((arriving * normal).sum(0) < 0) & ((leaving * normal).sum(0) > 0)
             length = np.sqrt(((path.corners[i] - last) ** 2).sum(0))
             bearings = np.broadcast_to(arriving, last.shape).T

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 STEPS = 100
 # The square of the gradient, a sine, that is no more than rounding.
 ROUNDING = 1e-26
+# What coordinates are rounded by, of their size.
+ULP = 1e-15
 
 
 class Path(NamedTuple):
@@ -131,7 +133,7 @@ def stationary(
         u[:, rest[better]] = trial[:, better]
         best = best.updated(new, better)
         # Rounding is all that is left where a step no longer helps.
-        settled = (best.square < ROUNDING) & (~better | (best.square < ROUNDING**1.2))
+        settled = (best.square < best.rounding) & (~better | (best.square < ROUNDING**1.2))
         done[rest[settled]] = True
         damping = np.where(better, damping / 16, np.maximum(8 * damping, 1e-4))
         damping[damping < 1e-7] = 0.0
@@ -143,17 +145,24 @@ def stationary(
 
 
 class _Linear(NamedTuple):
-    """The gradient by length along the surface (2 m, N), its Jacobian (2 m, 2 m, N), and its square (N,)."""
+    """The gradient by length along the surface (2 m, N), its Jacobian (2 m, 2 m, N), and its square (N,).
+
+    `rounding` (N,) is what of the square may be no more than that: close to a mirror, directions lose digits.
+    """
 
     gradient: Array
     jacobian: Array
     square: Array
+    rounding: Array
 
     @classmethod
     def of(cls, at: Path) -> "_Linear":
         stretch = at.stretch()
         gradient = at.gradient / stretch
-        return cls(gradient, at.hessian / stretch[:, None], (gradient**2).sum(0))
+        near, length = at.corners[-2], at.lengths[-1]
+        assert length is not None  # only a parallel ray's first is
+        rounding = ROUNDING + (ULP / length) ** 2 * (near * near).sum(0)
+        return cls(gradient, at.hessian / stretch[:, None], (gradient**2).sum(0), rounding)
 
     def step(self, damping: Array) -> Array:
         step = -solve(self.jacobian, self.gradient)

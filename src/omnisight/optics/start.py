@@ -13,7 +13,7 @@ from omnisight.optics.reflection import reflect
 Array = NDArray[np.float64]
 
 # How many numbers are compared at a time.
-BLOCK = 1 << 18
+BLOCK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Seeds:
         """Give rays to begin from for points (N, 3), and whether they may be near enough, both (count + 1, N).
 
         They are those that point best at it, each better than the rays around it, and the one that leaves the mirror
-        nearest to it. None is near enough if the point lies farther off it than its neighbours do; if none of them is,
-        the mirrors do not show the point.
+        nearest to it. None is near enough if the point lies farther off it than its neighbours do, nor is one that is
+        the first again; if none of them is, the mirrors do not show the point.
         """
         which = np.zeros((count + 1, len(points)), int)
         near = np.zeros(which.shape, np.bool_)
@@ -92,9 +92,15 @@ class Seeds:
         for first in range(0, len(points), step):
             part = slice(first, first + step)
             x = points[part]
-            along = x @ b.T - ob
-            distance2 = np.maximum((x * x).sum(-1, keepdims=True) - 2 * (x @ o.T) + oo, 1e-300)
-            score = along * np.abs(along) / distance2
+            # In place: these are the largest arrays here.
+            along, distance2 = x @ b.T, x @ (-2 * o.T)
+            along -= ob
+            distance2 += (x * x).sum(-1, keepdims=True)
+            distance2 += oo
+            np.maximum(distance2, 1e-300, out=distance2)
+            score = np.abs(along)
+            score *= along
+            score /= distance2
             peaks = used[np.argmax(score, -1)][None] if count == 1 else self._peaks(score, used, count)
             best = np.concatenate([peaks, used[np.argmin(distance2, -1)][None]])
             which[:, part] = best
@@ -102,20 +108,29 @@ class Seeds:
             length = np.sqrt((off * off).sum(-1))
             angle = np.sqrt(((off / length[..., None] - self.bearings[best]) ** 2).sum(-1))
             near[:, part] = angle <= 2 * (self.turn[best] + self.apart[best] / length)
+            near[1:, part] &= best[1:] != best[0]
         return which, near
 
     def _peaks(self, score: Array, used: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-        """Give the rays (count, N) whose score (N, len(used)) is no less than their neighbours', the highest first."""
+        """Give the rays (count, N) whose score (N, len(used)) is no less than their neighbours', the highest first.
+
+        Where there are fewer, the first again.
+        """
         grid = np.full((len(score), len(self.turn)), -np.inf)
         grid[:, used] = score
         grid = grid.reshape(len(score), -1, self.spokes)
         peak = (grid >= np.roll(grid, 1, 2)) & (grid >= np.roll(grid, -1, 2))
         peak[:, 1:] &= grid[:, 1:] >= grid[:, :-1]
         peak[:, :-1] &= grid[:, :-1] >= grid[:, 1:]
-        flat = np.where(peak, grid, -np.inf).reshape(len(score), -1)
-        best = np.argpartition(flat, -count, axis=-1)[:, -count:]
-        order = np.argsort(-np.take_along_axis(flat, best, -1), -1)
-        return np.take_along_axis(best, order, -1).T
+        # Peaks are few: what is sorted is them, by point and then by score.
+        point, ray = np.nonzero((peak & (grid > -np.inf)).reshape(len(score), -1))
+        order = np.lexsort((-grid.reshape(len(score), -1)[point, ray], point))
+        point, ray = point[order], ray[order]
+        place = np.arange(len(point)) - np.searchsorted(point, point)
+        first = np.searchsorted(point, np.arange(len(score)))
+        best = np.repeat(ray[first][None], count, 0)
+        best[place[place < count], point[place < count]] = ray[place < count]
+        return best
 
 
 def _neighbours(values: Array, rings: int, spokes: int) -> Array:

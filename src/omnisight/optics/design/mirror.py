@@ -87,8 +87,8 @@ class MirrorDesign:
         """
         if not self.central or not isinstance(self.mirror, Conic):
             raise ValueError(
-                f"a {self.order.kind} mirror has no single viewpoint, and the unified model is of such that have one;"
-                " a hyperbolic mirror under a lens, or a parabolic one under a telecentric lens, is of that kind"
+                f"a {self.order.kind} mirror has no single viewpoint, and the unified model is of such that have one:"
+                " trace its system()"
             )
         if self.magnification is not None:
             scale = self.magnification / self.order.pixel
@@ -166,13 +166,19 @@ def _angle_of_sizes(order: Order, kind: Kind, diameter: float, distance: float) 
 def _must_show(order: Order, beta: float) -> None:
     """Refuse a rim that the lens could not see, or would see the wrong way round."""
     said = f"the lens sees the rim at {np.degrees(beta):.1f} degrees from the axis"
+    mend = "ask for less up, or for a longer lens"
     if order.kind == "conical":
         said = f"a cone shows as many degrees of elevation as half its lens, {np.degrees(beta):.1f} here"
+        mend = "ask for less up or down; twice up and once down make less than 90"
+    if 0 < beta < NARROW:
+        raise ValueError(
+            f"with a focal length of {_mm(order.focal)} the lens sees the mirror within {_degrees(2 * beta)} degrees,"
+            f" less than the {_degrees(2 * NARROW)} that are thought of: choose a shorter one"
+        )
     if order.theta + beta >= np.pi:
         most = 90 - np.degrees(beta)
         raise ValueError(
-            f"{said}, and no mirror shows more than {most:.1f} degrees up to it, --up is {_degrees(order.up)}:"
-            " ask for less up, or for a longer lens"
+            f"{said}, and no mirror shows more than {most:.1f} degrees up to it, --up is {_degrees(order.up)}: {mend}"
         )
     if order.theta <= beta:
         raise ValueError(

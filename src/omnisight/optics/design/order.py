@@ -8,6 +8,8 @@ from omnisight.optics.design.shapes import KINDS
 
 # How much of the sensor's shorter side the picture of the mirror takes where the lens is chosen to suit.
 FILL = 0.98
+# Metres; what is larger is a unit mistaken for another.
+LARGEST = {"pixel": 1e-4, "focal length": 1.0, "diameter": 10.0, "distance": 100.0, "body": 10.0}
 
 
 @dataclass(frozen=True)
@@ -61,13 +63,16 @@ class Order:
                 f"the field from {-down:g} to {up:g} degrees is empty: up and down are counted from the horizon,"
                 " up 20 and down 60 is a field of 80 degrees"
             )
-        lengths = {"pixel": self.pixel, "focal": self.focal, "diameter": self.diameter, "distance": self.distance}
-        lengths |= {"body": self.body, "working distance": self.working_distance}
+        lengths = {"pixel": self.pixel, "focal length": self.focal, "diameter": self.diameter}
+        lengths |= {"distance": self.distance, "body": self.body, "working distance": self.working_distance}
         for name, value in lengths.items():
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"the {name} must be a positive length, got {value}")
-        if min(self.size) < 16:
-            raise ValueError(f"the sensor has {self.size[0]}x{self.size[1]} px: too few for a picture")
+            if value is not None and value > (most := LARGEST.get(name, np.inf)):
+                raise ValueError(f"the {name} is {value:.4g} m, the most thought of is {most:g} m: is its unit right?")
+        if min(self.size) < 16 or max(self.size) > 10**5:
+            few = "few" if min(self.size) < 16 else "many"
+            raise ValueError(f"the sensor has {self.size[0]}x{self.size[1]} px: too {few} for a picture")
         if self.focal is not None and KINDS[self.kind].parallel:
             raise ValueError(
                 f"a {self.kind} mirror needs a telecentric lens, that has a magnification in place of a focal length:"

@@ -165,8 +165,13 @@ def misalignments(design: MirrorDesign, blind: BlindSpot) -> tuple[Misalignment,
     Raises
     ------
     ValueError
-        If things at the working distance lie between the rays.
+        If things at the working distance lie within the mirror, or between the rays.
     """
+    if design.order.working_distance <= design.mirror.rim:
+        raise ValueError(
+            f"the mirror is {2e3 * design.mirror.rim:.4g}mm wide: what is {1e3 * design.order.working_distance:.4g}mm"
+            " from the viewpoint lies within it; give a larger working distance"
+        )
     found: list[Misalignment] = []
     for said, moved in PLACES.items():
         if max(moved.get("along", 0.0), moved.get("across", 0.0)) > LEFT * design.mirror.rim:
@@ -203,7 +208,8 @@ def performance(design: MirrorDesign) -> Performance:
     down, hidden = np.degrees([design.order.down, blind.theta])
     if down > 90 - hidden + SLACK:
         raise ValueError(
-            f"the camera hides what is more than {90 - hidden:.1f} degrees below the horizon, --down is {down:g}:"
+            f"the camera hides what is more than {np.floor(900 - 10 * hidden) / 10:.1f} degrees below the horizon,"
+            f" --down is {down:.4g}:"
             " ask for less, or for a larger mirror, more distance or a smaller body"
         )
     return Performance(blind, resolution(design, blind.radius), viewpoint(design, blind), misalignments(design, blind))

@@ -36,6 +36,13 @@ class Mirror(Parametric):
     rim: float
     hole: float
 
+    def __post_init__(self) -> None:
+        """Refuse a mirror of which there is nothing."""
+        if not self.rim > self.hole >= 0:
+            raise ValueError(
+                f"a mirror lies between its hole and its rim: 0 <= hole < rim, got {self.hole}, {self.rim}"
+            )
+
     # -- what a mirror writes -----------------------------------------------------------------------------------
 
     def profile(self, w: Array) -> tuple[Array, Array, Array]:
@@ -102,11 +109,15 @@ class Mirror(Parametric):
         return np.stack([a * f, b * f, z]), np.stack([d_a, d_b]), np.stack([d_aa, d_ab, d_bb])
 
     def on_sheet(self, a: Array, b: Array) -> NDArray[np.bool_]:
-        """Say whether a place of the chart is a point of the mirror: not past its profile, its rim or its hole."""
+        """Say whether a place of the chart is on the mirror's sheet of the surface, which goes on past rim and hole."""
         x, y, _ = self.surface(a, b)[0]
         back_a, back_b = self.charted(x, y)
-        there = np.abs(back_a - a) + np.abs(back_b - b) <= 1e-6 * (np.abs(a) + np.abs(b))
-        return there & self.within(x * x + y * y)
+        return np.abs(back_a - a) + np.abs(back_b - b) <= 1e-6 * (np.abs(a) + np.abs(b))
+
+    def has(self, a: Array, b: Array) -> NDArray[np.bool_]:
+        """Say whether a place of the chart is a point of the mirror."""
+        x, y, _ = self.surface(a, b)[0]
+        return self.on_sheet(a, b) & self.within(x * x + y * y)
 
     # -- where it ends --------------------------------------------------------------------------------------------
 
@@ -136,9 +147,8 @@ class Mirror(Parametric):
         with np.errstate(all="ignore"):
             distance = self.first(o, d)
             at = o + distance[:, None] * d
-            # Towards the surface from the side that reflects: d . n < 0 with n = (2x s', 2y s', -1).
-            slope = 2 * self.profile(at[:, 0] ** 2 + at[:, 1] ** 2)[1]
-            valid = np.isfinite(distance) & (slope * (at[:, 0] * d[:, 0] + at[:, 1] * d[:, 1]) < d[:, 2])
+            # From the side that reflects.
+            valid = np.isfinite(distance) & ((d * self.normal(at)).sum(-1) < 0)
         return np.where(valid, distance, np.nan).reshape(lead), valid.reshape(lead)
 
     def first(self, origins: Array, bearings: Array) -> Array:

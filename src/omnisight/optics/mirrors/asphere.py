@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.models._parameter import parameter
 from omnisight.optics.mirrors._mirror import Array, Mirror, inner_rim
@@ -25,6 +26,7 @@ class Asphere(Mirror):
 
     def __post_init__(self) -> None:
         """Refuse a rim where the profile has no height."""
+        super().__post_init__()
         if not np.isfinite(self.rim) or (1 + self.conic) * (self.curvature * self.rim) ** 2 >= 1:
             raise ValueError(
                 f"the rim of an asphere must lie where its conic section has a height: (1 + conic) (curvature rim)^2 < "
@@ -39,6 +41,10 @@ class Asphere(Mirror):
         for i, b in enumerate(self.b, start=2):
             s, ds, dds = s + b * w**i, ds + i * b * w ** (i - 1), dds + i * (i - 1) * b * w ** (i - 2)
         return s, ds, dds
+
+    def on_sheet(self, a: Array, b: Array) -> NDArray[np.bool_]:
+        # Past its rim a polynomial may do anything.
+        return a * a + b * b <= self.rim**2 * (1 + 1e-14)
 
     @classmethod
     def example(cls) -> Self:

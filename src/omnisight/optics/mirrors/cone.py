@@ -22,6 +22,12 @@ class Cone(Quadric):
     rim: float = outer_rim()
     hole: float = inner_rim()
 
+    def __post_init__(self) -> None:
+        """Refuse a needle."""
+        super().__post_init__()
+        if self.half_angle <= 0 or self.half_angle >= np.pi:
+            raise ValueError(f"the half angle of a cone lies between 0 and pi (radians), got {self.half_angle:g}")
+
     @property
     def slope(self) -> float:
         """How fast the sag grows with rho."""

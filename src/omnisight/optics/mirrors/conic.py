@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omnisight.models._parameter import parameter
 from omnisight.optics.mirrors._mirror import Array, inner_rim, outer_rim
@@ -25,6 +26,12 @@ class Conic(Quadric):
     eccentricity: float = parameter("0 sphere, 1 parabola, above it hyperbola", low=0.0, free=False)
     rim: float = outer_rim()
     hole: float = inner_rim()
+
+    def __post_init__(self) -> None:
+        """Refuse a point."""
+        super().__post_init__()
+        if self.radius == 0:
+            raise ValueError("the radius at the vertex of a conic section is not 0: above it convex, below it concave")
 
     # -- by name ------------------------------------------------------------------------------------------------
 
@@ -100,6 +107,15 @@ class Conic(Quadric):
         q = np.sqrt(1 - share * w)
         ds = 0.5 / (self.radius * q)
         return w / (self.radius * (1 + q)), ds, 0.5 * share * ds / (q * q)
+
+    def normal(self, points: ArrayLike) -> Array:
+        # Without the slope, which is infinite where a ball is widest.
+        p = np.asarray(points, float)
+        x, y = p[..., 0] / self.radius, p[..., 1] / self.radius
+        square = 1 - (1 - self.eccentricity**2) * (x * x + y * y)
+        square = np.where(square > -1e-13, np.maximum(square, 0.0), np.nan)
+        n = np.stack([x, y, -np.sqrt(square)], -1)
+        return n / np.sqrt((n * n).sum(-1, keepdims=True))
 
     def chart(self, w: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
         # The rational one, rho = 2 v/(1 + c v^2) and z = rho v/R with c = (1 - e^2)/R^2: smooth where an ellipse is
