@@ -4,6 +4,7 @@ What is compiled is kept in the user's cache folder under a hash of the sources 
 at the outer loop's file alone, and run stale code after a change of what is compiled into it.
 """
 
+import contextlib
 import hashlib
 import sys
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import Any
 
 import numba
 from numba.core import config
+from numba.core.caching import FunctionCache
 
 from omnisight.cache import cache_folder
 
@@ -25,16 +27,31 @@ inner = numba.njit(**OPTIONS)
 def outer(function: Callable[..., Any]) -> Any:
     """Compile a loop, or take it as it was kept."""
     file = Path(str(sys.modules[function.__module__].__file__))
-    config.CACHE_DIR = str(cache_folder() / f"loops-{_sources(file.parent)}")  # pyright: ignore[reportAttributeAccessIssue]
-    try:
-        return numba.njit(cache=True, **OPTIONS)(function)
-    finally:
-        config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]
+    return kept(function, cache_folder() / f"loops-{sources(file.parent, '_*.py')}", **OPTIONS)
+
+
+def kept(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
+    """Compile a function with numba's options, or take it as it was kept in a folder."""
+    loop: Any = numba.njit(**options)(function)
+    config.CACHE_DIR = str(folder)  # pyright: ignore[reportAttributeAccessIssue]
+    with contextlib.suppress(RuntimeError):  # nowhere to keep it
+        loop._cache = _Kept(function)
+    config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]
+    return loop
+
+
+class _Kept(FunctionCache):
+    """What numba keeps: a disk that is full costs the next process time, and must not cost this one its result."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
 
 
 @cache
-def _sources(folder: Path) -> str:
+def sources(folder: Path, pattern: str) -> str:
+    """Give a hash of numba's version and of the files of a folder."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(folder.glob("_*.py")):
+    for path in sorted(folder.glob(pattern)):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

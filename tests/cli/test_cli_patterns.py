@@ -42,7 +42,7 @@ def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern,
         (("--square", "30"), "the length '30' has no unit: write 30mm if millimetres are meant"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
         (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in, um"),
-        (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: cylindrical"),
+        (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: auto, cylindrical"),
     ],
 )
 def test_an_option_that_cannot_be_is_told_before_any_picture_is_read(refuses, shots, monkeypatch, options, said):

@@ -6,6 +6,7 @@ import pytest
 from reporting import COMMAND, NAMES, calibrated, seen, written
 
 from browser import find_browser
+from omnisight.calibrate.rays import ask
 from omnisight.report.material import Material
 
 
@@ -14,7 +15,7 @@ def material(tmp_path_factory):
     """Give a calibration from ten pictures, of which a file could not be read and one shows no board."""
     result = calibrated(seen(tmp_path_factory.mktemp("seen")), model="kannala_brandt")
     camera = replace(result.calibration.camera, provenance={"tool": "omnisight", "pictures": ["1.png"]})
-    return Material(result, camera, [*NAMES, "torn.png", "empty.png"], COMMAND)
+    return Material(result, camera, [*NAMES, "torn.png", "empty.png"], COMMAND, asked=ask(result.calibration, unit="m"))
 
 
 @pytest.fixture(scope="session")

@@ -45,5 +45,5 @@ def calibrated(search, **options):
 def written(material, path):
     """Write the report of a material, and give where it is."""
     m = material
-    write_report(m.result, m.camera, path, names=m.names, command=m.command, apply_exif=m.apply_exif)
+    write_report(m.result, m.camera, path, names=m.names, command=m.command, apply_exif=m.apply_exif, asked=m.asked)
     return path

@@ -33,7 +33,7 @@ def test_the_verdict_is_seen_first(opened, report, material):
 def test_every_figure_is_there_and_says_how_to_read_it(opened, report, material):
     page = opened(report)
     figures = page.locator("section.figure")
-    assert figures.count() == len(FIGURES) == 9
+    assert figures.count() == len(FIGURES) == 10
     for figure in figures.all():
         name = figure.get_attribute("id")
         assert figure.locator(".body").bounding_box()["height"] > 100, name
@@ -46,7 +46,7 @@ def test_every_figure_is_there_and_says_how_to_read_it(opened, report, material)
             assert drawing.get_attribute("aria-label"), name
     drawn = {name: page.locator(f"#{name} .body svg.chart").count() for name in ("profile", "uncertainty", "residuals")}
     assert drawn == {"profile": 2, "uncertainty": 2, "residuals": 4}
-    assert page.locator("nav a").count() == 9
+    assert page.locator("nav a").count() == 10
     assert "NaN" not in page.content()
     assert not re.search(r"\bnan\b", page.locator("body").inner_text())
 

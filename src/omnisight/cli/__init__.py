@@ -40,6 +40,10 @@ def main(arguments: list[str] | None = None) -> None:
                 name=found.name.replace("_", "-"),
             )
     try:
+        os.getcwd()
+    except FileNotFoundError:  # deleted; compilers and others ask where they are
+        os.chdir(os.sep)
+    try:
         app(tokens, exit_on_error=False)
     except CycloptsError:  # said already
         sys.exit(EXIT_INPUT)

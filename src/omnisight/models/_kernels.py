@@ -4,7 +4,6 @@ Imported at the first use only, because numba costs a quarter of a second. Compi
 cache folder under a hash of the sources of all models: numba itself would look at this file alone and run stale code.
 """
 
-import hashlib
 import inspect
 from functools import cache
 from pathlib import Path
@@ -12,11 +11,11 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba.core import config
 from numba.core.compiler import Compiler
 from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
+from omnisight.compiled import kept, sources
 from omnisight.models import _bspline, _elementwise
 from omnisight.models._elementwise import FULL, ONCE, project_point, unproject_pixel
 
@@ -26,13 +25,6 @@ OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
 FORMULA: Any = {**OPTIONS, "forceinline": True}
 # Points worked on at a time: their planes stay in the first cache.
 BLOCK = 256
-
-
-def _sources() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def _register_hooks() -> None:
@@ -82,7 +74,7 @@ class _Apart(Compiler):
 
 
 _register_hooks()
-FOLDER = cache_folder() / f"compiled-{_sources()}"
+FOLDER = cache_folder() / f"compiled-{sources(Path(__file__).parent, '*.py')}"
 
 
 @numba.njit(**OPTIONS)
@@ -192,8 +184,4 @@ def compiled(loop: str, *models: str) -> Any:
 
     Each has a folder of its own: a process that needs one model does not read what was kept of all.
     """
-    config.CACHE_DIR = str(FOLDER / "-".join(models))  # pyright: ignore[reportAttributeAccessIssue]
-    try:
-        return numba.njit(nogil=True, cache=True, **OPTIONS)(globals()[loop])
-    finally:
-        config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]
+    return kept(globals()[loop], FOLDER / "-".join(models), nogil=True, **OPTIONS)
