@@ -1,8 +1,8 @@
 """Run all benchmarks, or those named: `python -m benchmarks points views calibration render startup`.
 
-`boards`, which takes a quarter of an hour, `solvers`, which takes some minutes, and `convergence`, which takes an hour,
-run only where they are named; `python -m benchmarks.boards` and `python -m benchmarks.convergence` have options, and
-`python -m benchmarks.solvers` takes names of sets.
+`boards`, which takes a quarter of an hour, `solvers` and `noncentral`, which take some minutes, and `convergence`,
+which takes an hour, run only where they are named; `python -m benchmarks.boards` and `python -m benchmarks.convergence`
+have options, and `python -m benchmarks.solvers` takes names of sets.
 """
 
 import os
@@ -39,6 +39,11 @@ if "convergence" in chosen:
 
     convergence.main([])
     chosen.remove("convergence")
+if "noncentral" in chosen:
+    from benchmarks import noncentral
+
+    noncentral.main()
+    chosen.remove("noncentral")
 if not chosen:
     sys.exit()
 races = [race for name in chosen for race in ALL[name].run()]

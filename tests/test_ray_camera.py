@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import omnisight as om
+from noncentral import SIZE, in_focus, off_focus
 from omnisight.formats import FormatError, format_names, load_all
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics import Catadioptric
 from omnisight.optics.models.axial import Axial
@@ -55,13 +57,15 @@ def test_scaled_keeps_the_rays():
 
 @pytest.mark.parametrize("distance", [0.2, 1.0, np.inf])
 def test_a_central_camera_agrees_at_its_distance_and_not_at_others(distance):
-    lens, error = CAMERA.central(distance)
+    central, error = CAMERA.central(distance)
     assert error < 0.02
-    assert lens.name == "kannala_brandt"
+    assert central.model.name == "kannala_brandt"
+    assert (central.size, central.theta_min, central.theta_max) == (CAMERA.size, CAMERA.theta_min, CAMERA.theta_max)
+    assert central.provenance["central_of"]["differs_px"] == error
     for away in (0.2, 1.0, 1e6):
         points, valid = CAMERA.points_at(PIXELS, away)
-        cone = valid & (np.arccos(np.clip(points[:, 2] / away, -1, 1)) < 1.5)
-        off = np.linalg.norm(lens.project(points[cone])[0] - PIXELS[cone], axis=1)
+        cone = valid & (np.abs(angle_from_axis(CAMERA.rays(PIXELS).bearings) - 0.9) < 0.6)
+        off = np.linalg.norm(central.project(points[cone])[0] - PIXELS[cone], axis=1)
         if min(away, 1e6) == min(distance, 1e6):
             assert off.max() < 0.02
         else:
@@ -69,20 +73,53 @@ def test_a_central_camera_agrees_at_its_distance_and_not_at_others(distance):
 
 
 def test_a_central_camera_of_another_model():
-    lens, error = CAMERA.central(1.0, "double_sphere")
-    assert lens.name == "double_sphere"
+    central, error = CAMERA.central(1.0, "double_sphere")
+    assert central.model.name == "double_sphere"
     assert error < 0.5
 
 
-@pytest.mark.parametrize("distance", [0, -1.0, np.nan])
+def test_a_mirror_in_its_focus_is_the_unified_model_at_every_distance():
+    """From its viewpoint, and as in its picture: z to where the mirror looks, left and right exchanged."""
+    camera = om.RayCamera(in_focus().system, SIZE)
+    lens, turned = in_focus().system.lens, np.array([1.0, 1.0, -1.0])
+    for distance in (0.2, np.inf):
+        central, error = camera.central(distance, "unified")
+        assert error < 1e-6
+        assert central.model.cx == pytest.approx(lens.cx, abs=1e-6)
+        origins, bearings, valid = camera.rays(PIXELS)
+        focus = np.array([0.0, 0.0, 2 * 0.0385])
+        points = (origins + 3 * bearings - focus)[valid] * turned
+        np.testing.assert_allclose(central.project(points)[0], PIXELS[valid], atol=1e-6)
+
+
+def test_a_mirror_that_stands_anyhow_has_a_central_camera_too():
+    camera = om.RayCamera(off_focus().system, SIZE, theta_min=1.2, theta_max=2.9)
+    central, error = camera.central(2.0, "kannala_brandt")
+    assert error < 0.02
+    np.testing.assert_allclose((central.theta_min, central.theta_max), (np.pi - 2.9, np.pi - 1.2))
+    assert central.provenance["central_of"]["mirrored"]
+
+
+@pytest.mark.parametrize("distance", [0, -1.0, np.nan, 1e200])
 def test_a_distance_that_is_none_is_refused(distance):
     with pytest.raises(ValueError, match="distance must be positive"):
         CAMERA.central(distance)
+    with pytest.raises(ValueError, match="distance must be a positive length"):
+        CAMERA.points_at(PIXELS, distance)
+
+
+def test_what_no_central_camera_can_be_made_of_says_why():
+    with pytest.raises(ValueError, match="1089 pixels, all over the picture, see anything 1e-09 away"):
+        CAMERA.central(1e-9)
+    with pytest.raises(ValueError, match="size of the picture is not known"):
+        dataclasses.replace(CAMERA, size=(0, 0)).central(1.0)
 
 
 def test_a_size_that_is_none_is_refused():
     with pytest.raises(ValueError, match="size must be"):
         om.RayCamera(Axial.example(), (-1, 4))
+    with pytest.raises(ValueError, match="unit must be m or squares, got 'feet'"):
+        om.RayCamera(Axial.example(), (4, 4), "feet")
 
 
 @pytest.mark.parametrize("model", [Axial.example(), Catadioptric.example()], ids=lambda model: model.name)
@@ -117,8 +154,13 @@ def test_other_formats_refuse_it_and_say_what_to_do(name, tmp_path):
         ({"size": [3]}, "size"),
         ({"params": {}}, "missing lens"),
         ({"params": {"lens": "kannala_brandt", "pupil0": None}}, "pupil0 must be a number"),
-        ({"params": {"lens": "../evil"}}, "unknown camera model"),
-        ({"params": 3}, "damaged"),
+        ({"params": {"lens": "kannala_brandt"}}, "missing pupil0"),
+        ({"params": {"lens": "../evil", "pupil0": 0.0}}, "unknown camera model"),
+        ({"params": 3}, '"params" must be an object, got 3'),
+        ({"params": {f"k{i}": 0 for i in range(3000)}}, "3000 parameters; a camera has at most 2000"),
+        ({"model": "catadioptric", "params": {f"mirror{i}": "plane" for i in range(40)}}, "40 lenses and mirrors"),
+        ({"model": 3}, '"model" must be the name of a model, got 3'),
+        ({"model": "x" * 10**5}, '"model" must be the name of a model, got \'x{50,60}$'),
         ({"covariance": [[1.0]]}, "covariance must have 10 rows"),
         ({"theta_max_deg": 1e9}, "theta_max_deg"),
         ({"format": "omnisight-nonsense"}, "'omnisight-nonsense'"),

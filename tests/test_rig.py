@@ -112,6 +112,8 @@ def test_part_keeps_order_and_names():
 def test_what_does_not_fit_together_is_refused():
     with pytest.raises(ValueError, match="as many cameras as poses and names, got 1, 0 and 1"):
         Rig((LENS,), (), ("a",))
+    with pytest.raises(ValueError, match="needs a camera, got none"):
+        Rig.of({})
     with pytest.raises(ValueError, match="must differ, got a, a"):
         Rig((LENS, LENS), (Pose(), Pose()), ("a", "a"))
     with pytest.raises(ValueError, match="no camera 'up'; the rig has left, right"):
@@ -148,7 +150,11 @@ def test_a_file_holds_all_of_it(rig, tmp_path):
         (lambda d: d["sensors"]["left"]["sensor_from_rig"].update(translation=[0, 0]), "translation"),
         (lambda d: d["sensors"]["left"]["sensor_from_rig"].update(translation=[0, 0, float("nan")]), "translation"),
         (lambda d: d["sensors"]["left"]["camera"].update(model="nonsense"), "nonsense"),
-        (lambda d: d.update(format="omnisight-camera"), "omnisight-camera"),
+        (lambda d: d["sensors"]["left"].update(sensor_from_rig=None), "sensor left: sensor_from_rig must be an object"),
+        (lambda d: d["sensors"].update({"\x1b[31m": {}}), r"printable characters, got '\\x1b"),
+        (lambda d: d.update(sensors={str(k): {} for k in range(10**4)}), "10000 cameras; a rig has at most 200"),
+        (lambda d: d.update(sensors={}), "needs a camera"),
+        (lambda d: d.update(format="omnisight-camera"), "'omnisight-camera', not \"omnisight-rig\""),
         (lambda d: d.update(version="1"), "version"),
     ],
 )

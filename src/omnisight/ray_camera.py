@@ -8,15 +8,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.camera import Camera
 from omnisight.geometry.rays import Rays
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
 from omnisight.models._resized import resized
+from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.ray_model import RayModel
+from omnisight.optics.viewpoint import best_viewpoint
 
 Array = NDArray[np.float64]
 
 # Pixels along each side of the picture that a central camera is fitted to.
 SAMPLES = 33
+# And how many of them at least must see something.
+FEWEST = 16
+# Farther than any length, in any unit: its square is a number still.
+FARTHEST = 1e100
+UNITS = ("m", "squares")
 
 
 @dataclass(frozen=True)
@@ -58,9 +67,11 @@ class RayCamera:
     theta_min: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a size that is none."""
+        """Refuse a size or a unit that is none."""
         if len(self.size) != 2 or min(self.size) < 0:
             raise ValueError(f"size must be (width, height), got {self.size!r}")
+        if self.unit not in UNITS:
+            raise ValueError(f"unit must be {' or '.join(UNITS)}, got {self.unit!r}")
 
     @property
     def width(self) -> int:
@@ -95,29 +106,35 @@ class RayCamera:
         """Give what pixels (..., 2) see at a distance from the frame's origin: points (..., 3), and which see any.
 
         Where its ray meets the sphere of that radius about the origin, going outwards.
-        """
-        origins, bearings, valid = self.rays(pixels)
-        with np.errstate(invalid="ignore"):
-            middle = (origins * bearings).sum(-1)
-            square = distance**2 - (origins**2).sum(-1) + middle**2
-            along = np.sqrt(np.where(square >= 0, square, np.nan)) - middle
-            valid = valid & (along > 0)
-        return np.where(valid[..., None], origins + along[..., None] * bearings, np.nan), valid
 
-    def central(self, distance: float, model: str | None = None) -> tuple[CameraModel, float]:
-        """Give the central camera that agrees with it about what is so far from its origin.
+        Raises
+        ------
+        ValueError
+            If the distance is no length.
+        """
+        if not 0 < distance < FARTHEST:
+            raise ValueError(f"distance must be a positive length, got {distance!r}")
+        return _met(self.rays(pixels), distance)
+
+    def central(self, distance: float, model: str | None = None) -> tuple[Camera, float]:
+        """Give the central camera that agrees with it about what is so far away.
+
+        Its frame is this one's. That of a lens which looks into mirrors is not: it stands in the point nearest to all
+        rays, from which the distance counts, and behind an odd number of mirrors its z is turned round, away from
+        where the lens looks. So a model of a lens fits it; but as the picture, it then has the world's left and right
+        exchanged, as every central camera calibrated through a mirror has.
 
         Parameters
         ----------
         distance
-            From the frame's origin, in `unit`; infinity for a far scene.
+            In `unit`; infinity for a far scene.
         model
-            A central camera model; that of its lens where it has one, kannala_brandt otherwise.
+            A central camera model; that of its lens where its viewpoint moves along the axis, spline otherwise.
 
         Returns
         -------
-        model
-            In the same frame; `Camera(model, size)` has its pictures.
+        camera
+            Central, with the same pictures.
         error
             By how much, px, the two differ at that distance at most.
 
@@ -126,18 +143,46 @@ class RayCamera:
         ValueError
             If no central camera of that model comes near, or the distance is none.
         """
-        if not distance > 0:
+        if not (0 < distance < FARTHEST or distance == np.inf):
             raise ValueError(f"distance must be positive, got {distance!r}")
+        if not all(self.size):
+            raise ValueError(
+                "the size of the picture is not known: give the camera one, dataclasses.replace(camera, size=...)"
+            )
         u, v = (np.linspace(0, side - 1, SAMPLES) for side in self.size)
         pixels = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
-        seen, valid = self.points_at(pixels, distance) if np.isfinite(distance) else self.rays(pixels)[1:]
-        if self.theta_max is not None:
-            with np.errstate(invalid="ignore"):
-                angle = np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
-                valid &= angle <= self.theta_max
+        rays = self.rays(pixels)
+        angle = angle_from_axis(rays.bearings)
+        with np.errstate(invalid="ignore"):
+            use = rays.valid & (angle >= self.theta_min) & (angle <= (self.theta_max or np.pi))
+        mirrors = self.model.mirrors if isinstance(self.model, Catadioptric) else ()
+        if mirrors and use.any():
+            rays = rays._replace(origins=rays.origins - best_viewpoint(self.model, pixels[use]).point)
+        seen, valid = _met(rays, distance) if distance < np.inf else (rays.bearings, rays.valid)
+        use &= valid
+        if use.sum() < FEWEST:
+            raise ValueError(f"{use.sum()} of {use.size} pixels, all over the picture, see anything {distance:g} away")
+        cone = self.theta_min, self.theta_max
+        if mirrored := len(mirrors) % 2 == 1:
+            seen = seen * (1.0, 1.0, -1.0)
+            cone = np.pi - (self.theta_max or np.pi), np.pi - self.theta_min if self.theta_min else None
         lens = getattr(self.model, "lens", None)
-        name = model or (lens.name if isinstance(lens, CameraModel) else "kannala_brandt")
-        found = model_class(name).fit(seen[valid], pixels[valid])
-        again, back = found.project(seen[valid])
-        error = float(np.linalg.norm(again - pixels[valid], axis=1).max()) if back.all() else float("inf")
-        return found, error
+        name = model or (lens.name if isinstance(lens, CameraModel) and not mirrors else "spline")
+        found = model_class(name).fit(seen[use], pixels[use])
+        again, back = found.project(seen[use])
+        error = float(np.linalg.norm(again - pixels[use], axis=1).max()) if back.all() else float("inf")
+        figures = {"distance": distance if distance < np.inf else "inf", "length_unit": self.unit, "differs_px": error}
+        said = {"model": self.model.name, **figures, **({"mirrored": True} if mirrored else {})}
+        provenance = {**self.provenance, "central_of": said}
+        return Camera(found, self.size, theta_max=cone[1], theta_min=cone[0], provenance=provenance), error
+
+
+def _met(rays: Rays, distance: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Give where rays going outwards meet the sphere about the origin: points (..., 3), and which do."""
+    origins, bearings, valid = rays
+    with np.errstate(invalid="ignore"):
+        middle = (origins * bearings).sum(-1)
+        square = distance**2 - (origins**2).sum(-1) + middle**2
+        along = np.sqrt(np.where(square >= 0, square, np.nan)) - middle
+        valid = valid & (along > 0)
+    return np.where(valid[..., None], origins + along[..., None] * bearings, np.nan), valid

@@ -10,8 +10,10 @@ import omnisight as om
 from omnisight.images import write_image
 from omnisight.optics import Catadioptric
 from omnisight.optics.models.axial import Axial
+from omnisight.rig import back_to_back
 
 CAMERA = om.RayCamera(Axial.example(), (960, 962), theta_max=1.5, covariance=np.eye(10) * 1e-6)
+MIRROR = om.RayCamera(Catadioptric.example(), SIZE)
 
 
 @pytest.fixture
@@ -93,6 +95,16 @@ def test_convert_and_view_ask_for_a_distance(run, rays_file, tmp_path):
         assert "--distance 2m" in err
 
 
+def test_convert_takes_a_mirror_too(run, tmp_path):
+    om.save(om.RayCamera(Catadioptric.example(), (1280, 960)), tmp_path / "mirror.json")
+    command = "convert", tmp_path / "mirror.json", "--to", "native", "--distance", "2m", "-o", tmp_path / "central.json"
+    status, out, err = run(*command)
+    assert (status, err) == (0, "")
+    assert "central     spline, at most 0.00" in out
+    assert "left and right are exchanged as in the picture" in out
+    assert om.load(tmp_path / "central.json").provenance["central_of"]["mirrored"]
+
+
 def test_convert_writes_the_central_camera_of_a_distance(run, rays_file, tmp_path):
     for distance, away in (("1m", 1.0), ("inf", 1e9)):
         command = "convert", rays_file, "--to", "opencv", "-o", tmp_path / "camera.yml", "--distance", distance
@@ -135,6 +147,48 @@ def test_lengths_in_squares_are_given_so(run, tmp_path):
     assert "20squares" in err
     command = "convert", tmp_path / "rays.json", "--to", "opencv", "--distance", "20squares"
     assert run(*command, "-o", tmp_path / "camera.yml")[0] == 0
+
+
+def test_view_and_next_take_the_name_of_a_camera_of_a_rig(run, tmp_path, shots):
+    om.save_rig(back_to_back(480), tmp_path / "rig.json")
+    write_image(tmp_path / "picture.png", np.full((480, 480), 90, np.uint8))
+    command = "view", tmp_path / "picture.png", "--camera", tmp_path / "rig.json", "-o", tmp_path / "view.png"
+    status, _, err = run(*command, "--size", "64x48")
+    assert status == 2
+    assert "holds 2 cameras: front, back; say which one: --name front" in err
+    assert run(*command, "--size", "64x48", "--name", "back")[0] == 0
+    status, _, err = run("next", shots, "--camera", tmp_path / "rig.json", "--name", "up")
+    assert status == 2
+    assert "no camera 'up'; it holds front, back" in err
+
+
+@pytest.mark.parametrize(
+    ("camera", "more", "said"),
+    [
+        (MIRROR, ("--model", "mei"), "has a model of its own: leave out --model mei"),
+        (MIRROR, ("--method", "ocamcalib"), "--start others"),
+        (om.Camera(CAMERA.model.lens, SIZE), (), "a central camera (kannala_brandt), which needs no start"),
+        (MIRROR, ("--pattern", "9x6"), "its lengths are in metres, the board's are not: give the side of a square"),
+        (om.RayCamera(MIRROR.model, (9, 9)), ("--pattern", "9x6"), "for pictures of 9x9; these are 640x480"),
+    ],
+)
+def test_a_start_that_does_not_fit_is_refused(run, shots, tmp_path, camera, more, said):
+    om.save(camera, tmp_path / "start.json")
+    status, _, err = run("calibrate", shots, "--start", tmp_path / "start.json", *more)
+    assert status == 2
+    assert said in err
+
+
+def test_a_start_is_refined(run, shots, camera_file, tmp_path):
+    central = om.load(camera_file)
+    om.save(om.RayCamera(Axial(central.model, (0.0,)), central.size), tmp_path / "start.json")
+    command = "calibrate", shots, "--pattern", "9x6", "--square", "30mm", "--start", tmp_path / "start.json"
+    status, out, err = run(*command, "-o", tmp_path / "camera.json", "--json")
+    assert (status, err) == (0, "")
+    said, found = json.loads(out)["rays"], om.load(tmp_path / "camera.json")
+    assert said["model"] == found.model.name == "axial"
+    assert said["held_out_rms"] == found.calibration["held_out_rms"] < 0.5
+    assert abs(found.model.pupil[0]) < 0.05
 
 
 def test_next_says_what_it_takes(run, rays_file, shots):

@@ -46,8 +46,8 @@ class Bundle:
         return Huber(self.spread.threshold)
 
     def cost(self, state: State) -> float:
-        expected = 0.5 * (self._prior(state.model) * state.model.params**2).sum()
-        return self.loss.cost(state.lengths(self.views, self.spread.roots)) + float(expected)
+        prior, off = self._prior(state.model)
+        return self.loss.cost(state.lengths(self.views, self.spread.roots)) + 0.5 * float(prior @ off**2)
 
     def linearise(self, state: State) -> GroupedNormal:
         points, turned = state.points(self.views)
@@ -57,9 +57,9 @@ class Bundle:
         residuals, jacobian, cross, local, local_gradient = weighted(
             pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations
         )
-        prior, params = self._prior(state.model), state.model.params
+        prior, off = self._prior(state.model)
         gradient = jacobian.T @ residuals
-        held = held_back(params, gradient[:-2] + prior * params, *state.model.bounds)
+        held = held_back(state.model.params, gradient[:-2] + prior * off, *state.model.bounds)
         directions = self._directions.copy()
         directions[:-2][held] = 0.0
         normal = GroupedNormal(
@@ -70,7 +70,7 @@ class Bundle:
             local_gradient,
         )
         known = directions[:-2]
-        return normal.with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * params))
+        return normal.with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * off))
 
     def move(self, state: State, step: Array) -> State:
         camera, shared = self.freedom.directions.shape[1], self.freedom.count
@@ -92,9 +92,11 @@ class Bundle:
         directions[-2:, moving.shape[1] :] = np.eye(2)[:, : 2 * self.freedom.warp]
         return directions
 
-    def _prior(self, model: CameraModel) -> Array:
-        # What is known of a parameter beforehand counts as residuals do, whose unit is sigma.
-        return (self.spread.sigma / model.spreads) ** 2
+    def _prior(self, model: CameraModel) -> tuple[Array, Array]:
+        """Give what is known of each parameter beforehand: its weight (P,), and how far from 0 it is (P,)."""
+        # It counts as residuals do, whose unit is sigma.
+        prior = (self.spread.sigma / model.spreads) ** 2
+        return prior, np.where(prior > 0, model.params, 0.0)
 
 
 def refine(

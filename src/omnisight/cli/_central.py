@@ -30,22 +30,18 @@ def central_camera(path: Path, *, name: str | None = None, distance: str | None 
     ValueError
         If it holds a camera of rays and there is no distance, or the distance cannot be read.
     """
-    import numpy as np
-
     from omnisight.camera import Camera
     from omnisight.formats import load
 
     source = load(path, name=name)
+    where = f"{path}, {name}" if name else str(path)
     if isinstance(source, Camera):
         if distance is not None:
-            raise ValueError(f"--distance is for cameras whose rays do not meet; those of {path} do: leave it out")
+            raise ValueError(f"--distance is for cameras whose rays do not meet; those of {where} do: leave it out")
         return source
-    said = f"{path}: a camera whose rays do not meet in a point ({source.model.name})"
+    said = f"{where}: a camera whose rays do not meet in a point ({source.model.name})"
     if not takes:
-        raise ValueError(
-            f"{said}, which this command does not take: give the central camera that calibrate writes without --model"
-            f" {source.model.name}"
-        )
+        raise ValueError(f"{said}, which this command does not take: give the central one, of --model auto")
     if distance is None:
         such = "2m" if source.unit == "m" else "20squares"
         raise ValueError(
@@ -53,15 +49,15 @@ def central_camera(path: Path, *, name: str | None = None, distance: str | None 
             " taken"
         )
     away = _length(distance, source.unit)
-    lens, error = source.central(away)
+    central, error = source.central(away)
+    if not error <= FARTHEST_OFF:
+        central, error = source.central(away, "spline")
     if not error <= FARTHEST_OFF:
         raise ValueError(
-            f"{said}: at {distance} no central {lens.name} comes nearer than {error:.2g} px, {FARTHEST_OFF:g} allowed;"
-            " RayCamera.central, in Python, takes other models"
+            f"{said}: at {distance} no central camera comes nearer than {error:.2g} px, {FARTHEST_OFF:g} allowed: give"
+            " a larger distance, or inf"
         )
-    figures = {"distance": away if np.isfinite(away) else "inf", "length_unit": source.unit, "differs_px": error}
-    provenance = {**source.provenance, "central_of": {"model": source.model.name, **figures}}
-    return Camera(lens, source.size, theta_max=source.theta_max, theta_min=source.theta_min, provenance=provenance)
+    return central
 
 
 def _length(text: str, unit: str) -> float:

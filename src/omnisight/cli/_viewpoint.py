@@ -38,7 +38,8 @@ def viewpoint_json(asked: Asked | None, traced: RaysCalibration | None) -> dict[
     """Give the same as figures."""
     said: dict[str, Any] = {"viewpoint": None if asked is None else asked.as_dict()}
     if traced is not None:
-        said["axial"] = {
+        said["rays"] = {
+            "model": traced.camera.model.name,
             "needed": traced.needed,
             "reason": traced.reason,
             "rms": traced.rms,

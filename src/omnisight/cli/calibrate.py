@@ -17,6 +17,7 @@ def calibrate(
     square: str | None = None,
     target: Path | None = None,
     model: str = "auto",
+    start: Path | None = None,
     method: Literal["omnisight", "ocamcalib"] = "omnisight",
     drop: list[str] | None = None,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
@@ -52,6 +53,9 @@ def calibrate(
         A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...), or auto: several are fitted and
         the one that explains best what it was not calibrated on is taken. Or axial: a camera whose viewpoint moves
         along its axis.
+    start
+        A file of a lens and its mirror as they were drawn, such as `omnisight design mirror --camera` writes of one
+        whose rays do not meet: how they truly stand is found. It needs the board's --square.
     method
         omnisight, or ocamcalib: Scaramuzza's original steps, to compare with; both errors are printed.
     drop
@@ -89,6 +93,7 @@ def calibrate(
     from omnisight.cli._classic import classic_camera, print_classic, steps
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._names import drawings, labels, spare
+    from omnisight.cli._start import drawn, must_fit
     from omnisight.cli._viewpoint import print_viewpoint, viewpoint_json
     from omnisight.formats import save
     from omnisight.images import collect_images
@@ -103,11 +108,11 @@ def calibrate(
         raise ValueError(f"{output}: is named for the camera and for the report; give two files")
     if model not in (known := ("auto", *model_names(), *ray_model_names())):
         raise ValueError(f"unknown camera model {model!r}; there are: {', '.join(known)}")
-    rays = model in ray_model_names()
+    drawing = None if start is None else drawn(start, model)
+    rays = drawing is not None or model in ray_model_names()
     if rays and method == "ocamcalib":
-        raise ValueError(
-            f"--method ocamcalib calibrates cameras whose rays meet in a point, and --model {model} is none"
-        )
+        said = f"--model {model}" if drawing is None else "--start"
+        raise ValueError(f"--method ocamcalib calibrates cameras whose rays meet in a point, and {said} others")
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures, clips=True)
     if draw is not None:
@@ -125,6 +130,9 @@ def calibrate(
             raise ValueError(_too_few_found(search, least))
         if search.hint and not force:
             raise ValueError(f"{search.hint} (--force calibrates all the same)")
+        unit = "squares" if search.board is None else search.board.unit
+        if drawing is not None:
+            must_fit(drawing, start, search.size, unit)
         result = calibrate_pictures(
             search,
             names=names,
@@ -141,9 +149,9 @@ def calibrate(
             from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
 
             classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=tell)
-        unit = "squares" if result.search.board is None else result.search.board.unit
         asked = ask(result.calibration, unit=unit)
-        traced = calibrate_rays(result.calibration, model, unit=unit, loss=loss) if rays else None
+        wanted = model if drawing is None else drawing.model
+        traced = calibrate_rays(result.calibration, wanted, unit=unit, loss=loss) if rays else None
     solved = time.perf_counter()
     camera = result.calibration.camera if classic is None else classic_camera(classic, result.calibration)
     camera = _with_provenance(camera if traced is None else traced.camera, result.search)

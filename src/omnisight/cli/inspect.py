@@ -85,6 +85,7 @@ def _parameters(camera: Any) -> None:
 
     model = camera.model
     told = list(zip(model.parameters, model.params, strict=True))
+    wide = max(8, *(len(parameter.name) for parameter, _ in told[:MOST_PARAMETERS]))
     for parameter, value in told[:MOST_PARAMETERS]:
         sigma = ""
         if camera.covariance is not None:
@@ -92,7 +93,7 @@ def _parameters(camera: Any) -> None:
             deviation = float(np.sqrt(max(camera.covariance[index, index], 0)))
             sigma = f" +- {deviation:.2g}" if deviation else " (fixed)"
         unit = getattr(camera, "unit", "m") if parameter.unit == "m" else parameter.unit
-        print(f"  {parameter.name:<8} {value:14.8g}{sigma:<12} {unit:<3} {parameter.doc}")
+        print(f"  {parameter.name:<{wide}} {value:14.8g}{sigma:<12} {unit:<3} {parameter.doc}")
     if len(told) > MOST_PARAMETERS:
         print(f"  ... and {len(told) - MOST_PARAMETERS} more, to {told[-1][0].name}")
 

@@ -18,6 +18,7 @@ def next(
     pattern: Annotated[str | None, Parameter(alias="--size")] = None,
     square: str | None = None,
     target: Path | None = None,
+    name: str | None = None,
     count: int = 3,
     draw: Annotated[Path | None, Parameter(alias="-o")] = None,
     apply_exif: bool = False,
@@ -42,6 +43,8 @@ def next(
         Side of a square with its unit: 32.5mm.
     target
         The board as a file, in place of --pattern and --square.
+    name
+        Which camera, where the file holds several, as that of a rig does.
     count
         How many pictures to propose, one after another.
     draw
@@ -68,7 +71,7 @@ def next(
 
     if not 1 <= count <= MOST:
         raise ValueError(f"--count is {count}: give 1 to {MOST} pictures to propose")
-    source = central_camera(camera, takes=False)
+    source = central_camera(camera, name=name, takes=False)
     paths = collect_images(pictures, clips=True)
     if draw is not None:
         _must_be_apart(draw, paths)

@@ -41,6 +41,7 @@ def view(
     mark: bool = False,
     view_camera: Path | None = None,
     scale_camera: bool = False,
+    name: str | None = None,
     distance: str | None = None,
     apply_exif: bool = False,
     quiet: bool = False,
@@ -94,6 +95,8 @@ def view(
         Write the view's own camera, whose rotation is in its provenance.
     scale_camera
         The pictures were resized since the calibration: scale the camera to them.
+    name
+        Which camera, where the file holds several, as that of a rig does.
     distance
         Of a camera whose rays do not meet in a point: how far what it looks at is, with its unit (2m, or inf).
     apply_exif
@@ -110,7 +113,7 @@ def view(
     from omnisight.views.maps import extrapolated
     from omnisight.views.remapper import Remapper
 
-    source = central_camera(camera, distance=distance)
+    source = central_camera(camera, name=name, distance=distance)
     target, rotations = _target(to, fov, size, elevation, azimuth, projection, (yaw, pitch, roll), up, flip)
     paths = collect_images(pictures)
     several = len(paths) > 1

@@ -4,7 +4,9 @@ import dataclasses
 import importlib
 import json
 import pkgutil
+from collections.abc import Mapping
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import cast
 
@@ -17,6 +19,7 @@ from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
+NAMED = 12  # cameras that a message names
 LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
 # What reading a damaged file runs into, where no check of its own says it better.
 DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
@@ -54,11 +57,19 @@ def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
     cameras = load_all(path)
     if name is not None:
         if name not in cameras:
-            raise FormatError(f"{path}: no camera {name!r}; it holds {', '.join(cameras)}")
+            raise FormatError(f"{path}: no camera {name!r}; it holds {_named(cameras)}")
         return cameras[name]
     if len(cameras) > 1:
-        raise FormatError(f"{path}: holds {len(cameras)} cameras: {', '.join(cameras)}; say which one")
+        such = next(iter(cameras))
+        raise FormatError(
+            f"{path}: holds {len(cameras)} cameras: {_named(cameras)}; say which one: --name {such}, in Python"
+            f" name={such!r}"
+        )
     return next(iter(cameras.values()))
+
+
+def _named(cameras: Mapping[str, Camera | RayCamera]) -> str:
+    return ", ".join([*islice(cameras, NAMED), *(["..."] if len(cameras) > NAMED else [])])
 
 
 def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:

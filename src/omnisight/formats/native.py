@@ -15,7 +15,7 @@ from omnisight.geometry.rotation import nearest
 from omnisight.models import model_class, model_names
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.models import ray_model_class
-from omnisight.ray_camera import RayCamera
+from omnisight.ray_camera import UNITS, RayCamera
 from omnisight.rig import Rig
 
 TITLE = "omnisight JSON"
@@ -27,9 +27,10 @@ _FIRST = {"format", "version", "model", "params", "units", "size", "convention",
 KEYS = _FIRST | {"calibration", "covariance", "provenance", "rms_definition"}
 RMS = "root mean square of the residual's length |d|, px, over all corners"
 CAMERA, RAYS, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
-UNITS = ("m", "squares")
 # By how much a rotation of a file may be none.
 SKEWED = 1e-6
+# More than any camera, mirror system or rig has: parameters, a lens with its mirrors, cameras, letters of a name.
+PARAMETERS, PARTS, SENSORS, LETTERS = 2000, 9, 200, 80
 
 
 def matches(text: str) -> bool:
@@ -52,11 +53,16 @@ def camera_from_json(data: Any) -> Camera | RayCamera:
     if missing := sorted({"model", "params", "size"} - set(data)):
         raise ValueError(f"missing {', '.join(missing)}")
     size = data["size"]
-    if not (isinstance(size, list) and len(size) == 2 and all(isinstance(s, int) and 0 <= s < 10**6 for s in size)):
-        raise ValueError(f'"size" must be [width, height], got {size!r}')
-    for name in ("calibration", "provenance"):
+    if not (isinstance(size, list) and len(size) == 2 and all(type(s) is int and 0 <= s < 10**6 for s in size)):
+        raise ValueError(f'"size" must be [width, height], got {size!r:.60}')
+    for name in ("params", "calibration", "provenance"):
         if not isinstance(data.get(name) or {}, dict):
             raise ValueError(f'"{name}" must be an object, got {data[name]!r:.60}')
+    params, name = data["params"] or {}, data["model"]
+    if not isinstance(name, str) or len(name) > LETTERS:
+        raise ValueError(f'"model" must be the name of a model, got {name!r:.60}')
+    if len(params) > PARAMETERS:
+        raise ValueError(f"{len(params)} parameters; a camera has at most {PARAMETERS}")
     theta_max, theta_min = _cone(data)
     common: dict[str, Any] = {
         "theta_max": theta_max,
@@ -67,15 +73,17 @@ def camera_from_json(data: Any) -> Camera | RayCamera:
     covariance = data.get("covariance")
     if not central:
         # Names of lenses and mirrors are the things here that are no numbers.
-        values = {k: v if isinstance(v, str) else number(v, k) for k, v in data["params"].items()}
-        kind = Catadioptric if data["model"] == Catadioptric.name else ray_model_class(data["model"])
+        values = {k: v[:LETTERS] if isinstance(v, str) else number(v, k) for k, v in params.items()}
+        if (parts := sum(isinstance(value, str) for value in values.values())) > PARTS:
+            raise ValueError(f"{parts} lenses and mirrors; a camera has at most {PARTS}")
+        kind = Catadioptric if name == Catadioptric.name else ray_model_class(name)
         rays = kind.from_dict(values)
         if (unit := data.get("length_unit", "m")) not in UNITS:
-            raise ValueError(f"length_unit must be {' or '.join(UNITS)}, got {unit!r}")
+            raise ValueError(f"length_unit must be {' or '.join(UNITS)}, got {unit!r:.60}")
         common["covariance"] = None if covariance is None else _covariance(covariance, len(rays.params))
         extra = note_unknown(data, KEYS | {"length_unit"})
         return RayCamera(rays, (size[0], size[1]), unit, extra=extra, **common)
-    model = model_class(data["model"]).from_dict({name: number(value, name) for name, value in data["params"].items()})
+    model = model_class(name).from_dict({key: number(value, key) for key, value in params.items()})
     common["covariance"] = None if covariance is None else _covariance(covariance, len(model.params))
     return Camera(model, (size[0], size[1]), extra=note_unknown(data, KEYS), **common)
 
@@ -86,16 +94,24 @@ def rig_from_json(data: Any) -> Rig:
     sensors = data.get("sensors")
     if not isinstance(sensors, dict) or not all(isinstance(value, dict) for value in sensors.values()):
         raise ValueError('"sensors" must be an object of cameras by name')
+    if len(sensors) > SENSORS:
+        raise ValueError(f"{len(sensors)} cameras; a rig has at most {SENSORS}")
     found: dict[str, tuple[Camera | RayCamera, Pose]] = {}
     for name, sensor in sensors.items():
+        if not name.isprintable() or not 0 < len(name) <= LETTERS:
+            raise ValueError(f"a camera's name must be 1 to {LETTERS} printable characters, got {name[:LETTERS]!r}")
         try:
             found[name] = camera_from_json(sensor["camera"]), _pose(sensor["sensor_from_rig"])
         except KeyError as error:
             raise ValueError(f"sensor {name}: missing {error.args[0]}") from None
+        except ValueError as error:
+            raise ValueError(f"sensor {name}: {error}") from None
     return Rig.of(found)
 
 
 def _pose(data: Any) -> Pose:
+    if not isinstance(data, dict):
+        raise ValueError(f"sensor_from_rig must be an object with rotation and translation, got {data!r:.60}")
     rows = data["rotation"]
     if not isinstance(rows, list) or len(rows) != 3:
         raise ValueError("rotation must have 3 rows of 3 numbers")
@@ -110,9 +126,9 @@ def _checked(data: Any, kinds: tuple[str, ...]) -> str:
     """Give the kind of object, or say what is wrong with its header."""
     if not isinstance(data, dict) or data.get("format") not in kinds:
         found = data.get("format") if isinstance(data, dict) else data
-        raise ValueError(f'"format" is {found!r:.60}, not "{CAMERA}"')
+        raise ValueError(f'"format" is {found!r:.60}, not "{kinds[0]}"')
     if not isinstance(data.get("version"), int) or data["version"] > VERSION:
-        raise ValueError(f"version {data.get('version')!r}; this omnisight reads up to {VERSION}: update it")
+        raise ValueError(f"version {data.get('version')!r:.60}; this omnisight reads up to {VERSION}: update it")
     if data["version"] is True or data["version"] < 1:
         raise ValueError(f"version {data['version']!r} is none")
     return data["format"]

@@ -40,6 +40,8 @@ class Rig:
 
     def __post_init__(self) -> None:
         """Refuse what does not fit together."""
+        if not self.cameras:
+            raise ValueError("a rig needs a camera, got none")
         if not len(self.cameras) == len(self.sensor_from_rig) == len(self.names):
             counts = f"{len(self.cameras)}, {len(self.sensor_from_rig)} and {len(self.names)}"
             raise ValueError(f"a rig needs as many cameras as poses and names, got {counts}")
@@ -49,8 +51,8 @@ class Rig:
     @classmethod
     def of(cls, sensors: Mapping[str, tuple[Sensor, Pose]]) -> Self:
         """Make it from cameras and their `sensor_from_rig`, by name."""
-        cameras, poses = zip(*sensors.values(), strict=True) if sensors else ((), ())
-        return cls(tuple(cameras), tuple(poses), tuple(sensors))
+        cameras, poses = tuple(c for c, _ in sensors.values()), tuple(pose for _, pose in sensors.values())
+        return cls(cameras, poses, tuple(sensors))
 
     def __len__(self) -> int:
         """Give the number of cameras."""

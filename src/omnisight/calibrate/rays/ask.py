@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 # Coefficients of the place on the axis: one follows most fisheyes, and mirrors need the second.
 COEFFICIENTS = 2
+# A travel of so many standard deviations is one of the camera, or of a lens that the model does not follow.
+SURE = 5.0
 
 
 @dataclass(frozen=True)
@@ -28,9 +30,10 @@ class Asked:
     ----------
     needed
         Whether pictures held out are explained better so, by more than chance.
-    open
-        Whether they would be, but a central spline explains them better still: then the lens' profile may be what the
-        camera lacks, and not the viewpoint.
+    doubt
+        Why it is open, or nothing: they would be, but a central spline explains them better still, so that the lens'
+        profile may be what the camera lacks; or they are not, although the travel is many times its standard deviation,
+        as where pictures are few.
     central_rms, axial_rms
         Root mean square residual of the two on pictures held out, px.
     travel, travel_sigma
@@ -47,7 +50,7 @@ class Asked:
     """
 
     needed: bool
-    open: bool
+    doubt: str
     central_rms: float
     axial_rms: float
     travel: float
@@ -56,6 +59,11 @@ class Asked:
     widths: tuple[float, ...] | None
     left: Left
     axial: Candidate
+
+    @property
+    def open(self) -> bool:
+        """Whether the pictures leave it open."""
+        return bool(self.doubt)
 
     def length(self, value: float) -> str:
         """Write a length in its unit, metres as mm or m."""
@@ -71,15 +79,16 @@ class Asked:
 
     def __str__(self) -> str:
         """Say it in one sentence."""
-        held = f"{self.axial_rms:.3f} px on pictures held out, against {self.central_rms:.3f} px of one that stands"
-        moving = (
-            f"a viewpoint that moves along the axis, by {self.length(self.travel)} ± {self.length(self.travel_sigma)},"
+        moving = f"by {self.length(self.travel)} ± {self.length(self.travel_sigma)}"
+        held = (
+            f"pictures held out are {self.axial_rms:.3f} px off if the viewpoint moves along the axis ({moving}),"
+            f" {self.central_rms:.3f} px if it stands still"
         )
         if self.needed:
-            return f"the rays do not meet in a point: {moving} has {held}"
+            return f"the rays do not meet in a point: {held}"
         if self.open:
-            return f"it is open whether the rays meet in a point: {moving} has {held}; a central spline has less"
-        return f"the rays meet in a point, as far as these pictures tell: {moving} has {held}"
+            return f"it is open whether the rays meet in a point: {held}; {self.doubt}"
+        return f"the rays meet in a point, as far as these pictures tell: {held}"
 
     def as_dict(self) -> dict[str, Any]:
         """Give the figures by name; angles in degrees."""
@@ -139,14 +148,19 @@ def ask(calibration: Calibration, *, unit: str = "squares") -> Asked | None:
     width = float(np.ptp(views.extent, axis=0).max())
     distances = METRES if unit == "m" else tuple(width * times for times in WIDTHS)
     points = corners(axial.state, views, usable)
+    travel = model.travel(*cone)
+    sigma = travel_sigma(axial, model, cone, camera_covariance(axial, views, loss="huber"))
+    doubt = "a central spline has less than either" if doubtful else ""
+    if not better and travel > SURE * sigma:
+        doubt = "yet so large a travel is no chance: more pictures, very near and far and out to the rim, can tell"
     assert best.held_out_lengths is not None
     return Asked(
         better and not doubtful,
-        doubtful,
+        doubt,
         float(np.sqrt((best.held_out_lengths[usable] ** 2).mean())),
         axial.held_out_rms or 0.0,
-        model.travel(*cone),
-        travel_sigma(axial, model, cone, camera_covariance(axial, views, loss="huber")),
+        travel,
+        sigma,
         unit,
         None if unit == "m" else WIDTHS,
         Left.of(best.state.model, model, points, size=camera.size, cone=cone, distances=distances),

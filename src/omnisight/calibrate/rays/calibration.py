@@ -1,7 +1,7 @@
 """The calibration of a camera whose rays need not meet in a point, from pictures of plane boards."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from omnisight.calibrate.calibration import Calibration
 from omnisight.calibrate.candidates import HOPELESS, Candidate, choose
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.rays.fitting import axial_of, clearly_better, fit, placed
+from omnisight.calibrate.rays.drawing import as_drawn, idle, placed, whole
+from omnisight.calibrate.rays.fitting import axial_of, clearly_better, fit, with_rays
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import ENOUGH
@@ -95,21 +96,20 @@ def calibrate_rays(
     unit
         Of the boards: "m", or "squares" where their size is not known.
     fixed, free
-        Parameters by name of a camera to start from that stay there, or that move although they do not by default. Of
-        an axial one is estimated what the central calibration estimated.
+        Parameters by name of a camera to start from that stay there, or that move although they do not by default: the
+        lens and where the mirror stands do, its shape does not. Of an axial one is estimated what the central
+        calibration estimated.
     loss
         "huber", or "squared".
 
     Raises
     ------
     ValueError
-        If there is no such model, or the camera to start from explains too few corners.
+        If there is no such model, or the camera to start from explains too few corners, or does not come near.
     """
     views, usable, central = calibration.views, ~calibration.outliers, calibration.candidates[0]
     if isinstance(model, RayModel):
-        start = placed(model, views)
-        known = Freedom.of(start.model, fixed=fixed, free=free, warp=central.freedom.warp)
-        tried = [_judged(fit(model.name, start, views, known, loss=loss), calibration, loss)]
+        tried = [_refined(calibration, model, fixed, free, loss)]
     elif model == "axial":
         tried = _axial(calibration, loss)
     else:
@@ -117,8 +117,27 @@ def calibrate_rays(
     best, reason = choose(tried, views, usable)
     needed = best.held_out_lengths is None or clearly_better(best, central, views, usable)
     if not needed:
-        reason += f" The central {central.name} is as good ({central.held_out_rms:.3f} px): nothing here asks for more."
+        reason += f" The central {central.name} has {central.held_out_rms:.3f} px: nothing here asks for more."
     return _concluded(best, tuple(tried), calibration, needed, reason, unit, loss)
+
+
+def _refined(
+    calibration: Calibration, model: RayModel, fixed: Sequence[str], free: Sequence[str], loss: str
+) -> Candidate:
+    """Refine a camera that is nearly known."""
+    views, usable, central = calibration.views, ~calibration.outliers, calibration.candidates[0]
+    start = placed(whole(model, views), views)
+    still = (*fixed, *(name for name in idle(model) if name not in free))
+    freedom = Freedom.of(start.model, fixed=still, free=free, warp=central.freedom.warp)
+    found = fit(model.name, start, views, freedom, loss=loss)
+    if not found.rms <= HOPELESS * central.rms:
+        raise ValueError(
+            f"{model.name}: refined from the camera to start from, it is {found.rms:.2f} px off, a central"
+            f" {central.name} {central.rms:.2f} px: its mirror, distance or focal length is not what was drawn"
+        )
+    found = _judged(found, calibration, loss)
+    ended = as_drawn(cast(RayModel, found.state.model), model, found.state.points(views)[0][usable])
+    return replace(found, state=with_rays(found.state, ended))
 
 
 def _axial(calibration: Calibration, loss: str) -> list[Candidate]:
@@ -167,7 +186,8 @@ def _concluded(
         "corners": len(views.pixels),
         "outliers": int(outliers.sum()),
     }
-    first = float(np.nanmin(angles)) if calibration.camera.theta_min else 0.0
+    # The middle that a mirror's central camera may not see is not the middle of its lens.
+    first = float(np.nanmin(angles)) if calibration.camera.theta_min or not isinstance(model, Axial) else 0.0
     last = float(np.nanmax(angles))
     if isinstance(model, Axial):
         figures["travel"] = model.travel(first, last)

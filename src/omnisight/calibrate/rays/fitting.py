@@ -9,7 +9,6 @@ from scipy.linalg import block_diag
 
 from omnisight.calibrate.candidates import TIE, Candidate
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.pose import plane_poses, settled_poses
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import OUTSIDE, State
@@ -51,29 +50,6 @@ def axial_of(central: Candidate, views: BoardViews, count: int, *, loss: str) ->
     directions = block_diag(central.freedom.directions, np.eye(count))
     freedom = Freedom(np.asarray(directions, float), central.freedom.warp)
     return fit(f"axial {central.name}, {count}", start, views, freedom, loss=loss)
-
-
-def placed(model: RayModel, views: BoardViews) -> State:
-    """Pose every board for a camera that is nearly known, as if its rays began where they do in the mean.
-
-    Raises
-    ------
-    ValueError
-        If the camera's rays explain too few of the corners of a picture.
-    """
-    origins, bearings, valid = model.rays(views.pixels)
-    if not valid.any():
-        raise ValueError(
-            f"{model.name}: the camera to start from has no ray for any corner; is it for this picture size?"
-        )
-    centre = origins[valid].mean(0)
-    rotations, translations = plane_poses(views, bearings)
-    if not (known := np.isfinite(translations).all(1)).all():
-        name = views.names[int(np.argmin(known))]
-        raise ValueError(f"{model.name}: the camera to start from has rays for too few corners of {name}; leave it out")
-    rotations, translations = settled_poses(views, bearings, rotations, translations)
-    state = State(cast(CameraModel, model), rotations, translations + centre)
-    return refine(state, views, freedom=Freedom.none(state.model), iterations=30).state
 
 
 def clearly_better(one: Candidate, other: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:

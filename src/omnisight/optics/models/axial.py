@@ -73,6 +73,8 @@ class Axial(RayModel):
             raise ValueError(f"model {cls.name}: missing lens, the name of a camera model")
         pupil = {name: value for name, value in values.items() if name.startswith("pupil")}
         lens = {name: value for name, value in values.items() if name != "lens" and name not in pupil}
+        if not pupil:
+            raise ValueError(f"model {cls.name}: missing pupil0")
         names = cls.coefficient_names(len(pupil), "pupil")
         if unknown := sorted(set(pupil) - set(names)):
             raise ValueError(f"model {cls.name}: of {len(pupil)} coefficients none is {', '.join(unknown)}")

@@ -1,0 +1,45 @@
+"""What calibrations of cameras whose rays do not meet in a point leave: the table of docs/guide/noncentral.md.
+
+`python -m benchmarks.noncentral` takes some minutes. The cameras and boards are those of the tests, traced exactly by
+other means than the model's, and true rays are asked, so far along them, by how many px each calibration is off.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import omnisight as om
+from omnisight.calibrate.rays import calibrate_rays
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from noncentral import SIZE, in_focus, moving_pupil, off_by, off_focus, shown, sphere
+
+PICTURES, NOISE, DISTANCES = 20, 0.1, (0.2, 0.4, 1.0, 5.0)
+CAMERAS = {
+    "lens 10 cm before a ball of 10 cm": sphere,
+    "hyperbola, the lens 25 mm off its focus": off_focus,
+    "equisolid fisheye, its pupil 8 mm forward at 90 degrees": moving_pupil,
+    "hyperbola in its focus": in_focus,
+}
+
+
+def main() -> None:
+    """Calibrate each camera, central and axial, and print what is left."""
+    print("| camera | | " + " | ".join(f"at {distance:g} m" for distance in DISTANCES) + " | held out | needed |")
+    print("|---" * (len(DISTANCES) + 4) + "|")
+    for name, make in CAMERAS.items():
+        truth = make()
+        views, points = shown(truth, PICTURES, noise=NOISE)
+        central = om.calibrate_camera(views, SIZE, flat=True)
+        rays = calibrate_rays(central, unit="m")
+        for kind, found in (("central", central), ("axial", rays)):
+            corners = found.state.points(views)[0]
+            off = [off_by(found.camera, truth, views, corners, points, distance) for distance in DISTANCES]
+            figures = " | ".join(f"{np.sqrt((o**2).mean()):.3f}" for o in off)
+            held = f"{found.held_out_rms:.3f} | {'yes' if rays.needed else 'no'}"
+            print(f"| {name} | {kind} | {figures} | {held} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
