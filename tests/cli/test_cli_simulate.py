@@ -49,7 +49,10 @@ def test_the_files_are_there_and_the_readme_names_them(written):
     for name in (*(f"{kind}/" for kind in kinds), "poses.txt", "images.txt", "camera.json", "instances.json"):
         assert name in text
     assert json.loads((written / "settings.json").read_text())["scene"] == "lines"
-    assert (written / "images.txt").read_text().splitlines()[1] == "0.033333 images/000001.png"
+    # As the TUM data sets' rgb.txt, whose readers skip three lines of comment.
+    lines = (written / "images.txt").read_text().splitlines()
+    assert [line[:1] for line in lines[:4]] == ["#", "#", "#", "0"]
+    assert lines[4] == "0.033333 images/000001.png"
 
 
 def test_what_is_read_back_is_what_is_seen_from_those_poses(written):
@@ -102,6 +105,49 @@ def test_the_same_seed_writes_the_same_bytes_and_an_older_set_is_replaced(run, s
     assert pictures(tmp_path / "b", "--frames", 2) == first
     assert pictures(tmp_path / "b", "--frames", 1, "--seed", 4) != first[:1]
     assert len(list((tmp_path / "b" / "depth").iterdir())) == 1
+
+
+def test_a_rig_that_was_broken_off_leaves_nothing_to_the_next(run, small, tmp_path, monkeypatch):
+    from omnisight.cli._dataset import Dataset
+
+    lens = om.fisheye(32, 170)
+    file = save_rig(Rig.of({name: (lens, om.Pose()) for name in ("left", "right")}), tmp_path / "rig.json")
+    common, out = ("simulate", "lines", "--rays", 1, "-o", tmp_path / "out"), tmp_path / "out"
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Dataset, "finish", interrupted)
+        status, _, err = run(*common, "--camera", file, "--frames", 2)
+    assert status != 0
+    assert "interrupted" in err
+    assert (out / "left" / "images" / "000001.png").is_file()
+    assert "Not finished" in (out / "README.txt").read_text()
+    (out / "mine.txt").write_text("a note")
+    assert run(*common, "--camera", small, "--frames", 1)[0] == 0
+    assert {path.name for path in out.iterdir() if path.is_dir()} == {"images", "depth", "normals", "instances"}
+    assert (out / "mine.txt").read_text() == "a note"
+
+
+def test_wrong_options_leave_an_older_set_whole(run, refuses, small, tmp_path):
+    common = ("simulate", "lines", "--camera", small, "--rays", 1, "--frames", 1, "-o", tmp_path / "out")
+    run(*common)
+    for options in (("--blur", "nan"), ("--jpeg", 0), ("--circle", "170:180"), ("--trajectory", "nowhere")):
+        refuses(*common, *options)
+    assert (tmp_path / "out" / "images" / "000000.png").is_file()
+    assert (tmp_path / "out" / "settings.json").is_file()
+
+
+def test_a_camera_that_leaves_the_room_is_told(run, small, tmp_path):
+    (tmp_path / "out.txt").write_text("0 0 0 0 0 0 0 1\n1 0 0 3.5 0 0 0 1\n")
+    common = ("simulate", "lines", "--camera", small, "--rays", 1, "--trajectory", tmp_path / "out.txt")
+    status, out, err = run(*common, "-o", tmp_path / "out", "--json")
+    assert status == 0
+    (note,) = json.loads(out)["notes"]
+    assert "1 of 2 pictures" in note
+    assert "000001 at (0.00, 0.00, 3.50) m, by 'hall'" in note
+    assert note in err
 
 
 def test_a_folder_of_something_else_is_left_alone(refuses, small, tmp_path):
@@ -175,8 +221,9 @@ def test_rigs_and_non_central_cameras_are_rendered(run, tmp_path):
         (("--vignette", 2), "--vignette must be from 0 to 1"),
         (("--rolling-shutter", "nan"), "--rolling-shutter must be"),
         (("--seed", -1), "--seed must not be negative"),
-        (("--jpeg", 0), "--jpeg must be from 1 to 100"),
+        (("--jpeg", 0), "jpeg must be from 1 to 100, got 0"),
         (("--circle", "90:20"), "--circle must be two angles"),
+        (("--circle", "170:180"), "--circle 170:180 leaves nothing of what"),
         (("--noise", -1), "noise must be from 0 to 255"),
         (("--trajectory", "circle"), "there is no such file, and no such motion of line, loop"),
     ],

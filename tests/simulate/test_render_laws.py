@@ -260,7 +260,7 @@ def test_matches_are_the_same_points_of_the_scene(name):
 
 def test_matches_have_the_same_colour():
     scene = scene_named("room")
-    camera = om.fisheye(400, 180)
+    camera = om.fisheye(240, 180)
     moved = om.Pose(exp((0.02, 0.2, 0.03)), np.array((0.25, 0.05, 0.1)))
     first, second = (Renderer(camera, pose, scene, vignette=0, samples=2) for pose in (om.Pose(), moved))
     found = matches(first, second)

@@ -3,11 +3,12 @@
 import cv2
 import numpy as np
 import pytest
+from sights import GRAY, still_life
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.images import to_gray8
-from omnisight.simulate import Renderer, matches, render, scene_named, scene_names
+from omnisight.simulate import Renderer, Scene, ball, box, matches, render, roof, scene_named, scene_names, tube
 from omnisight.simulate.trajectory import BUILT_IN, built_in
 
 NEXT = om.Pose(exp((0.02, 0.12, 0.03)), np.array((0.15, 0.03, 0.12)))
@@ -28,23 +29,24 @@ def test_nothing_stands_in_the_way_of_the_built_in_motions(name):
     bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
     for motion in BUILT_IN:
         for pose in built_in(motion, scene.free, 1.0).poses[::12]:
+            assert scene.what_holds(pose.translation) == [""]
             met = scene.cast(np.tile(pose.translation, (200, 1)), bearings)
             assert np.nanmin(met.distances) > 0.15
             assert (met.instances > 0).mean() > 0.4
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["room", "street"])
-def test_features_match_where_the_truth_says(name):
-    """SIFT in a picture of a megapixel: thousands of features; of those that match four fifths and more are right."""
-    scene, camera = scene_named(name), om.fisheye(1000, 180)
-    views = [Renderer(camera, pose, scene, samples=2) for pose in (om.Pose(), NEXT)]
+@pytest.mark.parametrize(("name", "side", "least"), [("room", 1000, 2000), ("street", 600, 1000)])
+def test_features_match_where_the_truth_says(name, side, least):
+    """SIFT: thousands of features in a megapixel; of those that match four fifths and more are right."""
+    scene, camera = scene_named(name), om.fisheye(side, 180)
+    views = [Renderer(camera, pose, scene, samples=1) for pose in (om.Pose(), NEXT)]
     sift = cv2.SIFT_create()
     (first, a), (second, b) = (sift.detectAndCompute(to_gray8(view().image), None) for view in views)
-    assert min(len(first), len(second)) >= 1000
+    assert min(len(first), len(second)) >= least
     pairs = cv2.BFMatcher().knnMatch(a, b, k=2)
     good = [m for m, n in pairs if m.distance < 0.75 * n.distance]
-    assert len(good) > 300
+    assert len(good) > 0.4 * least
     here = np.array([first[m.queryIdx].pt for m in good])
     there = np.array([second[m.trainIdx].pt for m in good])
     rays = camera.rays(here)
@@ -96,3 +98,25 @@ def test_wires_are_straight():
     assert seen > 10
     with pytest.raises(ValueError, match="there is no 'rope' in the scene"):
         scene.instance("rope")
+
+
+def test_what_holds_a_point_is_the_solid_that_it_lies_in():
+    """As rays tell it: from inside a closed solid every ray meets it, from the far side of its wall."""
+    turned = om.Pose(exp((0.3, 0.5, -0.2)), np.array((0.2, 0.1, -0.3)))
+    rng = np.random.default_rng(2)
+    points, bearings = rng.uniform(-2, 2, (300, 3)), rng.normal(size=(12, 3))
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+    for solid in (
+        ball((0, 0, 0), (1.2, 0.8, 1.5), GRAY, "solid"),
+        box((-1, -0.5, -1.4), (1, 0.9, 1.2), GRAY, "solid"),
+        tube((-0.5, -1, 0), (0.4, 1.2, 0.3), 0.9, GRAY, "solid"),
+        roof((-1.5, -1, -1), (1.5, 1, 1), GRAY, "solid"),
+    ):
+        scene = Scene((solid.moved(turned),))
+        met = scene.cast(points[:, None], bearings)
+        # The two ends of a line through a point inside a convex solid both meet it.
+        inside = ((met.instances > 0) & (scene.cast(points[:, None], -bearings).instances > 0)).all(1)
+        assert 10 < inside.sum() < 290
+        assert scene.what_holds(points) == ["solid" if i else "" for i in inside]
+    shell = Scene((box((-1, -1, -1), (1, 1, 1), GRAY, "hall", inside=True), still_life().solids[0]))
+    assert shell.what_holds([(0, 0, 0), (0, 0, 1.5)]) == ["", "hall"]

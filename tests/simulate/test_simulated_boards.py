@@ -195,3 +195,24 @@ def test_the_boards_of_the_scene_are_found_where_they_stand():
     assert kinds == {"hall", "checkerboard", "aprilgrid", "charuco", "circles"}
     image = render(om.perspective(60, (640, 480)), scene=scene, noise=0.5).image
     assert detect_checkerboard(to_gray8(image), Checkerboard(9, 6, 0.06)) is not None
+
+
+def test_corners_of_a_board_before_a_rolling_shutter_are_where_they_are_seen():
+    """The truth of the pixel there is the corner's own place, with each row from its own pose."""
+    from omnisight.simulate.trajectory import built_in
+
+    camera = om.perspective(70, (320, 240))
+    rows = built_in("line", ((-1.5, -0.1, -0.1), (1.5, 0.1, 0.1)), 1.0).rows(0.5, 240, 0.2)
+    rows = [om.Pose(translation=pose.translation) for pose in rows]  # sideways
+    board = BoardInScene(BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.8))))
+    rolling = Renderer(camera, rows, Scene(()))
+    corners = rolling([board]).corners[0]
+    still = Renderer(camera, rows[120], Scene(()))([board]).corners[0]
+    assert np.abs(corners - still).max() > 3
+    truth = rolling.truth([board])
+    at = np.rint(corners).astype(int)
+    seen = truth.points[at[:, 1], at[:, 0]]
+    true = rows[120] @ (board.cam_from_board @ BOARD.points)
+    assert np.linalg.norm(seen - true, axis=1).max() < 0.8 * 0.8 / camera.model.fx  # within the pixel
+    light = rolling.light([board])
+    assert (light[at[:, 1], at[:, 0]] > 0).all()

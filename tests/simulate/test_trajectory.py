@@ -55,6 +55,12 @@ def test_a_file_reads_back(tmp_path):
         np.testing.assert_allclose(a.translation, b.translation, atol=1e-8)
 
 
+def test_times_that_microseconds_do_not_tell_apart_read_back(tmp_path):
+    times = np.array((0.0, 1e-7, 2.5e-7))
+    write_trajectory(tmp_path / "poses.txt", Trajectory(times, some(3).poses))
+    np.testing.assert_array_equal(read_trajectory(tmp_path / "poses.txt").times, times)
+
+
 def test_quaternions_are_those_of_scipy():
     for pose in some(30, seed=3).poses:
         expected = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
@@ -69,6 +75,8 @@ def test_quaternions_are_those_of_scipy():
         "timestamp,tx,ty,tz,qx,qy,qz,qw\n1.5,1,2,3,0,0,0.6,0.8\r\n2.5,4,5,6,0,0,0,1\r\n",
         "qw;qx;qy;qz;tx;ty;tz;timestamp;note\n.8;0;0;.6;1;2;3;1.5;a\n1;0;0;0;4;5;6;2.5;b\n",
         "#timestamp tx ty tz qw qx qy qz\n1.5 1 2 3 0.8 0 0 0.6\n2.5 4 5 6 1 0 0 0\n",
+        "\ufefftimestamp,tx,ty,tz,qx,qy,qz,qw\n1.5,1,2,3,0,0,0.6,0.8\n2.5,4,5,6,0,0,0,1\n",  # as spreadsheets do
+        "1.5\t1\t2\t3\t0\t0\t0.6\t0.8\r\n2.5\t4\t5\t6\t0\t0\t0\t1",
     ],
 )
 def test_tum_and_csv_are_read_with_columns_by_name(tmp_path, text):
@@ -87,6 +95,8 @@ def test_tum_and_csv_are_read_with_columns_by_name(tmp_path, text):
         ("# only\n", "holds no poses"),
         ("1 2 3\n", "line 1: 3 values; expected 8 numbers"),
         ("1 0 0 0 0 0 0 1\n2 0 x 0 0 0 0 1\n", "line 2: 'x' is no number"),
+        ("1 0 0 0 0 0 0 1\n2 1" + 50 * "0" + "e-50 0 0 0 0 0 1\n", "line 2: '10+' is no number"),  # not cut short
+        ("#timestamp, p_RS_R_x [m]\n1,4.6,-1.7,0.8,0.9,0.1,-0.3,0.06,-0.02\n", "line 2: 9 values; expected 8"),  # EuRoC
         ("1 nan 0 0 0 0 0 1\n", "line 1: nan is out of range"),
         ("inf 0 0 0 0 0 0 1\n", "line 1: inf is out of range"),
         ("1 1e30 0 0 0 0 0 1\n", r"line 1: 1e\+30 is out of range"),

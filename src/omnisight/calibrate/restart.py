@@ -24,9 +24,10 @@ DECENTRED = set(STILL[1:])
 # Models that bend to most lenses in ways of their own: what one of them finds, a richer model may miss from another.
 SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
-TRADED = (-0.3, 0.2, 0.7, 1.4)
-# Of the double sphere's alpha, from which all others are reached.
-MIDDLING = 0.6
+TRADED = (-0.3, 0.2, 0.8, 1.4)
+MIDDLING = (0.6, 0.72)
+# Pairs that are enough to fit a start to.
+PAIRS = 600
 # That are enough to tell a valley from another.
 CORNERS = 1000
 # px: a fit to a camera this far from it (rms) is none.
@@ -79,8 +80,10 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
 
 def fitted(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
     """Give the state with another camera model, fitted to its own; None where it cannot be."""
+    points, pixels = pairs(state, views)
+    every = -(-len(points) // PAIRS)
     try:
-        return replace(state, model=cls.fit(*pairs(state, views), fixed=STILL))
+        return replace(state, model=cls.fit(points[::every], pixels[::every], fixed=STILL))
     except (ValueError, np.linalg.LinAlgError):
         return None
 
@@ -98,18 +101,26 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
     values, known = start.model.to_dict(), state.model.to_dict()
     # The state's own camera, where this model is that one and more.
     own = {name: known.get(name, 0.0) for name in values}
-    starts: list[tuple[dict[str, float], tuple[str, ...]]] = [(own, STILL)] if set(known) < set(values) else []
+    if set(known) < set(values):
+        yield from _near([own], STILL, start, points, pixels)
+    # The double sphere's alpha as well: what is past its rim tells a fit nothing.
+    alphas = {values.get("alpha", 0.0), *MIDDLING}
     for xi in TRADED:
         # On the axis all such models magnify by f/(1 + xi).
         scale = (1 + xi) / (1 + values["xi"])
-        moved = {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
-        if "alpha" in values:  # wherever it ended, on a bound perhaps
-            moved["alpha"] = MIDDLING
-        starts.append((values | moved, (*STILL, "xi")))
-    for moved, still in starts:
-        model, cost = fit_from(start.model.from_dict(moved), points, pixels, still, iterations=20)
-        if cost < 0.5 * len(points) * ALIKE**2:
-            yield replace(start, model=model)
+        moved = values | {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
+        begun = [moved | {"alpha": alpha} for alpha in alphas] if "alpha" in values else [moved]
+        yield from _near(begun, (*STILL, "xi"), start, points, pixels)
+
+
+def _near(
+    begun: list[dict[str, float]], still: tuple[str, ...], start: State, points: Array, pixels: Array
+) -> Iterator[State]:
+    """Give the start with the best fit that begins from one of several cameras, if it is one."""
+    fits = [fit_from(start.model.from_dict(values), points, pixels, still, iterations=20) for values in begun]
+    model, cost = min(fits, key=lambda found: found[1])
+    if cost < 0.5 * len(points) * ALIKE**2:
+        yield replace(start, model=model)
 
 
 def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """The data set that `omnisight simulate` writes: pictures and the truth of their pixels, in a folder of its own."""
 
+import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ FILES = (
 )
 PER_METRE = 1000.0  # steps of a depth picture
 DEEPEST = 65535
+LISTED = "# {kind} of a camera in the {scene}\n# rendered by omnisight simulate\n# timestamp filename\n"  # TUM's lists
 
 README = """{mark}
 
@@ -41,11 +43,16 @@ normals/     {normals}
 instances/   16 bits: which thing a pixel's middle shows, named in instances.json; 0 is the sky or nothing.
 poses.txt    TUM format: timestamp tx ty tz qx qy qz qw, world_from_cam, seconds and metres.{shutter}
 images.txt, depth.txt
-             timestamp and file of each picture.
+             timestamp and file of each picture, as in rgb.txt and depth.txt of the TUM data sets.
 camera.json  the camera, to be read by omnisight.
 {rig}
 Depth, normals and instances are those of the ray through the pixel's middle; there is no noise in them.
 """
+
+
+SHUTTER = """
+             The shutter rolls over {rolling:g} ms: row v of H is read (v - H // 2) / (H - 1) of that after the
+             timestamp, the pose is that of row H // 2, and each row's truth is as seen from its own."""
 
 
 @dataclass(frozen=True)
@@ -76,47 +83,46 @@ class Dataset:
         ValueError
             If it is a file or holds something else.
         """
-        if jpeg is not None and not 1 <= jpeg <= 100:
-            raise ValueError(f"--jpeg must be from 1 to 100, got {jpeg}")
         if folder.exists() and not folder.is_dir():
             raise ValueError(f"{folder}: is a file; name a folder")
         if folder.is_dir() and any(folder.iterdir()):
             readme = folder / "README.txt"
             if not readme.is_file() or not readme.read_text(encoding="utf-8", errors="replace").startswith(MARK):
                 raise ValueError(f"{folder}: holds something that is no data set of omnisight; name another folder")
-            _clear(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        # Written first: what is left of a run that was broken off is still known as ours.
+        write_bytes(folder / "README.txt", f"{MARK} Not finished.\n".encode())
+        _clear(folder)
         for head in heads:
             for name in FOLDERS:
                 (folder / head.name / name).mkdir(parents=True, exist_ok=True)
-        # Written first: what is left of a run that was broken off is still known as ours.
-        write_bytes(folder / "README.txt", f"{MARK} Not finished.\n".encode())
         return cls(folder, heads, exact, jpeg)
 
     def write(self, head: Head, number: int, image: NDArray[np.uint8], truth: Any) -> None:
         """Write one picture and its truth."""
-        import cv2
+        from omnisight.simulate.sensor import as_jpeg
 
         place, name = self.folder / head.name, f"{number:06d}"
         if self.jpeg is None:
             write_image(place / "images" / f"{name}.png", image)
         else:
-            quality: Any = [cv2.IMWRITE_JPEG_QUALITY, self.jpeg]
-            _, data = cv2.imencode(".jpg", image[..., ::-1], quality)
-            write_bytes(place / "images" / f"{name}.jpg", data.tobytes())
+            write_bytes(place / "images" / f"{name}.jpg", as_jpeg(image, self.jpeg).tobytes())
         write_image(place / "instances" / f"{name}.png", truth.instances.astype(np.uint16))
         if self.exact:
-            np.save(place / "depth" / f"{name}.npy", truth.depth.astype(np.float32), allow_pickle=False)
-            np.save(place / "normals" / f"{name}.npy", truth.normals.astype(np.float32), allow_pickle=False)
+            for kind, values in (("depth", truth.depth), ("normals", truth.normals)):
+                file = io.BytesIO()
+                np.save(file, values.astype(np.float32), allow_pickle=False)
+                write_bytes(place / kind / f"{name}.npy", file.getvalue())
             return
         steps = np.rint(np.nan_to_num(truth.depth) * PER_METRE)
         write_image(place / "depth" / f"{name}.png", np.where(steps > DEEPEST, 0, steps).astype(np.uint16))
         packed = np.rint((np.nan_to_num(truth.normals, nan=-1.0) + 1) / 2 * 65535).astype(np.uint16)
         write_image(place / "normals" / f"{name}.png", packed)
 
-    def finish(self, head: Head, trajectory: Any, names: Sequence[str]) -> None:
+    def finish(self, head: Head, trajectory: Any, scene: str, names: Sequence[str]) -> None:
         """Write what goes with all pictures of one camera."""
         from omnisight.formats import save
-        from omnisight.simulate.trajectory import write_trajectory
+        from omnisight.simulate.trajectory import timestamps, write_trajectory
 
         place = self.folder / head.name
         save(head.camera, place / "camera.json")
@@ -125,8 +131,8 @@ class Dataset:
         write_bytes(place / "instances.json", (json.dumps(instances, indent=1) + "\n").encode())
         kinds = {"images": "png" if self.jpeg is None else "jpg", "depth": "npy" if self.exact else "png"}
         for kind, suffix in kinds.items():
-            lines = [f"{time:.6f} {kind}/{i:06d}.{suffix}\n" for i, time in enumerate(trajectory.times)]
-            write_bytes(place / f"{kind}.txt", "".join(lines).encode())
+            lines = [f"{time} {kind}/{i:06d}.{suffix}\n" for i, time in enumerate(timestamps(trajectory.times))]
+            write_bytes(place / f"{kind}.txt", (LISTED.format(kind=kind, scene=scene) + "".join(lines)).encode())
 
     def describe(self, settings: dict[str, Any], poses: Sequence[Pose], times: NDArray[np.float64]) -> None:
         """Write the settings, the rig and the README: the last thing that a whole data set gets."""
@@ -148,13 +154,12 @@ class Dataset:
         rolling = settings["rolling_shutter_ms"]
         text = README.format(
             mark=MARK,
-            settings="\n".join(f"{name:20} {value}" for name, value in settings.items()),
+            settings="\n".join(f"{name:20} {value}" for name, value in settings.items() if value is not None),
             layout="Each camera has a folder with what follows.\n" if several else "",
             image=f"JPEG of quality {self.jpeg}, sRGB." if self.jpeg else "PNG, sRGB.",
             depth=depth,
             normals=normals,
-            shutter=f"\n             The shutter rolls over {rolling:g} ms: poses are those of the middle row."
-            * (rolling > 0),
+            shutter=SHUTTER.format(rolling=rolling) * (rolling > 0),
             rig="rig.json     the rig; poses.txt beside it holds world_from_rig.\n" if several else "",
         )
         write_bytes(self.folder / "README.txt", text.encode())
@@ -170,11 +175,20 @@ class Dataset:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what an older data set left: the files that we write, and nothing else."""
-    for place in (folder, *(child for child in folder.iterdir() if (child / "camera.json").is_file())):
+    """Remove what an older data set left, broken off or whole: what we write, and nothing else."""
+    heads = [child for child in folder.iterdir() if all((child / name).is_dir() for name in FOLDERS)]
+    for place in (*heads, folder):
         for name in FOLDERS:
             for path in (place / name).glob("[0-9]" * 6 + ".*"):
                 if path.suffix in (".png", ".jpg", ".npy"):
                     path.unlink()
+            _remove_empty(place / name)
         for name in FILES[1:]:
             (place / name).unlink(missing_ok=True)
+    for head in heads:
+        _remove_empty(head)
+
+
+def _remove_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()

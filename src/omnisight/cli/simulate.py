@@ -12,7 +12,8 @@ from omnisight.cli._size import parse_range
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
 FRAMES, FPS = 60, 30.0
-MOST_FRAMES, MOST_PIXELS = 100_000, 100_000_000
+MOST_FRAMES, MOST_PIXELS = 100_000, 50_000_000
+COARSE = 200  # pixels looked at across and down, to see whether a circle shows anything
 
 
 def simulate(
@@ -87,22 +88,31 @@ def simulate(
     json
         Print what was written as JSON.
     """
+    import sys
     import time
 
     import numpy as np
 
+    import omnisight
     from omnisight.cli._dataset import Dataset
     from omnisight.simulate import Renderer, scene_named
+    from omnisight.simulate.sensor import check_sensor
     from omnisight.simulate.trajectory import Trajectory
 
     begun = time.perf_counter()
     _check(frames, fps, rays, vignette, rolling_shutter, seed)
+    check_sensor(exposure=exposure, blur=blur, noise=noise, jpeg=jpeg)
     heads = _heads(camera, circle)
-    place = scene_named(scene, seed)
-    motion, times = _motion(trajectory, up, place.free, frames, fps)
-    dataset = Dataset.begin(output, heads, exact=exact, jpeg=jpeg)
     samples, readout = int(rays**0.5), rolling_shutter / 1e3
     with progress(quiet) as report:
+        report("build the scene", 0, 1)
+        place = scene_named(scene, seed)
+        motion, times = _motion(trajectory, up, place.free, frames, fps)
+        notes = _astray(place, motion, times, heads)
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
+        dataset = Dataset.begin(output, heads, exact=exact, jpeg=jpeg)
+        report("build the scene", 1, 1)
         total = len(times) * len(heads)
         for k, head in enumerate(heads):
             for i, moment in enumerate(times):
@@ -116,10 +126,12 @@ def simulate(
                 picture = renderer(rng=rng, exposure=exposure, blur=blur, noise=noise)
                 dataset.write(head, i, picture.image, renderer.truth())
             seen = [motion.at(float(moment)) @ head.rig_from_camera for moment in times]
-            dataset.finish(head, Trajectory(times, tuple(seen)), place.names)
+            dataset.finish(head, Trajectory(times, tuple(seen)), scene, place.names)
         report("render", total, total)
     settings = {
+        "omnisight": omnisight.__version__,
         "scene": scene,
+        "camera": camera.name,
         "trajectory": trajectory,
         "up": up,
         "frames": len(times),
@@ -128,7 +140,9 @@ def simulate(
         "vignette": vignette,
         "blur": blur,
         "noise": noise,
+        "jpeg": jpeg,
         "rolling_shutter_ms": rolling_shutter,
+        "circle": circle,
         "seed": seed,
     }
     dataset.describe(settings, [motion.at(float(moment)) for moment in times], times)
@@ -142,6 +156,7 @@ def simulate(
                     "output": str(output),
                     "cameras": [head.name or "camera" for head in heads],
                     **settings,
+                    "notes": notes,
                     "seconds": seconds,
                 }
             )
@@ -204,8 +219,40 @@ def _heads(file: Path, circle: str | None) -> list[Any]:
             if not 0 <= low < high <= 180:
                 raise ValueError(f"--circle must be two angles from 0 to 180 degrees, such as 0:95, got {circle!r}")
             theta = math.radians(low), math.radians(high)
+            if not _shows(camera, theta):
+                raise ValueError(f"--circle {circle} leaves nothing of what {file} sees")
         heads.append(Head(name, camera, sensor_from_rig.inverse(), theta))
     return heads
+
+
+def _shows(camera: Any, theta: tuple[float, float]) -> bool:
+    """Say whether any of the picture lies between two angles from the axis (radians)."""
+    import numpy as np
+
+    from omnisight.geometry.sphere import angle_from_axis
+
+    across, down = (np.linspace(0, side - 1, min(side, COARSE)) for side in camera.size)
+    rays = camera.rays(np.stack(np.meshgrid(across, down), -1))
+    angle = angle_from_axis(rays.bearings[rays.valid])
+    return bool(((angle >= theta[0]) & (angle <= theta[1])).any())
+
+
+def _astray(scene: Any, motion: Any, times: Any, heads: list[Any]) -> list[str]:
+    """Say where a camera stands in a solid or past a wall: its pictures show what nobody would see."""
+    notes: list[str] = []
+    for head in heads:
+        places = [(motion.at(float(moment)) @ head.rig_from_camera).translation for moment in times]
+        held = scene.what_holds(places)
+        wrong = [i for i, name in enumerate(held) if name]
+        if wrong:
+            first = wrong[0]
+            x, y, z = places[first]
+            notes.append(
+                f"{len(wrong)} of {len(times)} pictures{f' of {head.name}' * bool(head.name)} are taken from inside"
+                f" what is solid or past a wall: {first:06d} at ({x:.2f}, {y:.2f}, {z:.2f}) m,"
+                f" by {held[first]!r}; a camera may move from {scene.free[0]} to {scene.free[1]}"
+            )
+    return notes
 
 
 def _motion(trajectory: str, up: str, free: Any, frames: int | None, fps: float | None) -> tuple[Any, Any]:

@@ -133,9 +133,9 @@ class Central(Undistorted, CameraModel):
         d_params = np.empty((len(points), 2, self.params.size))
         start = 0
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
-            dx, dy = (np.atleast_2d(d).T for d in partials[field.name])
-            stop = start + dx.shape[1]
-            d_params[:, 0, start:stop], d_params[:, 1, start:stop] = dx, dy
+            dx, dy = partials[field.name]
+            stop = start + (len(dx) if dx.ndim == 2 else 1)
+            d_params[:, 0, start:stop], d_params[:, 1, start:stop] = dx.T.reshape(len(b), -1), dy.T.reshape(len(b), -1)
             start = stop
         return pixels, valid, d_point, d_params
 

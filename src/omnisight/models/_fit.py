@@ -8,7 +8,7 @@ import numpy as np
 from omnisight.models._protocol import Array, CameraModel
 from omnisight.optim.dense import least_squares
 
-SKETCH = 400  # pairs that are enough to tell a good start from a bad one
+SKETCH = 250  # pairs that are enough to tell a good start from a bad one
 WEAK = 1e-5  # px, what a parameter one standard deviation from 0 weighs
 Model = TypeVar("Model", bound=CameraModel)
 

@@ -140,14 +140,18 @@ class Renderer:
         """
         light = self.light(boards)
         image = develop(light, rng or np.random.default_rng(0), exposure=exposure, blur=blur, noise=noise, jpeg=jpeg)
-        return Picture(image, tuple(board.corners(self.camera) for board in boards))
+        if self._still:
+            return Picture(image, tuple(board.corners(self.camera) for board in boards))
+        in_world = [self.world_from_cam @ (board.cam_from_board @ board.board.points) for board in boards]
+        return Picture(image, tuple(self._settled(points)[0] for points in in_world))
 
     def light(self, boards: Sequence[BoardInScene] = ()) -> Floats:
         """Give the light (H, W, 3) that falls on the sensor, 1 for white."""
         if not boards:
             return self._empty.copy()
         scene = self._with(boards)
-        if self.scene.sun[1] > 0:  # a board's shadow falls anywhere
+        # A board's shadow falls anywhere, and each row of a rolling shutter sees it elsewhere.
+        if self.scene.sun[1] > 0 or not self._still:
             return self._painted(scene, slice(0, self._height), slice(0, self._width))
         light = self._empty.copy()
         for board in boards:
@@ -189,12 +193,7 @@ class Renderer:
             (...), whether the point is in the picture and nothing of the scene hides it.
         """
         x = np.asarray(points, float)
-        row = np.full(x.shape[:-1], self._height // 2)
-        still = bool((self._rotations == self._rotations[0]).all() and (self._eyes == self._eyes[0]).all())
-        pixels, valid = self._projected(x, row)
-        for _ in range(0 if still else SETTLED):
-            row = np.clip(np.rint(np.nan_to_num(pixels[..., 1])), 0, self._height - 1).astype(np.int64)
-            pixels, valid = self._projected(x, row)
+        pixels, valid, row = self._settled(x)
         with np.errstate(invalid="ignore"):
             valid = valid & ((pixels >= -0.5) & (pixels < np.array(self.camera.size) - 0.5)).all(-1)
         rays = self.camera.rays(np.where(valid[..., None], pixels, np.nan))
@@ -205,6 +204,19 @@ class Renderer:
             met = self.scene.cast(origins, np.where(valid[..., None], (x - origins) / distance[..., None], np.nan))
             valid &= ~(met.distances < distance * (1 - HIDDEN))
         return np.where(valid[..., None], pixels, np.nan), valid
+
+    @cached_property
+    def _still(self) -> bool:
+        return bool((self._rotations == self._rotations[0]).all() and (self._eyes == self._eyes[0]).all())
+
+    def _settled(self, points: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+        """Project points of the world, each by the pose of the row that it falls on; give that row too."""
+        row = np.full(points.shape[:-1], self._height // 2)
+        pixels, valid = self._projected(points, row)
+        for _ in range(0 if self._still else SETTLED):
+            row = np.clip(np.rint(np.nan_to_num(pixels[..., 1])), 0, self._height - 1).astype(np.int64)
+            pixels, valid = self._projected(points, row)
+        return pixels, valid, row
 
     def _projected(self, points: Array, row: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
         """Project points of the world by the poses of rows."""
@@ -225,7 +237,7 @@ class Renderer:
         from omnisight.simulate import _shade
 
         result = np.zeros((whole.stop - whole.start, columns.stop - columns.start, 3), np.float32)
-        world = scene.world
+        world = scene.lit
         for rows in _chunks(whole, (columns.stop - columns.start) * self.samples**2):
             rays = self._rays(rows, columns, self.samples)
             part = result[rows.start - whole.start : rows.stop - whole.start]

@@ -77,15 +77,23 @@ class Scene:
         return tuple(dict.fromkeys(solid.name for solid in self.solids))
 
     @cached_property
-    def world(self) -> Any:
-        """The scene as the compiled loops see it; made once, its light worked out then."""
+    def _built(self) -> tuple[Any, list[Solid]]:
         from omnisight.simulate.world import build
 
-        return build(self, self._lights)
+        return build(self)
+
+    @cached_property
+    def lit(self) -> Any:
+        """The scene as the compiled loops see it, with its light, which is worked out once."""
+        from omnisight.simulate.world import illuminate
+
+        world, solids = self._built
+        illuminate(self, world, solids, self._lights)
+        return world
 
     def holding(self, solids: Sequence[Solid]) -> "Scene":
         """Give the scene with more in it; the light on what was there stays as it was."""
-        self.world  # noqa: B018  works out the light
+        self.lit  # noqa: B018  works out the light
         return replace(self, solids=(*self.solids, *solids), _lights=dict(self._lights))
 
     def cast(self, origins: ArrayLike, bearings: ArrayLike) -> Hits:
@@ -109,7 +117,7 @@ class Scene:
         starts, ways = np.ascontiguousarray(o.reshape(-1, 3)), np.ascontiguousarray(b.reshape(-1, 3))
         count = len(ways)
         distances, normals, instances = np.empty(count), np.empty((count, 3)), np.empty(count, np.int32)
-        world = self.world
+        world, _ = self._built
         spread(
             lambda first, last: _trace.cast(world, starts, ways, distances, normals, instances, first, last),
             count,
@@ -117,6 +125,17 @@ class Scene:
         )
         lead = b.shape[:-1]
         return Hits(distances.reshape(lead), normals.reshape(*lead, 3), instances.reshape(lead))
+
+    def what_holds(self, points: ArrayLike) -> list[str]:
+        """Say for each of points (N, 3) in which solid it lies, or past which wall; "" where a camera may be.
+
+        A rectangle, which has no inside, holds nothing.
+        """
+        x = np.asarray(points, float).reshape(-1, 3)
+        holder = np.full(len(x), "", object)
+        for solid in self.solids:
+            holder[solid.contains(x) != solid.inside] = solid.name
+        return holder.tolist()
 
     def instance(self, name: str) -> int:
         """Give the number of what has a name.

@@ -47,12 +47,7 @@ def develop(
     """
     import cv2
 
-    for what, value, least, most in (
-        *(("exposure", exposure, -20, 20), ("blur", blur, 0, 100), ("noise", noise, 0, 255)),
-        ("jpeg", 75 if jpeg is None else jpeg, 1, 100),
-    ):
-        if not least <= value <= most:
-            raise ValueError(f"{what} must be from {least} to {most}, got {value}")
+    check_sensor(exposure=exposure, blur=blur, noise=noise, jpeg=jpeg)
     seen = light if exposure == 0 else light * np.float32(2.0**exposure)
     if blur > 0:
         seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), blur))
@@ -62,6 +57,29 @@ def develop(
     image = np.rint(255 * to_display(seen)).astype(np.uint8)
     if jpeg is None:
         return image
-    quality: Any = [cv2.IMWRITE_JPEG_QUALITY, jpeg]
-    _, data = cv2.imencode(".jpg", image[..., ::-1], quality)
-    return np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)[..., ::-1])
+    packed = np.asarray(cv2.imdecode(as_jpeg(image, jpeg), cv2.IMREAD_COLOR), np.uint8)
+    return np.ascontiguousarray(packed[..., ::-1])
+
+
+def check_sensor(*, exposure: float, blur: float, noise: float, jpeg: int | None) -> None:
+    """Refuse figures out of their range; see `develop`.
+
+    Raises
+    ------
+    ValueError
+        Naming the figure and its range.
+    """
+    for what, value, least, most in (
+        *(("exposure", exposure, -20, 20), ("blur", blur, 0, 100), ("noise", noise, 0, 255)),
+        ("jpeg", 75 if jpeg is None else jpeg, 1, 100),
+    ):
+        if not least <= value <= most:
+            raise ValueError(f"{what} must be from {least} to {most}, got {value}")
+
+
+def as_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Give the bytes of an RGB picture (H, W, 3) as a JPEG file of a quality from 1 to 100."""
+    import cv2
+
+    options: Any = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    return np.asarray(cv2.imencode(".jpg", image[..., ::-1], options)[1], np.uint8)

@@ -63,6 +63,19 @@ class Solid:
         half = np.abs(matrix) @ ((high - low) / 2)
         return middle - half, middle + half
 
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Say which of points (..., 3) of the world lie inside its shape."""
+        linear, origin = self.world_from_local[:, :3], self.world_from_local[:, 3]
+        x, y, z = np.moveaxis((points - origin) @ np.linalg.inv(linear).T, -1, 0)
+        if self.shape == "ball":
+            return x * x + y * y + z * z < 1
+        if self.shape == "tube":
+            return (x * x + z * z < 1) & (y > 0) & (y < 1)
+        inside = (x > 0) & (x < 1) & (y > 0) & (y < 1) & (z > 0) & (z < 1)
+        if self.shape == "roof":
+            return inside & (y > np.abs(1 - 2 * z))
+        return inside & (self.shape == "box")
+
 
 def rectangle(corner: ArrayLike, across: ArrayLike, down: ArrayLike, texture: Texture, name: str) -> Solid:
     """Give a flat picture from its top left corner along its two sides; lit is the side that shows it upright."""

@@ -16,7 +16,8 @@ Corner = tuple[float, float, float]
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 LARGEST_FILE, LARGEST_POSES = 64 << 20, 500_000  # bytes, and rows
-FARTHEST = 1e9  # seconds from 1970 fit, and any length
+FARTHEST = 1e9  # metres
+LONGEST_NUMBER = 40  # characters
 BUILT_IN = ("line", "loop", "still", "turn")
 KEYS = 96  # poses of a built-in motion, with what is between them interpolated
 
@@ -133,14 +134,23 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
         If it cannot be written.
     """
     lines = [f"# {' '.join(COLUMNS)}"]
-    for time, pose in zip(trajectory.times, trajectory.poses, strict=True):
+    for time, pose in zip(timestamps(trajectory.times), trajectory.poses, strict=True):
         values = (*pose.translation, *quaternion(pose.rotation))
-        lines.append(f"{time:.6f} " + " ".join(f"{value:.9f}" for value in values))
+        lines.append(f"{time} " + " ".join(f"{value:.9f}" for value in values))
     write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def timestamps(times: Array) -> list[str]:
+    """Give times (N,), seconds, as text: to microseconds, or as exactly as it takes to tell them apart."""
+    texts = [f"{time:.6f}" for time in times]
+    return texts if len(set(texts)) == len(texts) else [np.format_float_positional(time, trim="0") for time in times]
 
 
 def read_trajectory(path: str | Path) -> Trajectory:
     """Read the TUM format, or CSV of the same columns: by their names where a first line tells them, else in its order.
+
+    Without names a line holds these columns and no others: of other formats' longer lines, such as EuRoC's, the order
+    is not ours.
 
     Raises
     ------
@@ -154,9 +164,11 @@ def read_trajectory(path: str | Path) -> Trajectory:
         raise ValueError(
             f"{path}: {path.stat().st_size >> 20} MB is no trajectory; at most {LARGEST_FILE >> 20} are read"
         )
-    order, times, poses = list(range(len(COLUMNS))), [], []
+    order: list[int] | None = None
+    times: list[float] = []
+    poses: list[Pose] = []
     first = True
-    for number, line in enumerate(path.read_bytes().decode("utf-8", "replace").splitlines(), 1):
+    for number, line in enumerate(path.read_bytes().decode("utf-8-sig", "replace").splitlines(), 1):
         words = line.strip().lstrip("#").replace(",", " ").replace(";", " ").split()
         named = [word.lower() for word in words]
         if first and set(COLUMNS) <= set(named):
@@ -179,15 +191,12 @@ def read_trajectory(path: str | Path) -> Trajectory:
     return Trajectory(np.array(times), tuple(poses))
 
 
-def _row(words: list[str], order: list[int], where: str) -> tuple[float, Pose]:
+def _row(words: list[str], order: list[int] | None, where: str) -> tuple[float, Pose]:
     expected = f"expected {len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
-    if len(words) <= max(order):
+    if len(words) != len(COLUMNS) if order is None else len(words) <= max(order):
         raise ValueError(f"{where}: {len(words)} values; {expected}")
-    try:
-        values = np.array([float(words[i][:40]) for i in order])
-    except ValueError:
-        wrong = next(words[i] for i in order if not _is_number(words[i]))
-        raise ValueError(f"{where}: {wrong[:40]!r} is no number; {expected}") from None
+    chosen = [words[i] for i in order] if order else words
+    values = np.array([_number(word, where, expected) for word in chosen])
     if not np.isfinite(values).all() or (np.abs(values[1:]) > FARTHEST).any():
         wrong = next(v for i, v in enumerate(values) if not np.isfinite(v) or (i and abs(v) > FARTHEST))
         raise ValueError(f"{where}: {wrong:g} is out of range; {expected}")
@@ -202,9 +211,8 @@ def _row(words: list[str], order: list[int], where: str) -> tuple[float, Pose]:
     return float(values[0]), Pose(exp(axis / sine * angle if sine > 0 else axis), values[1:4])
 
 
-def _is_number(word: str) -> bool:
+def _number(word: str, where: str, expected: str) -> float:
     try:
-        float(word[:40])
+        return float(word if len(word) <= LONGEST_NUMBER else "")
     except ValueError:
-        return False
-    return True
+        raise ValueError(f"{where}: {word[:LONGEST_NUMBER]!r} is no number; {expected}") from None

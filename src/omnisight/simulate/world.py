@@ -1,5 +1,6 @@
 """Makes of a scene what the compiled loops run over: a tree of boxes, tables of faces and texels, and the light."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +23,8 @@ FINEST, COARSEST = 2, 128  # places of a face at which its light is worked out, 
 SPOTS_AT_ONCE = 256
 
 
-def build(scene: "Scene", lights: dict[Solid, Any]) -> Any:
-    """Give the scene's `World`; light that `lights` has not yet is worked out and put there."""
+def build(scene: "Scene") -> tuple[Any, list[Solid]]:
+    """Give the scene's `World`, its light still dark, and the solids in the order in which they stand in it."""
     from omnisight.simulate._trace import World
 
     bounds = np.array([np.concatenate(solid.bounds()) for solid in scene.solids]).reshape(-1, 6)
@@ -41,7 +42,7 @@ def build(scene: "Scene", lights: dict[Solid, Any]) -> Any:
             faces.append((number[texture], start, width, height))
             start += width * height
     towards = np.array(scene.sun[0], float)
-    world = World(
+    return World(
         local_from_world=np.array([_inverse(s.world_from_local) for s in solids]).reshape(-1, 3, 4),
         kinds=np.array([SHAPES.index(s.shape) for s in solids], np.int64),
         first_face=np.array(first_face, np.int64),
@@ -57,9 +58,7 @@ def build(scene: "Scene", lights: dict[Solid, Any]) -> Any:
         linear=LINEAR,
         sun=np.append(towards / np.linalg.norm(towards), scene.sun[1]),
         sky=-1 if scene.sky is None else number[scene.sky],
-    )
-    _light(scene, world, solids, grids, lights)
-    return world
+    ), solids
 
 
 def _inverse(matrix: Array) -> Array:
@@ -136,10 +135,11 @@ def _grid(solid: Solid, spacing: float) -> list[tuple[int, int]]:
     return [(width, height) for width, height in counts]
 
 
-def _light(scene: "Scene", world: Any, solids: list[Solid], grids: list[list[tuple[int, int]]], lights: Any) -> None:
-    """Fill the world's light."""
+def illuminate(scene: "Scene", world: Any, solids: Sequence[Solid], lights: dict[Solid, Any]) -> None:
+    """Fill the world's light; what `lights` has not yet is worked out and put there."""
     from omnisight.simulate import _shade
 
+    grids = [_grid(solid, scene.spacing) for solid in solids]
     spots: list[Array] = []
     fresh: list[tuple[Solid, int, int]] = []
     count = 0

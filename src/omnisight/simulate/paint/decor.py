@@ -11,6 +11,7 @@ Colour = tuple[int, int, int]
 
 PIXELS_PER_METRE = 240
 SOFT = 16  # cv2.LINE_AA
+TUFTS = 600  # on a square metre of a rug
 
 
 def poster(face: Bytes, place: Place) -> None:
@@ -135,10 +136,16 @@ def rug(face: Bytes, place: Place, rng: np.random.Generator) -> None:
         for size, colour in ((1.0, (44, 64, 92)), (0.5, (226, 204, 164))):
             diamond = np.array([[0, -0.14], [0.11, 0], [0, 0.14], [-0.11, 0]]) * rows * size
             cv2.fillPoly(cloth, [(middle + diamond).astype(np.int32)], colour, SOFT)
+    # Wool dyed at other times is darker or lighter within its colour, so that edges stay straight.
+    dye = np.ones((rows, columns), np.float32)
+    for _ in range(int(TUFTS * place[2] * place[3])):
+        at = int(rng.integers(columns)), int(rng.integers(rows))
+        tone, lies = float(rng.choice((0.76, 0.86, 1.1))), float(rng.choice((0, 90)))
+        cv2.ellipse(dye, at, (int(rng.integers(2, 5)), 2), lies, 0, 360, tone, -1)
     knots = rng.normal(0, 9, ((rows + 2) // 3, (columns + 2) // 3)).astype(np.float32)
     knots += cv2.resize(rng.normal(0, 7, (24, 30)).astype(np.float32), knots.shape[::-1], interpolation=cv2.INTER_CUBIC)
     pile = cv2.resize(knots, (columns, rows), interpolation=cv2.INTER_LINEAR)
-    cloth[:] = np.clip(cloth + pile[..., None], 0, 255).astype(np.uint8)
+    cloth[:] = np.clip(cloth * dye[..., None] + pile[..., None], 0, 255).astype(np.uint8)
 
 
 def outdoors(picture: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:

@@ -5,12 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.simulate.paint.decor import PIXELS_PER_METRE
+from omnisight.simulate.paint.decor import PIXELS_PER_METRE, SOFT
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 Colour = tuple[int, int, int]
 Rng = np.random.Generator
+
+KNOTS, SPRIGS = 10, 55  # on a square metre
 
 
 def px(metres: float, density: float = PIXELS_PER_METRE) -> int:
@@ -30,7 +32,7 @@ def cloud(rng: Rng, shape: tuple[int, int], size: Any, amount: float) -> Floats:
     down, across = size if isinstance(size, tuple) else (size, size)
     # Coarse noise, enlarged: a blur that wide would be slow.
     coarse = (max(shape[0] // max(int(down), 1), 2), max(shape[1] // max(int(across), 1), 2))
-    noise = rng.normal(0, amount, coarse).astype(np.float32)
+    noise = rng.standard_normal(coarse, np.float32) * np.float32(amount)
     return np.asarray(cv2.resize(noise, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
 
 
@@ -52,7 +54,7 @@ def toned(colour: Colour, change: Floats, tint: tuple[float, float, float] | Non
 def plaster(rng: Rng, width: float, height: float, colour: Colour, *, trim: bool = False) -> Bytes:
     """Draw a painted wall of so many metres, if asked with a skirting board and a cornice."""
     shape = (px(height), px(width))
-    picture = toned(colour, rough(rng, shape, px(0.5), 2.6) + cloud(rng, shape, 5, 6.0))
+    picture = toned(colour, rough(rng, shape, px(0.5), 2.6) + cloud(rng, shape, 5, 6.0) + cloud(rng, shape, 11, 6.0))
     if trim:
         picture[-px(0.1) :] = (238, 236, 230)
         picture[-px(0.1) : -px(0.09)] = (170, 168, 160)
@@ -60,6 +62,26 @@ def plaster(rng: Rng, width: float, height: float, colour: Colour, *, trim: bool
         for edge in (0.03, 0.07, 0.11):
             picture[px(edge) : px(edge + 0.012)] = (176, 172, 164)
     return finished(picture)
+
+
+def wallpaper(rng: Rng, width: float, height: float, colour: Colour, print_colour: Colour) -> Bytes:
+    """Draw a wall as `plaster` does, with trim, and sprigs strewn over it, no two alike."""
+    import cv2
+
+    picture = plaster(rng, width, height, colour, trim=True)
+    field = picture[px(0.13) : -px(0.11)]
+    for _ in range(int(width * height * SPRIGS)):
+        foot = rng.uniform((0, 0), field.shape[1::-1])
+        turn, size = rng.uniform(0, 2 * np.pi), rng.uniform(9, 17)
+        along = np.array((np.cos(turn), np.sin(turn)))
+        tone = tuple(int(c) for c in np.clip(np.array(print_colour) + rng.normal(0, 14), 0, 255))
+        start, end = (np.rint(foot + s * size * along).astype(int).tolist() for s in (-1, 1))
+        cv2.line(field, start, end, tone, 1, SOFT)
+        for _ in range(int(rng.integers(3, 6))):
+            at = np.rint(foot + rng.uniform(-0.8, 1) * size * along).astype(int).tolist()
+            lean = np.degrees(turn) + rng.choice((-1, 1)) * rng.uniform(30, 60)
+            cv2.ellipse(field, at, (round(0.42 * size), round(0.17 * size)), lean, 0, 360, tone, -1, SOFT)
+    return picture
 
 
 def wood(rng: Rng, width: float, height: float, colour: Colour, density: float = PIXELS_PER_METRE) -> Bytes:
@@ -70,7 +92,9 @@ def wood(rng: Rng, width: float, height: float, colour: Colour, density: float =
 
 
 def planks(rng: Rng, width: float, depth: float) -> Bytes:
-    """Draw a wooden floor: planks of their own tone, with grain and dark seams."""
+    """Draw a wooden floor: planks of their own tone, with grain, knots and dark seams."""
+    import cv2
+
     rows, columns, across = px(depth), px(width), px(0.14)
     grain = cloud(rng, (rows, columns), (1.2, 40), 6.0) + cloud(rng, (rows, columns), (3, 150), 5.0)
     tone = np.zeros((rows, columns), np.float32)
@@ -82,7 +106,12 @@ def planks(rng: Rng, width: float, depth: float) -> Bytes:
             tone[top : top + across, max(end - 2, 0) : max(end, 0)] = -45
             start = end
         tone[top : top + 2] = -45
-    return finished(toned((168, 122, 80), grain + tone, (1, 0.9, 0.75)))
+    knots = np.zeros((rows, columns), np.float32)
+    for _ in range(int(width * depth * KNOTS)):
+        at, size = (int(rng.integers(columns)), int(rng.integers(rows))), int(rng.integers(3, 7))
+        for share, dark in ((1.0, -22.0), (0.5, -48.0)):
+            cv2.ellipse(knots, at, (round(1.7 * size * share), round(size * share)), 0, 0, 360, dark, -1)
+    return finished(toned((168, 122, 80), grain + tone + knots, (1, 0.9, 0.75)))
 
 
 def fabric(rng: Rng, width: float, height: float, colour: Colour) -> Bytes:
@@ -118,13 +147,13 @@ def bricks(rng: Rng, width: float, height: float, colour: Colour, density: float
     """Draw a brick wall."""
     rows, columns = px(height, density), px(width, density)
     course, stone = 0.11 * density, 0.34 * density
-    v, u = np.mgrid[:rows, :columns].astype(np.float32)
-    row = np.floor(v / course)
-    along = u / stone + 0.5 * (row % 2)
-    column = np.floor(along)
-    tones = rng.normal(0, 13, (int(row.max()) + 2, int(column.max()) + 2)).astype(np.float32)
-    tone = tones[row.astype(int), column.astype(int)]
-    gap = ((v / course) % 1 < 0.14) | (along % 1 < 0.05)
+    down = np.arange(rows)[:, None] / course
+    row = down.astype(int)
+    along = (np.arange(columns) / stone + 0.5 * (row % 2)).astype(np.float32)
+    column = along.astype(int)
+    tones = rng.normal(0, 13, (row.max() + 1, column.max() + 1)).astype(np.float32)
+    tone = tones[row, column]
+    gap = (down % 1 < 0.14) | (along - column < 0.05)
     picture = toned(colour, tone + rough(rng, (rows, columns), density, 4.0))
     picture[gap] = toned((176, 168, 156), rough(rng, (rows, columns), 30, 4.0))[gap]
     return finished(picture)

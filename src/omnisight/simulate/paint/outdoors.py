@@ -171,9 +171,9 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
     import cv2
 
     height = width // 2
-    lon = (np.arange(width) + 0.5) / width * 2 * np.pi - np.pi
-    lat = np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi
-    up = np.sin(lat)[:, None].astype(np.float32)
+    lon = ((np.arange(width) + 0.5) / width * 2 * np.pi - np.pi).astype(np.float32)
+    lat = (np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi).astype(np.float32)
+    up = np.sin(lat)[:, None]
     across, ahead = np.cos(lat)[:, None] * np.sin(lon), np.cos(lat)[:, None] * np.cos(lon)
     rise = np.clip(up, 0, 1) ** 0.55
     picture = (1 - rise)[..., None] * np.array((206, 222, 236), np.float32) + rise[..., None] * np.array(
@@ -187,7 +187,7 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
         noise += _wrapped(rng, side, cells) * np.float32(cells**-0.85)
     noise = ((noise - noise.mean()) / noise.std()).astype(np.float32)
     away = 150.0 / np.maximum(up, 0.045)
-    u, v = (across * away % side).astype(np.float32), (ahead * away % side).astype(np.float32)
+    u, v = across * away % side, ahead * away % side
     thick = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     lower = cv2.remap(noise, (u + 6) % side, (v + 6) % side, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     cover = np.clip((thick - 0.15) / 0.9, 0, 1)[..., None]
@@ -195,7 +195,7 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
     cloud = (1 - shade) * np.array((176, 186, 200), np.float32) + shade * np.array((255, 253, 248), np.float32)
     cover *= np.clip((up[..., None] - 0.02) / 0.12, 0, 1) * 0.95
     picture = picture * (1 - cover) + cloud * cover
-    x, y, z = np.array(sun) / np.linalg.norm(sun)
+    x, y, z = (np.array(sun) / np.linalg.norm(sun)).astype(np.float32)
     off = np.arccos(np.clip(across * x - up * y + ahead * z, -1, 1))
     glow = (np.exp(-off / 0.16) * 90 + (off < 0.022) * 255).astype(np.float32)
     haze = np.clip(-up * 6, 0, 1)[..., None]

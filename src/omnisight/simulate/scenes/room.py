@@ -51,7 +51,7 @@ def scene(seed: int = 0) -> Scene:
 def _shell(rng: np.random.Generator) -> list[Solid]:
     """Give the walls with what hangs on them, floor and ceiling; each drawn as seen from inside."""
     width, height, depth = (b - a for a, b in zip(LOW, HIGH, strict=True))
-    front = materials.plaster(rng, width, height, (150, 172, 176), trim=True)
+    front = materials.wallpaper(rng, width, height, (150, 172, 176), (112, 136, 142))
     decor.poster(front, (0.62, 0.45, 0.95, 1.25))
     decor.landscape(front, (2.05, 0.55, 1.5, 0.95), rng)
     decor.abstract(front, (4.05, 0.5, 0.75, 0.75))
@@ -61,7 +61,7 @@ def _shell(rng: np.random.Generator) -> list[Solid]:
     decor.door(back, (0.75, 0.5, 0.95, 2.1))
     decor.abstract(back, (2.5, 0.55, 0.8, 1.0))
     decor.landscape(back, (3.75, 0.6, 1.2, 0.8), rng)
-    left = materials.plaster(rng, depth, height, (214, 196, 140), trim=True)
+    left = materials.wallpaper(rng, depth, height, (214, 196, 140), (176, 152, 92))
     decor.stripes(left, (2.75, 0.3, 1.0, 1.3))
     decor.poster(left, (4.1, 0.35, 0.75, 1.0))
     floor = materials.planks(rng, width, depth)
