@@ -16,8 +16,35 @@ from omnisight.models._resized import resized
 Array = NDArray[np.float64]
 
 
+class Pictured:
+    """What has pictures of one size, in px: (width, height), (0, 0) where that is not known."""
+
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        """Refuse a size that is none."""
+        if len(self.size) != 2 or min(self.size) < 0:
+            raise ValueError(f"size must be (width, height), got {self.size!r}")
+
+    @property
+    def width(self) -> int:
+        """Pixels per row."""
+        return self.size[0]
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.size[1]
+
+    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
+        p = np.asarray(pixels, float)
+        with np.errstate(invalid="ignore"):
+            return np.all((p >= -0.5) & (p < np.array(self.size) - 0.5), axis=-1)
+
+
 @dataclass(frozen=True)
-class Camera:
+class Camera(Pictured):
     """A camera model with its picture.
 
     Attributes
@@ -50,21 +77,6 @@ class Camera:
     extra: Mapping[str, Any] = field(default_factory=dict[str, Any])
     theta_min: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Refuse a size that is none."""
-        if len(self.size) != 2 or min(self.size) < 0:
-            raise ValueError(f"size must be (width, height), got {self.size!r}")
-
-    @property
-    def width(self) -> int:
-        """Pixels per row."""
-        return self.size[0]
-
-    @property
-    def height(self) -> int:
-        """Rows."""
-        return self.size[1]
-
     @property
     def px_unit(self) -> float:
         """What a px of a picture 1000 px wide is here, for limits: as much larger as the picture is, and no smaller."""
@@ -88,12 +100,6 @@ class Camera:
         angle = angle_from_axis(np.asarray(bearings, float))
         with np.errstate(invalid="ignore"):
             return (angle >= self.theta_min) & (angle <= (np.pi if self.theta_max is None else self.theta_max))
-
-    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
-        p = np.asarray(pixels, float)
-        with np.errstate(invalid="ignore"):
-            return np.all((p >= -0.5) & (p < np.array(self.size) - 0.5), axis=-1)
 
     def angle_of(self, pixels: ArrayLike) -> Array:
         """Give the angle from the axis (radians) of pixels (..., 2), NaN where not valid."""

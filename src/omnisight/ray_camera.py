@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.camera import Camera
+from omnisight.camera import Camera, Pictured
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
@@ -29,7 +29,7 @@ UNITS = ("m", "squares")
 
 
 @dataclass(frozen=True)
-class RayCamera:
+class RayCamera(Pictured):
     """A non-central camera with its picture: what `Camera` is to a central one.
 
     Every pixel has a ray of its own, a place and a bearing, so that the distance of what is seen matters. There is no
@@ -68,20 +68,9 @@ class RayCamera:
 
     def __post_init__(self) -> None:
         """Refuse a size or a unit that is none."""
-        if len(self.size) != 2 or min(self.size) < 0:
-            raise ValueError(f"size must be (width, height), got {self.size!r}")
+        super().__post_init__()
         if self.unit not in UNITS:
             raise ValueError(f"unit must be {' or '.join(UNITS)}, got {self.unit!r}")
-
-    @property
-    def width(self) -> int:
-        """Pixels per row."""
-        return self.size[0]
-
-    @property
-    def height(self) -> int:
-        """Rows."""
-        return self.size[1]
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Give the rays of pixels (..., 2) in the camera's frame."""
@@ -90,12 +79,6 @@ class RayCamera:
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
         """Project points (..., 3), in `unit`, to pixels (..., 2) and their validity; see `RayModel.project`."""
         return self.model.project(points)
-
-    def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
-        p = np.asarray(pixels, float)
-        with np.errstate(invalid="ignore"):
-            return np.all((p >= -0.5) & (p < np.array(self.size) - 0.5), axis=-1)
 
     def scaled(self, factor: float) -> "RayCamera":
         """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""

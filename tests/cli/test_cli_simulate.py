@@ -233,7 +233,7 @@ def test_options_that_mean_nothing_are_refused(refuses, small, tmp_path, options
 
 
 def test_unknown_scenes_and_hostile_files_are_refused(refuses, small, tmp_path):
-    assert "there is no scene 'moon'" in refuses("simulate", "moon", "--camera", small, "-o", tmp_path / "out")
+    assert "unknown scene 'moon'" in refuses("simulate", "moon", "--camera", small, "-o", tmp_path / "out")
     (tmp_path / "bad.csv").write_text("1 0 0 0 0 0 0 1\n2 0 0 zero 0 0 0 1\n")
     said = refuses("simulate", "lines", "--camera", small, "--trajectory", tmp_path / "bad.csv", "-o", tmp_path / "out")
     assert "bad.csv, line 2: 'zero' is no number" in said

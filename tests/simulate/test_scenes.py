@@ -16,7 +16,7 @@ NEXT = om.Pose(exp((0.02, 0.12, 0.03)), np.array((0.15, 0.03, 0.12)))
 
 def test_the_scenes_are_found_by_their_files():
     assert {"boards", "lines", "room", "street"} <= set(scene_names())
-    with pytest.raises(ValueError, match="there is no scene 'moon'; there are boards, lines"):
+    with pytest.raises(ValueError, match="unknown scene 'moon'; there are: boards, lines"):
         scene_named("moon")
 
 

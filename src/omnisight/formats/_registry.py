@@ -1,11 +1,8 @@
 """Finding a format, reading and writing files."""
 
 import dataclasses
-import importlib
 import json
-import pkgutil
 from collections.abc import Mapping
-from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import cast
@@ -13,30 +10,28 @@ from typing import cast
 import numpy as np
 
 from omnisight.camera import Camera
+from omnisight.extensions import module_in, names_in
 from omnisight.formats._binary import to_bytes, to_text
 from omnisight.formats._protocol import Format, FormatError, Written
 from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
+PACKAGE = "omnisight.formats"
 NAMED = 12  # cameras that a message names
 LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
 # What reading a damaged file runs into, where no check of its own says it better.
 DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
 
-@cache
 def format_names() -> tuple[str, ...]:
     """Give the names of all formats, sorted: the names of the files here."""
-    folder = [str(Path(__file__).parent)]
-    return tuple(sorted(m.name for m in pkgutil.iter_modules(folder) if not m.name.startswith("_")))
+    return names_in(PACKAGE)
 
 
 def format_named(name: str) -> Format:
     """Give the format of that name, or say which there are."""
-    if name not in format_names():
-        raise ValueError(f"unknown format {name!r}; there are: {', '.join(format_names())}")
-    return cast(Format, importlib.import_module(f"omnisight.formats.{name}"))
+    return cast(Format, module_in(PACKAGE, name, "format"))
 
 
 def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:

@@ -135,7 +135,8 @@ class Central(Undistorted, CameraModel):
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             dx, dy = partials[field.name]
             stop = start + (len(dx) if dx.ndim == 2 else 1)
-            d_params[:, 0, start:stop], d_params[:, 1, start:stop] = dx.T.reshape(len(b), -1), dy.T.reshape(len(b), -1)
+            for axis, d in enumerate((dx, dy)):
+                d_params[:, axis, start:stop] = d.T.reshape(len(b), stop - start)
             start = stop
         return pixels, valid, d_point, d_params
 

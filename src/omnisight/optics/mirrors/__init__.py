@@ -5,19 +5,15 @@ z(rho) says how far behind the vertex the surface lies at the distance rho from 
 that looks towards -z.
 """
 
-import importlib
-import pkgutil
-from functools import cache
-
+from omnisight.extensions import class_in, names_in
 from omnisight.optics.mirrors._mirror import Mirror
 
 __all__ = ["Mirror", "mirror_class", "mirror_names"]
 
 
-@cache
 def mirror_names() -> tuple[str, ...]:
     """Give the names of all mirrors, sorted: the names of the files here."""
-    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
+    return names_in(__name__)
 
 
 def mirror_class(name: str) -> type[Mirror]:
@@ -28,11 +24,4 @@ def mirror_class(name: str) -> type[Mirror]:
     ValueError
         If there is no such mirror; the message lists the names.
     """
-    if name not in mirror_names():
-        raise ValueError(f"unknown mirror {name!r}; there are: {', '.join(mirror_names())}")
-    module = importlib.import_module(f"{__name__}.{name}")
-    return next(
-        value
-        for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Mirror) and value.__module__ == module.__name__
-    )
+    return class_in(__name__, name, Mirror, "mirror")

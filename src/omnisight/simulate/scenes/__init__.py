@@ -1,16 +1,14 @@
 """Scenes: each file of this folder that does not begin with an underscore builds one, by its function `scene(seed)`."""
 
-import importlib
-import pkgutil
 from functools import cache
 
+from omnisight.extensions import module_in, names_in
 from omnisight.simulate.scene import Scene
 
 
-@cache
 def scene_names() -> tuple[str, ...]:
     """Give the names of all scenes."""
-    return tuple(sorted(found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")))
+    return names_in(__name__)
 
 
 @cache
@@ -22,6 +20,4 @@ def scene_named(name: str, seed: int = 0) -> Scene:
     ValueError
         If there is none of that name.
     """
-    if name not in scene_names():
-        raise ValueError(f"there is no scene {name!r}; there are {', '.join(scene_names())}")
-    return importlib.import_module(f"{__name__}.{name}").scene(seed)
+    return module_in(__name__, name, "scene").scene(seed)

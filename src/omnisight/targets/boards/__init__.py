@@ -3,28 +3,17 @@
 A kind is found by its file. Adding a file adds it to `omnisight target make`, to `--target` and to the tests.
 """
 
-import importlib
-import pkgutil
-from functools import cache
-
+from omnisight.extensions import class_in, names_in
 from omnisight.targets.boards._protocol import Board
 
 __all__ = ["Board", "board_class", "board_kinds"]
 
 
-@cache
 def board_kinds() -> tuple[str, ...]:
     """Give the names of all kinds, sorted: the names of the files here."""
-    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
+    return names_in(__name__)
 
 
 def board_class(kind: str) -> type[Board]:
     """Give the board of that kind; ValueError, with the kinds there are, if there is none."""
-    if kind not in board_kinds():
-        raise ValueError(f"unknown kind of target {kind!r}; there are: {', '.join(board_kinds())}")
-    module = importlib.import_module(f"{__name__}.{kind}")
-    return next(
-        value
-        for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Board) and value.__module__ == module.__name__
-    )
+    return class_in(__name__, kind, Board, "kind of target")
