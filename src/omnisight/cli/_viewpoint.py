@@ -32,6 +32,9 @@ def print_viewpoint(out: "Console", asked: Asked | None, traced: RaysCalibration
         out.print("--model axial fits several lenses so, and writes the camera whose viewpoint moves.", soft_wrap=True)
     if traced is not None:
         out.print(f"written is {traced.reason}", soft_wrap=True)
+        out.print(
+            "the tables, the figures and the verdict here are those of the central camera beside it", soft_wrap=True
+        )
 
 
 def viewpoint_json(asked: Asked | None, traced: RaysCalibration | None) -> dict[str, Any]:
