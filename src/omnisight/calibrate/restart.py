@@ -133,10 +133,8 @@ def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Ar
     """
     points, _ = state.points(views)
     angles = angle_from_axis(points)
-    nearest, farthest = (
-        (0.0 if inwards else angles.min(initial=np.pi) / PAST),
-        min(PAST * angles.max(initial=0.0), np.pi),
-    )
+    nearest = 0.0 if inwards else angles.min(initial=np.pi) / PAST
+    farthest = min(PAST * angles.max(initial=0.0), np.pi)
     theta = nearest + (np.arange(CONE) + 0.5)[:, None] / CONE * (farthest - nearest)
     phi = np.linspace(0, 2 * np.pi, CONE, endpoint=False)
     points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])

@@ -176,15 +176,7 @@ class CameraModel(Parametric):
         flat, lead = rows(points, 3, "points")
         with np.errstate(all="ignore"):
             pixels, valid, d_point, d_params = self.derivatives(flat)
-        for array in (pixels, d_point, d_params):
-            array[~valid] = np.nan
-        count = self.params.size
-        return (
-            pixels.reshape(*lead, 2),
-            valid.reshape(lead),
-            d_point.reshape(*lead, 2, 3),
-            d_params.reshape(*lead, 2, count),
-        )
+        return shaped(lead, pixels, valid, d_point, d_params)
 
     def unproject_with_jacobians(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         """Give bearings, their validity, d bearing/d pixel (..., 3, 2) and d bearing/d params (..., 3, P).
@@ -253,3 +245,17 @@ def rows(values: ArrayLike, width: int, what: str) -> tuple[Array, tuple[int, ..
         )
     flat = np.ascontiguousarray(array.reshape(-1, width), dtype=np.float64)
     return flat, array.shape[:-1]
+
+
+def shaped(
+    lead: tuple[int, ...], pixels: Array, valid: NDArray[np.bool_], d_point: Array, d_params: Array
+) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+    """Give a projection of N points and its derivatives in the points' leading shape, NaN where not valid."""
+    for array in (pixels, d_point, d_params):
+        array[~valid] = np.nan
+    return (
+        pixels.reshape(*lead, 2),
+        valid.reshape(lead),
+        d_point.reshape(*lead, 2, 3),
+        d_params.reshape(*lead, 2, d_params.shape[-1]),
+    )

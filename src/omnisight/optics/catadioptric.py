@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.rays import Rays
 from omnisight.models import CameraModel, model_class
 from omnisight.models._parameter import finite
-from omnisight.models._protocol import rows
+from omnisight.models._protocol import rows, shaped
 from omnisight.optics import fermat
 from omnisight.optics.mirrors import mirror_class
 from omnisight.optics.orthographic import Orthographic
@@ -151,14 +151,7 @@ class Catadioptric(RayModel):
             d_mirrors = d_corner @ fermat.by_parameters(self.mirrors, self._parallel, u, flat.T, path)
         valid = valid & seen
         d_params = np.concatenate([d_lens, d_mirrors], -1)
-        for array in (pixels, d_point, d_params):
-            array[~valid] = np.nan
-        return (
-            pixels.reshape(*lead, 2),
-            valid.reshape(lead),
-            d_point.reshape(*lead, 2, 3),
-            d_params.reshape(*lead, 2, self.params.size),
-        )
+        return shaped(lead, pixels, valid, d_point, d_params)
 
     def _reflections(self, points: Array) -> tuple[list[Array], NDArray[np.bool_]]:
         """Give the corners (3, N) of the paths of points (N, 3), and which of them light can take."""

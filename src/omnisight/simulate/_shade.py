@@ -19,15 +19,21 @@ LIFT = 1e-5  # metres by which rays to the light start off a face
 
 
 @inner
-def _texel(world, level, u, v):
-    """Give the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
-    start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
+def _between(start, width, height, u, v):
+    """Give where a place of a grid lies: its cell's index, the steps right and below, and its share of each."""
     x = min(max(u * width - 0.5, 0.0), width - 1.0)
     y = min(max(v * height - 0.5, 0.0), height - 1.0)
     column, row = int(x), int(y)
     fx, fy = x - column, y - row
     right, below = (1 if column + 1 < width else 0), (width if row + 1 < height else 0)
-    at = start + row * width + column
+    return start + row * width + column, right, below, fx, fy
+
+
+@inner
+def _texel(world, level, u, v):
+    """Give the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
+    start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
+    at, right, below, fx, fy = _between(start, width, height, u, v)
     texels, linear = world.texels, world.linear
     r0, r1 = linear[texels[at, 0]], linear[texels[at + below, 0]]
     g0, g1 = linear[texels[at, 1]], linear[texels[at + below, 1]]
@@ -75,12 +81,8 @@ def _filtered(world, texture, u, v, ux, vx, uy, vy):
 def _light(world, face, u, v):
     """Give the light that falls on a place of a face, bilinear."""
     start, width, height = world.faces[face, 1], world.faces[face, 2], world.faces[face, 3]
-    x = min(max(u * width - 0.5, 0.0), width - 1.0)
-    y = min(max(v * height - 0.5, 0.0), height - 1.0)
-    column, row = int(x), int(y)
-    fx, fy = x - column, y - row
-    right, below = (1 if column + 1 < width else 0), (width if row + 1 < height else 0)
-    at, light = start + row * width + column, world.light
+    at, right, below, fx, fy = _between(start, width, height, u, v)
+    light = world.light
     above = light[at] + fx * (light[at + right] - light[at])
     under = light[at + below] + fx * (light[at + below + right] - light[at + below])
     return above + fy * (under - above)

@@ -57,6 +57,16 @@ def _roots(a, b, c):
 
 
 @inner
+def _first(enter, enter_face, leave, leave_face, least):
+    """Give where a ray first meets a convex solid past `least`, and which face: going in, or else coming out."""
+    if enter > leave:
+        return np.inf, 0
+    if enter > least:
+        return enter, enter_face
+    return (leave, leave_face) if leave > least else (np.inf, 0)
+
+
+@inner
 def _convex(first, count, ox, oy, oz, dx, dy, dz, least):
     enter, leave, enter_face, leave_face = -np.inf, np.inf, 0, 0
     for face in range(count):
@@ -77,11 +87,7 @@ def _convex(first, count, ox, oy, oz, dx, dy, dz, least):
                 leave, leave_face = t, face
         elif gap < 0:
             return np.inf, 0
-    if enter > leave:
-        return np.inf, 0
-    if enter > least:
-        return enter, enter_face
-    return (leave, leave_face) if leave > least else (np.inf, 0)
+    return _first(enter, enter_face, leave, leave_face, least)
 
 
 @inner
@@ -104,11 +110,7 @@ def _tube(ox, oy, oz, dx, dy, dz, least):
             leave, leave_face = high, high_face
     elif oy < 0 or oy > 1:
         return np.inf, 0
-    if enter > leave:
-        return np.inf, 0
-    if enter > least:
-        return enter, enter_face
-    return (leave, leave_face) if leave > least else (np.inf, 0)
+    return _first(enter, enter_face, leave, leave_face, least)
 
 
 @inner

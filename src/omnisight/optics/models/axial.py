@@ -11,7 +11,7 @@ from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class, parameter
 from omnisight.models._parameter import finite
-from omnisight.models._protocol import rows
+from omnisight.models._protocol import rows, shaped
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.ray_model import RayModel
 
@@ -216,15 +216,7 @@ class Axial(RayModel):
             d_point = d_q + d_start[:, :, None] * gradient[:, None, :]
             d_params = np.concatenate([d_lens, d_start[:, :, None] * by_pupil[:, None, :]], -1)
         valid &= found
-        for array in (pixels, d_point, d_params):
-            array[~valid] = np.nan
-        count = self.params.size
-        return (
-            pixels.reshape(*lead, 2),
-            valid.reshape(lead),
-            d_point.reshape(*lead, 2, 3),
-            d_params.reshape(*lead, 2, count),
-        )
+        return shaped(lead, pixels, valid, d_point, d_params)
 
     @classmethod
     def example(cls) -> Self:
