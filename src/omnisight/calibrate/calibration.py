@@ -142,7 +142,7 @@ def calibrate_camera(
     report("start", 0, 1)
     begun = initialise(views, size) if start is None else posed(start, views)
     report("start", 1, 1)
-    started = [found for name in _models(model, begun, views) for found in starts_of(name, begun, views)]
+    started = [found for name in _models(model, begun, views) for found in starts_of(name, begun, views, fixed=fixed)]
     _must_be_known([*fixed, *free], [state.model for _, state in started], model)
     fitted: list[Candidate] = []
     for i, (name, state) in enumerate(started):

@@ -140,12 +140,12 @@ def posed_by(trained: State, start: State, views: BoardViews, spread: Spread) ->
     return refine(start, views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state.lengths(views)
 
 
-def starts_of(name: str, start: State, views: BoardViews) -> list[tuple[str, State]]:
+def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str] = ()) -> list[tuple[str, State]]:
     """Give the camera model of that name fitted to the start's directions; the polynomial in each of its degrees."""
     if name == "spline":
         return [(name, spline_start(start, views))]
     if name != "ocam":
-        state = restart(start, model_class(name), views)
+        state = restart(start, model_class(name), views, fixed=fixed)
         return [] if state is None else [(name, state)]
     states = list[State]()
     for degree in OCAM_DEGREES:

@@ -1,6 +1,6 @@
 """Going from one camera model to another: several starts where their costs have several valleys."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 # What a lens has next to nothing of: a start that took it from noise would be a start of its own.
 STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
 DECENTRED = set(STILL[1:])
+# What bends a profile beside its first term: terms that nearly make up for each other.
+HIGHER = ("k2", "k3", "k4", "k5", "k6")
 # Models that bend to most lenses in ways of their own: what one of them finds, a richer model may miss from another.
 SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
@@ -32,31 +34,48 @@ PAIRS = 600
 CORNERS = 1000
 # px: a fit to a camera this far from it (rms) is none.
 ALIKE = 2.0
+# px: cameras whose focal lengths and centres differ by less have ended in one valley.
+SAME = 1.0
+# Costs that differ by more, in variances of a corner's coordinate, tell two valleys apart.
+TOLD = 10.0
 # Steps that each start is refined by, and how many of them are then refined further; more where parts are not centred.
 ROUNDS, LONG_ROUNDS = ((12, 2), (100, 1)), ((40, 3), (100, 1))
 # Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
 CONE, PAST = 16, 1.05
 
 
-def restart(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
+def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: Sequence[str] = ()) -> State | None:
     """Give the state with another camera model, fitted to its own; None where it cannot be.
 
     A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
-    in each, and the one that ends lowest is given as it was: what a calibration holds fixed must not have moved.
+    in each, and the one that ends lowest is given. `fixed` parameters stay as they were fitted.
     """
     sketch = views.thinned(CORNERS)
-    starts = list(_starts(state, cls, sketch))
-    if len(starts) < 2:
-        return starts[0] if starts else None
-    ends = starts
-    for iterations, kept in ROUNDS if "xi" in starts[0].model.param_names else LONG_ROUNDS:
+    ends = list(_starts(state, cls, sketch))
+    if len(ends) < 2:
+        return ends[0] if ends else None
+    for iterations, kept in ROUNDS if "xi" in ends[0].model.param_names else LONG_ROUNDS:
         seen = sketch if kept > 1 else views
-        ends = [refine(end, seen, iterations=iterations).state for end in ends]
-        sharpest = min(ends, key=lambda end: float(np.median(end.lengths(seen))))
-        problem = Bundle(seen, Freedom.none(sharpest.model), Spread.of(sharpest, seen))
-        order = np.argsort([problem.cost(end) for end in ends], kind="stable")[:kept]
-        starts, ends = [starts[i] for i in order], [ends[i] for i in order]
-    return starts[0]
+        freedom = Freedom.of(ends[0].model, fixed=fixed)
+        ends = [refine(end, seen, freedom=freedom, iterations=iterations).state for end in ends]
+        ends = _lowest(ends, seen, kept)
+    return ends[0]
+
+
+def _lowest(ends: Sequence[State], views: BoardViews, count: int) -> list[State]:
+    """Give so many of the states, lowest first, none in the valley of another; and those as good as far as is told."""
+    sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
+    spread = Spread.of(sharpest, views)
+    cost = Bundle(views, Freedom.none(sharpest.model), spread).cost
+    costs = [cost(end) for end in ends]
+    kept = list[State]()
+    for i in np.argsort(costs, kind="stable"):
+        told = costs[i] - min(costs) > TOLD * spread.sigma**2
+        if len(kept) < count or (count > 1 and not told):
+            shape = ends[i].model.params[:4]
+            if all(np.abs(shape - other.model.params[:4]).max() > SAME for other in kept):
+                kept.append(ends[i])
+    return kept
 
 
 def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator[State]:
@@ -70,6 +89,8 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
         yield from _traded(first, state, views)
     elif DECENTRED & names:
         yield _centred(first, views)
+        if (plain := fitted(state, cls, views, fixed=(*STILL, *HIGHER))) is not None:
+            yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *HIGHER))).state
         for name in SOURCES:
             source = fitted(state, model_class(name), views)
             source = None if source is None else fitted(refine(source, views).state, cls, views)
@@ -78,12 +99,12 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
                 yield _centred(source, views)
 
 
-def fitted(state: State, cls: type[CameraModel], views: BoardViews) -> State | None:
+def fitted(state: State, cls: type[CameraModel], views: BoardViews, fixed: tuple[str, ...] = STILL) -> State | None:
     """Give the state with another camera model, fitted to its own; None where it cannot be."""
     points, pixels = pairs(state, views)
     every = -(-len(points) // PAIRS)
     try:
-        return replace(state, model=cls.fit(points[::every], pixels[::every], fixed=STILL))
+        return replace(state, model=cls.fit(points[::every], pixels[::every], fixed=fixed))
     except (ValueError, np.linalg.LinAlgError):
         return None
 

@@ -29,14 +29,14 @@ class RationalPinhole(Rational, PinholeProfile):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("radial distortion, numerator", spread=2.0)
-    k2: float = parameter("radial distortion, numerator", spread=2.0)
-    p1: float = parameter("tangential distortion")
-    p2: float = parameter("tangential distortion")
-    k3: float = parameter("radial distortion, numerator", spread=2.0)
-    k4: float = parameter("radial distortion, denominator", spread=2.0)
-    k5: float = parameter("radial distortion, denominator", spread=2.0)
-    k6: float = parameter("radial distortion, denominator", spread=2.0)
+    k1: float = parameter("radial distortion, numerator", spread=1.0)
+    k2: float = parameter("radial distortion, numerator", spread=1.0)
+    p1: float = parameter("tangential distortion", spread=0.02)
+    p2: float = parameter("tangential distortion", spread=0.02)
+    k3: float = parameter("radial distortion, numerator", spread=1.0)
+    k4: float = parameter("radial distortion, denominator", spread=1.0)
+    k5: float = parameter("radial distortion, denominator", spread=1.0)
+    k6: float = parameter("radial distortion, denominator", spread=1.0)
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:

@@ -63,14 +63,14 @@ class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("coefficient of theta^3")
-    k2: float = parameter("coefficient of theta^5")
-    p1: float = parameter("tangential distortion")
-    p2: float = parameter("tangential distortion")
-    k3: float = parameter("coefficient of theta^7")
-    k4: float = parameter("coefficient of theta^9")
-    s1: float = parameter("thin-prism distortion in x")
-    s2: float = parameter("thin-prism distortion in y")
+    k1: float = parameter("coefficient of theta^3", spread=5.0)
+    k2: float = parameter("coefficient of theta^5", spread=5.0)
+    p1: float = parameter("tangential distortion", spread=0.02)
+    p2: float = parameter("tangential distortion", spread=0.02)
+    k3: float = parameter("coefficient of theta^7", spread=5.0)
+    k4: float = parameter("coefficient of theta^9", spread=5.0)
+    s1: float = parameter("thin-prism distortion in x", spread=0.02)
+    s2: float = parameter("thin-prism distortion in y", spread=0.02)
 
     @classmethod
     def example(cls) -> Self:
