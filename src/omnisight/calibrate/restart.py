@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 # What a lens has next to nothing of: a start that took it from noise would be a start of its own.
 STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
 DECENTRED = set(STILL[1:])
-# What bends a profile beside its first term: terms that nearly make up for each other.
-HIGHER = ("k2", "k3", "k4", "k5", "k6")
+# What bends a profile beside its first terms: terms that nearly make up for each other.
+HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6")
 # Models that bend to most lenses in ways of their own: what one of them finds, a richer model may miss from another.
 SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
@@ -36,12 +36,15 @@ CORNERS = 1000
 ALIKE = 2.0
 # px: cameras whose focal lengths and centres differ by less have ended in one valley.
 SAME = 1.0
-# Costs that differ by more, in variances of a corner's coordinate, tell two valleys apart.
-TOLD = 10.0
-# Steps that each start is refined by, and how many of them are then refined further; more where parts are not centred.
-ROUNDS, LONG_ROUNDS = ((12, 2), (100, 1)), ((40, 3), (100, 1))
+# Steps that each start is refined by on some of the corners, more where parts are not centred; how many of them, in
+# valleys of their own, are then refined on all.
+STEPS, LONG_STEPS, VALLEYS = 12, 40, 3
+# Share of the cost that steps must gain. Wrong corners may be nearly all of it: little tells valleys apart.
+TOLERANCE = 1e-8
 # Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
 CONE, PAST = 16, 1.05
+# Less far past, for a model that the rest of the sphere puts out.
+LITTLE_PAST = 1.02
 
 
 def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: Sequence[str] = ()) -> State | None:
@@ -51,30 +54,31 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     in each, and the one that ends lowest is given. `fixed` parameters stay as they were fitted.
     """
     sketch = views.thinned(CORNERS)
-    ends = list(_starts(state, cls, sketch))
-    if len(ends) < 2:
-        return ends[0] if ends else None
-    for iterations, kept in ROUNDS if "xi" in ends[0].model.param_names else LONG_ROUNDS:
-        seen = sketch if kept > 1 else views
-        freedom = Freedom.of(ends[0].model, fixed=fixed)
-        ends = [refine(end, seen, freedom=freedom, iterations=iterations).state for end in ends]
-        ends = _lowest(ends, seen, kept)
-    return ends[0]
+    starts = list(_starts(state, cls, sketch))
+    if len(starts) < 2:
+        return starts[0] if starts else None
+    freedom = Freedom.of(starts[0].model, fixed=fixed)
+    iterations = STEPS if "xi" in starts[0].model.param_names else LONG_STEPS
+    ends = [
+        refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
+    ]
+    # A rich model may have left the corners that the sketch has not, and not come back to them.
+    cost = Bundle(views, Freedom.none(state.model), Spread.of(state, views)).cost
+    ends = [min(starts[i], ends[i], key=cost) for i in _lowest(ends, sketch)[:VALLEYS]]
+    ends = [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
+    return ends[_lowest(ends, views)[0]]
 
 
-def _lowest(ends: Sequence[State], views: BoardViews, count: int) -> list[State]:
-    """Give so many of the states, lowest first, none in the valley of another; and those as good as far as is told."""
+def _lowest(ends: Sequence[State], views: BoardViews) -> list[int]:
+    """Give the places of those of the states that end in a valley of their own, lowest first."""
     sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
-    spread = Spread.of(sharpest, views)
-    cost = Bundle(views, Freedom.none(sharpest.model), spread).cost
+    cost = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views)).cost
     costs = [cost(end) for end in ends]
-    kept = list[State]()
+    kept = list[int]()
     for i in np.argsort(costs, kind="stable"):
-        told = costs[i] - min(costs) > TOLD * spread.sigma**2
-        if len(kept) < count or (count > 1 and not told):
-            shape = ends[i].model.params[:4]
-            if all(np.abs(shape - other.model.params[:4]).max() > SAME for other in kept):
-                kept.append(ends[i])
+        shape = ends[i].model.params[:4]
+        if all(np.abs(shape - ends[other].model.params[:4]).max() > SAME for other in kept):
+            kept.append(int(i))
     return kept
 
 
@@ -89,8 +93,12 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
         yield from _traded(first, state, views)
     elif DECENTRED & names:
         yield _centred(first, views)
-        if (plain := fitted(state, cls, views, fixed=(*STILL, *HIGHER))) is not None:
-            yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *HIGHER))).state
+        if (near := fitted(state, cls, views, past=LITTLE_PAST)) is not None:
+            yield near
+            yield _centred(near, views)
+        for higher in HIGHER:
+            if (plain := fitted(state, cls, views, fixed=(*STILL, *higher))) is not None:
+                yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *higher))).state
         for name in SOURCES:
             source = fitted(state, model_class(name), views)
             source = None if source is None else fitted(refine(source, views).state, cls, views)
@@ -99,9 +107,11 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
                 yield _centred(source, views)
 
 
-def fitted(state: State, cls: type[CameraModel], views: BoardViews, fixed: tuple[str, ...] = STILL) -> State | None:
+def fitted(
+    state: State, cls: type[CameraModel], views: BoardViews, *, fixed: tuple[str, ...] = STILL, past: float = PAST
+) -> State | None:
     """Give the state with another camera model, fitted to its own; None where it cannot be."""
-    points, pixels = pairs(state, views)
+    points, pixels = pairs(state, views, past=past)
     every = -(-len(points) // PAIRS)
     try:
         return replace(state, model=cls.fit(points[::every], pixels[::every], fixed=fixed))
@@ -144,18 +154,19 @@ def _near(
         yield replace(start, model=model)
 
 
-def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Array, Array]:
+def pairs(state: State, views: BoardViews, *, inwards: bool = False, past: float = PAST) -> tuple[Array, Array]:
     """Give directions (M, 3), the corners' and all others between them, and their pixels in the state's camera.
 
-    `inwards` those within the corners too, which the state's camera only guesses.
+    Up to so many times the corners' angle; `inwards` those within the corners too, which the state's camera only
+    guesses.
 
     What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
     bend as it likes where there are none.
     """
     points, _ = state.points(views)
     angles = angle_from_axis(points)
-    nearest = 0.0 if inwards else angles.min(initial=np.pi) / PAST
-    farthest = min(PAST * angles.max(initial=0.0), np.pi)
+    nearest = 0.0 if inwards else angles.min(initial=np.pi) / past
+    farthest = min(past * angles.max(initial=0.0), np.pi)
     theta = nearest + (np.arange(CONE) + 0.5)[:, None] / CONE * (farthest - nearest)
     phi = np.linspace(0, 2 * np.pi, CONE, endpoint=False)
     points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])

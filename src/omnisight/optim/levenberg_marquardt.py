@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
-# Damping up to which a step is nearly the whole step.
-FREE = 1e-2
-
 
 class Linearised(Protocol):
     """The normal equations of a least-squares problem at one state, in whatever sparse form suits it."""
@@ -87,7 +84,7 @@ def minimise(
     iterations
         The most linearisations.
     tolerance
-        Stop when the cost falls, or is predicted to fall, by less than this share.
+        Stop when the cost is predicted to fall by less than this share.
     damping
         The first damping, relative to the diagonal of the normal equations.
     watch
@@ -117,7 +114,12 @@ def minimise(
         state, cost = moved, new_cost
         if watch:
             watch(iteration, cost)
-        # A step that damping has made short says nothing of how far the cost can still fall.
-        if fall <= tolerance * cost and damping <= FREE:
+        if min(abs(1 - gained), 1.0) * fall + _withheld(linearised, predicted) <= tolerance * cost:
             return Solution(state, cost, True, iteration, "the cost stopped falling")
     return Solution(state, cost, False, iterations, f"{iterations} iterations were not enough")
+
+
+def _withheld(linearised: Linearised, predicted: float) -> float:
+    """Give what damping kept a step from gaining: with what the linearisation missed, what is still to be gained."""
+    with np.errstate(over="ignore", invalid="ignore"):  # of a step along what nothing tells
+        return linearised.decrease(linearised.solve(0.0)) - predicted
