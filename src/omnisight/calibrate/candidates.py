@@ -1,7 +1,7 @@
 """Fitting camera models to the same boards, and choosing one by the pictures it has not seen."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import model_class
 from omnisight.models.ocam import Ocam
 from omnisight.models.spline import Spline
+from omnisight.optim.levenberg_marquardt import minimise
+from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,8 @@ OCAM_DEGREES = (3, 4, 5, 6)
 # Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
 SPANS, MANY = 10, 800
 FOLDS = 5
+# Pictures and corners that are enough to compare two cameras by.
+ENOUGH_PICTURES, ENOUGH_CORNERS = 60, 3000
 FOLD_TOLERANCE = 1e-5
 # A model is not asked about pictures it has not seen where it explains those it has so much worse than the best.
 HOPELESS = 1.5
@@ -105,25 +109,43 @@ class Candidate:
 
     def held_out(self, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
         """Give it with the rms over pictures left out (k-fold): camera and board from the others, own poses free."""
-        count = len(views)
-        folds = min(FOLDS, count)
+        folds = [np.arange(k, len(views), FOLDS) for k in range(min(FOLDS, len(views)))]
         spread = Spread.of(self.state, views, loss)
         lengths = np.empty(len(views.pixels))
-        for fold in range(folds):
-            test = np.arange(fold, count, folds)
-            trained = self.trained_on(np.setdiff1d(np.arange(count), test), views, spread)
-            rows = views.rows(test)
-            lengths[rows] = posed_by(trained, self.state.part(test), views.subset(test), spread.part(rows))
+        for fold, trained in zip(folds, self.without(folds, views, spread), strict=True):
+            rows = views.rows(fold)
+            lengths[rows] = posed_by(trained, self.state.part(fold), views.subset(fold), spread.part(rows))
         rms = float(np.sqrt((lengths[usable] ** 2).mean())) if usable.any() else None
         return dataclasses.replace(self, held_out_rms=rms, held_out_lengths=lengths)
 
-    def trained_on(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> State:
-        """Refine it on some of the views alone, their corners counting as among all."""
-        part = spread.part(views.rows(some))
-        solution = refine(
-            self.state.part(some), views.subset(some), freedom=self.freedom, spread=part, tolerance=FOLD_TOLERANCE
-        )
-        return solution.state
+    def sketched(
+        self, views: BoardViews, usable: NDArray[np.bool_]
+    ) -> tuple["Candidate", BoardViews, NDArray[np.bool_]]:
+        """Give it with no more views and corners than are enough to compare it with another camera."""
+        some = np.unique(np.linspace(0, len(views) - 1, ENOUGH_PICTURES).round().astype(np.intp))
+        part = views.subset(some)
+        rows = views.rows(some)[part.thinned_rows(ENOUGH_CORNERS)]
+        lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
+        sketch = dataclasses.replace(self, state=self.state.part(some), held_out_lengths=lengths)
+        return sketch, part.thinned(ENOUGH_CORNERS), usable[rows]
+
+    def without(self, folds: Sequence[NDArray[np.intp]], views: BoardViews, spread: Spread) -> Iterator[State]:
+        """Refine it without each of the folds of the views in turn, the other corners counting as among all.
+
+        The normal equations of the folds add up: those of all but one tell most of the way from the state of all.
+        """
+        parts = [self._problem(fold, views, spread).of_corners(self.state.part(fold)) for fold in folds]
+        for left_out in range(len(folds)):
+            others = [i for i in range(len(folds)) if i != left_out]
+            some = np.concatenate([folds[i] for i in others])
+            problem, start = self._problem(some, views, spread), self.state.part(some)
+            normal = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start.model)
+            moved = problem.move(start, normal.solve(0.0))
+            start = min(start, moved, key=problem.cost)
+            yield minimise(problem, start, tolerance=FOLD_TOLERANCE, scale=problem.scale).state
+
+    def _problem(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> Bundle:
+        return Bundle(views.subset(some), self.freedom, spread.part(views.rows(some)))
 
 
 def _astray(state: State, views: BoardViews) -> bool:

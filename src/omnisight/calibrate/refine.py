@@ -45,11 +45,23 @@ class Bundle:
         """What a weighted residual of a certain length costs."""
         return Huber(self.spread.threshold)
 
+    @property
+    def scale(self) -> float:
+        """What corners cost that are as far off as corners are."""
+        return len(self.views.pixels) * self.spread.sigma**2
+
     def cost(self, state: State) -> float:
         prior, off = self._prior(state.model)
         return self.loss.cost(state.lengths(self.views, self.spread.roots)) + 0.5 * float(prior @ off**2)
 
     def linearise(self, state: State) -> GroupedNormal:
+        return self.completed(self.of_corners(state), state.model)
+
+    def of_corners(self, state: State) -> GroupedNormal:
+        """Give the normal equations of all the camera's parameters and the board's two bends, from the corners alone.
+
+        Those of several parts of the views may be joined.
+        """
         points, turned = state.points(self.views)
         pixels, _, d_point, d_params = state.model.project_with_jacobians(points)
         seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
@@ -57,20 +69,16 @@ class Bundle:
         residuals, jacobian, cross, local, local_gradient = weighted(
             pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations
         )
-        prior, off = self._prior(state.model)
-        gradient = jacobian.T @ residuals
-        held = held_back(state.model.params, gradient[:-2] + prior * off, *state.model.bounds)
+        return GroupedNormal(jacobian.T @ jacobian, cross, local, jacobian.T @ residuals, local_gradient)
+
+    def completed(self, corners: GroupedNormal, model: CameraModel) -> GroupedNormal:
+        """Give the normal equations of what moves, what is known beforehand among them."""
+        prior, off = self._prior(model)
+        held = held_back(model.params, corners.shared_gradient[:-2] + prior * off, *model.bounds)
         directions = self._directions.copy()
         directions[:-2][held] = 0.0
-        normal = GroupedNormal(
-            directions.T @ (jacobian.T @ jacobian) @ directions,
-            directions.T @ cross,
-            local,
-            directions.T @ gradient,
-            local_gradient,
-        )
         known = directions[:-2]
-        return normal.with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * off))
+        return corners.along(directions).with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * off))
 
     def move(self, state: State, step: Array) -> State:
         camera, shared = self.freedom.directions.shape[1], self.freedom.count
@@ -131,12 +139,14 @@ def refine(
     freedom = Freedom.of(state.model) if freedom is None else freedom
     if spread is not None:
         problem = Bundle(views, freedom, spread)
-        return minimise(problem, state, iterations=iterations, tolerance=tolerance, watch=watch)
+        return minimise(problem, state, iterations=iterations, tolerance=tolerance, scale=problem.scale, watch=watch)
     used = 0
     spread = Spread.of(state, views, loss)
     while True:
         problem = Bundle(views, freedom, spread)
-        solution = minimise(problem, state, iterations=iterations, tolerance=tolerance, watch=watch)
+        solution = minimise(
+            problem, state, iterations=iterations, tolerance=tolerance, scale=problem.scale, watch=watch
+        )
         used += solution.iterations
         state, before = solution.state, spread
         spread = Spread.of(state, views, loss)

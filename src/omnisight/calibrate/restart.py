@@ -65,7 +65,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     # A rich model may have left the corners that the sketch has not, and not come back to them.
     cost = Bundle(views, Freedom.none(state.model), Spread.of(state, views)).cost
     ends = [min(starts[i], ends[i], key=cost) for i in _lowest(ends, sketch)[:VALLEYS]]
-    ends = [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
+    ends = [refine(end, views, freedom=freedom, iterations=LONG_STEPS, tolerance=TOLERANCE).state for end in ends]
     return ends[_lowest(ends, views)[0]]
 
 
@@ -148,7 +148,10 @@ def _near(
     begun: list[dict[str, float]], still: tuple[str, ...], start: State, points: Array, pixels: Array
 ) -> Iterator[State]:
     """Give the start with the best fit that begins from one of several cameras, if it is one."""
-    fits = [fit_from(start.model.from_dict(values), points, pixels, still, iterations=20) for values in begun]
+    fits = [
+        fit_from(start.model.from_dict(values), points, pixels, still, iterations=20, tolerance=1e-6)
+        for values in begun
+    ]
     model, cost = min(fits, key=lambda found: found[1])
     if cost < 0.5 * len(points) * ALIKE**2:
         yield replace(start, model=model)

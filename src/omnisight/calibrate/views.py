@@ -145,16 +145,23 @@ class BoardViews:
         """Give all views with about so many of the corners, evenly spaced, the outermost of each board among them."""
         if len(self.pixels) <= most:
             return self
-        share = most / len(self.pixels)
-        rows = list[NDArray[np.intp]]()
+        kept = self.thinned_rows(most)
+        view = self.view_of_row[kept]
+        rows = [kept[view == i] for i in range(len(self))]
+        chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
+        return self.of(chosen, self.names, self.extent)
+
+    def thinned_rows(self, most: int) -> NDArray[np.intp]:
+        """Give the rows of the corners that `thinned` keeps."""
+        share = min(most / max(len(self.pixels), 1), 1.0)
+        rows = [np.arange(0)]
         for group in self.groups:
             x, y = self.points[group, 0], self.points[group, 1]
             outermost = [end(side) for end in (np.argmin, np.argmax) for side in (x + y, x - y)]
             kept = min(max(round(share * len(x)), FEW), len(x))
             evenly = np.linspace(0, len(x) - 1, kept).round().astype(np.intp)
             rows.append(group.start + np.union1d(evenly, outermost))
-        chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
-        return self.of(chosen, self.names, self.extent)
+        return np.concatenate(rows)
 
 
 def _rows(values: ArrayLike, name: str) -> Array:

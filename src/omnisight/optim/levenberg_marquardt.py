@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
+# Share of a cost below which differences are hardly more than rounding.
+ROUNDING = 1e-6
+
 
 class Linearised(Protocol):
     """The normal equations of a least-squares problem at one state, in whatever sparse form suits it."""
@@ -70,6 +73,7 @@ def minimise(
     *,
     iterations: int = 100,
     tolerance: float = 1e-9,
+    scale: float = np.inf,
     damping: float = 1e-6,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
@@ -84,7 +88,9 @@ def minimise(
     iterations
         The most linearisations.
     tolerance
-        Stop when the cost is predicted to fall by less than this share.
+        Stop when the cost is predicted to fall by less than this share of it.
+    scale
+        Or of this, where it is less: wrong measurements can be nearly all of a cost.
     damping
         The first damping, relative to the diagonal of the normal equations.
     watch
@@ -95,10 +101,11 @@ def minimise(
         return Solution(state, cost, False, 0, "the start is not possible")
     for iteration in range(1, iterations + 1):
         linearised = problem.linearise(state)
+        least = tolerance * max(min(cost, scale), ROUNDING * cost)
         while True:
             step = linearised.solve(damping)
             predicted = linearised.decrease(step) if np.all(np.isfinite(step)) else np.nan
-            if predicted <= tolerance * cost:
+            if predicted <= least:
                 return Solution(state, cost, True, iteration, "no step lowers the cost")
             moved = problem.move(state, step)
             new_cost = problem.cost(moved) if np.isfinite(predicted) else np.inf
@@ -114,12 +121,14 @@ def minimise(
         state, cost = moved, new_cost
         if watch:
             watch(iteration, cost)
-        if min(abs(1 - gained), 1.0) * fall + _withheld(linearised, predicted) <= tolerance * cost:
+        # What is still to be gained is about what the linearisation missed of this step, and what damping withheld.
+        missed = min(abs(1 - gained), 1.0) * fall
+        if missed <= least and missed + _withheld(linearised, predicted) <= least:
             return Solution(state, cost, True, iteration, "the cost stopped falling")
     return Solution(state, cost, False, iterations, f"{iterations} iterations were not enough")
 
 
 def _withheld(linearised: Linearised, predicted: float) -> float:
-    """Give what damping kept a step from gaining: with what the linearisation missed, what is still to be gained."""
+    """Give what damping kept a step from gaining."""
     with np.errstate(over="ignore", invalid="ignore"):  # of a step along what nothing tells
         return linearised.decrease(linearised.solve(0.0)) - predicted

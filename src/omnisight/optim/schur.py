@@ -57,6 +57,26 @@ class GroupedNormal:
             local_gradient[i] = b.T @ r
         return cls(shared, cross, local, shared_gradient, local_gradient)
 
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Give the normal equations of all groups of several parts, in their order."""
+        return cls(
+            np.sum([part.shared for part in parts], axis=0),
+            np.concatenate([part.cross for part in parts]),
+            np.concatenate([part.local for part in parts]),
+            np.sum([part.shared_gradient for part in parts], axis=0),
+            np.concatenate([part.local_gradient for part in parts]),
+        )
+
+    def along(self, directions: Array) -> Self:
+        """Give them for shared parameters that move along `directions` (P, F)."""
+        return replace(
+            self,
+            shared=directions.T @ self.shared @ directions,
+            cross=directions.T @ self.cross,
+            shared_gradient=directions.T @ self.shared_gradient,
+        )
+
     def with_prior(self, information: Array, gradient: Array) -> Self:
         """Add what is known of the shared parameters beforehand: its H (P, P) and g (P,)."""
         return replace(self, shared=self.shared + information, shared_gradient=self.shared_gradient + gradient)

@@ -10,7 +10,6 @@ from omnisight.calibrate.calibration import Calibration
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better
 from omnisight.calibrate.rays.left import METRES, WIDTHS, Left, corners
-from omnisight.calibrate.trust.ceiling import ENOUGH
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.optics.models.axial import Axial
 
@@ -134,11 +133,7 @@ def ask(calibration: Calibration, *, unit: str = "squares") -> Asked | None:
         return None
     views, usable = calibration.views, ~calibration.outliers
     ceiling = calibration.trust.ceiling
-    if len(views) > ENOUGH:  # the same that the ceiling has
-        some = np.unique(np.linspace(0, len(views) - 1, ENOUGH).round().astype(np.intp))
-        rows = views.rows(some)
-        best = replace(best, state=best.state.part(some), held_out_lengths=best.held_out_lengths[rows])
-        views, usable = views.subset(some), usable[rows]
+    best, views, usable = best.sketched(views, usable)  # the same that the ceiling has
     axial = axial_of(best, views, COEFFICIENTS, loss="huber").held_out(views, usable, loss="huber")
     better = clearly_better(axial, best, views, usable)
     doubtful = better and ceiling is not None and clearly_better(ceiling.candidate, axial, views, usable)

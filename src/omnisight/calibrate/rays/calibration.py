@@ -14,7 +14,6 @@ from omnisight.calibrate.rays.drawing import as_drawn, idle, placed, whole
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better, fit, with_rays
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
-from omnisight.calibrate.trust.ceiling import ENOUGH
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
@@ -146,7 +145,7 @@ def _axial(calibration: Calibration, loss: str) -> list[Candidate]:
     figure = [candidate.held_out_rms or candidate.rms for candidate in central]
     near = [c for c, px in zip(central, figure, strict=True) if px <= HOPELESS * figure[0]][:LENSES]
     spline = calibration.trust.ceiling
-    if spline is not None and len(views) <= ENOUGH:
+    if spline is not None and len(spline.candidate.state.rotations) == len(views):
         near.append(spline.candidate)
     tried = [_judged(axial_of(lens, views, FIRST, loss=loss), calibration, loss) for lens in near]
     best, _ = choose(tried, views, ~calibration.outliers)

@@ -14,8 +14,6 @@ from omnisight.geometry.sphere import angle_from_axis
 Array = NDArray[np.float64]
 
 RINGS = 6
-# Pictures that tell what the model leaves.
-ENOUGH = 60
 
 
 @dataclass(frozen=True)
@@ -90,12 +88,10 @@ def fit_ceiling(
     """
     if best.held_out_lengths is None or usable.sum() < RINGS or best.name == "spline":
         return None
-    if len(views) > ENOUGH:  # more would tell the same, and cost minutes
-        some = np.unique(np.linspace(0, len(views) - 1, ENOUGH).round().astype(np.intp))
-        rows = views.rows(some)
-        part = replace(best, state=best.state.part(some), held_out_lengths=best.held_out_lengths[rows])
-        return fit_ceiling(part, scout.part(some), views.subset(some), usable[rows], loss=loss)
-    start = spline_start(min(best.state, scout, key=lambda state: float(np.median(state.lengths(views)))), views)
+    nearer = min(best.state, scout, key=lambda state: float(np.median(state.lengths(views))))
+    start = replace(best, state=nearer).sketched(views, usable)[0].state
+    best, views, usable = best.sketched(views, usable)
+    start = spline_start(start, views)
     spline = Candidate.fit("spline", start, views, Freedom.of(start.model, warp=best.freedom.warp), loss=loss)
     spline = spline.held_out(views, usable, loss=loss)
     assert spline.held_out_lengths is not None

@@ -59,9 +59,8 @@ def compare_halves(candidate: Candidate, camera: Camera, views: BoardViews, *, l
         return None
     spread = Spread.of(candidate.state, views, loss)
     cameras: list[Camera] = []
-    for first in (0, 1):
-        some = np.arange(first, len(views), 2)
-        state = candidate.trained_on(some, views, spread)
+    halves = [np.arange(first, len(views), 2) for first in (0, 1)]
+    for some, state in zip(halves, candidate.without(halves[::-1], views, spread), strict=True):
         half = replace(candidate, state=state)
         covariance = camera_covariance(half, views.subset(some), loss=loss)
         cameras.append(replace(camera, model=state.model, covariance=covariance))
