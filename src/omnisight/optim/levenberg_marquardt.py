@@ -101,11 +101,10 @@ def minimise(
         return Solution(state, cost, False, 0, "the start is not possible")
     for iteration in range(1, iterations + 1):
         linearised = problem.linearise(state)
-        least = tolerance * max(min(cost, scale), ROUNDING * cost)
         while True:
             step = linearised.solve(damping)
             predicted = linearised.decrease(step) if np.all(np.isfinite(step)) else np.nan
-            if predicted <= least:
+            if predicted <= tolerance * _least(cost, scale):
                 return Solution(state, cost, True, iteration, "no step lowers the cost")
             moved = problem.move(state, step)
             new_cost = problem.cost(moved) if np.isfinite(predicted) else np.inf
@@ -123,7 +122,8 @@ def minimise(
             watch(iteration, cost)
         # What is still to be gained is about what the linearisation missed of this step, and what damping withheld.
         missed = min(abs(1 - gained), 1.0) * fall
-        if missed <= least and missed + _withheld(linearised, predicted) <= least:
+        settled = tolerance * _least(cost, scale)
+        if missed <= settled and missed + _withheld(linearised, predicted) <= settled:
             return Solution(state, cost, True, iteration, "the cost stopped falling")
     return Solution(state, cost, False, iterations, f"{iterations} iterations were not enough")
 
@@ -131,4 +131,8 @@ def minimise(
 def _withheld(linearised: Linearised, predicted: float) -> float:
     """Give what damping kept a step from gaining."""
     with np.errstate(over="ignore", invalid="ignore"):  # of a step along what nothing tells
-        return linearised.decrease(linearised.solve(0.0)) - predicted
+        return abs(linearised.decrease(linearised.solve(0.0)) - predicted)
+
+
+def _least(cost: float, scale: float) -> float:
+    return max(min(cost, scale), ROUNDING * cost)
