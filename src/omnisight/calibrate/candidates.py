@@ -33,7 +33,7 @@ SPANS, MANY = 10, 800
 FOLDS = 5
 # Pictures and corners that are enough to compare two cameras by.
 ENOUGH_PICTURES, ENOUGH_CORNERS = 60, 3000
-FOLD_TOLERANCE = 1e-5
+FOLD_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-4
 # A model is not asked about pictures it has not seen where it explains those it has so much worse than the best.
 HOPELESS = 1.5
 # Held-out figures this close are the same: the model with fewer parameters is taken.
@@ -159,7 +159,7 @@ def posed_by(trained: State, start: State, views: BoardViews, spread: Spread) ->
     """Pose views by a camera and board that did not see them, and give the length (px) of each residual (N,)."""
     start = dataclasses.replace(start, model=trained.model, warp=trained.warp)
     still = Freedom.none(trained.model)
-    return refine(start, views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state.lengths(views)
+    return refine(start, views, freedom=still, spread=spread, tolerance=POSE_TOLERANCE).state.lengths(views)
 
 
 def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str] = ()) -> list[tuple[str, State]]:

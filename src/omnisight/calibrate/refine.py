@@ -21,6 +21,9 @@ from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
+# Share of the cost that steps must gain while it is not yet known how far off corners are.
+UNSETTLED = 1e-5
+
 
 @dataclass(frozen=True)
 class Bundle:
@@ -115,7 +118,7 @@ def refine(
     loss: str = "huber",
     spread: Spread | None = None,
     iterations: int = 100,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-8,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
     """Refine camera and poses to the least robust reprojection error.
@@ -140,15 +143,15 @@ def refine(
     if spread is not None:
         problem = Bundle(views, freedom, spread)
         return minimise(problem, state, iterations=iterations, tolerance=tolerance, scale=problem.scale, watch=watch)
-    used = 0
+    used, settled = 0, False
     spread = Spread.of(state, views, loss)
     while True:
         problem = Bundle(views, freedom, spread)
-        solution = minimise(
-            problem, state, iterations=iterations, tolerance=tolerance, scale=problem.scale, watch=watch
-        )
+        share = tolerance if settled else max(tolerance, UNSETTLED)
+        solution = minimise(problem, state, iterations=iterations, tolerance=share, scale=problem.scale, watch=watch)
         used += solution.iterations
         state, before = solution.state, spread
         spread = Spread.of(state, views, loss)
-        if spread.like(before) or used >= 4 * iterations:
+        if settled and spread.like(before) or used >= 4 * iterations:
             return replace(solution, iterations=used)
+        settled = spread.like(before)
