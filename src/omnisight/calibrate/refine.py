@@ -118,7 +118,7 @@ def refine(
     loss: str = "huber",
     spread: Spread | None = None,
     iterations: int = 100,
-    tolerance: float = 1e-8,
+    tolerance: float = 1e-9,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
     """Refine camera and poses to the least robust reprojection error.
