@@ -169,31 +169,29 @@ def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str
     if name != "ocam":
         state = restart(start, model_class(name), views, fixed=fixed)
         return [] if state is None else [(name, state)]
-    states = list[State]()
+    # What no corner shows of the middle leaves several valleys.
+    several = float(angle_from_axis(start.points(views)[0]).min(initial=np.pi)) > UNSEEN
+    shown = [pairs(start, views, inwards=inwards) for inwards in ((False, True) if several else (False,))]
+    states, spread = list[State](), Spread.of(start, views)
     for degree in OCAM_DEGREES:
-        states.append(_polynomial_start(degree, start, states[-1] if states else None, views))
+        fresh = [dataclasses.replace(start, model=Ocam.start_of_degree(*seen, degree)) for seen in shown]
+        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread))
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
 
 
-def _polynomial_start(degree: int, start: State, lower: State | None, views: BoardViews) -> State:
-    """Fit a polynomial of that degree to the start, or begin from what one degree less finds, where that is nearer."""
-    spread = Spread.of(start, views)
-
-    def fresh(*, inwards: bool) -> State:
-        model = Ocam.start_of_degree(*pairs(start, views, inwards=inwards), degree)
-        return dataclasses.replace(start, model=model)
-
-    starts = [fresh(inwards=False)]
+def _polynomial_start(
+    degree: int, fresh: Sequence[State], lower: State | None, views: BoardViews, spread: Spread
+) -> State:
+    """Give the best of polynomials fitted to a start and, where that is nearer, of what one degree less finds."""
+    starts = list(fresh)
     if lower is not None:
         still = Freedom.of(lower.model, fixed=STRETCH)
         found = refine(lower, views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state
         starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
     ends = starts
-    if float(angle_from_axis(start.points(views)[0]).min(initial=np.pi)) > UNSEEN:
-        # What no corner shows of the middle leaves several valleys: only their floors tell them apart.
-        starts.append(fresh(inwards=True))
+    if len(fresh) > 1:  # only their floors tell valleys apart
         ends = [refine(end, views, spread=spread).state for end in starts]
-    cost = Bundle(views, Freedom.none(start.model), spread).cost
+    cost = Bundle(views, Freedom.none(starts[0].model), spread).cost
     floors = [cost(end) for end in ends]
     lowest = [begun for begun, floor in zip(starts, floors, strict=True) if floor <= (1 + LEVEL) * min(floors)]
     return min(lowest, key=cost)

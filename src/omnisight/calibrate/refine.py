@@ -152,6 +152,6 @@ def refine(
         used += solution.iterations
         state, before = solution.state, spread
         spread = Spread.of(state, views, loss)
-        if settled and spread.like(before) or used >= 4 * iterations:
+        if (settled and spread.like(before)) or used >= 4 * iterations:
             return replace(solution, iterations=used)
         settled = spread.like(before)

@@ -94,6 +94,7 @@ def fit_ceiling(
     start = spline_start(start, views)
     spline = Candidate.fit("spline", start, views, Freedom.of(start.model, warp=best.freedom.warp), loss=loss)
     spline = spline.held_out(views, usable, loss=loss)
+    assert best.held_out_lengths is not None
     assert spline.held_out_lengths is not None
     angles = angle_from_axis(best.state.points(views)[0][usable])
     edges = np.quantile(angles, np.linspace(0, 1, RINGS + 1))
