@@ -1,8 +1,8 @@
 """Run all benchmarks, or those named: `python -m benchmarks points views calibration render startup`.
 
-`boards`, which takes a quarter of an hour, `solvers` and `noncentral`, which take some minutes, and `convergence`,
-which takes an hour, run only where they are named; `python -m benchmarks.boards` and `python -m benchmarks.convergence`
-have options, and `python -m benchmarks.solvers` takes names of sets.
+`boards`, which takes a quarter of an hour, `solvers`, `noncentral` and `verdict`, which take some minutes, and
+`convergence`, which takes an hour, run only where they are named; `python -m benchmarks.boards`, `.convergence` and
+`.verdict` have options, and `python -m benchmarks.solvers` takes names of sets.
 """
 
 import os
@@ -44,6 +44,11 @@ if "noncentral" in chosen:
 
     noncentral.main()
     chosen.remove("noncentral")
+if "verdict" in chosen:
+    from benchmarks import verdict
+
+    verdict.main([])
+    chosen.remove("verdict")
 if not chosen:
     sys.exit()
 races = [race for name in chosen for race in ALL[name].run()]

@@ -2,9 +2,9 @@
 
 Each cell of the matrix (benchmarks/convergence_scenes.py) is calibrated as every model that can represent its lens,
 from nothing, and once more from the truth: the true poses, and the model fitted to the true lens. Reached is a robust
-cost no more than a thousandth of what the good corners cost above that of the start from the truth, both by the
-latter's threshold, or as much as 0.0002 px of their rms. A cell's text, as printed with a failure, runs it alone:
-`--only 280/parabola/aside/parts/0.2/0.1/4 --model mei`.
+cost, what is known of parameters beforehand in it, no more than a thousandth of what the good corners cost above that
+of the start from the truth, both by the latter's threshold, or as much as 0.0002 px of their rms. A cell's text, as
+printed with a failure, runs it alone: `--only 280/parabola/aside/parts/0.2/0.1/4 --model mei`.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from benchmarks.convergence_scenes import AXES, BOARDS, LENSES, SIZE, Array, Cel
 from omnisight.calibrate.candidates import OCAM_DEGREES, Candidate, starts_of
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.initialise import initialise
-from omnisight.calibrate.refine import refine
+from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
@@ -134,8 +134,7 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
         # Where a corner begins to count as doubtful follows from the residuals: one threshold, to compare.
         spread = Spread.of(best, made.views)
         best, threshold = compared(best, made.views, spread), spread.threshold
-        least = cost(best, made.views, threshold)
-        unit = float(least[made.clean].sum())
+        unit = float(cost(best, made.views, threshold)[made.clean].sum())
         # What calibrate_camera does with a model's name; a polynomial's other degrees are left out.
         begun = time.perf_counter()
         started = dict(starts_of(key.split()[0], start, made.views))
@@ -145,7 +144,8 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
         found = fitted(key, started[key], made.views)
         own = time.perf_counter() - begun
         found = compared(found, made.views, spread)
-        above = float(cost(found, made.views, threshold).sum()) - float(least.sum())
+        minimised = Bundle(made.views, Freedom.of(best.model), spread).cost
+        above = minimised(found) - minimised(best)
         count = 0.5 * float(made.clean.sum())
         apart = float(np.sqrt(max(unit + above, 0.0) / count) - np.sqrt(unit / count))
         excess = above / unit if abs(apart) > SAME else 0.0

@@ -5,10 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-import numpy as np
-from scipy.io import loadmat
-
 import omnisight as om
 
 DATA = Path(os.environ.get("OMNISIGHT_DATA", Path(__file__).resolve().parent.parent.parent / "shared/data"))
@@ -22,6 +18,11 @@ SIZES = {
     "fstereo_right": (960, 600),
     "ai360_a": (1920, 1920),
     "derlunz": (1000, 750),
+}
+CONTRIB = {
+    "contrib": ("contrib_omni_calib_data.xml", "imagePoints", (1280, 960)),
+    "contrib_stereo_left": ("contrib_omni_stereocalib_data.xml", "imagePoints1", (704, 576)),
+    "contrib_stereo_right": ("contrib_omni_stereocalib_data.xml", "imagePoints2", (704, 576)),
 }
 
 
@@ -39,37 +40,17 @@ def corner_sets() -> Iterator[Corners]:
     """Give every set that is there."""
     for name, size in SIZES.items():
         if (path := DATA / "corners" / f"{name}.npz").exists():
-            yield Corners(name, detected(path), size)
-    contrib = DATA / "detected_corners_opencv_contrib"
-    if contrib.exists():
-        mono, pair = (contrib / f"contrib_omni_{kind}_data.xml" for kind in ("calib", "stereocalib"))
-        yield Corners("contrib", stored(mono, "imagePoints"), (1280, 960))
-        for side, number in (("left", 1), ("right", 2)):
-            yield Corners(f"contrib_stereo_{side}", stored(pair, f"imagePoints{number}"), (704, 576))
+            yield read(name, path, size)
+    for name, (file, which, size) in CONTRIB.items():
+        if (path := DATA / "detected_corners_opencv_contrib" / file).exists():
+            yield read(name, path, size, which)
     if (path := DATA / "babelcalib_ov_plane" / "train.mat").exists():
-        yield Corners("babelcalib_ov_plane", babelcalib(path), (1280, 800), folds=3)
+        yield read("babelcalib_ov_plane", path, folds=3)
 
 
-def detected(path: Path) -> om.BoardViews:
-    """Read the corners of whole boards, columns x rows, the square as the unit."""
-    with np.load(path) as stored:
-        columns, rows = (int(n) for n in stored["pattern"])
-        corners, names = stored["corners"].astype(float), [Path(str(name)).name for name in stored["files"]]
-    points = om.Checkerboard(columns, rows).points
-    return om.BoardViews.of([(points, pixels) for pixels in corners], names)
-
-
-def stored(path: Path, key: str) -> om.BoardViews:
-    """Read OpenCV's own detected corners."""
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    points, pixels = storage.getNode("objectPoints"), storage.getNode(key)
-    pairs = [(points.at(i).mat().reshape(-1, 3), pixels.at(i).mat().reshape(-1, 2)) for i in range(points.size())]
-    return om.BoardViews.of(pairs)
-
-
-def babelcalib(path: Path) -> om.BoardViews:
-    """Read BabelCalib's corners, of which every view shows others; its pixels count from 1."""
-    data = loadmat(path, squeeze_me=True, struct_as_record=False)
-    flat = data["boards"].X.T
-    points = np.concatenate([flat, np.zeros((len(flat), 1))], -1)
-    return om.BoardViews.of([(points[c.cspond[0].astype(int) - 1], c.x.T - 1.0) for c in data["corners"]])
+def read(
+    name: str, path: Path, size: tuple[int, int] | None = None, which: str | None = None, folds: int = 0
+) -> Corners:
+    """Read a file of corners; lengths are in squares."""
+    search = om.read_corners([path], size=size, which=which)
+    return Corners(name, om.BoardViews.of_search(search), search.size, folds)

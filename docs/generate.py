@@ -93,6 +93,16 @@ def conventions() -> str:
     return "\n".join(lines)
 
 
+def corner_formats() -> str:
+    """Give the table of formats of corners."""
+    from omnisight.corners import corner_format_named, corner_format_names
+
+    lines = ["| | file | its convention |", "|---|---|---|"]
+    for value in map(corner_format_named, corner_format_names()):
+        lines.append(f"| {_plain(value.TITLE)} | `{value.SUFFIX}` | {_plain(value.CONVENTION)} |")
+    return "\n".join(lines)
+
+
 def matrix() -> str:
     """Give which format holds which model exactly."""
     found = _formats()
@@ -172,7 +182,7 @@ def file(name: str, instead: str = "") -> str:
 MARKS = {
     function.__name__: function
     for function in (
-        *(models, ray_models, formats, conventions, matrix, candidates, commands),
+        *(models, ray_models, formats, corner_formats, conventions, matrix, candidates, commands),
         *(examples, api, members, picture, file),
     )
 }

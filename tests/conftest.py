@@ -8,6 +8,11 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def pytest_xdist_auto_num_workers(config):
+    """Share a folder out among processes; a file that is named has begun before they would have."""
+    return None if any(Path(argument).is_dir() for argument in config.args) else 0
+
+
 @pytest.fixture
 def data():
     """Give the folder of a set of real pictures by its name; the test skips where the set is not there."""
@@ -20,6 +25,16 @@ def data():
         return path
 
     return folder
+
+
+@pytest.fixture(scope="session")
+def fresh_detections(tmp_path_factory):
+    """Keep what is found in pictures for this run alone, in all of its processes: another may find otherwise."""
+    folder = tmp_path_factory.getbasetemp()
+    folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("omnisight.targets.cache.cache_folder", lambda: folder / "found")
+        yield
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from lenses import SIZE, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.camera import Camera
-from test_calibrate import SIZE, lens, shoot
 
 
 @pytest.fixture(scope="module")

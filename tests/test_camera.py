@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from every_model import direction
 from omnisight.camera import Camera
 from omnisight.models import model_class, model_names
 from omnisight.models.equidistant import Equidistant
 from omnisight.models.pinhole import Pinhole
-from test_model_laws import direction
 
 LENS = Camera(Equidistant(fx=281.0, fy=280.0, cx=319.5, cy=241.0), (640, 480))
 

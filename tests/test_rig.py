@@ -38,6 +38,16 @@ def test_rays_and_projections_agree(rig):
 
 
 @every_head
+def test_a_camera_is_asked_about_points_in_its_own_frame(rig):
+    points = np.random.default_rng(1).normal(0, 3, (40, 3))
+    pixels, valid = rig.project(points)
+    for k, (camera, pose) in enumerate(zip(rig.cameras, rig.sensor_from_rig, strict=True)):
+        expected, shown = camera.project(points @ pose.rotation.T + pose.translation)
+        np.testing.assert_array_equal(valid[k], shown)
+        np.testing.assert_allclose(pixels[k], expected, atol=1e-9)
+
+
+@every_head
 def test_every_camera_stands_where_its_rays_begin(rig):
     for k, pose in enumerate(rig.sensor_from_rig):
         origins = rig.rays(k, [[300.0, 300.0], [500.0, 400.0]]).origins
@@ -105,7 +115,7 @@ def test_scaled_keeps_the_rays(rig):
 def test_part_keeps_order_and_names():
     some = ladybug().part([3, "cam1"])
     assert some.names == ("cam3", "cam1")
-    assert some.sensor_from_rig[1] is not None
+    np.testing.assert_array_equal(some.sensor_from_rig[1].rotation, ladybug().sensor_from_rig[1].rotation)
     np.testing.assert_array_equal(some.rays(0, [3.0, 4.0]).origins, ladybug().rays(3, [3.0, 4.0]).origins)
 
 

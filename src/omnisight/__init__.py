@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from omnisight.calibrate import BoardViews, Calibration, calibrate_camera, calibrate_pictures
+    from omnisight.calibrate import BoardViews, Calibration, calibrate_camera, calibrate_pictures, evaluate_camera
     from omnisight.camera import Camera
+    from omnisight.corners import read_corners
     from omnisight.formats import load, load_rig, save, save_rig
     from omnisight.geometry.pose import Pose
     from omnisight.geometry.rotation import look
@@ -30,8 +31,9 @@ if TYPE_CHECKING:
 
 # Where each name lives: imported when it is first used, so that a fresh process starts fast.
 _HOME = {
-    "calibrate": ("BoardViews", "Calibration", "calibrate_camera", "calibrate_pictures"),
+    "calibrate": ("BoardViews", "Calibration", "calibrate_camera", "calibrate_pictures", "evaluate_camera"),
     "camera": ("Camera",),
+    "corners": ("read_corners",),
     "formats": ("load", "load_rig", "save", "save_rig"),
     "geometry.pose": ("Pose",),
     "geometry.rotation": ("look",),
@@ -62,6 +64,7 @@ __all__ = [
     "calibrate_pictures",
     "cube_face",
     "cylinder",
+    "evaluate_camera",
     "find_boards",
     "fisheye",
     "load",
@@ -73,6 +76,7 @@ __all__ = [
     "panini",
     "perspective",
     "planet",
+    "read_corners",
     "read_image",
     "remap",
     "save",

@@ -3,12 +3,12 @@
 import shutil
 
 import pytest
-from shooting import BOARD, TRUTH
+from shooting import TRUTH
 
+from drawn import POSES, shot
 from omnisight import cli
 from omnisight.formats import save
 from omnisight.images import write_image
-from test_checkerboard import POSES, pose, render
 
 
 @pytest.fixture(scope="session")
@@ -16,7 +16,7 @@ def shots(tmp_path_factory):
     """Six pictures of a board through a fisheye, and the cache that every test of this file shares."""
     folder = tmp_path_factory.mktemp("shots")
     for i, view in enumerate(POSES):
-        write_image(folder / f"{i + 1}.png", render(BOARD, *pose(BOARD, *view))[0])
+        write_image(folder / f"{i + 1}.png", shot(view)[0])
     return folder
 
 

@@ -1,28 +1,18 @@
 """What the tests of the command line share: a lens, its board, and readers of what was said."""
 
-import struct
-
 import cv2
 import numpy as np
 
+from drawn import CENTRE, FOCAL, SIZE
+from jpegs import jpeg
 from omnisight.camera import Camera
 from omnisight.images import read_image, write_image
 from omnisight.models import model_class
 from omnisight.targets import Checkerboard
-from test_checkerboard import CENTRE, FOCAL, SIZE
 
 BOARD = Checkerboard(9, 6)
 TRUTH = Camera(model_class("equidistant")(FOCAL, FOCAL, *CENTRE), SIZE, theta_max=1.4)
 QUICK = ("--pattern", "9x6", "--model", "equidistant")
-
-
-def jpeg(image, orientation=1):
-    """Encode a gray or RGB picture as JPEG with an EXIF orientation."""
-    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-    entry = struct.pack(">HHIHH", 0x0112, 3, 1, orientation, 0)
-    tiff = b"MM\0*" + struct.pack(">IH", 8, 1) + entry + struct.pack(">I", 0)
-    exif = b"Exif\0\0" + tiff
-    return data[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + data[2:]
 
 
 def lines_of(out):

@@ -8,7 +8,7 @@ import pytest
 
 from omnisight.images import read_image, write_image
 from omnisight.targets.boards.charuco import Charuco
-from test_target_detection import pose, render
+from prints import pose, render
 
 SHOWN = Charuco(8, 5, square=0.024, marker=0.018)
 

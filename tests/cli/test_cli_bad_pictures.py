@@ -5,8 +5,9 @@ import json
 import cv2
 import numpy as np
 import pytest
-from shooting import QUICK, SIZE, jpeg, lines_of, spoil
+from shooting import QUICK, SIZE, lines_of, spoil
 
+from jpegs import jpeg
 from omnisight.formats import load
 from omnisight.images import read_image, write_image
 

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from shooting import BOARD, QUICK, lines_of
 
+from drawn import POSES, scene, shot
 from omnisight.cli._standouts import standouts
 from omnisight.images import ImageField, read_image, write_image
 from omnisight.images.ellipse import Ellipse
 from omnisight.targets import find_boards
-from test_checkerboard import POSES, pose, render
 
 
 def detected(run, *arguments):
@@ -92,10 +92,10 @@ def test_duplicates_are_named_and_counted(run, folder):
 
 
 def test_video_near_duplicates_are_counted_with_how_far_they_moved(run, tmp_path):
-    shown, _ = render(BOARD, *pose(BOARD, *POSES[0]))
+    shown, _ = shot(POSES[0])
     for i in range(4):  # a film from which every frame was saved
         write_image(tmp_path / f"frame{i}.png", np.roll(shown, (i, 2 * i), (0, 1)))
-    write_image(tmp_path / "other.png", render(BOARD, *pose(BOARD, *POSES[3]))[0])
+    write_image(tmp_path / "other.png", shot(POSES[3])[0])
     said = detected(run, tmp_path)
     (note,) = said["notes"]
     assert note.startswith("2 of 5 pictures with a board repeat another one (no corner moved by more than ")
@@ -170,7 +170,8 @@ def test_all_parallel_boards_are_not_used_and_the_tilt_is_told(run, tmp_path):
     middle = np.array([4, 2.5, 0])
     for i, (x, y, distance) in enumerate(((0, 0, 9), (2, 1, 8), (-3, 2, 10), (1, -2, 8))):
         turn = Rotation.from_euler("Z", 40 * i, degrees=True).as_matrix()
-        write_image(tmp_path / f"{i}.png", render(BOARD, turn, np.array([x, y, distance]) - turn @ middle)[0])
+        placed = turn, np.array([x, y, distance]) - turn @ middle
+        write_image(tmp_path / f"{i}.png", scene((BOARD, placed, True)))
     said = json.loads(run("calibrate", tmp_path, *QUICK, "--json")[1])
     assert said["verdict"] == "do not use"
     (tilt,) = [reason for reason in said["reasons"] if "tilt" in reason and "boards" in reason]

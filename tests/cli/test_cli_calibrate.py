@@ -32,8 +32,10 @@ def test_a_calibration_needs_no_options_and_prints_a_line_per_picture(run, shots
     assert found.provenance["target"] == {"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}
     pixels, _ = TRUTH.project([[0.6, 0.2, 1.0], [-0.8, 0.1, 1.0], [0.0, -0.7, 1.0]])
     true, shown = TRUTH.unproject(pixels)[0], found.unproject(pixels)[0]
-    assert np.degrees(np.arccos(np.sum(true @ true.T * (shown @ shown.T), 1) / 3)).max() < 90  # three directions apart
-    assert np.degrees(np.abs(np.arccos(true @ true.T - 1e-12) - np.arccos(shown @ shown.T - 1e-12))).max() < 0.2
+    # A camera may be turned as a whole, so the angles between directions are compared.
+    apart, found_apart = (np.degrees(np.arccos(np.clip(b @ b.T, -1, 1))) for b in (true, shown))
+    assert apart[~np.eye(3, dtype=bool)].min() > 30
+    np.testing.assert_allclose(found_apart, apart, atol=0.2)
 
 
 def test_the_native_file_says_what_it_holds(run, shots, tmp_path):

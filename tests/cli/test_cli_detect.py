@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from shooting import BOARD, visible
 
+from drawn import POSES, SIZE, pose, project
 from omnisight.formats import load
 from omnisight.images import read_image, write_image
-from test_checkerboard import POSES, SIZE, pose, project
-from test_target_detection import CAMERAS, CHARUCO
-from test_target_detection import pose as hold
-from test_target_detection import render as draw
+from prints import CAMERAS, CHARUCO
+from prints import pose as hold
+from prints import render as draw
 
 
 @pytest.fixture(autouse=True)

@@ -5,8 +5,9 @@ import json
 import cv2
 import numpy as np
 import pytest
-from shooting import FOCAL, QUICK, SIZE, TRUTH, jpeg, visible
+from shooting import FOCAL, QUICK, SIZE, TRUTH, visible
 
+from jpegs import jpeg
 from omnisight.camera import Camera
 from omnisight.formats import load, save
 from omnisight.images import read_image
@@ -168,10 +169,11 @@ def test_no_camera_file_however_spoiled_is_a_fault(run, tmp_path, model):
 def test_no_picture_however_spoiled_is_a_fault(run, shots, camera_file, tmp_path):
     good = read_image(shots / "1.png")[::4, ::4]
     files = [jpeg(good), *(cv2.imencode(e, good)[1].tobytes() for e in (".png", ".tif", ".bmp", ".webp", ".pgm"))]
+    options = ("--scale-camera", "--size", "64x48", "-o", tmp_path / "v.png")
     rng = np.random.default_rng(0)
     for i in range(90):
         path = tmp_path / f"{i}.png"
         path.write_bytes(spoiled(files[i % len(files)] + b"0", rng))
-        status, _, err = run("view", path, "--camera", camera_file, "--scale-camera", "-o", tmp_path / "v.png")
+        status, _, err = run("view", path, "--camera", camera_file, *options)
         assert status in (0, 2), f"{i}: {err}"
         assert err.startswith("omnisight: ") is (status == 2)

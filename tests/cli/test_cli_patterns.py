@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from shooting import raising
 
+from drawn import POSES, shot
 from omnisight.images import write_image
-from omnisight.targets import Checkerboard
-from test_checkerboard import POSES, pose, render
 
 
 def test_columns_and_rows_may_be_exchanged(run, shots):
@@ -70,9 +69,8 @@ def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
 
 
 def test_a_board_that_looks_the_same_upside_down_is_noted(run, tmp_path):
-    board = Checkerboard(8, 6)
     for i, view in enumerate(POSES[:4]):
-        write_image(tmp_path / f"{i}.png", render(board, *pose(board, *view))[0])
+        write_image(tmp_path / f"{i}.png", shot(view, 8, 6)[0])
     status, out, _ = run("calibrate", tmp_path, "--model", "equidistant")
     assert status == 0
     assert "note: a 8x6 board looks the same upside-down: fine for one camera, unsafe for several; 8x5 would not" in out

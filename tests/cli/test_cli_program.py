@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 
 import pytest
 from shooting import raising
@@ -12,16 +11,14 @@ import omnisight
 COMMANDS = ["calibrate", "convert", "inspect", "view"]
 
 
-def test_help_lists_the_commands_at_once_and_imports_nothing_slow():
+def test_help_lists_the_commands_and_imports_nothing_slow():
     code = (
         "import sys; from omnisight.cli import main\n"
         "try: main(['--help'])\n"
         "except SystemExit as left: assert not left.code\n"
         "print(sorted({'numpy', 'numba', 'scipy', 'cv2'} & set(sys.modules)))"
     )
-    begun = time.perf_counter()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert time.perf_counter() - begun < 5
     *shown, imported = done.stdout.strip().splitlines()
     assert imported == "[]"
     assert all(any(command in line.split() for line in shown) for command in COMMANDS)

@@ -28,12 +28,14 @@ def test_axial_writes_a_camera_of_rays(run, shots, tmp_path):
     assert "viewpoint: " in out
     assert "0.2 m away is off by" in out
     assert "written is axial " in out
+    assert "the verdict is on what is written" in out
     found = om.load(tmp_path / "camera.json")
     assert isinstance(found, om.RayCamera)
     assert found.model.name == "axial"
     assert (found.size, found.unit) == (SIZE, "m")
     assert found.provenance["pattern"] == "9x6"
     assert found.rays([[320.0, 240.0]]).valid.all()
+    assert f"verdict: {found.calibration['verdict']}" in out
 
 
 def test_json_says_whether_one_is_needed(run, shots):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from clips import BOARD, SETUP, carried, write_clip
+from lenses import bearing_error
 from omnisight.formats import load
 from omnisight.images import Clip, write_image
-from test_calibrate import bearing_error
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import pytest
 from shooting import BOARD, QUICK, TRUTH, spoil, visible
 
 import omnisight
+from drawn import POSES, pose
 from omnisight.camera import Camera
 from omnisight.formats import load, save
 from omnisight.images import read_image, write_image
-from test_checkerboard import POSES, pose
 
 
 @pytest.fixture

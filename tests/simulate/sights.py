@@ -4,9 +4,11 @@ import numpy as np
 
 import omnisight as om
 from omnisight.geometry.rays import Rays
+from omnisight.geometry.rotation import exp
 from omnisight.simulate import Scene, Texture, ball, box, rectangle, tube
 
 GRAY = Texture.plain((119, 119, 119))
+POSE = om.Pose(exp((0.1, -0.25, 0.15)), np.array((0.15, -0.1, 0.2)))
 
 
 class AxialShift:
@@ -71,3 +73,7 @@ def still_life():
         tube((1.3, -1.0, 3.1), (1.8, 1.0, 2.7), 0.3, GRAY, "tube"),
     )
     return Scene(solids, ambient=1.0, spacing=0.5)
+
+
+def pixels_of(sight):
+    return np.stack(np.meshgrid(np.arange(sight.size[0]), np.arange(sight.size[1])), -1).astype(float)

@@ -121,6 +121,7 @@ def calibrate_camera(
         Hold pixels square: one focal length.
     flat
         Take the board as flat. Otherwise its bend is estimated, and kept if pictures held out are explained better.
+        Points that do not lie in z = 0 are taken as they are.
     force
         Calibrate also from fewer than three pictures that differ.
     start
@@ -156,7 +157,7 @@ def calibrate_camera(
         raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(begun, views):.0f} degrees")
     sharpest = min(fitted, key=lambda c: robust_sigma(c.state.lengths(views)))
     usable = ~Spread.of(sharpest.state, views).doubtful(sharpest.state, views)
-    judged = _hold_out(fitted, views, usable, loss, flat, report)
+    judged = _hold_out(fitted, views, usable, loss, flat or not views.planar, report)
     best, reason = choose(judged, views, usable)
     ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     report("judge", 0, 1)

@@ -33,7 +33,7 @@ PAIRS = 600
 # That are enough to tell a valley from another.
 CORNERS = 1000
 # px: a fit to a camera this far from it (rms) is none.
-ALIKE = 2.0
+ALIKE = 4.0
 # px: cameras whose focal lengths and centres differ by less have ended in one valley.
 SAME = 1.0
 # Steps that each start is refined by on some of the corners, more where parts are not centred; how many of them, in
@@ -44,7 +44,7 @@ TOLERANCE = 1e-8
 # Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
 CONE, PAST = 16, 1.05
 # Less far past, for a model that the rest of the sphere puts out.
-LITTLE_PAST = 1.02
+LESS_PAST = 1.02, 1.0
 
 
 def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: Sequence[str] = ()) -> State | None:
@@ -93,9 +93,10 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
         yield from _traded(first, state, views)
     elif DECENTRED & names:
         yield _centred(first, views)
-        if (near := fitted(state, cls, views, past=LITTLE_PAST)) is not None:
-            yield near
-            yield _centred(near, views)
+        for past in LESS_PAST:
+            if (near := fitted(state, cls, views, past=past)) is not None:
+                yield near
+                yield _centred(near, views)
         for higher in HIGHER:
             if (plain := fitted(state, cls, views, fixed=(*STILL, *higher))) is not None:
                 yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *higher))).state

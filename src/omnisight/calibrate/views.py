@@ -23,7 +23,7 @@ class BoardViews:
     Attributes
     ----------
     points
-        (N, 3) corners in the frame of their board.
+        (N, 3) corners in the frame of their board: in z = 0, or anywhere on a rigid body.
     pixels
         (N, 2) where they are seen.
     covariance
@@ -111,6 +111,11 @@ class BoardViews:
     def __len__(self) -> int:
         """Give the number of views."""
         return len(self.groups)
+
+    @cached_property
+    def planar(self) -> bool:
+        """Whether all corners lie in z = 0, as those of a board do."""
+        return not self.points[:, 2].any()
 
     @cached_property
     def across(self) -> float:

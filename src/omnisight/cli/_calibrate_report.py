@@ -16,7 +16,7 @@ from omnisight.cli._standouts import standouts
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
 from omnisight.ray_camera import RayCamera
-from omnisight.targets import BoardSearch, Checkerboard
+from omnisight.targets import BoardSearch, Checkerboard, GivenTarget
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -121,7 +121,8 @@ def print_report(
         f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
         soft_wrap=True,
     )
-    out.print(str(result.won), soft_wrap=True)
+    if not isinstance(search.board, GivenTarget):
+        out.print(str(result.won), soft_wrap=True)
     pixels, angle, theta, _ = trust.uncertainty.worst()
     if np.isfinite(pixels):
         middle, middle_angle = trust.uncertainty.median()
@@ -137,7 +138,8 @@ def print_report(
     out.print(f"verdict: {calibration.verdict}", style=STYLES[calibration.verdict.level], highlight=False)
     for reason in calibration.verdict.reasons:
         out.print(f"  - {reason}", soft_wrap=True)
-    out.print(f"{seconds['detect']:.1f} s to find boards, {seconds['solve']:.1f} s to calibrate")
+    how = "read the corners" if isinstance(search.board, GivenTarget) else "find boards"
+    out.print(f"{seconds['detect']:.1f} s to {how}, {seconds['solve']:.1f} s to calibrate")
     if written is not None:
         out.print(f"written: {written.path}", soft_wrap=True)
     else:

@@ -6,7 +6,7 @@ from typing import Any
 
 from omnisight.cli._console import console
 from omnisight.cli._names import labels
-from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, PictureDetection
+from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, GivenTarget, PictureDetection
 
 CLIPPED, DARK = 253, 70
 BLURRED = 2.5  # px
@@ -17,6 +17,7 @@ def as_json(search: BoardSearch) -> None:
     names = labels([picture.path for picture in search.pictures])
     field = search.field
     result = {
+        "format": "omnisight-corners",
         "pattern": None if search.board is None else str(search.board),
         "target": None if search.board is None else search.board.to_dict(),
         "hint": search.hint,
@@ -77,7 +78,7 @@ def print_report(search: BoardSearch) -> None:
         out.print(f"note: {advice(search.board)}", soft_wrap=True)
 
 
-def advice(board: Board) -> str:
+def advice(board: Board | GivenTarget) -> str:
     """Say what to look at where a board is not found."""
     if isinstance(board, Checkerboard):
         return "does --pattern count inner corners, one less than squares each way? Is the board sharp, and lit evenly?"

@@ -10,8 +10,9 @@ import numpy as np
 from omnisight.calibrate import PicturesCalibration
 from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
-from omnisight.targets import BoardSearch, Detection, PictureDetection
+from omnisight.targets import BoardSearch, Detection, GivenTarget, PictureDetection
 
+BARE = np.uint8(40)
 GREEN, RED, YELLOW, BLUE = (60, 220, 60), (255, 60, 60), (255, 220, 0), (80, 160, 255)
 WIDE = 1600  # px; pictures are drawn about so large
 MAGNIFIED = 100  # standard deviations
@@ -19,23 +20,46 @@ MAGNIFIED = 100  # standard deviations
 EXAGGERATION = 50
 
 
-def draw_residuals(result: PicturesCalibration, folder: Path, *, apply_exif: bool = False) -> None:
-    """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture."""
+def draw_residuals(result: PicturesCalibration, folder: Path, *, apply_exif: bool = False) -> str:
+    """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture.
+
+    Give what to say of corners that were given without their picture: those are drawn on a bare sheet.
+    """
+    c = result.calibration
+    return draw_lengths(
+        result.search, c.views.pixels, c.state.residuals(c.views), c.outliers, folder, apply_exif=apply_exif
+    )
+
+
+def draw_lengths(
+    search: BoardSearch,
+    pixels: Any,
+    residuals: Any,
+    doubtful: Any,
+    folder: Path,
+    *,
+    apply_exif: bool = False,
+) -> str:
+    """Do it for residuals (N, 2) of corners (N, 2), in the order of the search."""
     folder.mkdir(parents=True, exist_ok=True)
-    search, calibration = result.search, result.calibration
-    residuals = calibration.state.residuals(calibration.views)
     files = drawings([picture.path for picture in search.found], folder)
+    bare = 0
     for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):
-        sheet = _Sheet(picture, apply_exif)
+        without = isinstance(search.board, GivenTarget) and not picture.path.is_file()
+        bare += without
+        sheet = _Sheet(picture, apply_exif, bare=without)
         for detection in picture.boards:
             sheet.rows(detection, search)
-        for p, r, bad in zip(calibration.views.pixels[rows], residuals[rows], calibration.outliers[rows], strict=True):
+        for p, r, bad in zip(pixels[rows], residuals[rows], doubtful[rows], strict=True):
             color = RED if bad else GREEN
             sheet.ellipse(p, np.zeros(2), 0.0, color)
             if np.isfinite(r).all():
                 sheet.line([p, p + EXAGGERATION * r], color)
-        sheet.label(f"residuals x{EXAGGERATION}, rms {np.sqrt(np.nanmean((residuals[rows] ** 2).sum(1))):.3f} px")
+        known = np.isfinite(residuals[rows]).all(1)
+        rms = np.sqrt((residuals[rows][known] ** 2).sum(1).mean()) if known.any() else np.nan
+        sheet.label(f"residuals x{EXAGGERATION}, rms {rms:.3f} px")
         write_image(file, sheet.canvas)
+    return f" ({bare} on a bare sheet: their pictures do not lie beside the corners)" if bare else ""
 
 
 def draw_boards(
@@ -86,10 +110,11 @@ def rows_of_pictures(search: BoardSearch) -> list[slice]:
 class _Sheet:
     """A picture, enlarged where it is small, to draw on; places are pixels of the picture."""
 
-    def __init__(self, picture: PictureDetection, apply_exif: bool) -> None:
+    def __init__(self, picture: PictureDetection, apply_exif: bool, *, bare: bool = False) -> None:
         import cv2
 
-        image = _as_rgb(read_image(picture.path, apply_exif=apply_exif))
+        width, height = picture.size or (1, 1)
+        image = np.full((height, width, 3), BARE) if bare else _as_rgb(read_image(picture.path, apply_exif=apply_exif))
         longer = max(image.shape[:2])
         # Large enough to judge, and no larger than a screen shows.
         self.zoom = float(np.ceil(WIDE / longer)) if longer < WIDE else min(1.0, 2 * WIDE / longer)
@@ -104,7 +129,7 @@ class _Sheet:
 
     def rows(self, detection: Detection, search: BoardSearch) -> None:
         """Join the points of each row of the board."""
-        columns = getattr(search.board, "columns", 1)
+        columns = getattr(search.board, "columns", 1)  # a target that was given has no rows
         for row in np.unique(detection.ids // columns):
             self.line(detection.pixels[detection.ids // columns == row], YELLOW)
 

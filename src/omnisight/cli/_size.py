@@ -1,7 +1,7 @@
 """Sizes and ranges as people write them."""
 
 
-def parse_size(text: str) -> tuple[int, int]:
+def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
     """Read "1280x720", or "800" for a square."""
     parts = text.lower().replace(",", "x").split("x")
     try:
@@ -11,7 +11,7 @@ def parse_size(text: str) -> tuple[int, int]:
     if len(numbers) == 1:
         numbers *= 2
     if len(numbers) != 2 or min(numbers) < 1:
-        raise ValueError(f"--size must be WIDTHxHEIGHT in px, such as 1280x720, got {text!r}")
+        raise ValueError(f"{what} must be WIDTHxHEIGHT in px, such as 1280x720, got {text!r}")
     return numbers[0], numbers[1]
 
 

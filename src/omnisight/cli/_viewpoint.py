@@ -1,9 +1,11 @@
 """What `omnisight calibrate` says of the viewpoint: one point, or places along the axis."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from omnisight.calibrate import PicturesCalibration
 from omnisight.calibrate.rays import Asked, RaysCalibration
 
 if TYPE_CHECKING:
@@ -33,8 +35,18 @@ def print_viewpoint(out: "Console", asked: Asked | None, traced: RaysCalibration
     if traced is not None:
         out.print(f"written is {traced.reason}", soft_wrap=True)
         out.print(
-            "the tables, the figures and the verdict here are those of the central camera beside it", soft_wrap=True
+            "the tables and the figures here are those of the central camera beside it, the verdict is on what is"
+            " written",
+            soft_wrap=True,
         )
+
+
+def judged_as_written(result: PicturesCalibration, traced: RaysCalibration | None) -> PicturesCalibration:
+    """Give the result with the verdict on the camera that is written."""
+    if traced is None:
+        return result
+    trust = replace(result.calibration.trust, verdict=traced.verdict)
+    return replace(result, calibration=replace(result.calibration, trust=trust))
 
 
 def viewpoint_json(asked: Asked | None, traced: RaysCalibration | None) -> dict[str, Any]:

@@ -18,6 +18,8 @@ def calibrate(
     target: Path | None = None,
     model: str = "auto",
     start: Path | None = None,
+    image_size: str | None = None,
+    which: str | None = None,
     method: Literal["omnisight", "ocamcalib"] = "omnisight",
     drop: list[str] | None = None,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
@@ -32,7 +34,7 @@ def calibrate(
     json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Calibrate a camera from pictures of a board.
+    """Calibrate a camera from pictures of a board, or from corners that something else found.
 
     No guess is needed, of focal length, field of view or centre: lenses and mirrors from 60 to 280 degrees start alone.
 
@@ -40,7 +42,8 @@ def calibrate(
     ----------
     pictures
         Folders, files or patterns such as 'left*.jpg', of pictures and video clips. Of a clip the frames that say most
-        are taken.
+        are taken. In place of pictures, files of corners: .mat of BabelCalib, MATLAB or OCamCalib, .orpc of Deltille,
+        mrcal's .vnl, points in OpenCV's YAML or XML or in .npz, what `omnisight detect --json` prints.
     pattern
         Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the pictures if
         absent.
@@ -56,6 +59,10 @@ def calibrate(
     start
         A file of a lens and its mirror as they were drawn, such as `omnisight design mirror --camera` writes of one
         whose rays do not meet: how they truly stand is found. It needs the board's --square.
+    image_size
+        Width and height of the pictures that corners are from, such as 1280x800, where their file does not say.
+    which
+        Which camera, where a file of corners holds several: its name there.
     method
         omnisight, or ocamcalib: Scaramuzza's original steps, to compare with; both errors are printed.
     drop
@@ -92,9 +99,10 @@ def calibrate(
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
     from omnisight.cli._files import must_be_writable
+    from omnisight.cli._given import corner_files, given_corners, must_be_corners
     from omnisight.cli._names import drawings, labels, spare
     from omnisight.cli._start import drawn, must_fit
-    from omnisight.cli._viewpoint import print_viewpoint, viewpoint_json
+    from omnisight.cli._viewpoint import judged_as_written, print_viewpoint, viewpoint_json
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.models import model_names
@@ -114,12 +122,19 @@ def calibrate(
         said = f"--model {model}" if drawing is None else "--start"
         raise ValueError(f"--method ocamcalib calibrates cameras whose rays meet in a point, and {said} others")
     board = asked_board(pattern, square, target)
-    paths = collect_images(pictures, clips=True)
+    files = corner_files(pictures)
+    if not files:
+        must_be_corners(image_size, which)
+    paths = files or collect_images(pictures, clips=True)
     if draw is not None:
         drawings(paths, draw)
     spare([file for file in (output, report) if file is not None], [*paths, *([target] if target else [])])
     with progress(quiet or json) as tell:
-        search = search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
+        search = (
+            given_corners(files, board, square, image_size, which)
+            if files
+            else search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
+        )
         # Named before any is dropped: a second --drop then still finds what the first table called so.
         names = labels([picture.path for picture in search.pictures])
         search = _without(search, names, drop or [])
@@ -130,6 +145,8 @@ def calibrate(
             raise ValueError(_too_few_found(search, least))
         if search.hint and not force:
             raise ValueError(f"{search.hint} (--force calibrates all the same)")
+        if method == "ocamcalib" and search.board is not None and search.board.points[:, 2].any():
+            raise ValueError("--method ocamcalib is for flat boards; the points of these corners are of a solid body")
         unit = "squares" if search.board is None else search.board.unit
         if drawing is not None:
             must_fit(drawing, start, search.size, unit)
@@ -167,11 +184,12 @@ def calibrate(
         "solve": solved - detected,
         "total": time.perf_counter() - begun,
     }
+    shown = judged_as_written(result, traced)
     if json:
         more: dict[str, Any] = {} if classic is None else {"ocamcalib": steps(classic)}
-        as_json(result, names, camera, seconds, {**more, **viewpoint_json(asked, traced)})
+        as_json(shown, names, camera, seconds, {**more, **viewpoint_json(asked, traced)})
     else:
-        print_report(result, names, seconds, written, lambda out: print_viewpoint(out, asked, traced))
+        print_report(shown, names, seconds, written, lambda out: print_viewpoint(out, asked, traced))
         if classic is not None:
             print_classic(classic, result.calibration)
     if failure is not None:
@@ -179,9 +197,9 @@ def calibrate(
     if draw is not None:
         from omnisight.cli._draw import draw_residuals
 
-        draw_residuals(result, draw, apply_exif=apply_exif)
+        bare = draw_residuals(result, draw, apply_exif=apply_exif)
         if not json:
-            print(f"drawn: {draw}")
+            print(f"drawn: {draw}{bare}")
     if report is not None:
         import sys
 
@@ -209,11 +227,16 @@ def _without(search: Any, known: list[str], dropped: list[str]) -> Any:
 
 def _too_few_found(search: Any, least: int) -> str:
     from omnisight.cli._detect_report import advice
+    from omnisight.targets import GivenTarget
 
     pictures = search.pictures
     # The reason why a file cannot be read names the file.
     reasons = [p.note if p.note.startswith(p.path.name) else f"{p.path.name}: {p.note}" for p in pictures if p.note]
     notes = [f"  {reason}" for reason in reasons[:5]] + ["  ..."] * (len(reasons) > 5)
+    if isinstance(search.board, GivenTarget):
+        said = f"{len(search.found)} of {len(pictures)} pictures have corners enough; {least} is the least, 10 to 20"
+        said += " are good"
+        return "\n".join([said, *(f"  {note}" for note in search.notes), *notes])
     if search.board is None:
         said = f"no checkerboard found in {len(pictures)} pictures, so its size is unknown"
         advice = "give --pattern, inner corners as columns x rows, such as 9x6"

@@ -68,6 +68,7 @@ def next(
     from omnisight.cli._names import labels
     from omnisight.cli._next_report import as_json, print_report
     from omnisight.images import collect_images
+    from omnisight.targets import Board
 
     if not 1 <= count <= MOST:
         raise ValueError(f"--count is {count}: give 1 to {MOST} pictures to propose")
@@ -81,7 +82,7 @@ def next(
     with progress(quiet or json) as report:
         search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
         found = search.board
-        if found is None or not search.found:
+        if not isinstance(found, Board) or not search.found:
             raise ValueError(_none_found(search))
         if min(source.size) < 1:  # its file does not say: the pictures do
             source = dataclasses.replace(source, size=search.size)

@@ -1,7 +1,12 @@
 """Files that are no text: as text whose characters are the bytes."""
 
+from pathlib import Path
+
+from omnisight.formats._protocol import FormatError
+
 HEADS = ("PK\x03\x04", "\x93NUMPY", "MATLAB ", "\x89HDF")  # of zip, numpy, MATLAB 5 and HDF5
 HEAD = 64
+LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
 
 
 def to_text(data: bytes) -> str:
@@ -23,3 +28,19 @@ def is_binary(text: str) -> bool:
     if text[:2] in ("\xff\xfe", "\xfe\xff"):
         return False
     return text.startswith(HEADS) or "\0" in text[:HEAD]
+
+
+def read_file(path: Path) -> str:
+    """Give the text of a file; `FormatError` says why it cannot be read."""
+    try:
+        size = path.stat().st_size
+        if path.is_dir():
+            raise FormatError(f"{path}: is a folder, not a calibration file")
+        if size > LARGEST:
+            raise FormatError(f"{path}: {size} bytes; a calibration file has at most {LARGEST}")
+        text = to_text(path.read_bytes())
+    except OSError as error:
+        raise FormatError(f"{path}: {error.strerror}") from error
+    if not text.strip():
+        raise FormatError(f"{path}: empty file")
+    return text

@@ -1,13 +1,14 @@
 """Reading MATLAB's .mat of version 5: numbers, texts and structs.
 
 Not by `scipy.io.loadmat`, which follows whatever sizes and nesting a file claims, through memory and the stack; the
-files come from anywhere, and what is needed of them is small. Objects, cells and sparse matrices are passed over.
+files come from anywhere, and what is needed of them is small. Objects, cells and sparse matrices are passed over: None.
 MATLAB, MAT-File Format (MathWorks).
 """
 
 import math
 import struct
 import zlib
+from collections.abc import Iterable
 from typing import Any
 
 LARGEST = 20_000_000  # bytes, unpacked
@@ -20,8 +21,22 @@ NUMERIC = range(6, 16)  # double, single, and the integers
 FORMATS = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 9: "d", 12: "q", 13: "Q", 16: "B", 17: "H", 18: "I"}
 
 
+class Matrix(list[float]):
+    """The numbers of a matrix, column by column.
+
+    Attributes
+    ----------
+    sizes
+        Its rows, columns and so on.
+    """
+
+    def __init__(self, values: Iterable[float], sizes: tuple[int, ...]) -> None:
+        super().__init__(values)
+        self.sizes = sizes
+
+
 def read_mat(data: bytes) -> dict[str, Any]:
-    """Give the variables by name: matrices as flat lists of numbers, column by column; structs as maps.
+    """Give the variables by name: numbers as `Matrix`, texts, structs as maps, and several structs as a list of maps.
 
     Raises
     ------
@@ -92,17 +107,23 @@ def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
         values, _ = _numbers(data, at, order)
         if len(values) != count:
             raise ValueError(f"{named[:40]!r} has {len(values)} of {count} numbers")
-        return named, "".join(chr(int(v)) for v in values) if what == CHARACTERS else [float(v) for v in values]
-    if what != STRUCT or count != 1:
+        if what == CHARACTERS:
+            return named, "".join(chr(int(v)) for v in values)
+        return named, Matrix((float(v) for v in values), tuple(int(size) for size in sizes))
+    if what != STRUCT:
         return named, None
     length, at = _numbers(data, at, order)
     _, names, at = _element(data, at, order)
     step = int(length[0]) if length else 0
     if not 1 <= step <= 64:
         raise ValueError(f"damaged: names of {step} characters")
-    fields: dict[str, Any] = {}
-    for i in range(0, len(names), step):
-        kind, body, at = _element(data, at, order)
-        key = names[i : i + step].split(b"\0")[0].decode("ascii", errors="replace")
-        fields[key] = _matrix(body, order, depth + 1)[1] if kind == MATRIX else None
-    return named, fields
+    keys = [names[i : i + step].split(b"\0")[0].decode("ascii", errors="replace") for i in range(0, len(names), step)]
+    if not keys:
+        return named, None
+    structs: list[dict[str, Any]] = []
+    for _ in range(count):
+        structs.append({})
+        for key in keys:
+            kind, body, at = _element(data, at, order)
+            structs[-1][key] = _matrix(body, order, depth + 1)[1] if kind == MATRIX else None
+    return named, structs[0] if count == 1 else structs

@@ -11,7 +11,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.extensions import module_in, names_in
-from omnisight.formats._binary import to_bytes, to_text
+from omnisight.formats._binary import read_file, to_bytes
 from omnisight.formats._protocol import Format, FormatError, Written
 from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
@@ -19,7 +19,6 @@ from omnisight.rig import Rig
 
 PACKAGE = "omnisight.formats"
 NAMED = 12  # cameras that a message names
-LARGEST = 50_000_000  # bytes; a calibration file is a few kilobytes
 # What reading a damaged file runs into, where no check of its own says it better.
 DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
@@ -69,7 +68,7 @@ def _named(cameras: Mapping[str, Camera | RayCamera]) -> str:
 
 def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
     """Read every camera of a calibration file of any format, by name."""
-    text = _read(Path(path))
+    text = read_file(Path(path))
     for name in format_names():
         candidate = format_named(name)
         if not candidate.matches(text):
@@ -160,7 +159,7 @@ def load_rig(path: str | Path) -> Rig:
     """
     from omnisight.formats.native import TITLE, rig_from_json
 
-    text = _read(Path(path))
+    text = read_file(Path(path))
     try:
         rig = rig_from_json(json.loads(text))
     except DAMAGED as error:
@@ -202,18 +201,3 @@ def difference_px(camera: Camera, other: Camera) -> float:
         return 0.0
     seen, valid = other.model.project_numpy(bearings)
     return float(np.linalg.norm(seen - pixels, axis=1).max()) if valid.all() else float("inf")
-
-
-def _read(path: Path) -> str:
-    try:
-        size = path.stat().st_size
-        if path.is_dir():
-            raise FormatError(f"{path}: is a folder, not a calibration file")
-        if size > LARGEST:
-            raise FormatError(f"{path}: {size} bytes; a calibration file has at most {LARGEST}")
-        text = to_text(path.read_bytes())
-    except OSError as error:
-        raise FormatError(f"{path}: {error.strerror}") from error
-    if not text.strip():
-        raise FormatError(f"{path}: empty file")
-    return text

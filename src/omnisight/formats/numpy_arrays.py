@@ -7,16 +7,15 @@ and height). Nothing is unpickled, and sizes are checked before they are believe
 """
 
 import io
-import math
-import zipfile
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.formats._binary import to_bytes
 from omnisight.formats._checks import build, left_out, refuse
+from omnisight.formats._numpy_file import ARRAY, NUMBERS, ZIP, read_npz
 from omnisight.formats._opencv_lens import coefficients_of
 from omnisight.formats.opencv import cameras_of
 
@@ -24,10 +23,6 @@ TITLE = "NumPy npz of K and D"
 SUFFIX = ".npz"
 MODELS = ("kannala_brandt", "mei", "radial_tangential", "rational", "pinhole", "unified")
 CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; k1 k2 p1 p2 k3 ..., of a fisheye k1 k2 k3 k4"
-ZIP, ARRAY = "PK\x03\x04", "\x93NUMPY"
-LARGEST = 5_000_000  # bytes of one array
-MOST = 100  # arrays
-NUMBERS = "biuf"
 
 
 def matches(text: str) -> bool:
@@ -39,18 +34,8 @@ def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera, or each of a stereo pair."""
     if text.startswith(ARRAY):
         raise ValueError("a single array without a name; save both with np.savez('camera.npz', K=K, D=D, fisheye=1)")
-    try:
-        with zipfile.ZipFile(io.BytesIO(to_bytes(text))) as archive:
-            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
-            if not 0 < len(members) <= MOST:
-                raise ValueError(f"{len(members)} arrays in it; a camera has from 1 to {MOST}")
-            data = {info.filename[:-4]: _array(archive, info) for info in members}
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
-        raise ValueError(f"a damaged npz: {error}") from error
-    except Exception as error:
-        # zlib.error is none of the above.
-        raise ValueError(f"a damaged npz: {error}") if not isinstance(error, ValueError) else error from error
-    return cameras_of({key: value for key, value in data.items() if value is not None})
+    held = {key: _plain(value) for key, value in read_npz(text).items() if value.dtype.kind in NUMBERS}
+    return cameras_of({key: value for key, value in held.items() if value is not None})
 
 
 def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
@@ -76,22 +61,7 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     return file.getvalue().decode("latin-1"), notes + left_out(camera)
 
 
-def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
-    """Give an array as lists, a single number as it is, and None for what holds no numbers."""
-    with archive.open(info) as file:
-        data = file.read(LARGEST + 1)
-    if len(data) > LARGEST:
-        raise ValueError(f"{info.filename[:40]} is larger than {LARGEST} bytes")
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran, dtype = header(stream)
-    if dtype.kind not in NUMBERS:
-        return None
-    body = data[stream.tell() :]
-    if math.prod(shape) * dtype.itemsize != len(body):
-        raise ValueError(f"{info.filename[:40]} claims {shape} of {dtype} in {len(body)} bytes")
-    found = np.frombuffer(body, dtype).reshape(shape, order="F" if fortran else "C")
-    if found.ndim > 2:
-        found = found.squeeze()
+def _plain(array: NDArray[Any]) -> Any:
+    """Give an array as lists, a single number as it is, and None for what has more than two sides."""
+    found = array.squeeze() if array.ndim > 2 else array
     return found.tolist() if found.ndim <= 2 else None

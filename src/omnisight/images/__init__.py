@@ -1,6 +1,6 @@
 """Picture files in and out, of any depth and with hostile bytes; knows no cameras and no boards."""
 
-from .collect import EXTENSIONS, collect_images
+from .collect import EXTENSIONS, collect_images, expand
 from .field import ImageField, estimate_field, shrunk
 from .gray import to_gray8
 from .headers import exif_orientation
@@ -20,6 +20,7 @@ __all__ = [
     "decode_image",
     "estimate_field",
     "exif_orientation",
+    "expand",
     "read_bytes",
     "read_image",
     "shrunk",

@@ -38,7 +38,7 @@ def collect_images(inputs: Iterable[str | Path], *, clips: bool = False) -> list
         If what exists holds no picture.
     """
     inputs = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-    found = [path for item in inputs for path in _expand(item)]
+    found = [path for item in inputs for path in expand(item)]
     known = (*EXTENSIONS, *CLIPS) if clips else EXTENSIONS
     pictures = [path for path in found if path.suffix.lower() in known]
     if not pictures:
@@ -56,7 +56,8 @@ def natural_key(path: str | Path) -> list[str | int]:
     return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)]
 
 
-def _expand(item: str | Path) -> list[Path]:
+def expand(item: str | Path) -> list[Path]:
+    """List the files that a folder, a file or a pattern means; `FileNotFoundError` if there is none."""
     # A file whose name holds brackets exists as it is written, so existence goes before patterns.
     path = Path(item).expanduser()
     if path.is_dir():

@@ -25,7 +25,7 @@ AXES = (("x", "right"), ("y", "down"), ("z", "forward"))
 
 def scene(m: Material) -> Figure:
     """Draw the boards and the camera."""
-    boards = _boards(m)
+    boards, count = _boards(m), len(m.calibration.views)
     unit = m.result.search.board.unit if m.result.search.board is not None else "squares"
     reach = float(np.linalg.norm(boards.reshape(-1, 3), axis=1).max())
     length = round_down(reach / 3)
@@ -33,15 +33,16 @@ def scene(m: Material) -> Figure:
     view = _View.around(np.concatenate([boards.reshape(-1, 3), axes.reshape(-1, 3)]))
     colours = _colours(m)
     shapes, labels = list[tuple[float, Markup]](), list[Markup]()
-    pictures = [picture for picture in m.pictures for _ in picture.views]
-    for picture, corners in zip(pictures, boards, strict=True):
+    sides = len(boards) // count
+    pictures = [picture for picture in m.pictures for _ in range(len(picture.views) * sides)]
+    for i, (picture, corners) in enumerate(zip(pictures, boards, strict=True)):
         depth, places = view.of(corners)
         title = element("title", f"{picture.number} {picture.name}: rms {picture.rms:.2f} px")
         held = {"class_": "board", "data_corners": _said(corners), "data_number": picture.number}
         shapes.append(
             (depth, element("path", title, d=path_of(places) + "Z", fill=colours.colour(picture.rms), **held))
         )
-        labels.append(_label(str(picture.number), places.mean(0), data_number=picture.number))
+        labels.append(_label("" if i % sides else str(picture.number), places.mean(0), data_number=picture.number))
     lines, letters = list[Markup](), list[Markup]()
     for (name, _), ends in zip(AXES, axes, strict=True):
         _, places = view.of(ends)
@@ -57,7 +58,7 @@ def scene(m: Material) -> Figure:
         viewBox=f"0 0 {short(WIDE)} {short(HIGH)}",
         role="group",
         tabindex=0,
-        aria_label=f"{len(boards)} boards around the camera. Arrow keys turn, plus and minus come nearer and go away.",
+        aria_label=f"{count} boards around the camera. Arrow keys turn, plus and minus come nearer and go away.",
         class_="scene",
         data_middle=" ".join(f"{value:.6g}" for value in view.middle),
         data_scale=f"{view.scale:.6g}",
@@ -92,10 +93,16 @@ def scene(m: Material) -> Figure:
 
 
 def _boards(m: Material) -> Array:
-    """Give the corners (V, 4, 3) of every board in the camera frame."""
-    state, ((left, top), (right, bottom)) = m.calibration.state, m.calibration.views.extent
-    outline = np.array([[left, top, 0], [right, top, 0], [right, bottom, 0], [left, bottom, 0]])
-    return outline @ np.swapaxes(state.rotations, 1, 2) + state.translations[:, None]
+    """Give the corners (V, 4, 3) of every board in the camera frame; of a solid body three sides (3 V, 4, 3)."""
+    state, views = m.calibration.state, m.calibration.views
+    (left, top), (right, bottom) = views.extent
+    outline = np.array([[left, top, 0], [right, top, 0], [right, bottom, 0], [left, bottom, 0]])[None]
+    if not views.planar:
+        low, high = views.points.min(0), views.points.max(0)
+        around = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+        outline = low + (high - low) * np.stack([around, around[:, [2, 0, 1]], around[:, [1, 2, 0]]])
+    turned = outline @ np.swapaxes(state.rotations, 1, 2)[:, None] + state.translations[:, None, None]
+    return turned.reshape(-1, 4, 3)
 
 
 @dataclass(frozen=True)

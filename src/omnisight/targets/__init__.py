@@ -4,6 +4,7 @@ from .boards import Board, board_class, board_kinds
 from .boards.checkerboard import Checkerboard
 from .detection import Detection
 from .find import BoardSearch, PictureDetection, find_boards
+from .given import GivenTarget
 from .length import parse_length
 from .placing import detect_checkerboard
 
@@ -12,6 +13,7 @@ __all__ = [
     "BoardSearch",
     "Checkerboard",
     "Detection",
+    "GivenTarget",
     "PictureDetection",
     "board_class",
     "board_kinds",

@@ -14,6 +14,7 @@ from .alike import repetition_note, repetitions, repetitions_note
 from .boards import Board
 from .boards.checkerboard import Checkerboard
 from .detection import Detection
+from .given import GivenTarget
 from .grids.grid import Grid
 from .handed import is_mirrored
 from .look import Look, look_at
@@ -79,8 +80,9 @@ class BoardSearch:
 
     Attributes
     ----------
-    board : Board or None
-        The one that was asked for, or that the pictures agree on; None if they show none.
+    board : Board, GivenTarget or None
+        The one that was asked for, or that the pictures agree on; None if they show none. A target that is only given
+        came with its corners.
     pictures : list of PictureDetection
         One for each path, in the order given.
     hint : str or None
@@ -91,7 +93,7 @@ class BoardSearch:
         What the user should know of the set: sizes that differ, pictures that repeat others, a mirror.
     """
 
-    board: Board | None
+    board: Board | GivenTarget | None
     pictures: list[PictureDetection] = field(default_factory=list[PictureDetection])
     hint: str | None = None
     field: ImageField | None = None

@@ -14,8 +14,7 @@ from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.checks import LARGE_PX
-from omnisight.calibrate.trust.covariance import camera_covariance, residual_variance
-from omnisight.calibrate.trust.halves import compare_halves
+from omnisight.calibrate.trust.covariance import camera_covariance, residual_variance, scatter
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
@@ -42,7 +41,7 @@ class Known:
     information
         (F, F) of what all pictures share, the poses eliminated: the inverse of its covariance.
     variance
-        Of a corner's coordinate, px^2: the spread of the residuals, and what halves of the pictures differ by beside.
+        Of a corner's coordinate, px^2: the spread of the residuals, and what pictures disagree by beside.
     basis
         (S, F) how the S numbers that all pictures share, camera first, move with the F things that `information` is of.
     """
@@ -89,10 +88,7 @@ class Known:
         camera = replace(camera, model=state.model, theta_max=reach, covariance=camera_covariance(fit, views))
         normal = Bundle(views, freedom, spread).linearise(state)
         used = np.diagonal(normal.shared) > 0
-        variance = residual_variance(spread, views, freedom)
-        halves = compare_halves(fit, camera, views, loss="huber")
-        if halves is not None:
-            variance *= halves.inflation
+        variance = residual_variance(spread, views, freedom) * scatter(fit, views)
         moving = freedom.directions[:, used[: freedom.directions.shape[1]]]
         schur = normal.reduced()[0][np.ix_(used, used)]
         freedom = replace(freedom, directions=moving)

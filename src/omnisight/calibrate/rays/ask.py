@@ -1,17 +1,22 @@
 """Whether pictures ask for a camera whose viewpoint moves, and what a central one leaves."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.calibration import Calibration
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better
 from omnisight.calibrate.rays.left import METRES, WIDTHS, Left, corners
+from omnisight.calibrate.trust.ceiling import Ceiling
 from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
 from omnisight.optics.models.axial import Axial
+
+if TYPE_CHECKING:
+    from omnisight.calibrate.calibration import Calibration
 
 Array = NDArray[np.float64]
 
@@ -46,6 +51,8 @@ class Asked:
         What the central camera leaves at three distances.
     axial
         The other candidate.
+    points
+        (N, 3) corners that count, in its frame.
     """
 
     needed: bool
@@ -58,6 +65,7 @@ class Asked:
     widths: tuple[float, ...] | None
     left: Left
     axial: Candidate
+    points: Array
 
     @property
     def open(self) -> bool:
@@ -115,11 +123,8 @@ class Asked:
         }
 
 
-def ask(calibration: Calibration, *, unit: str = "squares") -> Asked | None:
-    """Ask a calibration's pictures whether a viewpoint that moves along the axis explains them better.
-
-    The chosen camera is fitted once more so, and both are asked about pictures held out. It costs about as much as one
-    more candidate.
+def ask(calibration: "Calibration", *, unit: str = "squares") -> Asked | None:
+    """Give what a calibration's pictures say of a viewpoint that moves along the axis.
 
     Parameters
     ----------
@@ -128,26 +133,47 @@ def ask(calibration: Calibration, *, unit: str = "squares") -> Asked | None:
     unit
         Of the boards: "m", or "squares" where their size is not known.
     """
-    best = calibration.candidates[0]
-    if best.held_out_lengths is None:
+    asked, camera = calibration.trust.viewpoint, calibration.camera
+    if asked is None or unit != "m":
+        return asked
+    left = _left(calibration.candidates[0], asked.axial, camera, asked.points, METRES)
+    return replace(asked, unit=unit, widths=None, left=left)
+
+
+def ask_about(
+    best: Candidate, camera: Camera, views: BoardViews, usable: NDArray[np.bool_], ceiling: Ceiling | None
+) -> Asked | None:
+    """Ask pictures whether a viewpoint that moves along the axis explains them better, the board's square as the unit.
+
+    The chosen camera is fitted once more so, and both are asked about pictures held out. It costs about as much as one
+    more candidate.
+
+    Parameters
+    ----------
+    best, camera
+        The central camera; None comes back if it was not asked about pictures held out.
+    views, usable
+        The corners, and (N,) those that some model explains.
+    ceiling
+        The spline beside it, if there is one.
+    """
+    if best.held_out_lengths is None or not usable.any():
         return None
-    views, usable = calibration.views, ~calibration.outliers
-    ceiling = calibration.trust.ceiling
     best, views, usable = best.sketched(views, usable)  # the same that the ceiling has
     axial = axial_of(best, views, COEFFICIENTS, loss="huber").held_out(views, usable, loss="huber")
     better = clearly_better(axial, best, views, usable)
-    doubtful = better and ceiling is not None and clearly_better(ceiling.candidate, axial, views, usable)
-    camera, model = calibration.camera, axial.state.model
+    spline = None if ceiling is None else ceiling.candidate.held_out_rms
+    doubtful = better and spline is not None and spline < (axial.held_out_rms or 0.0)
+    model = axial.state.model
     assert isinstance(model, Axial)
     cone = camera.theta_min, camera.theta_max or model.theta_max
-    width = float(np.ptp(views.extent, axis=0).max())
-    distances = METRES if unit == "m" else tuple(width * times for times in WIDTHS)
     points = corners(axial.state, views, usable)
     travel = model.travel(*cone)
-    sigma = travel_sigma(axial, model, cone, camera_covariance(axial, views, loss="huber"))
+    sigma = travel_sigma(axial, model, cone, camera_covariance(axial, views))
     doubt = "a central spline has less than either" if doubtful else ""
     if not better and travel > SURE * sigma:
         doubt = "yet so large a travel is no chance: more pictures, very near and far and out to the rim, can tell"
+    width = float(np.ptp(views.extent, axis=0).max())
     assert best.held_out_lengths is not None
     return Asked(
         better and not doubtful,
@@ -156,11 +182,19 @@ def ask(calibration: Calibration, *, unit: str = "squares") -> Asked | None:
         axial.held_out_rms or 0.0,
         travel,
         sigma,
-        unit,
-        None if unit == "m" else WIDTHS,
-        Left.of(best.state.model, model, points, size=camera.size, cone=cone, distances=distances),
+        "squares",
+        WIDTHS,
+        _left(best, axial, camera, points, tuple(width * times for times in WIDTHS)),
         axial,
+        points,
     )
+
+
+def _left(best: Candidate, axial: Candidate, camera: Camera, points: Array, distances: tuple[float, ...]) -> Left:
+    model = axial.state.model
+    assert isinstance(model, Axial)
+    cone = camera.theta_min, camera.theta_max or model.theta_max
+    return Left.of(best.state.model, model, points, size=camera.size, cone=cone, distances=distances)
 
 
 def travel_sigma(candidate: Candidate, model: Axial, cone: tuple[float, float], covariance: Array) -> float:

@@ -2,24 +2,31 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.calibration import Calibration
 from omnisight.calibrate.candidates import HOPELESS, Candidate, choose
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.rays.drawing import as_drawn, idle, placed, whole
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better, fit, with_rays
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
+from omnisight.calibrate.trust.checks import CHECKS, EVERY
 from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.evidence import Evidence
+from omnisight.calibrate.trust.uncertainty import UncertaintyMap
+from omnisight.calibrate.trust.verdict import Verdict
 from omnisight.calibrate.views import BoardViews
+from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optics.models.axial import Axial
 from omnisight.optics.ray_model import RayModel
 from omnisight.ray_camera import RayCamera
+
+if TYPE_CHECKING:
+    from omnisight.calibrate.calibration import Calibration
 
 Array = NDArray[np.float64]
 
@@ -51,6 +58,8 @@ class RaysCalibration:
         One sentence: why this camera.
     outliers
         (N,) corners more than five robust standard deviations off.
+    verdict
+        Whether to use it, and what to do where not.
     """
 
     camera: RayCamera
@@ -61,6 +70,7 @@ class RaysCalibration:
     needed: bool
     reason: str
     outliers: NDArray[np.bool_]
+    verdict: Verdict
 
     @property
     def rms(self) -> float:
@@ -74,7 +84,7 @@ class RaysCalibration:
 
 
 def calibrate_rays(
-    calibration: Calibration,
+    calibration: "Calibration",
     model: str | RayModel = "axial",
     *,
     unit: str = "squares",
@@ -121,7 +131,7 @@ def calibrate_rays(
 
 
 def _refined(
-    calibration: Calibration, model: RayModel, fixed: Sequence[str], free: Sequence[str], loss: str
+    calibration: "Calibration", model: RayModel, fixed: Sequence[str], free: Sequence[str], loss: str
 ) -> Candidate:
     """Refine a camera that is nearly known."""
     views, usable, central = calibration.views, ~calibration.outliers, calibration.candidates[0]
@@ -139,7 +149,7 @@ def _refined(
     return replace(found, state=with_rays(found.state, ended))
 
 
-def _axial(calibration: Calibration, loss: str) -> list[Candidate]:
+def _axial(calibration: "Calibration", loss: str) -> list[Candidate]:
     """Let the viewpoints of the best central cameras and of a spline move, the best of these in other ways too."""
     views, central = calibration.views, calibration.candidates
     figure = [candidate.held_out_rms or candidate.rms for candidate in central]
@@ -154,7 +164,7 @@ def _axial(calibration: Calibration, loss: str) -> list[Candidate]:
     return tried
 
 
-def _judged(candidate: Candidate, calibration: Calibration, loss: str) -> Candidate:
+def _judged(candidate: Candidate, calibration: "Calibration", loss: str) -> Candidate:
     if calibration.candidates[0].held_out_lengths is None:
         return candidate
     return candidate.held_out(calibration.views, ~calibration.outliers, loss=loss)
@@ -163,7 +173,7 @@ def _judged(candidate: Candidate, calibration: Calibration, loss: str) -> Candid
 def _concluded(
     best: Candidate,
     tried: tuple[Candidate, ...],
-    calibration: Calibration,
+    calibration: "Calibration",
     needed: bool,
     reason: str,
     unit: str,
@@ -196,8 +206,29 @@ def _concluded(
         unit,
         theta_max=last,
         theta_min=first,
-        calibration=figures,
         covariance=camera_covariance(best, views, loss=loss),
     )
+    verdict = _judge(best, camera, calibration, outliers)
+    figures |= {"verdict": str(verdict), "reasons": list(verdict.reasons)}
     ranked = sorted(tried, key=lambda c: (c is not best, c.held_out_rms is None, c.held_out_rms or c.rms))
-    return RaysCalibration(camera, state, views, tuple(ranked), central, needed, reason, outliers)
+    camera = replace(camera, calibration=figures)
+    return RaysCalibration(camera, state, views, tuple(ranked), central, needed, reason, outliers, verdict)
+
+
+def _judge(best: Candidate, camera: RayCamera, calibration: "Calibration", outliers: NDArray[np.bool_]) -> Verdict:
+    """Judge it as a central camera is judged; how sure it is of what is far where its bearings are a lens's."""
+    trust, far, asked = calibration.trust, calibration.camera, EVERY
+    uncertainty, model = trust.uncertainty, camera.model
+    if isinstance(model, Axial) and camera.covariance is not None:
+        count = model.lens.params.size
+        far = Camera(
+            model.lens,
+            camera.size,
+            theta_max=camera.theta_max,
+            theta_min=camera.theta_min,
+            covariance=camera.covariance[:count, :count],
+        )
+        uncertainty, asked = UncertaintyMap.of(far), CHECKS
+    views = calibration.views
+    evidence = Evidence(far, best, views, uncertainty, trust.coverage, None, None, None, outliers, auto=True)
+    return Verdict.of(evidence, asked)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.rays.ask import Asked, ask_about
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import Ceiling, fit_ceiling
 from omnisight.calibrate.trust.covariance import camera_covariance
@@ -34,6 +35,8 @@ class Trust:
         Whether two halves of the pictures agree; None with too few.
     ceiling
         What the model leaves that a spline explains; None with too few pictures.
+    viewpoint
+        Whether the viewpoint moves along the axis; None with too few pictures.
     verdict
         Whether to use it, and what to do where not.
     """
@@ -42,6 +45,7 @@ class Trust:
     coverage: Coverage
     halves: Halves | None
     ceiling: Ceiling | None
+    viewpoint: Asked | None
     verdict: Verdict
 
     def figures(self) -> dict[str, Any]:
@@ -69,17 +73,12 @@ def assess(
     loss: str,
     auto: bool,
 ) -> tuple[Camera, Trust]:
-    """Say how far the best candidate can be trusted, and give its camera with its covariance.
-
-    The covariance is that of corner noise; where halves of the pictures differ by more, it is scaled so that it
-    explains their difference (Birge, The calculation of errors by the method of least squares, 1932): whatever is at
-    work beside noise is then part of what the camera says of itself.
-    """
-    covariance = camera_covariance(best, views, loss=loss)
+    """Say how far the best candidate can be trusted, and give its camera with its covariance."""
     halves = compare_halves(best, camera, views, loss=loss)
-    camera = replace(camera, covariance=covariance if halves is None else covariance * halves.inflation)
+    camera = replace(camera, covariance=camera_covariance(best, views, loss=loss))
     uncertainty = UncertaintyMap.of(camera, field=field)
     coverage = Coverage.of(camera, best.state, views, field)
     ceiling = fit_ceiling(best, scout, views, usable, loss=loss)
-    verdict = Verdict.of(Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, ~usable, auto))
-    return camera, Trust(uncertainty, coverage, halves, ceiling, verdict)
+    viewpoint = ask_about(best, camera, views, usable, ceiling)
+    evidence = Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, viewpoint, ~usable, auto)
+    return camera, Trust(uncertainty, coverage, halves, ceiling, viewpoint, Verdict.of(evidence))

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibrate._bundle_kernel import weighted
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import Bundle
@@ -11,9 +12,42 @@ from omnisight.calibrate.views import BoardViews
 
 Array = NDArray[np.float64]
 
+# What a picture tells to more than this part has no other picture to be compared with.
+ALONE = 0.9
+# Least eigenvalue of normal equations with unit diagonal that is more than rounding.
+UNTOLD = 1e-14
+
 
 def camera_covariance(candidate: Candidate, views: BoardViews, *, loss: str = "huber") -> Array:
-    """Give the covariance (P, P) of the camera's parameters; zero for those that stood still.
+    """Give the covariance (P, P) of the camera's parameters, as pictures disagree; zero for those that stood still.
+
+    Corners of one picture are not off independently of each other: a board that bends in the hand, focus that moved,
+    blur and a detector's bias shift many of them together, and corner noise alone then promises several times too much.
+    So each picture counts as one draw, whatever is wrong within it. With H the normal equations, poses eliminated, and
+    H_k and g_k a picture's part of them and of the gradient,
+
+        C = H^-1 (sum_k A_k g_k g_k^T A_k^T) H^-1,    A_k = L (I - L^-1 H_k L^-T)^(-1/2) L^-1,    H = L L^T
+
+    where A_k makes up for what the camera was bent to suit the picture itself, so that C is the usual covariance in
+    the mean where there is only noise (Bell and McCaffrey, Bias reduction in standard errors for linear regression with
+    multi-stage samples, Survey Methodology 28, 2002; Liang and Zeger 1986 without A_k). What one picture tells alone is
+    as uncertain as corner noise has it, and a prior as uncertain as it says.
+    """
+    freedom = candidate.freedom
+    root, among, _ = _among_pictures(candidate, views, loss)
+    shared = root @ among @ root.T
+    count = freedom.directions.shape[1]
+    return freedom.directions @ shared[:count, :count] @ freedom.directions.T
+
+
+def scatter(candidate: Candidate, views: BoardViews) -> float:
+    """Give how many times more than corner noise has it the variance of what is estimated is, as pictures disagree."""
+    _, among, variance = _among_pictures(candidate, views, "huber")
+    return float(np.diagonal(among).mean()) / variance if len(among) and variance > 0 else 1.0
+
+
+def noise_covariance(candidate: Candidate, views: BoardViews, *, loss: str = "huber") -> Array:
+    """Give the same as corner noise alone has it: what would be if nothing were wrong that corners share.
 
     The inverse of the normal equations, the poses and the bend of the board eliminated: whatever they take up is
     uncertain in the camera. Residuals have the spread that they show, each pose and parameter having taken its part of
@@ -32,3 +66,50 @@ def residual_variance(spread: Spread, views: BoardViews, freedom: Freedom) -> fl
     measured = views.pixels.size
     left = measured - freedom.count - 6 * len(views)
     return spread.sigma**2 * measured / max(left, 1)
+
+
+def _among_pictures(candidate: Candidate, views: BoardViews, loss: str) -> tuple[Array, Array, float]:
+    """Give L^-T (F, G), the covariance (G, G) of what it makes alike, and corner noise's variance of each of these."""
+    state, freedom = candidate.state, candidate.freedom
+    spread = Spread.of(state, views, loss)
+    variance = residual_variance(spread, views, freedom)
+    normal = Bundle(views, freedom, spread).linearise(state)
+    used = np.diagonal(normal.shared) > 0  # neither held at a bound nor told by nothing
+    whole = normal.reduced()[0]
+    scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(whole), 1e-300)), 0.0)
+    values, vectors = np.linalg.eigh((scale[:, None] * whole * scale)[np.ix_(used, used)])
+    root = np.zeros((len(scale), len(values)))
+    root[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
+    compared, among = np.zeros((len(values),) * 2), np.zeros((len(values),) * 2)
+    for part, gradient in zip(*_by_picture(candidate, views, spread), strict=True):
+        share, turn = np.linalg.eigh(root.T @ part @ root)
+        known = np.where(share > ALONE, 0.0, np.maximum(share, 0.0))
+        off = turn @ (np.where(known > 0, turn.T @ (root.T @ gradient), 0.0) / np.sqrt(1 - known))
+        compared += turn * known @ turn.T
+        among += np.outer(off, off)
+    rest, turn = np.linalg.eigh(np.eye(len(values)) - compared)
+    among += variance * (turn * np.maximum(rest, 0.0) @ turn.T)
+    return root, among, variance
+
+
+def _by_picture(candidate: Candidate, views: BoardViews, spread: Spread) -> tuple[Array, Array]:
+    """Give each picture's part of the normal equations (V, F, F) and of the gradient (V, F), its pose eliminated."""
+    state, freedom = candidate.state, candidate.freedom
+    points, turned = state.points(views)
+    pixels, _, d_point, d_params = state.model.project_with_jacobians(points)
+    weights = spread.roots, spread.threshold
+    residuals, jacobian, cross, local, local_gradient = weighted(
+        pixels, d_point, d_params, views.pixels, *weights, turned, views.bows, views.view_of_row, state.rotations
+    )
+    moving = np.zeros((jacobian.shape[1], freedom.count))
+    moving[:-2, : freedom.directions.shape[1]] = freedom.directions
+    moving[-2:, freedom.directions.shape[1] :] = np.eye(2)[:, : 2 * freedom.warp]
+    jacobian, cross = jacobian @ moving, moving.T @ cross
+    pose = np.linalg.pinv(local, rcond=1e-14, hermitian=True)
+    gain = cross @ pose
+    parts, gradients = list[Array](), list[Array]()
+    for k, rows in enumerate(views.groups):
+        j = jacobian[2 * rows.start : 2 * rows.stop]
+        parts.append(j.T @ j - gain[k] @ cross[k].T)
+        gradients.append(j.T @ residuals[2 * rows.start : 2 * rows.stop] - gain[k] @ local_gradient[k])
+    return np.array(parts), np.array(gradients)

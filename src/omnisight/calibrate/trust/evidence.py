@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from omnisight.calibrate.trust.halves import Halves
 from omnisight.calibrate.trust.uncertainty import UncertaintyMap
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
+
+if TYPE_CHECKING:
+    from omnisight.calibrate.rays.ask import Asked
 
 
 class Level(IntEnum):
@@ -56,6 +60,7 @@ class Evidence:
     coverage: Coverage
     halves: Halves | None
     ceiling: Ceiling | None
+    viewpoint: "Asked | None"
     outliers: NDArray[np.bool_]
     auto: bool
 

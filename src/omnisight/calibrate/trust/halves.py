@@ -7,15 +7,13 @@ import numpy as np
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.trust.compare import turned_difference
-from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.covariance import noise_covariance
 from omnisight.calibrate.trust.uncertainty import Uncertainty
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import cap
 
 FEWEST = 8
-# Halves that differ so many times more than noise explains do so by more than chance.
-CHANCE = 2.5
 RINGS = 12
 
 
@@ -43,11 +41,6 @@ class Halves:
         """How many times larger the difference is than predicted."""
         return self.difference / max(self.predicted, 1e-12)
 
-    @property
-    def inflation(self) -> float:
-        """What a variance is multiplied by so that it explains the difference (Birge 1932); 1 where chance does."""
-        return self.ratio**2 if self.ratio > CHANCE else 1.0
-
     def as_dict(self) -> dict[str, float]:
         """Give the figures by name, px."""
         return {"difference": self.difference, "predicted": self.predicted}
@@ -62,7 +55,7 @@ def compare_halves(candidate: Candidate, camera: Camera, views: BoardViews, *, l
     halves = [np.arange(first, len(views), 2) for first in (0, 1)]
     for some, state in zip(halves, candidate.without(halves[::-1], views, spread), strict=True):
         half = replace(candidate, state=state)
-        covariance = camera_covariance(half, views.subset(some), loss=loss)
+        covariance = noise_covariance(half, views.subset(some), loss=loss)
         cameras.append(replace(camera, model=state.model, covariance=covariance))
     one, other = cameras
     uncertainties = [Uncertainty.of(c) for c in cameras]

@@ -168,6 +168,14 @@ class UncertaintyMap:
         angles = np.where(np.isfinite(pixels), self.angles, np.nan)
         return float(pixels[i, j]), float(np.nanmax(angles)), float(self.theta[i]), float(self.phi[j])
 
+    def rms(self) -> float:
+        """Give the root mean square error in the calibrated cone, px, each direction by its solid angle."""
+        inside = self.shown & self.calibrated[:, None] & np.isfinite(self.pixels)
+        weight = np.broadcast_to(np.sin(self.theta)[:, None], inside.shape)[inside]
+        if not weight.sum() > 0:
+            return float("nan")
+        return float(np.sqrt(np.average(self.pixels[inside] ** 2, weights=weight)))
+
     def median(self) -> tuple[float, float]:
         """Give the median error in the calibrated cone, px and radians, each direction by its solid angle."""
         inside = self.shown & self.calibrated[:, None] & np.isfinite(self.pixels)

@@ -1,5 +1,6 @@
 """Whether a calibration can be used, and what to do where it cannot."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -23,9 +24,9 @@ class Verdict:
     checks: tuple[Check, ...]
 
     @classmethod
-    def of(cls, evidence: Evidence) -> Self:
-        """Judge a calibration."""
-        checks = tuple(check(evidence) for check in CHECKS)
+    def of(cls, evidence: Evidence, asked: Sequence[Callable[[Evidence], Check]] = CHECKS) -> Self:
+        """Judge a calibration by the checks asked for."""
+        checks = tuple(check(evidence) for check in asked)
         return cls(max(check.level for check in checks), checks)
 
     @property

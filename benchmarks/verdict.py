@@ -1,0 +1,218 @@
+"""Is the verdict right? `python -m benchmarks.verdict [--seeds 9] [--part all|tuned|aside] [--workers 1]`.
+
+Sets of pictures as people take them (benchmarks/verdict_scenes.py), good and bad, of cameras that are known. Each is
+calibrated with no flags; what the verdict says is set beside how far the camera is from the true one, over the part of
+the field where it claims to hold and over all that the pictures show, both turned to fit. The thresholds of
+calibrate/trust/checks.py rest on the even seeds; the odd ones were kept aside as a test.
+
+Lengths are in px of a picture 1000 px wide, as the verdict's are. A case's text, as printed, runs it alone:
+`--only "bent board/3"`.
+"""
+
+import argparse
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.convergence_scenes import SIZE, Array
+from benchmarks.verdict_scenes import KINDS, Case, Truth, scene
+from omnisight.calibrate import Calibration, calibrate_camera
+from omnisight.calibrate.trust.compare import turned_difference
+from omnisight.calibrate.trust.evidence import Level
+from omnisight.calibrate.trust.uncertainty import Uncertainty
+from omnisight.geometry import rotation as so3
+
+# What a camera is off by where it sees nothing of what the true one does, px.
+LOST = 100.0
+# A camera that is so much off (px rms over the calibrated cone) is good, and one that is so much off is bad.
+GOOD, BAD = 0.5, 2.0
+
+
+@dataclass(frozen=True)
+class Error:
+    """How far a camera is from the true one over some directions, turned to fit; px, degrees.
+
+    Attributes
+    ----------
+    rms, worst
+        Of the pixel.
+    rms_deg, worst_deg
+        Of the bearing.
+    stated
+        Rms of the standard deviations that the camera gives.
+    typical
+        Median over the directions of the error over its standard deviation.
+    """
+
+    rms: float
+    worst: float
+    rms_deg: float
+    worst_deg: float
+    stated: float
+    typical: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """One calibration: what it is, over the calibrated cone and over the field, and what is said of it."""
+
+    case: Case
+    lens: str
+    model: str
+    noise: float
+    cone: Error
+    field: Error
+    level: Level
+    failed: tuple[str, ...]
+    reasons: tuple[str, ...]
+    seconds: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.case!s:20s} {self.lens:22s} {self.model:17s} noise {self.noise:.2f}: off {self.cone.rms:6.2f} px"
+            f" in the cone ({self.cone.stated:6.2f} stated), {self.field.rms:6.2f} in the field"
+            f" ({self.field.stated:6.2f});"
+            f" {self.level}: {', '.join(self.failed)}"
+        )
+
+
+def run(case: Case) -> Run:
+    """Calibrate one case and compare."""
+    session, truth, views = scene(case)
+    begun = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        found = calibrate_camera(views, SIZE, model=session.model, field=truth.circle, force=True)
+        seconds = time.perf_counter() - begun
+        return judged(case, session.noise, truth, found, seconds)
+
+
+def judged(case: Case, noise: float, truth: Truth, found: Calibration, seconds: float = 0.0) -> Run:
+    """Compare a calibration with the truth."""
+    bearings, pixels = truth.field()
+    theirs, valid = found.camera.unproject(pixels)
+    cone = valid & found.camera.calibrated(theirs)
+    checks = [check for check in found.verdict.checks if check.level]
+    return Run(
+        case,
+        truth.name,
+        found.candidates[0].name,
+        noise,
+        _error(found, bearings[cone], pixels[cone]),
+        _error(found, bearings, pixels),
+        found.verdict.level,
+        tuple(f"{check.name}{'!' * (check.level - 1)}" for check in checks),
+        found.verdict.reasons,
+        seconds,
+    )
+
+
+def _error(found: Calibration, bearings: Array, pixels: Array) -> Error:
+    camera = found.camera
+    if not len(bearings):
+        return Error(LOST, LOST, 180.0, 180.0, np.inf, np.nan)
+    off = np.linalg.norm(turned_difference(camera.model, bearings, pixels), axis=1)
+    off = np.minimum(np.nan_to_num(off, nan=LOST), LOST) / camera.px_unit
+    theirs, _ = camera.unproject(pixels)
+    known = np.isfinite(theirs).all(1)
+    angles = np.full(len(bearings), 180.0)
+    aligned = theirs[known] @ so3.nearest(bearings[known].T @ theirs[known]).T
+    angles[known] = np.degrees(np.linalg.norm(aligned - bearings[known], axis=1))
+    spread = np.trace(Uncertainty.of(camera).projection(bearings), axis1=1, axis2=2)
+    stated = np.sqrt(np.minimum(np.nan_to_num(spread, nan=LOST**2), LOST**2)) / camera.px_unit
+    rms = float(np.sqrt((off**2).mean()))
+    typical = float(np.median(off / np.maximum(stated, 1e-9)))
+    rms_deg = float(np.sqrt((angles**2).mean()))
+    return Error(rms, float(off.max()), rms_deg, float(angles.max()), float(np.sqrt((stated**2).mean())), typical)
+
+
+def table(runs: Sequence[Run]) -> str:
+    """Say what each verdict was worth."""
+    lines = ["| verdict | sets | off in the cone, px: median, 90 %, worst | in the field | cone, degrees |"]
+    lines += ["|---|---|---|---|---|"]
+    for level in Level:
+        part = [r for r in runs if r.level == level]
+        if part:
+            columns = [_three([figure(r) for r in part]) for figure in FIGURES]
+            lines.append(f"| {level} | {len(part)} | {' | '.join(columns)} |")
+    lines += ["", "| off in the cone | sets | " + " | ".join(str(level) for level in Level) + " |", "|---" * 5 + "|"]
+    classes: dict[str, Callable[[Run], bool]] = {
+        f"below {GOOD} px": lambda r: r.cone.rms < GOOD,
+        "between": lambda r: GOOD <= r.cone.rms <= BAD,
+        f"above {BAD} px": lambda r: r.cone.rms > BAD,
+        f"above {BAD} px in the field": lambda r: r.field.rms > BAD,
+    }
+    for name, of_class in classes.items():
+        part = [r for r in runs if of_class(r)]
+        counts = [sum(r.level == level for r in part) for level in Level]
+        lines.append(f"| {name} | {len(part)} | " + " | ".join(str(n) for n in counts) + " |")
+    lines += ["", "| verdict | true over stated, cone: median, 90 %, worst | field | along directions, median |"]
+    lines += ["|---|---|---|---|"]
+    for level in Level:
+        part = [r for r in runs if r.level == level]
+        if part:
+            cone, field = (_three([over(of(r)) for r in part]) for of in (lambda r: r.cone, lambda r: r.field))
+            typical = np.nanmedian([r.cone.typical for r in part])
+            lines.append(f"| {level} | {cone} | {field} | {typical:.2f} |")
+    lines += ["", "| kind | sets | " + " | ".join(str(level) for level in Level) + " | off, px | true/stated |"]
+    lines += ["|---" * 7 + "|"]
+    for kind in dict.fromkeys(r.case.kind for r in runs):
+        part = [r for r in runs if r.case.kind == kind]
+        counts = " | ".join(str(sum(r.level == level for r in part)) for level in Level)
+        worth = f"{_three([r.cone.rms for r in part])} | {_three([over(r.cone) for r in part])}"
+        lines.append(f"| {kind} | {len(part)} | {counts} | {worth} |")
+    failed = Counter(name for r in runs for name in r.failed)
+    wrong = Counter(name for r in runs if r.cone.rms < GOOD for name in r.failed)
+    lines += ["", "checks that failed (of cameras that are good in the cone): "]
+    lines[-1] += ", ".join(f"{name} {count} ({wrong[name]})" for name, count in failed.most_common())
+    lines.append(f"seconds, median: {np.median([r.seconds for r in runs]):.2f}")
+    return "\n".join(lines)
+
+
+FIGURES: tuple[Callable[[Run], float], ...] = (
+    lambda r: r.cone.rms,
+    lambda r: r.field.rms,
+    lambda r: r.cone.rms_deg,
+)
+
+
+def over(error: Error) -> float:
+    """Give the true error over the stated."""
+    return error.rms / max(error.stated, 1e-9)
+
+
+def _three(values: Sequence[float]) -> str:
+    return ", ".join(f"{v:.2g}" for v in (np.median(values), np.quantile(values, 0.9), np.max(values)))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.verdict", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=9, help="sets of each kind")
+    parser.add_argument("--part", choices=("all", "tuned", "aside"), default="all", help="even seeds, or odd ones")
+    parser.add_argument("--only", help="one case by its text, or all that contain it")
+    parser.add_argument("--workers", type=int, default=1, help="processes")
+    chosen = parser.parse_args(arguments)
+    cases = [Case(kind, seed) for seed in range(chosen.seeds) for kind in KINDS]
+    cases = [c for c in cases if chosen.only is None or chosen.only in str(c)]
+    begun, runs = time.perf_counter(), list[Run]()
+    with ProcessPoolExecutor(chosen.workers) as pool:
+        for done in pool.map(run, cases, chunksize=4):
+            runs.append(done)
+            print(done, flush=True)
+            if len(cases) == 1:
+                print("\n".join(f"  - {reason}" for reason in done.reasons))
+    for part, first in (("tuned", 0), ("aside", 1)):
+        some = [r for r in runs if r.case.seed % 2 == first]
+        if some and chosen.part in ("all", part):
+            print(f"\n{part} ({'even' if first == 0 else 'odd'} seeds)\n\n{table(some)}")
+    print(f"\n{time.perf_counter() - begun:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

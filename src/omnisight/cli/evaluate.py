@@ -1,0 +1,147 @@
+"""omnisight evaluate."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+
+if TYPE_CHECKING:
+    from omnisight.camera import Camera
+    from omnisight.ray_camera import RayCamera
+    from omnisight.targets import BoardSearch
+
+
+def evaluate(
+    camera: Path,
+    pictures: list[str],
+    /,
+    *,
+    pattern: Annotated[str | None, Parameter(alias="--size")] = None,
+    square: str | None = None,
+    target: Path | None = None,
+    name: str | None = None,
+    compare: list[Path] | None = None,
+    image_size: str | None = None,
+    which: str | None = None,
+    threshold: float = 1.5,
+    flat: bool = False,
+    draw: Path | None = None,
+    apply_exif: bool = False,
+    cache: bool = True,
+    json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Judge a calibrated camera on other pictures of a board, or on other corners.
+
+    The camera stays as it is; only where every board stands is found, and how it is bent. Corners are taken as they are
+    found at first, or given: none is looked for with the camera's help.
+
+    Parameters
+    ----------
+    camera
+        A calibration file of any format.
+    pictures
+        Folders, files or patterns of pictures and clips that it was not calibrated on, or files of corners, as
+        `omnisight calibrate` takes them.
+    pattern
+        Inner corners of the board, columns x rows.
+    square
+        Side of a square with its unit: 32.5mm.
+    target
+        The board as a file, in place of --pattern and --square.
+    name
+        Which camera, where the camera's file holds several.
+    compare
+        Another camera's file, judged on the same corners; may be given several times.
+    image_size
+        Width and height of the pictures that corners are from, such as 1280x800, where their file does not say.
+    which
+        Which camera, where a file of corners holds several: its name there.
+    threshold
+        Length of a residual, px, past which it counts less, in the poses and in wRMS.
+    flat
+        Take the board as flat. Otherwise its bend is found with the poses, the same in all pictures.
+    draw
+        A folder for the pictures with their corners and residuals drawn in.
+    apply_exif
+        Turn pictures as their EXIF orientation says.
+    cache
+        Remember found boards, by the content of the pictures.
+    json
+        Print one JSON object and nothing else.
+    quiet
+        Show no progress.
+    """
+    from omnisight.calibrate import BoardViews, evaluate_camera
+    from omnisight.cli._board import asked_board, search_boards
+    from omnisight.cli._detect_report import advice
+    from omnisight.cli._evaluate_report import as_json, print_report
+    from omnisight.cli._given import corner_files, given_corners, must_be_corners
+    from omnisight.cli._names import drawings, labels
+    from omnisight.formats import load
+    from omnisight.images import collect_images
+
+    (first, path), *others = _labelled([camera, *(compare or [])]).items()
+    cameras = {first: load(path, name=name), **{label: load(other) for label, other in others}}
+    given = corner_files(pictures)
+    if not given:
+        must_be_corners(image_size, which)
+    paths = given or collect_images(pictures, clips=True)
+    if draw is not None:
+        drawings(paths, draw)
+    board = asked_board(pattern, square, target)
+    with progress(quiet or json) as tell:
+        search = (
+            given_corners(given, board, square, image_size, which)
+            if given
+            else search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
+        )
+        names = labels([picture.path for picture in search.pictures])
+        if not search.found:
+            why = advice(search.board) if search.board is not None else "give --pattern, such as 9x6, or --target"
+            raise ValueError(f"no board in {len(search.pictures)} pictures: {search.hint or why}")
+        views = BoardViews.of_search(search, names)
+        found = {}
+        for i, (label, one) in enumerate(cameras.items()):
+            tell("judge", i, len(cameras))
+            _must_fit(one, label, search)
+            found[label] = evaluate_camera(one, views, threshold=threshold, flat=flat)
+        tell("judge", len(cameras), len(cameras))
+    if json:
+        as_json(search, names, found)
+    else:
+        print_report(search, names, found)
+    if draw is not None:
+        from omnisight.cli._draw import draw_lengths
+
+        judged = next(iter(found.values()))
+        bare = draw_lengths(search, views.pixels, judged.residuals, judged.doubtful, draw, apply_exif=apply_exif)
+        if not json:
+            print(f"drawn: {draw}{bare}")
+
+
+def _labelled(files: list[Path]) -> dict[str, Path]:
+    """Name the cameras to a reader; one that is given twice is judged once."""
+    from omnisight.cli._names import labels
+
+    once = list({path.resolve(): path for path in files}.values())
+    return dict(zip(labels(once), once, strict=True))
+
+
+def _must_fit(camera: "Camera | RayCamera", label: str, search: "BoardSearch") -> None:
+    """Refuse a camera of other pictures, or one of rays in another unit than the board."""
+    from omnisight.ray_camera import RayCamera
+
+    if all(camera.size) and camera.size != search.size:
+        raise ValueError(
+            f"{label}: for pictures of {camera.width}x{camera.height}; these are {search.size[0]}x{search.size[1]}:"
+            " give pictures as the camera took them"
+        )
+    unit = "squares" if search.board is None else search.board.unit
+    if isinstance(camera, RayCamera) and camera.unit != unit:
+        raise ValueError(
+            f"{label}: a camera of rays whose lengths are in {camera.unit}, the board's are in {unit}: "
+            + ("give --square, such as --square 30mm" if camera.unit == "m" else "leave out --square")
+        )

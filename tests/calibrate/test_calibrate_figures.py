@@ -1,0 +1,97 @@
+"""Calibration from corners: what moves, and how sure it is of it."""
+
+import numpy as np
+import pytest
+
+from lenses import BOARD, NOISE, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
+from omnisight.calibrate import BoardViews, calibrate_camera
+from omnisight.calibrate.refine import refine
+from omnisight.calibrate.trust.covariance import noise_covariance
+
+# -- what moves --------------------------------------------------------------------------------------------------
+
+
+def skewed():
+    truth = lens(280, skew=4.0)
+    return truth, BoardViews.of(shoot(truth, 280, np.random.default_rng(1), count=10))
+
+
+def test_a_skew_stands_still_unless_freed():
+    truth, views = skewed()
+    still = calibrate_camera(views, SIZE, model="unified")
+    moved = calibrate_camera(views, SIZE, model="unified", free=("skew",))
+    assert still.camera.model.skew == 0
+    assert moved.camera.model.skew == pytest.approx(truth.skew, abs=0.5)
+    assert moved.rms < 1.1 * NOISE_RMS < still.rms
+    assert moved.candidates[0].parameters == still.candidates[0].parameters + 1
+
+
+def test_a_fixed_parameter_is_not_estimated_and_has_no_deviation():
+    truth, views = skewed()
+    found = calibrate_camera(views, SIZE, model="unified", free=("skew",), fixed=("xi",))
+    at = found.camera.model.param_names.index("xi")
+    assert found.candidates[0].parameters == truth.params.size - 1
+    assert np.all(found.camera.covariance[at] == 0)
+    assert np.all(np.delete(np.diag(found.camera.covariance), at) > 0)
+
+
+def test_least_squares_has_the_least_squares():
+    truth = lens(180)
+    rng = np.random.default_rng(3)
+    views = shoot(truth, 180, rng)
+    for _, pixels in views:
+        pixels[rng.random(len(pixels)) < 0.05] += 6
+    joined = BoardViews.of(views)
+    squared, huber = (calibrate_camera(joined, SIZE, model="equisolid", loss=loss) for loss in ("squared", "huber"))
+    assert squared.rms <= huber.rms
+    assert huber.mean < squared.mean
+    reach = 0.95 * np.radians(90)
+    assert bearing_error(huber.camera, truth, reach) < bearing_error(squared.camera, truth, reach)
+
+
+# -- how sure ----------------------------------------------------------------------------------------------------
+
+
+def test_the_covariance_predicts_the_spread():
+    truth, first = calibrated(240, 0, model="double_sphere")
+    predicted = np.sqrt(np.diag(noise_covariance(first.candidates[0], first.views)))
+    exact = shoot(truth, 240, np.random.default_rng(0), noise=0.0)
+    found = []
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        views = BoardViews.of([(x, p + rng.normal(0, NOISE, p.shape)) for x, p in exact])
+        found.append(refine(first.state, views).state.model.params)
+    ratio = np.std(found, axis=0, ddof=1) / predicted
+    assert np.all((ratio > 1 / 1.5) & (ratio < 1.5)), ratio
+    # And the estimate is not beside the truth.
+    assert np.all(np.abs(np.mean(found, axis=0) - truth.params) < 4 * predicted / np.sqrt(25))
+
+
+def test_the_cameras_figures_are_those_of_the_calibration():
+    _, found = calibrated(180, 0)
+    figures = found.camera.calibration
+    assert figures["verdict"] == str(found.verdict)
+    assert figures["reasons"] == list(found.verdict.reasons)
+    assert figures["uncertainty_px"] == found.trust.uncertainty.worst()[0]
+    assert "board_warp" not in figures
+    assert {name: figures[name] for name in ("rms", "mean", "held_out_rms", "pictures", "corners", "outliers")} == {
+        "rms": found.rms,
+        "mean": found.mean,
+        "held_out_rms": found.held_out_rms,
+        "pictures": 8,
+        "corners": 8 * BOARD.size,
+        "outliers": 0,
+    }
+    lengths = found.residual_lengths
+    assert found.rms == pytest.approx(np.sqrt((lengths**2).mean()))
+    assert found.mean == pytest.approx(lengths.mean())
+
+
+def test_progress_tells_its_stages_and_the_same_corners_give_the_same_camera():
+    told = []
+    truth, first = calibrated(140, 0)
+    views = BoardViews.of(shoot(truth, 140, np.random.default_rng(0)))
+    second = calibrate_camera(views, SIZE, progress=lambda *state: told.append(state))
+    assert list(dict.fromkeys(stage for stage, _, _ in told)) == ["start", "fit", "hold out", "judge"]
+    assert all(0 <= done <= total for _, done, total in told)
+    assert np.array_equal(first.camera.model.params, second.camera.model.params)

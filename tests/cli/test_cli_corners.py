@@ -1,0 +1,128 @@
+"""omnisight calibrate with corners that something else found."""
+
+import json
+
+import numpy as np
+import pytest
+from shooting import BOARD, SIZE, TRUTH
+
+from omnisight.formats import load
+from omnisight.geometry import rotation as so3
+from omnisight.images import read_image, write_image
+
+
+def seen(count, seed=0):
+    """Give corners (count, 54, 2) of tilted boards in front of the lens."""
+    rng = np.random.default_rng(seed)
+    found = []
+    while len(found) < count:
+        turn = so3.exp(np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-2, 2)]))
+        middle = np.array([*rng.uniform(-6, 6, 2), rng.uniform(6, 10)])
+        pixels, _ = TRUTH.project((BOARD.points - BOARD.points.mean(0)) @ turn.T + middle)
+        if TRUTH.in_image(pixels).all():
+            found.append(pixels + rng.normal(0, 0.1, pixels.shape))
+    return np.array(found)
+
+
+@pytest.fixture
+def corners(tmp_path):
+    np.savez(tmp_path / "shots.npz", corners=seen(8), pattern=(9, 6), image_size=SIZE)
+    return tmp_path / "shots.npz"
+
+
+QUICK = ("--model", "equidistant", "--quiet")
+
+
+def test_a_file_of_corners_is_calibrated_like_pictures(run, corners, tmp_path):
+    outputs = ("-o", tmp_path / "camera.json", "--draw", tmp_path / "drawn", "--report", tmp_path / "report.html")
+    status, out, err = run("calibrate", corners, "--square", "30mm", *QUICK, *outputs)
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines[1:9]] == [f"shots-{k}" for k in range(1, 9)]
+    assert "8 of 8 pictures, 432 corners" in out
+    assert "second look" not in out
+    assert " s to read the corners" in out
+    assert "drawn (8 on a bare sheet: their pictures do not lie beside the corners)" in out
+    camera = load(tmp_path / "camera.json")
+    assert camera.size == SIZE
+    assert camera.provenance["target"] == {"target": "points", "points": 54, "flat": True}
+    np.testing.assert_allclose(camera.model.params, TRUTH.model.params, rtol=0.01)
+    assert len(list((tmp_path / "drawn").iterdir())) == 8
+    assert read_image(tmp_path / "drawn" / "shots-1.png").std() > 5
+    assert "shots-8" in (tmp_path / "report.html").read_text()
+
+
+def test_json_and_drop_know_the_views(run, corners):
+    status, out, _ = run("calibrate", corners, *QUICK, "--json", "--drop", "shots-2")
+    assert status == 0
+    result = json.loads(out)
+    assert [row["name"] for row in result["pictures"]] == [f"shots-{k}" for k in (1, 3, 4, 5, 6, 7, 8)]
+    assert result["pattern"] == "54 points"
+
+
+def test_pictures_beside_the_corners_are_drawn_on(run, tmp_path):
+    for k in range(4):
+        write_image(tmp_path / f"{k}.png", np.full(SIZE[::-1], 200, np.uint8))
+    np.savez(tmp_path / "v.npz", corners=seen(4), pattern=(9, 6), files=[f"{k}.png" for k in range(4)])
+    status, out, _ = run("calibrate", tmp_path / "v.npz", *QUICK, "--draw", tmp_path / "drawn")
+    assert status == 0
+    assert out.splitlines()[-1] == f"drawn: {tmp_path / 'drawn'}"
+    assert read_image(tmp_path / "drawn" / "0.png").mean() > 150
+
+
+def test_what_detect_prints_is_calibrated(run, shots, tmp_path):
+    status, out, _ = run("detect", shots, "--pattern", "9x6", "--json")
+    assert status == 0
+    (tmp_path / "corners.json").write_text(out)
+    status, again, err = run("calibrate", tmp_path / "corners.json", *QUICK, "--json")
+    assert (status, err) == (0, "")
+    plain = json.loads(run("calibrate", shots, "--pattern", "9x6", *QUICK, "--json")[1])
+    assert [row["name"] for row in json.loads(again)["pictures"]] == [row["name"] for row in plain["pictures"]]
+    assert json.loads(again)["rms"] == pytest.approx(plain["rms"], abs=0.1)
+
+
+def test_a_second_look_is_for_pictures(run, corners):
+    _, out, _ = run("calibrate", corners, *QUICK, "--json")
+    assert json.loads(out)["second_look"] == {"corners": 0, "far": 0, "dropped": 0, "boards": 0}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("few views", "2 of 2 pictures have corners enough; 3 is the least, 10 to 20 are good"),
+        ("no size", "give --image-size, such as 1280x800 (corners reach"),
+        ("a size that is none", "--image-size must be WIDTHxHEIGHT in px, such as 1280x720, got 'big'"),
+        ("a size with pictures", "--image-size is for files of corners; pictures say how large they are"),
+        ("a camera with pictures", "--which is for files of corners of several cameras"),
+        (
+            "text",
+            "notes.txt: neither a picture nor corners of a known format (begins with 'Call Bob'); known are: babel",
+        ),
+        ("its own output", "would be lost"),
+    ],
+)
+def test_what_cannot_work_is_said(given, said, refuses, corners, shots, tmp_path):
+    command = [corners, *QUICK]
+    match given:
+        case "few views":
+            np.savez(corners, corners=seen(2), pattern=(9, 6), image_size=SIZE)
+        case "no size" | "a size that is none":
+            np.savez(corners, corners=seen(4), pattern=(9, 6))
+            command += [] if given == "no size" else ["--image-size", "big"]
+        case "a size with pictures":
+            command = [shots, "--image-size", "640x480"]
+        case "a camera with pictures":
+            command = [shots, "--which", "left"]
+        case "text":
+            (tmp_path / "notes.txt").write_text("Call Bob")
+            command = [tmp_path / "notes.txt"]
+        case _:
+            command += ["-o", corners]
+    assert said in refuses("calibrate", *command)
+
+
+def test_the_size_is_told(run, corners):
+    np.savez(corners, corners=seen(4), pattern=(9, 6))
+    status, out, _ = run("calibrate", corners, *QUICK, "--image-size", f"{SIZE[0]}x{SIZE[1]}", "--json")
+    assert status == 0
+    assert json.loads(out)["camera"]["size"] == list(SIZE)

@@ -1,0 +1,207 @@
+"""Corners as users have them: shuffled, repeated, missing, exchanged; each is used, or left out and said so."""
+
+import re
+
+import numpy as np
+import pytest
+
+from lenses import BOARD, bearing_error, lens, shoot
+from omnisight.calibrate import BoardViews, calibrate_camera, calibrate_pictures
+from omnisight.corners import read_corners
+from omnisight.formats import FormatError
+from omnisight.images import write_image
+from omnisight.targets import Checkerboard
+
+SIZE = (960, 962)
+TRUTH = lens(180)
+
+
+@pytest.fixture
+def views():
+    """Give what a test may spoil: points and pixels of eight pictures."""
+    made = shoot(TRUTH, 180, np.random.default_rng(5), count=8, noise=0.02)
+    return [[points.copy(), pixels.copy()] for points, pixels in made]
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Give a function that reads views from a file, as `read_corners` does."""
+
+    def search(views, size=SIZE, **options):
+        longest = max(len(points) for points, _ in views)
+        points, pixels = np.zeros((len(views), longest, 3)), np.full((len(views), longest, 2), np.nan)
+        for k, (x, p) in enumerate(views):
+            points[k, : len(x)], points[k, len(x) :], pixels[k, : len(p)] = x, x[-1], p
+        extra = {} if size is None else {"image_size": size}
+        np.savez(tmp_path / "v.npz", imgpoints=pixels, objpoints=points, **extra)
+        return read_corners([tmp_path / "v.npz"], **options)
+
+    return search
+
+
+def fitted(search):
+    """Calibrate, and give how far the camera is from the true one, degrees."""
+    found = calibrate_pictures(search, model="equisolid", flat=True).calibration.camera
+    return bearing_error(found, TRUTH, np.radians(80))
+
+
+def test_whole_views_are_calibrated_as_in_python(views, read):
+    search = read(views)
+    assert (len(search.found), search.notes) == (8, ())
+    ours = calibrate_pictures(search, model="equisolid", flat=True).calibration
+    plain = calibrate_camera(BoardViews.of(views), SIZE, model="equisolid", flat=True)
+    assert ours.rms == pytest.approx(plain.rms, abs=1e-6)
+    np.testing.assert_allclose(ours.camera.model.params, plain.camera.model.params, atol=1e-3)
+
+
+def shuffled(views, rng):
+    for view in views:
+        order = rng.permutation(len(view[0]))
+        view[:] = view[0][order], view[1][order]
+
+
+def repeated(views, rng):
+    for view in views:
+        rows = np.concatenate([np.arange(54), rng.integers(0, 54, 20)])
+        view[:] = view[0][rows], view[1][rows]
+
+
+def missing(views, rng):
+    for view in views:
+        view[1][rng.random(54) < 0.2] = np.nan
+
+
+def marked(mark):
+    def spoil(views, rng):
+        for view in views:
+            view[1][rng.random(54) < 0.1] = mark
+
+    return spoil
+
+
+def few(views, rng):
+    for view in views[:2]:
+        rows = rng.permutation(54)[:4]
+        view[:] = view[0][rows], view[1][rows]
+
+
+def in_line(views, rng):
+    views[0][:] = views[0][0][:9], views[0][1][:9]
+
+
+def exchanged(views, rng):
+    views[3][1] = views[3][1][:, ::-1]
+
+
+def upright(views, rng):
+    for view in views:
+        view[0] = view[0][:, [0, 2, 1]]
+
+
+def far_away(views, rng):
+    for view in views:
+        view[0] = view[0] + [4e5, 5e6, 0]
+
+
+def in_microns(views, rng):
+    for view in views:
+        view[0] = 3e4 * view[0]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kept", "said"),
+    [
+        (shuffled, 8, ""),
+        (repeated, 8, "corners listed twice, counted once: 160"),
+        (missing, 8, r"corners that are no numbers, or at 0, 0, left out as not seen: \d+$"),
+        (marked(0), 8, r"corners that are no numbers, or at 0, 0, left out as not seen: \d+$"),
+        (marked(-1), 8, r"corners outside of the picture, left out as not seen: \d+$"),
+        (few, 6, ""),
+        (in_line, 7, ""),
+        (exchanged, 7, r"show the board from its other side: 1 of 8 \(v-4\); are x and y, .* exchanged\? Left out"),
+        (upright, 8, "the points lie on a plane that is not z = 0"),
+        (far_away, 8, "the points lie far from their origin: poses are those of their middle"),
+        (in_microns, 8, ""),
+    ],
+)
+def test_what_is_odd_is_used_or_left_out_and_said(spoil, kept, said, views, read):
+    spoil(views, np.random.default_rng(0))
+    search = read(views)
+    assert len(search.found) == kept
+    if said:
+        (note,) = search.notes
+        assert re.search(said, note)
+    # A pixel is 0.17 degrees.
+    assert fitted(search) < 0.05
+
+
+def test_a_view_that_is_left_out_says_why(views, read):
+    few(views, np.random.default_rng(0))
+    in_line(views[4:], None)
+    exchanged(views, None)
+    notes = [picture.note for picture in read(views).pictures]
+    assert notes[0] == "4 corners, 6 are the least: left out"
+    assert notes[4] == "all corners on one line: left out"
+    assert notes[3] == "shows the board from its other side: left out"
+    assert notes[5] == ""
+
+
+def test_pixels_that_count_from_one_move_the_centre_and_nothing_else(views, read):
+    before = calibrate_pictures(read(views), model="equisolid", flat=True).calibration
+    for view in views:
+        view[1] += 1
+    after = calibrate_pictures(read(views), model="equisolid", flat=True).calibration
+    assert after.rms == pytest.approx(before.rms, abs=1e-6)
+    moved = after.camera.model.params - before.camera.model.params
+    np.testing.assert_allclose(moved, [0, 0, 1, 1], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("size", "said"),
+    [
+        (None, r"does not say how large the pictures are, .* give --image-size, such as 1280x800 \(corners reach \d+"),
+        ((480, 480), r"\d+% of them outside of pictures of 480x480: give the --image-size of the pictures that"),
+    ],
+)
+def test_a_size_that_cannot_be_is_refused(size, said, views, read):
+    with pytest.raises(FormatError, match=said):
+        read(views, size=size)
+
+
+def test_height_and_width_exchanged_are_told(views, read):
+    for view in views:
+        view[1] *= (0.5, 1.0)
+    with pytest.raises(FormatError, match=r"the size is height x width \(give --image-size 480x962\), or x and y"):
+        read(views, size=(962, 480))
+
+
+def test_the_size_comes_from_pictures_beside_the_file(views, tmp_path):
+    names = [f"{k}.png" for k in range(8)]
+    for name in names:
+        write_image(tmp_path / name, np.zeros((4, 6), np.uint8) if name == "7.png" else np.zeros(SIZE[::-1], np.uint8))
+    np.savez(tmp_path / "v.npz", corners=[p for _, p in views], pattern=(9, 6), files=[f"/old/{n}" for n in names])
+    search = read_corners([tmp_path / "v.npz"])
+    assert search.size == SIZE
+    assert len(search.found) == 7
+    assert "pictures have 2 sizes" in search.notes[0]
+    assert search.pictures[7].note.startswith("6x4 where others have 960x962")
+    assert search.pictures[0].path == tmp_path / "0.png"
+
+
+def test_a_name_leads_out_of_no_folder(views, tmp_path):
+    (tmp_path / "in").mkdir()
+    write_image(tmp_path / "a.png", np.zeros(SIZE[::-1], np.uint8))
+    names = ["../a.png", "/etc/hosts", "x\x1b[2Jy", *"abcde"]
+    np.savez(tmp_path / "in" / "v.npz", corners=[p for _, p in views], pattern=(9, 6), files=names)
+    search = read_corners([tmp_path / "in" / "v.npz"], size=SIZE)
+    assert [p.path.parent for p in search.pictures] == [tmp_path / "in"] * 8
+    assert search.pictures[2].path.name == "x?[2Jy"
+
+
+def test_files_of_one_camera_are_read_together(views, tmp_path):
+    for k in range(2):
+        pixels = [p for _, p in views[4 * k : 4 * k + 4]]
+        np.savez(tmp_path / f"part{k}.npz", corners=pixels, pattern=(9, 6), image_size=SIZE)
+    search = read_corners([tmp_path / "part0.npz", tmp_path / "part1.npz"])
+    assert [p.path.name for p in search.pictures][3:5] == ["part0-4", "part1-1"]
+    assert len(search.board.points) == len(Checkerboard(9, 6).points) == len(BOARD.points)

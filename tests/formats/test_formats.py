@@ -1,0 +1,274 @@
+"""Laws that every calibration format keeps: a new file in formats/ is tested by existing."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from omnisight.camera import Camera
+from omnisight.formats import FormatError, format_named, format_names, load, load_all, save
+from omnisight.formats._binary import to_bytes
+from omnisight.models import model_class, model_names
+from pace import assert_quick
+
+PAIRS = [(f, m) for f in format_names() for m in format_named(f).MODELS]
+REFUSED = [(f, m) for f in format_names() for m in model_names() if m not in format_named(f).MODELS]
+KEEPS_SKEW = {"native", "opencv", "numpy_arrays"}
+NO_K3 = {"kalibr", "camodocal"}
+ONE_FOCAL = {"hugin"}
+WHOLE_SPHERE = {"colmap", "opensfm", "nerfstudio", "stella_vslam", "hugin", "metashape"}
+BINARY = {"numpy_arrays"}
+TEXTS = sorted(set(format_names()) - BINARY)
+SIZE_UNKNOWN = {"opencv", "native", "numpy_arrays"}
+
+
+def example(name, model):
+    """Give a camera that the format holds exactly."""
+    made = model_class(model).example()
+    values = made.to_dict()
+    if "skew" in values and name not in KEEPS_SKEW:
+        made = dataclasses.replace(made, skew=0.0)
+    if model == "radial_tangential" and name in NO_K3:
+        made = dataclasses.replace(made, k3=0.0)
+    if name == "metashape" and model == "thin_prism_fisheye":
+        made = dataclasses.replace(made, s1=0.0, s2=0.0)
+    if name in ONE_FOCAL and hasattr(made, "fx"):
+        made = dataclasses.replace(made, fy=made.fx)
+    if name in ONE_FOCAL and model == "radial_tangential":
+        made = dataclasses.replace(made, k2=0.0, k3=0.0, p1=0.0, p2=0.0)
+    size = (960, 720)
+    if name in ONE_FOCAL and model == "orthographic":
+        size = (480, 360)
+    if model == "equirectangular" and name in WHOLE_SPHERE:
+        size = (1024, 512)
+        made = made.with_params([1024 / (2 * np.pi), 512 / np.pi, 511.5, 255.5])
+    return Camera(made, size)
+
+
+def text_of(name, model):
+    return format_named(name).render(example(name, model))[0]
+
+
+@pytest.fixture
+def read(tmp_path):
+    def through_a_file(text, **options):
+        path = tmp_path / "read.txt"
+        path.write_bytes(text if isinstance(text, bytes) else to_bytes(text))
+        return load(path, **options)
+
+    return through_a_file
+
+
+@pytest.mark.parametrize(("name", "model"), PAIRS)
+def test_save_then_load_gives_the_same_camera(name, model, tmp_path):
+    camera = example(name, model)
+    written = save(camera, tmp_path / "camera", format=name)
+    again = load(tmp_path / "camera")
+    bearings, pixels = camera.samples()
+    seen, valid = again.model.project_numpy(bearings)
+    assert valid.all()
+    assert np.abs(seen - pixels).max() < 1e-9
+    assert written.error_px < 1e-9
+    assert again.size == camera.size
+    assert again.provenance == {"file": "camera", "format": name}
+    assert not any("fitted" in note or "not held" in note for note in written.notes)
+
+
+@pytest.mark.parametrize(("name", "model"), PAIRS)
+def test_exactly_one_format_claims_a_text(name, model):
+    text = text_of(name, model)
+    assert [other for other in format_names() if format_named(other).matches(text)] == [name]
+
+
+@pytest.mark.parametrize(("name", "model"), REFUSED)
+def test_a_model_that_the_format_lacks_is_refused_with_what_it_has(name, model, tmp_path):
+    with pytest.raises(FormatError, match=f"has no model {model}; it has .*--model"):
+        save(Camera(model_class(model).example(), (960, 720)), tmp_path / "camera", format=name)
+    assert not list(tmp_path.iterdir())
+
+
+DIRT = {
+    "windows line ends": lambda text: text.replace("\n", "\r\n").encode(),
+    "byte order mark": lambda text: b"\xef\xbb\xbf" + text.encode(),
+    "utf-16 of PowerShell": lambda text: text.encode("utf-16"),
+    "trailing spaces": lambda text: text.replace("\n", "  \t\n").encode(),
+    "no final newline": lambda text: text.rstrip("\n").encode(),
+    "blank lines": lambda text: text.replace("\n", "\n\n").encode() + b"\n\n",
+}
+
+
+@pytest.mark.parametrize("dirt", DIRT)
+@pytest.mark.parametrize("name", TEXTS)
+def test_dirt_changes_nothing(name, dirt, read):
+    for model in format_named(name).MODELS[:2]:
+        text = text_of(name, model)
+        if dirt == "blank lines" and text.startswith("{"):
+            continue
+        clean, dirty = read(text), read(DIRT[dirt](text))
+        assert dirty.model == clean.model
+        assert dirty.size == clean.size
+
+
+def survives(read, text):
+    """Read a text that may be damaged: a finite camera or a FormatError, and nothing else."""
+    try:
+        camera = read(text)
+    except FormatError:
+        return False
+    assert np.isfinite(camera.model.params).all()
+    return True
+
+
+@pytest.mark.parametrize(("name", "model"), PAIRS)
+def test_truncated_texts_are_refused_and_nothing_worse(name, model, read):
+    text = text_of(name, model)
+    for end in np.linspace(0, len(text) - 8, 60).astype(int):
+        survives(read, text[:end])
+    assert not survives(read, text[: len(text) // 2])
+
+
+@pytest.mark.parametrize(("name", "model"), PAIRS)
+def test_scrambled_texts_are_refused_and_nothing_worse(name, model, read):
+    text, chance = text_of(name, model), np.random.default_rng(3)
+    for _ in range(60):
+        at, length = chance.integers(len(text)), chance.integers(12)
+        inserted = "".join(chance.choice(list("[]{}:,-#!'\"\\\n\t 0.eN<>/&*|%")) for _ in range(chance.integers(6)))
+        survives(read, text[:at] + inserted + text[at + length :])
+
+
+@pytest.mark.parametrize("bad", ["nan", ".nan", "NaN", "inf", "-Infinity", "1e999", "1e300", "abc", "[]", '""'])
+@pytest.mark.parametrize("name", TEXTS)
+def test_no_number_of_a_camera_may_be_absurd(name, bad, read):
+    text = text_of(name, format_named(name).MODELS[0])
+    original = read(text)
+    for found in re.finditer(r"(?<=[\s\[,:])-?\d+\.\d+(?:e[-+]?\d+)?", text):
+        spoiled = text[: found.start()] + bad + text[found.end() :]
+        if survives(read, spoiled):  # then it was no number of the camera
+            assert read(spoiled).model.params == pytest.approx(original.model.params, abs=0)
+
+
+NO_FOCAL_LENGTH = {
+    *("native", "ocamcalib", "opensfm", "hugin", "alicevision", "woodscape", "metashape"),
+    *("matlab", "multicol_slam", "py_ocamcalib"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(set(TEXTS) - NO_FOCAL_LENGTH))
+@pytest.mark.parametrize("value", ["0.0", "-300.0"])
+def test_a_focal_length_must_be_positive(name, value, read):
+    model = "pinhole" if "pinhole" in format_named(name).MODELS else "kannala_brandt"
+    camera = example(name, model)
+    text = format_named(name).render(camera)[0].replace(repr(float(camera.model.params[0])), value, 1)
+    with pytest.raises(FormatError, match=r"positive.*got -?[03]"):
+        read(text)
+
+
+@pytest.mark.parametrize("name", sorted(set(TEXTS) - {"native", "opensfm", "woodscape"}))
+@pytest.mark.parametrize("width", ["0", "-960", "9600000", "960.5"])
+def test_an_absurd_size_is_refused(name, width, read):
+    text = text_of(name, format_named(name).MODELS[0])
+    spoiled = re.sub(r"(?<![\d.])960\b(?!\.)", width, text)
+    assert spoiled != text
+    with pytest.raises(FormatError, match=rf"width|known.*{width}|{width}"):
+        read(spoiled)
+
+
+@pytest.mark.parametrize("name", sorted(set(format_names()) - SIZE_UNKNOWN))
+def test_a_format_that_needs_the_size_says_so(name, tmp_path):
+    camera = dataclasses.replace(example(name, format_named(name).MODELS[0]), size=(0, 0))
+    with pytest.raises(FormatError, match="size is not known"):
+        save(camera, tmp_path / "camera", format=name)
+
+
+DEEP = 100_000
+HOSTILE = {
+    "brackets": "cam0:\n  camera_model: pinhole\n  intrinsics: " + "[" * DEEP,
+    "braces": '{"camera_type": ' + '{"a": ' * DEEP,
+    "native": '{"format": "omnisight-camera", "a": ' + "[" * DEEP,
+    "dashes": "model_type: MEI\na:\n  " + "- " * DEEP + "1",
+    "steps": "model_type: MEI\n" + "".join(" " * i + f"a{i}:\n" for i in range(1000)),
+    "digits": "model_type: " + "1" * 1_000_000 + "x",
+    "spaces": "model_type: MEI\na" + " " * 1_000_000 + "\n",
+    "quotes": "model_type: MEI\n" + 'a: "\\' * 100_000,
+    "anchors": "model_type: &a [x]\nb: *a\n",
+    "comments": "model_type: MEI\nb: [" + "#/" * 500_000,
+    "tags": "model_type: MEI\nb: " + "!a " * 100_000,
+    "colons": "model_type" + ":" * 1_000_000,
+    "long": "model_type: MEI\nb: [" + "1.5, " * 3_000_000 + "1]\n",
+    "names": "model_type: MEI\n" + "".join(f"n{i}: 1\n" for i in range(100_000)),
+    "laughs": '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><opencv_storage>&b;</opencv_storage>',
+    "elements": "<opencv_storage>" + "<a>" * DEEP,
+    "mrcal": "{'lensmodel': " + "-" * DEEP + "1}",
+    "colmap": "1 PINHOLE 10 10" + " 1" * 1_000_000,
+    "ocamcalib": "5 " + "1 " * 1_000_000,
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_hostile_text_is_refused_quickly(kind, read):
+    told = []
+
+    def refused():
+        with pytest.raises(FormatError) as error:
+            read(HOSTILE[kind])
+        told.append(str(error.value))
+
+    assert_quick(refused, 150)  # the longest takes 32
+    assert len(told[-1]) < 1500
+
+
+def test_what_is_no_calibration_is_refused_with_the_known_formats(read, tmp_path):
+    for text in ("hello", "<html></html>", "a: 1", "{}", "[]", "1,2,3\n4,5,6\n", "\0\1\2"):
+        with pytest.raises(FormatError, match="known"):
+            read(text)
+    with pytest.raises(FormatError, match="empty"):
+        read(" \n")
+    with pytest.raises(FormatError, match="No such file"):
+        load(tmp_path / "missing")
+
+
+def test_of_several_cameras_one_is_named(tmp_path):
+    path = tmp_path / "cameras.txt"
+    path.write_text("1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 600 600 320 240\n")
+    assert set(load_all(path)) == {"1", "2"}
+    with pytest.raises(FormatError, match="2 cameras: 1, 2"):
+        load(path)
+    assert load(path, name="2").model.params[0] == 600
+    with pytest.raises(FormatError, match="no camera 'left'; it holds 1, 2"):
+        load(path, name="left")
+
+
+def test_a_skew_that_the_format_lacks_is_fitted_away_and_said(tmp_path):
+    model = dataclasses.replace(model_class("mei").example(), skew=0.05)
+    written = save(Camera(model, (960, 720)), tmp_path / "camera", format="kalibr")
+    assert 0 < written.error_px < 0.06
+    assert "no skew" in written.notes[0]
+
+
+def test_what_cannot_be_fitted_away_is_refused(tmp_path):
+    model = dataclasses.replace(model_class("mei").example(), skew=30.0)
+    with pytest.raises(FormatError, match=r"no skew of mei.*px off.*--model"):
+        save(Camera(model, (960, 720)), tmp_path / "camera", format="kalibr")
+
+
+def test_what_is_not_written_is_said(tmp_path):
+    camera = dataclasses.replace(
+        example("ros", "kannala_brandt"),
+        theta_max=1.2,
+        covariance=np.eye(8),
+        calibration={"rms": 0.2},
+        extra={"serial": 7},
+    )
+    notes = save(camera, tmp_path / "camera", format="ros").notes
+    assert notes == ("not held: the calibrated cone, the calibration's figures, the covariance, serial",)
+
+
+def test_unknown_names_reach_the_native_file(read, tmp_path):
+    for name in ("kalibr", "opencv", "ros", "camodocal", "fisheye_calib_adapter"):
+        camera = read(text_of(name, "kannala_brandt") + "serial: 7\nsize_mm: [6.4, 4.8]\nversion: old\n")
+        save(camera, tmp_path / "native.json")
+        again = load(tmp_path / "native.json")
+        assert again.extra["serial"] == 7, name
+        assert again.extra["size_mm"] == [6.4, 4.8], name
+        assert again.extra["extra_version"] == "old", name

@@ -1,0 +1,203 @@
+"""Picture files: what is written is read, what is bad is named, and what a set holds is found."""
+
+import contextlib
+import os
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from jpegs import jpeg
+from omnisight.images import (
+    UnreadableImage,
+    collect_images,
+    decode_image,
+    exif_orientation,
+    read_image,
+    to_gray8,
+    write_bytes,
+    write_image,
+)
+from omnisight.images.read import upright
+
+GRADIENT = np.arange(60, dtype=np.uint8).reshape(6, 10) * 4
+COLOURS = np.stack([GRADIENT, 255 - GRADIENT, GRADIENT // 2], axis=2)
+
+
+@pytest.mark.parametrize("extension", ["png", "PNG", "tif", "TIFF", "bmp", "ppm", "webp"])
+@pytest.mark.parametrize("name", ["plain", "with space", "bild_äöü_写真"])
+def test_what_is_written_is_read(tmp_path, extension, name):
+    path = tmp_path / f"{name}.{extension}"
+    write_image(path, COLOURS)
+    assert np.abs(read_image(path).astype(int) - COLOURS).max() <= (12 if extension == "webp" else 0)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+@pytest.mark.parametrize("shape", [(6, 10), (6, 10, 3), (6, 10, 4)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_depth_and_channels_survive(tmp_path, shape, dtype, extension):
+    image = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, shape).astype(dtype)
+    write_image(tmp_path / f"x.{extension}", image)
+    back = read_image(tmp_path / f"x.{extension}")
+    assert back.dtype == dtype
+    np.testing.assert_array_equal(back, image)
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (b"", "empty file"),
+        (b"hello, this is text", r"not an image \(starts with b'hello'\)"),
+        (jpeg(COLOURS)[:-40], r"truncated JPEG \(no end-of-image marker\)"),
+        (b"\xff\xd8\xff", "truncated JPEG"),
+        (cv2.imencode(".png", COLOURS)[1].tobytes()[:-20], "truncated PNG"),
+        (cv2.imencode(".bmp", COLOURS)[1].tobytes()[:-60], "damaged or unsupported BMP"),
+        (cv2.imencode(".tif", COLOURS)[1].tobytes()[:-60], "damaged or unsupported TIFF"),
+        (b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 2**31, 2**31), "pixels declared"),
+    ],
+)
+def test_a_bad_file_is_named_with_its_reason_and_nothing_else_is_printed(tmp_path, capfd, data, found):
+    path = tmp_path / "img07.jpg"
+    path.write_bytes(data)
+    with pytest.raises(UnreadableImage, match=r"^img07\.jpg: .*" + found):
+        read_image(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_flipped_bit_in_a_png_is_found():
+    data = bytearray(cv2.imencode(".png", COLOURS)[1].tobytes())
+    data[len(data) // 2] ^= 1
+    with pytest.raises(UnreadableImage, match="damaged PNG"):
+        decode_image(bytes(data), "x.png")
+
+
+def test_missing_file_and_folder_are_unreadable(tmp_path):
+    with pytest.raises(UnreadableImage, match="no such file"):
+        read_image(tmp_path / "none.png")
+    with pytest.raises(UnreadableImage):
+        read_image(tmp_path)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("good", [jpeg(COLOURS, orientation=6), cv2.imencode(".png", COLOURS)[1].tobytes()])
+def test_hostile_bytes_raise_unreadable_or_give_a_picture(seed, good):
+    rng = np.random.default_rng(seed)
+    for _ in range(50):
+        data = bytearray(good)
+        for at in rng.integers(0, min(len(data), 120), 3):
+            data[at] = rng.integers(256)
+        exif_orientation(bytes(data))
+        exif_orientation(bytes(data[: rng.integers(len(data))]))
+        with contextlib.suppress(UnreadableImage):
+            decode_image(bytes(data), "x")
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_is_ignored_unless_asked_for(orientation, order):
+    block = np.kron(np.array([[255, 0, 0], [128, 0, 64]], np.uint8), np.ones((16, 16), np.uint8))
+    data = jpeg(block, orientation, order)
+    assert exif_orientation(data) == orientation
+    plain = decode_image(data, "x")
+    assert plain.shape == (32, 48)
+    turned = decode_image(data, "x", apply_exif=True)
+    np.testing.assert_array_equal(turned, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE))
+    np.testing.assert_array_equal(turned, upright(plain, orientation))
+
+
+def test_no_exif_is_upright():
+    assert exif_orientation(jpeg(COLOURS)) == 1
+    assert exif_orientation(b"") == 1
+    assert exif_orientation(jpeg(COLOURS, orientation=77)) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "image", "message"),
+    [
+        ("x.xyz", GRADIENT, r"cannot write extension '\.xyz'"),
+        ("x", GRADIENT, "cannot write extension ''"),
+        ("x.jpg", GRADIENT.astype(np.uint16), "8 bits per channel"),
+        ("x.jpg", np.zeros((4, 4, 4), np.uint8), "no transparency"),
+        ("x.pgm", COLOURS, "gray pictures only"),
+        ("x.png", GRADIENT.astype(float), "uint8 or uint16, got float64"),
+        ("x.png", np.zeros((4, 4, 2), np.uint8), r"got shape \(4, 4, 2\)"),
+    ],
+)
+def test_what_cannot_be_written_is_said(tmp_path, name, image, message):
+    with pytest.raises(ValueError, match=message):
+        write_image(tmp_path / name, image)
+    assert not os.listdir(tmp_path)
+
+
+def test_writing_into_a_missing_folder_names_it(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"the folder .*nowhere does not exist"):
+        write_image(tmp_path / "nowhere" / "x.png", GRADIENT)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "x.txt"
+    path.write_bytes(b"old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match=r"cannot write .*x\.txt: No space left"):
+        write_bytes(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["x.txt"]
+
+
+def test_collecting_takes_any_case_in_natural_order_once(tmp_path):
+    for name in ["img10.JPG", "img2.jpg", "Img1.PNG", "notes.txt", "a[1].tif"]:
+        (tmp_path / name).touch()
+    (tmp_path / "deeper").mkdir()
+    (tmp_path / "deeper" / "img3.jpg").touch()
+    names = ["a[1].tif", "Img1.PNG", "img2.jpg", "img10.JPG"]
+    assert [p.name for p in collect_images([tmp_path])] == names
+    assert [p.name for p in collect_images(tmp_path)] == names
+    twice = [
+        tmp_path,
+        tmp_path / "img2.jpg",
+        str(tmp_path / "*.JPG"),
+        tmp_path / "deeper" / ".." / "img2.jpg",
+    ]
+    assert [p.name for p in collect_images(twice)] == names
+    assert [p.name for p in collect_images([tmp_path / "a[1].tif"])] == ["a[1].tif"]
+    assert [p.name for p in collect_images([str(tmp_path / "*")])] == names
+
+
+def test_collecting_nothing_says_what_was_there(tmp_path):
+    for i in range(3):
+        (tmp_path / f"{i}.txt").touch()
+    with pytest.raises(ValueError, match=r"no images in .* \(found 3 \.txt\)\. Supported: jpg .*, any case"):
+        collect_images([tmp_path])
+    with pytest.raises(FileNotFoundError, match="gone: no such file or folder"):
+        collect_images([tmp_path / "gone"])
+    with pytest.raises(FileNotFoundError, match="matches nothing"):
+        collect_images([str(tmp_path / "*.jpg")])
+    with pytest.raises(ValueError, match="no images in an empty list"):
+        collect_images([])
+
+
+def test_eight_bit_gray_is_left_alone_and_deep_pictures_are_stretched():
+    np.testing.assert_array_equal(to_gray8(GRADIENT), GRADIENT)
+    for deep in (GRADIENT.astype(np.uint16) * 3 + 1000, GRADIENT / 1e6, GRADIENT.astype(np.int32) - 500):
+        gray = to_gray8(deep)
+        assert gray.dtype == np.uint8
+        assert (gray.min(), gray.max()) == (0, 255)
+        assert (np.diff(gray.astype(int), axis=1) >= 0).all()
+
+
+def test_colour_alpha_and_not_a_number():
+    assert to_gray8(np.full((4, 4, 3), [255, 0, 0], np.uint8))[0, 0] == 76
+    masked = np.dstack([COLOURS, np.where(GRADIENT > 100, 255, 0).astype(np.uint8)])
+    assert (to_gray8(masked)[GRADIENT <= 100] == 0).all()
+    holes = np.where(GRADIENT > 100, GRADIENT, np.nan)
+    assert (to_gray8(holes)[GRADIENT <= 100] == 0).all()
+    assert not to_gray8(np.full((4, 4), np.nan)).any()
+    assert not to_gray8(np.full((4, 4), 7000, np.uint16)).any()
+    with pytest.raises(ValueError, match=r"got shape \(4,\)"):
+        to_gray8(np.zeros(4))

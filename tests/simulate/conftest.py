@@ -1,0 +1,9 @@
+"""Cameras of all kinds, for the tests of the renderer."""
+
+import pytest
+from sights import SIGHTS
+
+
+@pytest.fixture(params=SIGHTS)
+def sight(request):
+    return SIGHTS[request.param]

@@ -1,0 +1,302 @@
+"""Clips: frames as they were written, bad files told apart, and the frames that a camera is best learned from."""
+
+import contextlib
+import re
+import struct
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from clips import BOARD, CARRIED, HELD, PLACES, SETUP, carried, write_clip
+from lenses import bearing_error
+from omnisight.calibrate import BoardViews, calibrate_pictures
+from omnisight.calibrate import clip as choosing
+from omnisight.calibrate.information import most_telling
+from omnisight.images import Clip, UnreadableImage, collect_images, read_image, to_gray8
+from omnisight.simulate import fisheye_setup
+from omnisight.targets import Checkerboard, find_boards
+from omnisight.targets import clip as looking
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """Keep detections and frames out of the user's cache; what is compiled stays where it is."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("targets.cache", "calibrate.clip"):
+            patch.setattr(f"omnisight.{module}.cache_folder", lambda: folder)
+        yield
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """A clip of a board held at places and carried between them, and what each of its frames shows."""
+    frames, kinds = carried()
+    return write_clip(tmp_path_factory.mktemp("clip") / "carried.avi", frames), kinds
+
+
+@pytest.fixture(scope="module")
+def seen(shot):
+    return looking.look_through(Clip.open(shot[0]))
+
+
+def steps(count=10, size=(96, 64)):
+    """Frames that tell their index by their brightness, brighter on the right."""
+    ramp = np.linspace(0, 40, size[0])[None, :, None]
+    return [np.broadcast_to(20 * i + ramp, (size[1], size[0], 3)).astype(np.uint8) for i in range(count)]
+
+
+@pytest.fixture
+def short(tmp_path):
+    return write_clip(tmp_path / "short.avi", steps())
+
+
+def test_frames_come_in_order_with_their_time(short):
+    clip = Clip.open(short)
+    assert (clip.size, clip.rate, clip.declared, clip.rotation_deg) == ((96, 64), 24, 10, 0)
+    frames = list(clip.frames())
+    assert [frame.index for frame in frames] == list(range(10))
+    assert [frame.seconds for frame in frames] == pytest.approx(np.arange(10) / 24, abs=1e-3)
+    for frame, written in zip(frames, steps(), strict=True):
+        assert np.abs(frame.image.astype(float) - written).mean() < 2
+
+
+def test_frames_are_rgb(tmp_path):
+    red = np.zeros((64, 96, 3), np.uint8)
+    red[..., 0] = 200
+    (frame,) = Clip.open(write_clip(tmp_path / "red.avi", [red])).frames()
+    assert frame.image.mean((0, 1)) == pytest.approx([200, 0, 0], abs=8)
+
+
+def test_wanted_frames_are_the_same_as_when_all_are_read(short):
+    clip = Clip.open(short)
+    all_frames = list(clip.frames())
+    for frame in clip.frames({2, 7}):
+        assert (frame.image == all_frames[frame.index].image).all()
+    assert [frame.index for frame in clip.frames({2, 7, 400})] == [2, 7]
+    assert list(clip.frames(())) == []
+
+
+def turned(path):
+    """Ask in an MP4's track header for a quarter turn."""
+    data = bytearray(path.read_bytes())
+    matrix = data.index(b"tkhd") + 44
+    one = 1 << 16
+    data[matrix : matrix + 36] = struct.pack(">9i", 0, one, 0, -one, 0, 0, 0, 0, 1 << 30)
+    path.write_bytes(data)
+    return path
+
+
+def test_rotation_is_ignored_unless_asked_for(tmp_path):
+    path = turned(write_clip(tmp_path / "portrait.mp4", steps(), "mp4v"))
+    as_read, shown = Clip.open(path), Clip.open(path, upright=True)
+    assert (as_read.size, shown.size, as_read.rotation_deg) == ((96, 64), (64, 96), 90)
+    frame, upright = (next(clip.frames()).image.astype(int) for clip in (as_read, shown))
+    assert np.abs(np.rot90(frame, -1) - upright).max() <= 4
+
+
+BAD = {
+    "empty": (lambda good: b"", "empty file; copy it again"),
+    "text": (lambda good: b"I am no clip" * 99, "not a video (starts with b'I am ')"),
+    "picture": (
+        lambda good: cv2.imencode(".png", np.zeros((9, 9), np.uint8))[1].tobytes(),
+        "not a video (starts with b'\\x89PNG",
+    ),
+    "playlist": (lambda good: b"#EXTM3U\n#EXTINF:1,\nfile:///etc/hostname\n" * 20, "not a video"),
+    "list": (lambda good: b"ffconcat version 1.0\nfile short.avi\n" * 20, "not a video"),
+    "cut": (lambda good: good[: len(good) // 2], "no index (moov): the recording or the copy was cut short"),
+    "damaged": (lambda good: good[:32] + bytes(len(good) - 32), "no index (moov)"),
+    "endless": (lambda good: good[:4] + b"free" + b"\0\0\0\x08free" * 5000, "no index (moov)"),
+    "header": (lambda good: b"RIFF\0\0\0\0AVI LIST" + bytes(900), "ffmpeg -i bad.mp4"),
+}
+
+
+@pytest.mark.parametrize("how", BAD)
+def test_a_bad_file_is_told_by_name_with_what_to_do(tmp_path, capfd, how):
+    good = write_clip(tmp_path / "good.mp4", steps(), "mp4v").read_bytes()
+    make, message = BAD[how]
+    (tmp_path / "bad.mp4").write_bytes(make(good))
+    with pytest.raises(UnreadableImage, match=r"^bad\.mp4: .*" + re.escape(message)):
+        list(Clip.open(tmp_path / "bad.mp4").frames())
+    assert capfd.readouterr().err == ""  # the decoder says nothing of its own
+
+
+def test_what_is_no_file_is_told(tmp_path):
+    with pytest.raises(UnreadableImage, match=r"gone\.mp4: no such file"):
+        Clip.open(tmp_path / "gone.mp4")
+    with pytest.raises(UnreadableImage):
+        Clip.open(tmp_path)
+
+
+def test_damage_anywhere_gives_frames_or_a_reason(tmp_path):
+    rng = np.random.default_rng(0)
+    good = write_clip(tmp_path / "good.mp4", steps(), "mp4v").read_bytes()
+    for _ in range(25):
+        data = bytearray(good)
+        for at in rng.integers(len(good), size=8):
+            data[at] = rng.integers(256)
+        (tmp_path / "bad.mp4").write_bytes(data)
+        with contextlib.suppress(UnreadableImage):
+            clip = Clip.open(tmp_path / "bad.mp4")
+            assert all(frame.image.shape[1::-1] == clip.size for frame in clip.frames())
+
+
+def test_clips_are_collected_when_asked_for(tmp_path, short):
+    assert collect_images([short], clips=True) == [short]
+    assert collect_images([tmp_path], clips=True) == [short]
+    with pytest.raises(ValueError, match=r"found 1 \.avi"):
+        collect_images([short])
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9), np.uint8))
+    assert [path.name for path in collect_images([tmp_path], clips=True)] == ["a.png"]
+    assert [path.name for path in collect_images([tmp_path, short], clips=True)] == ["a.png", "short.avi"]
+
+
+def test_a_look_through_tells_the_board_and_how_it_moves(shot, seen):
+    kinds = shot[1]
+    assert (str(seen.board), seen.count) == ("9x6", len(kinds))
+    assert len(seen.frames) == -(-len(kinds) // 3)  # eight a second of 24
+    still = [frame.motion for frame in seen.found if kinds[frame.index] == kinds[frame.index - 1] != "carried"]
+    moving = [frame.motion for frame in seen.found if kinds[frame.index] == "carried"]
+    assert max(still) < 0.5
+    assert min(moving) > 3
+    # Among three frames in a row the one that is looked at is one that stands still, if any does.
+    for i, frame in enumerate(seen.frames):
+        three = range(max(3 * i, 1), min(3 * i + 3, len(kinds)))
+        standing = [kinds[k - 1] == kinds[k] != "carried" for k in three]
+        assert frame.index // 3 == i
+        assert kinds[frame.index] != "carried" or not any(standing)
+
+
+def test_looks_are_bounded_whatever_a_file_declares(shot, monkeypatch):
+    clip = Clip.open(shot[0])
+    monkeypatch.setattr(looking, "MOST_LOOKS", 7)
+    calls = []
+    for declared in (None, 1, clip.declared, 10**8):
+        found = looking.look_through(replace(clip, declared=declared), BOARD, progress=lambda *c: calls.append(c))
+        assert 1 <= len(found.frames) <= 7
+    assert all(0 < done <= total for done, total in calls)
+
+
+def test_large_frames_are_looked_at_small_and_corners_are_where_they_were(shot, seen, monkeypatch):
+    monkeypatch.setattr(looking, "LOOK_PIXELS", 200_000)
+    clip = Clip.open(shot[0])
+    small = looking.look_through(clip, BOARD)
+    exact = {frame.index: frame.boards[0] for frame in seen.found}
+    off = [
+        np.linalg.norm(
+            board.pixels[np.isin(board.ids, known.ids)] - known.pixels[np.isin(known.ids, board.ids)], axis=1
+        )
+        for frame in small.found
+        for board, known in [(frame.boards[0], exact.get(frame.index))]
+        if known is not None and shot[1][frame.index] != "carried"
+    ]
+    assert len(off) > 15
+    assert np.median(np.concatenate(off)) < 0.15
+
+
+def test_one_still_frame_is_chosen_for_each_place(shot):
+    path, kinds = shot
+    chosen = choosing.choose_frames(path)
+    indices = [int(p.stem.rsplit("-")[-1]) for p in chosen.paths]
+    assert indices == sorted(indices)
+    places = [kinds[i] for i in indices]
+    assert "carried" not in places
+    assert "empty" not in places
+    assert len(set(places)) == len(places) >= PLACES - 1
+    counts = f"{len(kinds)} frames, {chosen.looked} looked at, {chosen.found} with a board, {len(places)} chosen"
+    assert chosen.note == f"carried.avi: {counts}"
+    assert PLACES * (HELD + CARRIED) / 3 * 0.8 < chosen.found <= chosen.looked - 3
+    gray = read_image(chosen.paths[0])
+    (frame,) = Clip.open(path).frames({indices[0]})
+    assert (gray == to_gray8(frame.image)).all()
+
+
+def test_the_camera_is_found_from_a_clip(shot):
+    chosen = choosing.choose_frames(shot[0])
+    result = calibrate_pictures(find_boards(chosen.paths, cache=False), model="kannala_brandt")
+    assert result.calibration.rms < 0.2
+    assert bearing_error(result.calibration.camera, SETUP.camera, np.radians(80)) < 0.05
+
+
+def test_a_second_run_reads_no_frame(shot, monkeypatch):
+    first = choosing.choose_frames(shot[0])
+    monkeypatch.setattr(Clip, "frames", None)
+    assert choosing.choose_frames(shot[0]) == first
+
+
+def test_frames_that_were_deleted_are_written_again(shot, monkeypatch):
+    first = choosing.choose_frames(shot[0])
+    first.paths[1].unlink()
+    monkeypatch.setattr(choosing, "look_through", None)
+    assert choosing.choose_frames(shot[0]) == first
+    assert first.paths[1].is_file()
+
+
+def test_a_clip_that_was_cut_short_is_used_as_far_as_it_goes_and_says_so(shot, tmp_path):
+    data = shot[0].read_bytes()
+    (tmp_path / "cut.avi").write_bytes(data[: len(data) // 2])
+    chosen = choosing.choose_frames(tmp_path / "cut.avi", BOARD)
+    assert len(chosen.paths) >= 3
+    assert f"ends after {chosen.count} of {len(shot[1])} frames: was the copy cut short?" in chosen.note
+    assert 0.4 < chosen.count / len(shot[1]) < 0.6
+
+
+def test_where_no_frame_shows_the_board_a_few_others_do(shot):
+    chosen = choosing.choose_frames(shot[0], Checkerboard(5, 3))
+    assert (len(chosen.paths), chosen.found) == (3, 0)
+    assert chosen.note.endswith("0 with a board, 0 chosen")
+    assert "but one of 9x6" in find_boards(chosen.paths, Checkerboard(5, 3), cache=False).pictures[0].note
+
+
+def boards(count=24, noise=0.1):
+    """Exact corners of boards all around a fisheye, and their noise."""
+    setup, rng = fisheye_setup(960), np.random.default_rng(1)
+    corners = [held.corners(setup.camera) for held in setup.boards(count, BOARD)]
+    return setup, [pixels + rng.normal(0, noise, pixels.shape) for pixels in corners]
+
+
+def views_of(pixels):
+    return BoardViews.of([(BOARD.points, p) for p in pixels])
+
+
+def test_boards_that_repeat_others_are_not_chosen_and_the_stillest_of_them_is():
+    setup, pixels = boards(8)
+    motion = np.concatenate([np.full(8, 3.0), np.zeros(8), np.full(8, 1.0)])
+    chosen = most_telling(views_of([p + shift for shift in (0, 2, 4) for p in pixels]), setup.camera.size, motion)
+    assert sorted(i % 8 for i in chosen) == list(range(8))
+    assert set(chosen) == set(range(8, 16))
+
+
+def test_a_board_that_no_camera_explains_with_the_others_is_left_out():
+    setup, pixels = boards(10)
+    pixels[4] = pixels[4] @ [[1, 0.3], [0, 0.8]] + 6 * np.random.default_rng(2).standard_normal((BOARD.size, 2))
+    assert 4 not in most_telling(views_of(pixels), setup.camera.size, np.zeros(10))
+
+
+def test_many_boards_are_cut_down_to_those_that_say_most():
+    setup, pixels = boards(60)
+    views = views_of(pixels)
+    chosen = most_telling(views, setup.camera.size, np.zeros(60))
+    assert 20 <= len(chosen) <= 40
+
+    def reached(indices):
+        return bearing_error_of(views.subset(indices), setup)
+
+    evenly = np.linspace(0, 59, len(chosen)).round().astype(int)
+    assert reached(chosen) < 1.2 * reached(evenly)
+
+
+def bearing_error_of(views, setup):
+    """Give the error (degrees) that the parameters' covariance foretells, in the mean over the corners."""
+    from omnisight.calibrate.information import _information
+    from omnisight.calibrate.initialise import posed
+
+    state = posed(setup.camera.model, views)
+    covariance = np.linalg.inv(_information(state, views).sum(0))
+    theta, phi = np.meshgrid(np.radians(np.arange(5, 90, 5)), np.radians(np.arange(0, 360, 30)))
+    rays = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+    free = [p.free for p in setup.camera.model.parameters]
+    by = setup.camera.model.project_with_jacobians(rays)[3][..., free]
+    return float(np.sqrt(np.einsum("nij,jk,nik->n", by, covariance, by).mean()))
