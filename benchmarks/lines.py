@@ -1,14 +1,15 @@
 """Calibrating from lines: how its errors grow with noise, and fall with the number of lines.
 
-`python -m benchmarks.lines [trials]` prints the first tables of docs/guide/lines.md; with `real` in place of the number
-how lines compare with boards on real pictures, with `shapes` what real cameras take from the scale.
+`python -m benchmarks.lines [trials]` prints the first tables of docs/guide/lines.md; with `rendered` in place of the
+number how true calibrations of rendered pictures are, with `real` how lines compare with boards on real pictures, with
+`shapes` what real cameras take from the scale.
 """
 
 import sys
 
 import numpy as np
 
-from benchmarks import lines_real
+from benchmarks import lines_real, lines_rendered
 from omnisight.calibrate.lines import Chains, apart, bearing_deviation, calibrate_lines
 from omnisight.models.unified import Unified
 
@@ -74,6 +75,8 @@ if __name__ == "__main__":
     what, *rest = sys.argv[1:] or ["6"]
     if what == "real":
         lines_real.report(rest)
+    elif what == "rendered":
+        lines_rendered.report(rest)
     elif what == "shapes":
         lines_real.report_shapes(rest)
     else:

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate import BoardViews, Calibration, calibrate_camera
 from omnisight.calibrate.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_arcs
+from omnisight.calibrate.lines.scale import shape_doubt
+from omnisight.camera import Camera
+from omnisight.formats import load
 from omnisight.geometry import rotation as so3
 from omnisight.images import estimate_field, read_image, to_gray8
 from omnisight.targets import Checkerboard, Detection, find_boards
@@ -26,6 +29,12 @@ SETS = {
     "sourishg left": ("stereo_fisheye_sourishg/left*.jpg", Checkerboard(9, 6)),
     "camodocal": ("camodocal_fisheye/*.png", Checkerboard(9, 6)),
 }
+# Calibrations by others.
+FILES = (
+    "with_calibration/woodscape_front/front.json",
+    "with_calibration/ocam_test_fisheye/calib_results_fisheye.txt",
+    "with_calibration/ocam_matsuren/calib_results_0.txt",
+)
 # Pictures whose edges are traced, evenly out of a set.
 PICTURES = 8
 STEP = 12  # px between the pixels that are compared
@@ -97,13 +106,14 @@ def measure(name: str) -> Iterator[tuple[str, LinesCalibration, Compared]]:
     yield f"edges of {len(few)} scenes", found, compare(found, truth)
 
 
-def shapes(board: Calibration) -> tuple[float, float]:
-    """Give the factor on tan(theta) with which the unified model explains perfect lines through a camera; their rms.
+def shapes(camera: Camera) -> tuple[float, float, float]:
+    """Give the factor on tan(theta) with which the unified model explains perfect lines through a camera.
 
-    It is what the shape of the camera, and nothing else, takes from the scale that lines tell.
+    It is what the shape of the camera, and nothing else, takes from the scale that lines tell. Also given: how far two
+    families of shapes disagree on it, which is what is stated, and the lines' rms.
     """
-    camera, rng = board.camera, np.random.default_rng(0)
-    reach = min(camera.theta_max, np.radians(100))
+    rng = np.random.default_rng(0)
+    reach = min(camera.theta_max or np.pi, np.radians(100))
     arcs: list[Array] = []
     while len(arcs) < 60:
         across = np.linalg.svd(rng.normal(size=(1, 3)))[2][1:]
@@ -117,7 +127,8 @@ def shapes(board: Calibration) -> tuple[float, float]:
     pixels = np.concatenate(arcs)
     a, b = found.camera.model.unproject_numpy(pixels)[0], camera.model.unproject_numpy(pixels)[0]
     factors = np.exp(np.linspace(-0.2, 0.2, 201))
-    return float(min(factors, key=lambda k: apart_turned(a * (k, k, 1.0), b))), found.rms
+    factor = float(min(factors, key=lambda k: apart_turned(a * (k, k, 1.0), b)))
+    return factor, shape_doubt(found.camera.model, a), found.rms
 
 
 def apart_turned(a: Array, b: Array) -> float:
@@ -128,14 +139,21 @@ def apart_turned(a: Array, b: Array) -> float:
 
 def report_shapes(only: list[str]) -> None:
     """Print what real cameras take from the scale."""
-    print("| pictures | model of the boards | factor on tan(theta) | lines off px |")
-    print("|---|---|---|---|")
+    print("| camera | its model | factor on tan(theta) | families disagree | lines off px |")
+    print("|---|---|---|---|---|")
+
+    def row(name: str, camera: Camera) -> None:
+        factor, doubt, rms = shapes(camera)
+        print(f"| {name} | {camera.model.name} | {factor:.3f} | {doubt:.3f} | {rms:.3f} |", flush=True)
+
     for name, (pattern, _) in SETS.items():
         if (only and not name.startswith(tuple(only))) or not list(DATA.glob(pattern)):
             continue
         for model in ("kannala_brandt", "mei"):
-            factor, rms = shapes(on_boards(name, model)[0])
-            print(f"| {name} | {model} | {factor:.3f} | {rms:.3f} |", flush=True)
+            row(name, on_boards(name, model)[0].camera)
+    for file in FILES:
+        if (DATA / file).exists() and (not only or file.startswith(tuple(only))):
+            row(Path(file).name, load(DATA / file))
 
 
 def on_boards(name: str, model: str) -> tuple[Calibration, list[tuple[int, Detection]], list[Path]]:

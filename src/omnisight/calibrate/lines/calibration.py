@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.lines.border import with_border, without_centre
 from omnisight.calibrate.lines.chains import Chains
 from omnisight.calibrate.lines.consensus import FEWEST, Consensus, find_lines, select
 from omnisight.calibrate.lines.halves import widened
 from omnisight.calibrate.lines.once import seen_before
-from omnisight.calibrate.lines.plumb import Lines, refine_lines
+from omnisight.calibrate.lines.plumb import Lines, lines_of, refine_lines
 from omnisight.calibrate.lines.rival import as_model, unlike
 from omnisight.calibrate.lines.scale import bends_freely, scale_deviation, without_scale
 from omnisight.calibrate.lines.uncertainty import Uncertainty, bearing_deviation
@@ -112,7 +113,8 @@ def calibrate_lines(
         A camera model. What lines say: everything of the unified model but the handedness; of models that bend freely
         everything but the scale of tan(theta), which is then held where the unified model has it.
     centre
-        (2,) where the principal point is expected, the picture's middle unless given.
+        (2,) the middle of the border of what the lens or mirror shows, if one is seen: it tells the principal point,
+        but not so surely as many lines do. Lines alone are asked, from the picture's middle on, unless it is given.
     trusted
         All arcs are lines: none is left out, none joined.
     square
@@ -151,10 +153,15 @@ def calibrate_lines(
 
     freedom = Freedom.of(found.state.model, square=square, fixed=tuple(known) if model == "unified" else ())
     found = _settled(found, arcs, freedom, trusted, loss, lambda k: report("unified", k, ROUNDS))
-    few = found.chains.thinned(PIXELS)
     choice = None if trusted else arcs
-    uncertainty = widened(Uncertainty.of(found.state, few, freedom), found.state, few, freedom)
+    found, few, uncertainty = _weighed(found, choice, freedom, centre, loss)
     deviation = bearing_deviation(found.state.model, uncertainty.covariance, few.pixels)
+    if model == "unified" and (uncertainty.singular or deviation > LOST):
+        raise ValueError(
+            f"the lines do not determine the camera: bearings are known to {np.degrees(deviation):.0f} degrees only."
+            " Are they long, and bent in the picture? A lens without distortion shows them straight whatever its focal"
+            " length is: calibrate it with a board"
+        )
     misfit = unlike(found.state, few, freedom, uncertainty, choice)
     held = False
     if model != "unified":
@@ -167,8 +174,7 @@ def calibrate_lines(
             if held:
                 freedom = without_scale(freedom, start.model, few.pixels)
             settled = _settled(found, arcs, freedom, trusted, loss, lambda k: report(model, k, ROUNDS))
-            few = settled.chains.thinned(PIXELS)
-            uncertainty = widened(Uncertainty.of(settled.state, few, freedom), settled.state, few, freedom)
+            settled, few, uncertainty = _weighed(settled, choice, freedom, centre, loss)
             deviation = bearing_deviation(settled.state.model, uncertainty.covariance, few.pixels)
             lost = uncertainty.singular or deviation > LOST
             if not lost or held:
@@ -206,6 +212,31 @@ def _settled(
         found = Consensus(state, found.chains, found.line_of_arc)
     report(ROUNDS)
     return found
+
+
+def _weighed(
+    found: Consensus, arcs: Chains | None, freedom: Freedom, centre: Array | None, loss: str
+) -> tuple[Consensus, Chains, Uncertainty]:
+    """Say how sure the camera is, and let the border, if there is one, speak of its centre; give its thinned lines too.
+
+    The camera then chooses its lines again out of `arcs`, if any are given.
+    """
+    few = found.chains.thinned(PIXELS)
+    uncertainty = widened(Uncertainty.of(found.state, few, freedom), found.state, few, freedom)
+    if centre is None or uncertainty.singular:
+        return found, few, uncertainty
+    model, uncertainty = with_border(found.state.model, uncertainty, centre, few.pixels)
+    rest = without_centre(freedom, model)
+    for k in range(1 if arcs is None else 2):
+        if k and arcs is not None:
+            chosen = select(model, arcs, joined=True)
+            if len(chosen.chains) < FEWEST:
+                break
+            found, few = chosen, chosen.chains.thinned(PIXELS)
+        state = refine_lines(lines_of(model, few), few, rest, loss=loss).state
+        model = state.model
+        found = Consensus(state, found.chains, found.line_of_arc)
+    return found, few, uncertainty
 
 
 def _concluded(

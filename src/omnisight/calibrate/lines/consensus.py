@@ -32,6 +32,8 @@ BENT, CHANCE, LEAST_BENT = 2.0, 5.0, 0.04
 LONG, ENOUGH_LONG = np.radians(12.0), 12
 # The angle (radians) to the great circle of another arc past which none of its line is looked for.
 FAR = np.radians(4.0)
+# The gap to what is joined, in lengths of the arc: it tells where its line goes about so far.
+GAP = 2.0
 # Lines that a camera is determined by.
 FEWEST = 3
 
@@ -213,7 +215,12 @@ def _joined(model: CameraModel, arcs: Chains, chosen: NDArray[np.intp]) -> list[
             if arcs.pictures[members[0]] != arcs.pictures[arc] or abs(normals[k] @ single.normals[arc]) < 0.9:
                 continue
             # Far off already as it lies: no need to fit.
-            if np.abs(bearings[few.groups[arc]] @ normals[k]).max() > FAR:
+            here = bearings[few.groups[arc]]
+            if np.abs(here @ normals[k]).max() > FAR:
+                continue
+            there = np.concatenate([bearings[few.groups[m]] for m in members])
+            length, gap = (float(np.arccos(np.clip(c, -1, 1))) for c in (here[0] @ here[-1], (here @ there.T).max()))
+            if gap > GAP * length:
                 continue
             both = Chains.of([np.concatenate([few.pixels[few.groups[m]] for m in members] + [pixels])])
             joint = lines_of(model, both)

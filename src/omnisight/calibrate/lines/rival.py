@@ -20,9 +20,8 @@ from omnisight.optim.loss import Huber
 Array = NDArray[np.float64]
 
 STILL = ("skew", "c", "d", "e")
-# The least fall of chi^2 that tells of more than noise: four more numbers make it fall by 4 on average, and past this
-# in 1 case of 100.
-CLEARLY = 13.3
+# The fall of chi^2 that the rival's four more numbers bring by chance, on average.
+CHANCE = 4.0
 PIXELS = 60
 # How often the rival chooses its lines.
 CHOICES = 2
@@ -71,7 +70,7 @@ def unlike(state: Lines, chains: Chains, freedom: Freedom, uncertainty: Uncertai
     judge = PlumbLine(few, Huber(max(HUBER_SIGMAS * uncertainty.sigma, 1e-3)), freedom)
     # Each line counts as one observation, for its pixels err together.
     fall = judge.cost(own) / max(judge.cost(rival), 1e-300) - 1
-    if fall * max(len(few) - 4, 1) < CLEARLY:
+    if fall * max(len(few) - 4, 1) < CHANCE:
         return 0.0
     return apart(state.model, rival.model, few.pixels)
 

@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 
 from omnisight.calibrate.lines import Chains, apart, calibrate_lines, find_arcs, read_polylines
+from omnisight.camera import Camera
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import exp, look
 from omnisight.images import estimate_field, read_image, to_gray8
 from omnisight.images.edges import edge_chains
+from omnisight.models import model_class
+from omnisight.simulate import Renderer, scene_named
 
 
 def disc(radius, centre=(100.3, 90.7), size=(200, 180), levels=(40, 200)):
@@ -139,6 +144,31 @@ def test_a_rendered_room_calibrates_the_mirror_that_shows_it():
     assert np.degrees(error) < 1.5
 
 
+@pytest.mark.parametrize(
+    ("xi", "up", "theta_deg"),
+    [(1.0, "back", (18, 100)), (0.8, "back", (20, 105)), (None, "top", (0, 85))],
+    ids=["parabolic", "hyperbolic", "equidistant"],
+)
+def test_a_rendered_camera_is_found_within_what_is_stated(xi, up, theta_deg):
+    # Wires and cubes in a hall; the mirrors' middle is not the picture's.
+    low, high = np.radians(theta_deg)
+    size, at, radius = (400, 360), (206.0, 174.0), 165.0
+    if xi is None:
+        truth = model_class("equidistant")(radius / high, radius / high, *at)
+    else:
+        focal = radius * (np.cos(high) + xi) / np.sin(high)
+        truth = model_class("unified")(focal, focal, *at, xi)
+    place = Pose(look(up=up) @ exp((0.05, -0.04, 0.3)), np.array((0.2, 0.1, -0.1)))
+    picture = Renderer(Camera(truth, size), place, scene_named("lines"), theta=(low, high), samples=2)
+    gray = to_gray8(picture(rng=np.random.default_rng(1), blur=0.8, noise=2.0, jpeg=90).image)
+    field = estimate_field([gray])
+    found = calibrate_lines(Chains.of(find_arcs(gray, field)), size, centre=np.array(field.outer.centre))
+    assert len(found.chains) > 20
+    error = apart(found.camera.model, truth, found.chains.pixels)
+    assert error < 2 * found.bearing_sd
+    assert found.bearing_sd < np.radians(2.5)
+
+
 @pytest.mark.parametrize("name", ["kaidan", "mei"])
 def test_the_rows_of_real_boards_agree_with_the_boards_within_what_is_stated(data, name):
     # A board calibration of the same corners by OpenCV (cv2.omnidir): its centre, and its focal length there.
@@ -156,7 +186,7 @@ def test_the_rows_of_real_boards_agree_with_the_boards_within_what_is_stated(dat
     focal = values["fx"] / (1 + values["xi"])
     assert np.degrees(off / focal) < 3 * np.degrees(found.bearing_sd)
     assert np.log(focal * (1 + theirs["xi"]) / theirs["f"]) == pytest.approx(0, abs=0.1)
-    assert np.degrees(found.bearing_sd) < 1.2
+    assert np.degrees(found.bearing_sd) < 2.0
 
 
 def scene(folder, names, masked=False):
