@@ -6,7 +6,6 @@ import pytest
 from lenses import BOARD, NOISE, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.refine import refine
-from omnisight.calibrate.trust.covariance import noise_covariance
 
 # -- what moves --------------------------------------------------------------------------------------------------
 
@@ -54,7 +53,7 @@ def test_least_squares_has_the_least_squares():
 
 def test_the_covariance_predicts_the_spread():
     truth, first = calibrated(240, 0, model="double_sphere")
-    predicted = np.sqrt(np.diag(noise_covariance(first.candidates[0], first.views)))
+    predicted = np.sqrt(np.diag(first.camera.covariance))
     exact = shoot(truth, 240, np.random.default_rng(0), noise=0.0)
     found = []
     for seed in range(25):

@@ -31,6 +31,10 @@ LOST = (
     ("240/ocam/aside/parts/0.2/0.1/4", "ocam"),
     ("280/equidistant/middle/past90/0/0/20", "double_sphere"),
     ("100/equidistant/aside/narrow/0.2/0.1/4", "rational"),
+    ("180/stereographic/aside/narrow/0.2/0.1/4", "rational"),
+    ("60/kannala_brandt/middle/parts/0.2/0/4", "thin_prism_fisheye"),
+    ("240/double_sphere/aside/parts/1/0.1/10", "double_sphere"),
+    ("200/double_sphere/aside/near/1/0/60", "mei"),
 )
 # What `auto` tries, and the model that stands for those made of a plane and a distortion.
 MODELS = ("unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam", "division")

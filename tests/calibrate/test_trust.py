@@ -59,6 +59,9 @@ def test_simulated_calibrations_scatter_as_each_of_them_predicts(fov, warp):
     for free in (True, False):
         ratio = np.sqrt(np.mean(said[free], 0) / np.mean(true[free], 0))
         assert ((ratio > 0.85) & (ratio < 1.15)).all(), (free, ratio.min(), ratio.max())
+        # And nearly each of them alone, over the field.
+        alone = np.sqrt(np.mean(said[free], 1) / np.mean(true[free]))
+        assert np.mean((alone > 0.85) & (alone < 1.15)) > 0.9, np.quantile(alone, [0.0, 0.05, 0.5, 0.95, 1.0])
     ratio = np.sqrt(np.mean(angles, 0) / np.mean(turned, 0))
     assert ((ratio > 0.85) & (ratio < 1.15)).all(), ("bearing", ratio.min(), ratio.max())
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from conftest import ROOT
 from lenses import BOARD, SIZE, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.initialise import posed
@@ -150,7 +151,8 @@ def test_what_is_not_shown_is_no_gap():
 # -- what the verdict is measured on -----------------------------------------------------------------------------
 
 
-def test_every_kind_of_pictures_that_people_take_can_be_made_and_comes_out_the_same():
+def test_every_kind_of_pictures_that_people_take_can_be_made_and_comes_out_the_same(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))
     from benchmarks.verdict_scenes import KINDS, Case, scene
 
     for kind in KINDS:
@@ -162,7 +164,8 @@ def test_every_kind_of_pictures_that_people_take_can_be_made_and_comes_out_the_s
         assert len(bearings) > 100
 
 
-def test_a_moving_viewpoint_is_found_in_the_pictures_and_named_with_what_to_take():
+def test_a_moving_viewpoint_is_found_in_the_pictures_and_named_with_what_to_take(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT))
     from benchmarks.verdict import run
     from benchmarks.verdict_scenes import Case
 

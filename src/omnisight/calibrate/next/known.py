@@ -14,7 +14,7 @@ from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.checks import LARGE_PX
-from omnisight.calibrate.trust.covariance import camera_covariance, residual_variance, scatter
+from omnisight.calibrate.trust.covariance import camera_covariance, disagreement, residual_variance
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
@@ -88,7 +88,7 @@ class Known:
         camera = replace(camera, model=state.model, theta_max=reach, covariance=camera_covariance(fit, views))
         normal = Bundle(views, freedom, spread).linearise(state)
         used = np.diagonal(normal.shared) > 0
-        variance = residual_variance(spread, views, freedom) * scatter(fit, views)
+        variance = residual_variance(spread, views, freedom) * disagreement(fit, views)
         moving = freedom.directions[:, used[: freedom.directions.shape[1]]]
         schur = normal.reduced()[0][np.ix_(used, used)]
         freedom = replace(freedom, directions=moving)

@@ -16,34 +16,63 @@ Array = NDArray[np.float64]
 ALONE = 0.9
 # Least eigenvalue of normal equations with unit diagonal that is more than rounding.
 UNTOLD = 1e-14
+# Standard deviations that chance may reach.
+CHANCE = 2.0
 
 
 def camera_covariance(candidate: Candidate, views: BoardViews, *, loss: str = "huber") -> Array:
-    """Give the covariance (P, P) of the camera's parameters, as pictures disagree; zero for those that stood still.
+    """Give the covariance (P, P) of the camera's parameters; zero for those that stood still.
 
-    Corners of one picture are not off independently of each other: a board that bends in the hand, focus that moved,
-    blur and a detector's bias shift many of them together, and corner noise alone then promises several times too much.
-    So each picture counts as one draw, whatever is wrong within it. With H the normal equations, poses eliminated, and
-    H_k and g_k a picture's part of them and of the gradient,
-
-        C = H^-1 (sum_k A_k g_k g_k^T A_k^T) H^-1,    A_k = L (I - L^-1 H_k L^-T)^(-1/2) L^-1,    H = L L^T
-
-    where A_k makes up for what the camera was bent to suit the picture itself, so that C is the usual covariance in
-    the mean where there is only noise (Bell and McCaffrey, Bias reduction in standard errors for linear regression with
-    multi-stage samples, Survey Methodology 28, 2002; Liang and Zeger 1986 without A_k). What one picture tells alone is
-    as uncertain as corner noise has it, and a prior as uncertain as it says.
+    That of corner noise, times what pictures disagree by more than that: corners of one picture are not off
+    independently of each other. A board that bends in the hand, focus that moved, blur and a detector's bias shift many
+    of them together, and corner noise alone then promises several times too much.
     """
-    freedom = candidate.freedom
-    root, among, _ = _among_pictures(candidate, views, loss)
-    shared = root @ among @ root.T
-    count = freedom.directions.shape[1]
-    return freedom.directions @ shared[:count, :count] @ freedom.directions.T
+    return disagreement(candidate, views) * noise_covariance(candidate, views, loss=loss)
+
+
+def disagreement(candidate: Candidate, views: BoardViews) -> float:
+    """Give how many times more than corner noise has it the variance of what is estimated is; 1 if by chance.
+
+    How much `scatter` differs from 1 by chance among so many pictures is taken off it, the more the nearer it is.
+    """
+    above, chance = scatter(candidate, views) - 1.0, CHANCE * np.sqrt(2 / max(len(views) - 1, 1))
+    return 1.0 + max(above - chance**2 / above, 0.0) if above > 0 else 1.0
 
 
 def scatter(candidate: Candidate, views: BoardViews) -> float:
-    """Give how many times more than corner noise has it the variance of what is estimated is, as pictures disagree."""
-    _, among, variance = _among_pictures(candidate, views, "huber")
-    return float(np.diagonal(among).mean()) / variance if len(among) and variance > 0 else 1.0
+    """Give the variance of what is estimated as pictures disagree, over what corner noise makes it.
+
+    Each picture counts as one draw, whatever is wrong within it. With H the normal equations, poses eliminated, and H_k
+    and g_k a picture's part of them and of the gradient, the covariance would be
+
+        H^-1 (sum_k A_k g_k g_k^T A_k^T) H^-1,    A_k = L (I - L^-1 H_k L^-T)^(-1/2) L^-1,    H = L L^T
+
+    where A_k makes up for what the camera was bent to suit the picture itself (Bell and McCaffrey, Bias reduction in
+    standard errors for linear regression with multi-stage samples, Survey Methodology 28, 2002). From 20 pictures it is
+    too uncertain itself to be taken as it is; its mean over all that is estimated tells how much too small H^-1 is.
+    What one picture tells alone is as uncertain as corner noise has it, and a prior as uncertain as it says.
+    """
+    state, freedom = candidate.state, candidate.freedom
+    spread = Spread.of(state, views)
+    variance = residual_variance(spread, views, freedom)
+    normal = Bundle(views, freedom, spread).linearise(state)
+    used = np.diagonal(normal.shared) > 0  # neither held at a bound nor told by nothing
+    if not used.any() or not variance > 0:
+        return 1.0
+    whole = normal.reduced()[0]
+    scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(whole), 1e-300)), 0.0)
+    values, vectors = np.linalg.eigh((scale[:, None] * whole * scale)[np.ix_(used, used)])
+    root = np.zeros((len(scale), len(values)))
+    root[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
+    compared, among = 0.0, 0.0
+    for part, gradient in zip(*_by_picture(candidate, views, spread), strict=True):
+        share, turn = np.linalg.eigh(root.T @ part @ root)
+        known = np.where(share > ALONE, 0.0, np.maximum(share, 0.0))
+        off = np.where(known > 0, turn.T @ (root.T @ gradient), 0.0)
+        compared += float(known.sum())
+        among += float((off**2 / (1 - known)).sum())
+    rest = max(len(values) - compared, 0.0)
+    return (among / variance + rest) / len(values)
 
 
 def noise_covariance(candidate: Candidate, views: BoardViews, *, loss: str = "huber") -> Array:
@@ -66,30 +95,6 @@ def residual_variance(spread: Spread, views: BoardViews, freedom: Freedom) -> fl
     measured = views.pixels.size
     left = measured - freedom.count - 6 * len(views)
     return spread.sigma**2 * measured / max(left, 1)
-
-
-def _among_pictures(candidate: Candidate, views: BoardViews, loss: str) -> tuple[Array, Array, float]:
-    """Give L^-T (F, G), the covariance (G, G) of what it makes alike, and corner noise's variance of each of these."""
-    state, freedom = candidate.state, candidate.freedom
-    spread = Spread.of(state, views, loss)
-    variance = residual_variance(spread, views, freedom)
-    normal = Bundle(views, freedom, spread).linearise(state)
-    used = np.diagonal(normal.shared) > 0  # neither held at a bound nor told by nothing
-    whole = normal.reduced()[0]
-    scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(whole), 1e-300)), 0.0)
-    values, vectors = np.linalg.eigh((scale[:, None] * whole * scale)[np.ix_(used, used)])
-    root = np.zeros((len(scale), len(values)))
-    root[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
-    compared, among = np.zeros((len(values),) * 2), np.zeros((len(values),) * 2)
-    for part, gradient in zip(*_by_picture(candidate, views, spread), strict=True):
-        share, turn = np.linalg.eigh(root.T @ part @ root)
-        known = np.where(share > ALONE, 0.0, np.maximum(share, 0.0))
-        off = turn @ (np.where(known > 0, turn.T @ (root.T @ gradient), 0.0) / np.sqrt(1 - known))
-        compared += turn * known @ turn.T
-        among += np.outer(off, off)
-    rest, turn = np.linalg.eigh(np.eye(len(values)) - compared)
-    among += variance * (turn * np.maximum(rest, 0.0) @ turn.T)
-    return root, among, variance
 
 
 def _by_picture(candidate: Candidate, views: BoardViews, spread: Spread) -> tuple[Array, Array]:
