@@ -27,14 +27,12 @@ def data():
     return folder
 
 
-@pytest.fixture(scope="session")
-def fresh_detections(tmp_path_factory):
+@pytest.fixture
+def fresh_detections(tmp_path_factory, monkeypatch):
     """Keep what is found in pictures for this run alone, in all of its processes: another may find otherwise."""
     folder = tmp_path_factory.getbasetemp()
     folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("omnisight.targets.cache.cache_folder", lambda: folder / "found")
-        yield
+    monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: folder / "found")
 
 
 @pytest.fixture
