@@ -243,8 +243,8 @@ def rows(values: ArrayLike, width: int, what: str) -> tuple[Array, tuple[int, ..
         raise ValueError(
             f"{what} must be real numbers of shape (..., {width}), got shape {array.shape} of {array.dtype}"
         )
-    flat = np.ascontiguousarray(array.reshape(-1, width), dtype=np.float64)
-    return flat, array.shape[:-1]
+    # Writeable: what is not is another type to compiled code, which would be compiled once more for it.
+    return np.require(array.reshape(-1, width), np.float64, ["C", "W"]), array.shape[:-1]
 
 
 def shaped(
