@@ -124,10 +124,11 @@ class Candidate:
         """Give it with no more views and corners than are enough to compare it with another camera."""
         some = np.unique(np.linspace(0, len(views) - 1, ENOUGH_PICTURES).round().astype(np.intp))
         part = views.subset(some)
-        rows = views.rows(some)[part.thinned_rows(ENOUGH_CORNERS)]
+        kept = part.thinned_rows(ENOUGH_CORNERS)
+        rows = views.rows(some)[kept]
         lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
         sketch = dataclasses.replace(self, state=self.state.part(some), held_out_lengths=lengths)
-        return sketch, part.thinned(ENOUGH_CORNERS), usable[rows]
+        return sketch, part.at(kept), usable[rows]
 
     def without(self, folds: Sequence[NDArray[np.intp]], views: BoardViews, spread: Spread) -> Iterator[State]:
         """Refine it without each of the folds of the views in turn, the other corners counting as among all.

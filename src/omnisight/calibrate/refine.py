@@ -65,20 +65,22 @@ class Bundle:
 
         Those of several parts of the views may be joined.
         """
+        residuals, jacobian, cross, local, local_gradient = self.rows(state)
+        return GroupedNormal(jacobian.T @ jacobian, cross, local, jacobian.T @ residuals, local_gradient)
+
+    def rows(self, state: State) -> tuple[Array, Array, Array, Array, Array]:
+        """Give the weighted residuals of the corners and what they depend on, as `_bundle_kernel.weighted` does."""
         points, turned = state.points(self.views)
         pixels, _, d_point, d_params = state.model.project_with_jacobians(points)
         seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
         weights = self.spread.roots, self.spread.threshold
-        residuals, jacobian, cross, local, local_gradient = weighted(
-            pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations
-        )
-        return GroupedNormal(jacobian.T @ jacobian, cross, local, jacobian.T @ residuals, local_gradient)
+        return weighted(pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations)
 
     def completed(self, corners: GroupedNormal, model: CameraModel) -> GroupedNormal:
         """Give the normal equations of what moves, what is known beforehand among them."""
         prior, off = self._prior(model)
         held = held_back(model.params, corners.shared_gradient[:-2] + prior * off, *model.bounds)
-        directions = self._directions.copy()
+        directions = self.directions.copy()
         directions[:-2][held] = 0.0
         known = directions[:-2]
         return corners.along(directions).with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * off))
@@ -95,8 +97,8 @@ class Bundle:
         )
 
     @cached_property
-    def _directions(self) -> Array:
-        """The freedom's directions, in the parameters and the board's two bends."""
+    def directions(self) -> Array:
+        """(P + 2, F) the freedom's directions, in the parameters and the board's two bends."""
         moving = self.freedom.directions
         directions = np.zeros((len(moving) + 2, self.freedom.count))
         directions[:-2, : moving.shape[1]] = moving

@@ -150,7 +150,10 @@ class BoardViews:
         """Give all views with about so many of the corners, evenly spaced, the outermost of each board among them."""
         if len(self.pixels) <= most:
             return self
-        kept = self.thinned_rows(most)
+        return self.at(self.thinned_rows(most))
+
+    def at(self, kept: NDArray[np.intp]) -> Self:
+        """Give all views with the corners of those rows alone, which ascend."""
         view = self.view_of_row[kept]
         rows = [kept[view == i] for i in range(len(self))]
         chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]

@@ -122,12 +122,18 @@ class GroupedNormal:
 
         Zero for a parameter that nothing depends on, and very large along what nothing tells apart.
         """
+        half = self.half_covariance()
+        return half @ half.T
+
+    def half_covariance(self) -> Array:
+        """Give L^-T (P, G) of the Schur complement L L^T, G of the P parameters being told by something."""
         schur, _, _, _ = self.reduced()
         used = np.diagonal(self.shared) > 0
         scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300)), 0.0)
-        values, vectors = np.linalg.eigh(scale[:, None] * schur * scale)
-        half = scale[:, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
-        return half @ half.T
+        values, vectors = np.linalg.eigh((scale[:, None] * schur * scale)[np.ix_(used, used)])
+        half = np.zeros((len(scale), len(values)))
+        half[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
+        return half
 
 
 def _solve_scaled(matrix: Array, right: Array) -> Array:

@@ -3,19 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate._bundle_kernel import weighted
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 
 Array = NDArray[np.float64]
 
 # What a picture tells to more than this part has no other picture to be compared with.
 ALONE = 0.9
-# Least eigenvalue of normal equations with unit diagonal that is more than rounding.
-UNTOLD = 1e-14
 # Standard deviations that chance may reach.
 CHANCE = 2.0
 
@@ -55,24 +53,20 @@ def scatter(candidate: Candidate, views: BoardViews) -> float:
     state, freedom = candidate.state, candidate.freedom
     spread = Spread.of(state, views)
     variance = residual_variance(spread, views, freedom)
-    normal = Bundle(views, freedom, spread).linearise(state)
-    used = np.diagonal(normal.shared) > 0  # neither held at a bound nor told by nothing
-    if not used.any() or not variance > 0:
+    problem = Bundle(views, freedom, spread)
+    root = problem.linearise(state).half_covariance()
+    count = root.shape[1]
+    if not count or not variance > 0:
         return 1.0
-    whole = normal.reduced()[0]
-    scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(whole), 1e-300)), 0.0)
-    values, vectors = np.linalg.eigh((scale[:, None] * whole * scale)[np.ix_(used, used)])
-    root = np.zeros((len(scale), len(values)))
-    root[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
     compared, among = 0.0, 0.0
-    for part, gradient in zip(*_by_picture(candidate, views, spread), strict=True):
+    for part, gradient in zip(*_by_picture(problem, state), strict=True):
         share, turn = np.linalg.eigh(root.T @ part @ root)
         known = np.where(share > ALONE, 0.0, np.maximum(share, 0.0))
         off = np.where(known > 0, turn.T @ (root.T @ gradient), 0.0)
         compared += float(known.sum())
         among += float((off**2 / (1 - known)).sum())
-    rest = max(len(values) - compared, 0.0)
-    return (among / variance + rest) / len(values)
+    rest = max(count - compared, 0.0)
+    return (among / variance + rest) / count
 
 
 def noise_covariance(candidate: Candidate, views: BoardViews, *, loss: str = "huber") -> Array:
@@ -97,23 +91,14 @@ def residual_variance(spread: Spread, views: BoardViews, freedom: Freedom) -> fl
     return spread.sigma**2 * measured / max(left, 1)
 
 
-def _by_picture(candidate: Candidate, views: BoardViews, spread: Spread) -> tuple[Array, Array]:
+def _by_picture(problem: Bundle, state: State) -> tuple[Array, Array]:
     """Give each picture's part of the normal equations (V, F, F) and of the gradient (V, F), its pose eliminated."""
-    state, freedom = candidate.state, candidate.freedom
-    points, turned = state.points(views)
-    pixels, _, d_point, d_params = state.model.project_with_jacobians(points)
-    weights = spread.roots, spread.threshold
-    residuals, jacobian, cross, local, local_gradient = weighted(
-        pixels, d_point, d_params, views.pixels, *weights, turned, views.bows, views.view_of_row, state.rotations
-    )
-    moving = np.zeros((jacobian.shape[1], freedom.count))
-    moving[:-2, : freedom.directions.shape[1]] = freedom.directions
-    moving[-2:, freedom.directions.shape[1] :] = np.eye(2)[:, : 2 * freedom.warp]
-    jacobian, cross = jacobian @ moving, moving.T @ cross
+    residuals, jacobian, cross, local, local_gradient = problem.rows(state)
+    jacobian, cross = jacobian @ problem.directions, problem.directions.T @ cross
     pose = np.linalg.pinv(local, rcond=1e-14, hermitian=True)
     gain = cross @ pose
     parts, gradients = list[Array](), list[Array]()
-    for k, rows in enumerate(views.groups):
+    for k, rows in enumerate(problem.views.groups):
         j = jacobian[2 * rows.start : 2 * rows.stop]
         parts.append(j.T @ j - gain[k] @ cross[k].T)
         gradients.append(j.T @ residuals[2 * rows.start : 2 * rows.stop] - gain[k] @ local_gradient[k])
