@@ -141,8 +141,9 @@ class Candidate:
             some = np.concatenate([folds[i] for i in others])
             problem, start = self._problem(some, views, spread), self.state.part(some)
             normal = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start.model)
-            moved = problem.move(start, normal.solve(0.0))
-            start = min(start, moved, key=problem.cost)
+            step = normal.solve(0.0)
+            if np.isfinite(step).all():
+                start = min(start, problem.move(start, step), key=problem.cost)
             yield minimise(problem, start, tolerance=FOLD_TOLERANCE, scale=problem.scale).state
 
     def _problem(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> Bundle:

@@ -7,10 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate._bundle_kernel import weighted
+from omnisight.calibrate._bundle_kernel import weighted, weighted_lengths
 from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.rim import held
 from omnisight.calibrate.spread import Spread
-from omnisight.calibrate.state import State
+from omnisight.calibrate.state import State, outside
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
@@ -55,7 +56,13 @@ class Bundle:
 
     def cost(self, state: State) -> float:
         prior, off = self._prior(state.model)
-        return self.loss.cost(state.lengths(self.views, self.spread.roots)) + 0.5 * float(prior @ off**2)
+        pixels, valid = state.model.project_numpy(points := state.points(self.views)[0])
+        lost, most = np.flatnonzero(~valid), outside(self.views)
+        if len(lost):
+            pixels[lost], _ = state.model.project_numpy(held(state.model, points[lost])[0])
+        lengths = weighted_lengths(pixels, self.views.pixels, self.spread.roots, most)
+        lengths[lost] = np.minimum(lengths[lost], most)
+        return self.loss.cost(lengths) + 0.5 * float(prior @ off**2)
 
     def linearise(self, state: State) -> GroupedNormal:
         return self.completed(self.of_corners(state), state.model)
@@ -71,7 +78,15 @@ class Bundle:
     def rows(self, state: State) -> tuple[Array, Array, Array, Array, Array]:
         """Give the weighted residuals of the corners and what they depend on, as `_bundle_kernel.weighted` does."""
         points, turned = state.points(self.views)
-        pixels, _, d_point, d_params = state.model.project_with_jacobians(points)
+        pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
+        lost = np.flatnonzero(~valid)
+        if len(lost):
+            bearings, d_bearing = held(state.model, points[lost])
+            pixels[lost], _, d_held, d_params[lost] = state.model.project_with_jacobians(bearings)
+            d_point[lost] = d_held @ d_bearing
+            # What is so far off costs the same wherever it is.
+            away = np.linalg.norm(pixels[lost] - self.views.pixels[lost], axis=1)
+            pixels[lost[away > outside(self.views)]] = np.nan
         seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
         weights = self.spread.roots, self.spread.threshold
         return weighted(pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations)

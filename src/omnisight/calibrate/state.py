@@ -11,7 +11,7 @@ from omnisight.models import CameraModel
 
 Array = NDArray[np.float64]
 
-# What a corner outside the model's domain costs, px: a large miss, but no reason to stop.
+# What a corner outside the model's domain costs at least, px: a large miss, but no reason to stop.
 OUTSIDE = 100.0
 
 
@@ -51,9 +51,14 @@ class State:
     def lengths(self, views: BoardViews, roots: Array | None = None) -> Array:
         """Give the length (px) of each corner's residual (N,), times `roots` (N, 2, 2) if there are any.
 
-        `OUTSIDE` outside the model's domain.
+        `outside` outside the model's domain.
         """
         pixels, _ = self.model.project_numpy(self.points(views)[0])
         roots = np.broadcast_to(np.eye(2), (len(pixels), 2, 2)).copy() if roots is None else roots
-        # No less than a wrong corner may cost, or a camera would fold so as to lose those.
-        return weighted_lengths(pixels, views.pixels, roots, max(OUTSIDE, views.across))
+        return weighted_lengths(pixels, views.pixels, roots, outside(views))
+
+
+def outside(views: BoardViews) -> float:
+    """Give what a corner costs, px, that a camera does not see."""
+    # No less than a wrong corner may cost, or a camera would fold so as to lose those.
+    return max(OUTSIDE, views.across)

@@ -37,10 +37,6 @@ class Central(Undistorted, CameraModel):
         """Give dg/d cos(theta) along the sphere, and dg/d parameter by field: (N,), or (K, N) of a tuple of K."""
         raise NotImplementedError
 
-    def radius_max(self) -> float:
-        """Give the radius, before the planar map, of the rim of the valid cone."""
-        return np.inf
-
     # -- the affine map; a model with another one (a stretch matrix) overrides these two ------------------------
 
     def affine(self) -> tuple[float, float, float, float, float, float]:
@@ -79,6 +75,21 @@ class Central(Undistorted, CameraModel):
             "b21": -a21 / determinant if determinant else np.nan,
             "b22": a11 / determinant if determinant else np.nan,
         }
+
+    @property
+    def rim(self) -> float:
+        low, high = 0.0, self.theta_max
+        _, radius_max = self._rim
+        # Where the radius first exceeds the disc's, sought ever more closely.
+        for _ in range(5):
+            theta = np.linspace(low, high, 33)
+            with np.errstate(all="ignore"):
+                radius = np.sin(theta) * self.gain(self.forward, np.sin(theta), np.cos(theta), FULL)
+            past = np.flatnonzero(~(radius <= radius_max))
+            if not len(past):
+                return high
+            low, high = float(theta[max(past[0] - 1, 0)]), float(theta[past[0]])
+        return low
 
     @staticmethod
     def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:

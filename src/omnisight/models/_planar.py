@@ -12,9 +12,13 @@ from omnisight.models._protocol import Array
 FOLD_MARGIN = 1e-6
 # A plane that never folds is followed to this radius (89.94 degrees of a pinhole).
 FARTHEST = 1e3
-# Circles on which a plane is asked whether it folds, and points around each, as shares of the largest circle's radius.
-SHARES = np.linspace(0.01, 1, 100) ** 3
-RINGS = SHARES[:, None] * np.array((np.cos(AROUND := 2 * np.pi / 32 * np.arange(32)), np.sin(AROUND)))[:, None]
+# Squared share of a point's radius that is only rounding.
+ROUNDED = 1e-29
+# Circles on which a plane is asked whether it folds, as shares of the largest, and how often more closely.
+SHARES, CLOSER = np.linspace(0.01, 1, 100) ** 3, 5
+# Points around each, between which it may fold a little before it does at them, if not as a circle.
+CIRCLE = np.array((np.cos(AROUND := 2 * np.pi / 32 * np.arange(32)), np.sin(AROUND)))
+AROUND_MARGIN = 0.01
 
 
 class Undistorted:
@@ -43,6 +47,10 @@ class Undistorted:
     def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
         """Give the derivatives of the distorted point by field: (N,), or (K, N) of a tuple of K."""
         return {}
+
+    def radius_max(self) -> float:
+        """Give the radius, before the planar map, of the rim of the valid cone."""
+        return np.inf
 
     def plane_radius_max(self) -> float:
         """Give the radius of the disc of the plane on which the distortion is one-to-one."""
@@ -90,12 +98,17 @@ class Distorted(Undistorted):
 
     @staticmethod
     def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-        """Give (p, q) after a Newton step towards `distort` = (x, y), and the squared distance missed before it."""
+        """Give (p, q) after a Newton step towards `distort` = (x, y), and what was missed before it, squared.
+
+        That is about what the step leaves: near a fold more than its square, by the determinant that vanishes there.
+        """
         dx, dy = distort(m, p, q)
         dx, dy = dx - x, dy - y
         xx, xy, yx, yy = distort_jacobian(m, p, q)
         over = 1.0 / (xx * yy - xy * yx)
-        return p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over, dx * dx + dy * dy
+        beyond = dx * dx + dy * dy - ROUNDED * (1.0 + x * x + y * y)
+        missed = where(beyond > 0.0, beyond, 0.0) * where(np.abs(over) > 1.0, np.abs(over * over * over), 1.0)
+        return p - (yy * dx - xy * dy) * over, q - (xx * dy - yx * dx) * over, missed
 
     def derived_back(self) -> dict[str, Any]:
         azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)
@@ -108,14 +121,27 @@ class Distorted(Undistorted):
         return np.inf
 
     def plane_radius_max(self) -> float:
-        return self.radius_before_fold(min(self.radial_fold() * (1 - FOLD_MARGIN), FARTHEST))
+        return self.radius_before_fold(min(self.radial_fold() * (1 - FOLD_MARGIN), self.radius_max(), FARTHEST))
 
     def radius_before_fold(self, radius: float) -> float:
         """Give the radius, at most that one, of the disc in which the plane does not fold."""
         # Where the parts that are not radial are strong, the plane folds before the radial part does.
-        xx, xy, yx, yy = self.distort_jacobian(self, radius * RINGS[0], radius * RINGS[1])
-        folded = np.flatnonzero(np.any(xx * yy - xy * yx <= 0, axis=1))
-        return float(radius * SHARES[max(folded[0] - 2, 0)]) if len(folded) else radius
+        shares = SHARES
+        low = 0.0
+        for _ in range(CLOSER):
+            least = self._least_area(radius * shares)
+            folded = np.flatnonzero(least <= 0)
+            if not len(folded):
+                return radius
+            first = folded[0]
+            low, high = shares[first - 1] if first else low, shares[first]
+            shares = low + (high - low) * np.arange(1, 17) / 16
+        return float(radius * low * (1 - FOLD_MARGIN - AROUND_MARGIN * (1 - low)))
+
+    def _least_area(self, radii: Array) -> Array:
+        """Give what areas of the plane are magnified by, the least on each circle."""
+        xx, xy, yx, yy = self.distort_jacobian(self, radii[:, None] * CIRCLE[0], radii[:, None] * CIRCLE[1])
+        return np.min(xx * yy - xy * yx, axis=1)
 
 
 def first_positive_root(coefficients: list[float]) -> float:

@@ -75,6 +75,11 @@ class CameraModel(Parametric):
         return np.pi
 
     @property
+    def rim(self) -> float:
+        """The angle from the axis (radians) at which the domain ends: `theta_max`, or where the plane folds before."""
+        return self.theta_max
+
+    @property
     def period(self) -> float | None:
         """The width in px after which the picture repeats (360 degrees), if it does."""
         return None

@@ -33,6 +33,11 @@ class RayModel(Parametric):
         """The angle from the frame's z axis (radians) past which it shows nothing."""
         return np.pi
 
+    @property
+    def rim(self) -> float:
+        """No angle bounds the domain of rays that do not meet in a point."""
+        return np.pi
+
     def rays(self, pixels: ArrayLike) -> Rays:
         """Give the rays (...) of pixels (..., 2), in the camera's frame."""
         raise NotImplementedError

@@ -128,8 +128,11 @@ class GroupedNormal:
     def half_covariance(self) -> Array:
         """Give L^-T (P, G) of the Schur complement L L^T, G of the P parameters being told by something."""
         schur, _, _, _ = self.reduced()
-        used = np.diagonal(self.shared) > 0
-        scale = np.where(used, 1 / np.sqrt(np.maximum(np.diagonal(schur), 1e-300)), 0.0)
+        own = np.diagonal(self.shared)
+        used = own > 0
+        # What the groups take up wholly is left with rounding.
+        left = np.where(used, np.maximum(np.diagonal(schur), UNTOLD * own), 1.0)
+        scale = used / np.sqrt(left)
         values, vectors = np.linalg.eigh((scale[:, None] * schur * scale)[np.ix_(used, used)])
         half = np.zeros((len(scale), len(values)))
         half[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
