@@ -12,7 +12,7 @@ from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis, polar
-from omnisight.models import CameraModel, model_class
+from omnisight.models import CameraModel
 from omnisight.models._fit import SKETCH
 from omnisight.models._fit import refine as fit_from
 
@@ -23,8 +23,6 @@ STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
 DECENTRED = set(STILL[1:])
 # What bends a profile beside its first terms: terms that nearly make up for each other.
 HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6")
-# Models that bend to most lenses in ways of their own: what one of them finds, a richer model may miss from another.
-SOURCES = ("kannala_brandt", "eucm", "division")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.8, 1.4)
 MIDDLING = (0.6, 0.72)
@@ -43,8 +41,6 @@ STEPS, LONG_STEPS, VALLEYS = 12, 40, 3
 TOLERANCE = 1e-8
 # Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
 CONE, PAST = 16, 1.05
-# Less far past, for a model that the rest of the sphere puts out.
-LESS_PAST = 1.02, 1.0
 
 
 def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: Sequence[str] = ()) -> State | None:
@@ -92,37 +88,20 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
     if "xi" in names and Freedom.of(first.model).count > 5:
         yield from _traded(first, state, views)
     elif DECENTRED & names:
-        yield _centred(first, views)
-        for past in LESS_PAST:
-            if (near := fitted(state, cls, views, past=past)) is not None:
-                yield near
-                yield _centred(near, views)
+        yield refine(first, views, freedom=Freedom.of(first.model, fixed=STILL)).state
         for higher in HIGHER:
             if (plain := fitted(state, cls, views, fixed=(*STILL, *higher))) is not None:
                 yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *higher))).state
-        for name in SOURCES:
-            source = fitted(state, model_class(name), views)
-            source = None if source is None else fitted(refine(source, views).state, cls, views)
-            if source is not None:
-                yield source
-                yield _centred(source, views)
 
 
-def fitted(
-    state: State, cls: type[CameraModel], views: BoardViews, *, fixed: tuple[str, ...] = STILL, past: float = PAST
-) -> State | None:
+def fitted(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: tuple[str, ...] = STILL) -> State | None:
     """Give the state with another camera model, fitted to its own; None where it cannot be."""
-    points, pixels = pairs(state, views, past=past)
+    points, pixels = pairs(state, views)
     every = -(-len(points) // PAIRS)
     try:
         return replace(state, model=cls.fit(points[::every], pixels[::every], fixed=fixed))
     except (ValueError, np.linalg.LinAlgError):
         return None
-
-
-def _centred(start: State, views: BoardViews) -> State:
-    """Refine it as a lens whose parts are centred."""
-    return refine(start, views, freedom=Freedom.of(start.model, fixed=STILL)).state
 
 
 def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
@@ -158,10 +137,10 @@ def _near(
         yield replace(start, model=model)
 
 
-def pairs(state: State, views: BoardViews, *, inwards: bool = False, past: float = PAST) -> tuple[Array, Array]:
+def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Array, Array]:
     """Give directions (M, 3), the corners' and all others between them, and their pixels in the state's camera.
 
-    Up to so many times the corners' angle; `inwards` those within the corners too, which the state's camera only
+    Up to `PAST` times the corners' angle; `inwards` those within the corners too, which the state's camera only
     guesses.
 
     What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
@@ -169,8 +148,8 @@ def pairs(state: State, views: BoardViews, *, inwards: bool = False, past: float
     """
     points, _ = state.points(views)
     angles = angle_from_axis(points)
-    nearest = 0.0 if inwards else angles.min(initial=np.pi) / past
-    farthest = min(past * angles.max(initial=0.0), np.pi)
+    nearest = 0.0 if inwards else angles.min(initial=np.pi) / PAST
+    farthest = min(PAST * angles.max(initial=0.0), np.pi)
     theta = nearest + (np.arange(CONE) + 0.5)[:, None] / CONE * (farthest - nearest)
     phi = np.linspace(0, 2 * np.pi, CONE, endpoint=False)
     points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])
