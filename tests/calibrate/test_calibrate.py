@@ -7,6 +7,8 @@ import pytest
 
 from lenses import CENTRE, LENSES, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
+from omnisight.calibrate.candidates import ENOUGH
+from omnisight.calibrate.refine import refine
 from omnisight.targets import Checkerboard
 
 # -- it starts by itself -----------------------------------------------------------------------------------------
@@ -106,10 +108,25 @@ def test_candidates_hold_their_figures():
     _, found = calibrated(140, 0)
     for candidate in found.candidates:
         figures = candidate.as_dict()
-        assert set(figures) == {"model", "parameters", "rms", "mean", "held_out_rms"}
+        assert set(figures) == {"model", "parameters", "corners", "rms", "mean", "held_out_rms"}
         assert figures["mean"] <= figures["rms"]
         assert figures["parameters"] == candidate.freedom.directions.shape[1]
     assert json.dumps([c.as_dict() for c in found.candidates])
+
+
+def test_of_many_corners_enough_compare_models_and_all_make_the_camera():
+    views = BoardViews.of(shoot(lens(180), 180, np.random.default_rng(3), count=40))
+    assert len(views.pixels) > ENOUGH
+    found = calibrate_camera(views, SIZE)
+    chosen, *others = found.candidates
+    assert chosen.corners == len(views.pixels)
+    assert all(ENOUGH * 0.9 < other.corners < ENOUGH * 1.1 for other in others)
+    assert found.rms == pytest.approx(np.sqrt((chosen.state.lengths(views) ** 2).mean()))
+    assert len(chosen.held_out_lengths) == len(views.pixels)
+    assert f"compared on {others[0].corners} of {len(views.pixels)} corners" in found.reason
+    # No other camera is nearer to the corners than one fitted to all of them.
+    again = refine(chosen.state, views, freedom=chosen.freedom).state
+    assert np.abs(again.model.params - found.camera.model.params).max() < 1e-3 * np.abs(again.model.params).max()
 
 
 @pytest.mark.parametrize("model", ["unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam", "division"])

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import (
     AUTO,
+    ENOUGH,
     FEW_PARAMETERS,
     HOPELESS,
     NARROW,
     NARROW_AUTO,
     TIE,
     Candidate,
+    Compared,
     choose,
     starts_of,
 )
@@ -143,7 +145,10 @@ def calibrate_camera(
     report("start", 0, 1)
     begun = initialise(views, size) if start is None else posed(start, views)
     report("start", 1, 1)
-    started = [found for name in _models(model, begun, views) for found in starts_of(name, begun, views, fixed=fixed)]
+    # Models are told apart by fewer corners than there may be; the one chosen is fitted to all.
+    kept = views.thinned_rows(ENOUGH)
+    sketch = views.at(kept)
+    started = [found for name in _models(model, begun, views) for found in starts_of(name, begun, sketch, fixed=fixed)]
     _must_be_known([*fixed, *free], [state.model for _, state in started], model)
     fitted: list[Candidate] = []
     for i, (name, state) in enumerate(started):
@@ -151,17 +156,22 @@ def calibrate_camera(
         if square:
             state = dataclasses.replace(state, model=squared(state.model))
         freedom = Freedom.of(state.model, fixed=fixed, free=free, square=square)
-        fitted.append(Candidate.fit(name, state, views, freedom, loss=loss))
+        fitted.append(Candidate.fit(name, state, sketch, freedom, loss=loss))
     report("fit", len(started), len(started))
     if not fitted:
         raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(begun, views):.0f} degrees")
-    sharpest = min(fitted, key=lambda c: robust_sigma(c.state.lengths(views)))
+    sharpest = min(fitted, key=lambda c: robust_sigma(c.state.lengths(sketch)))
     usable = ~Spread.of(sharpest.state, views).doubtful(sharpest.state, views)
-    judged = _hold_out(fitted, views, usable, loss, flat or not views.planar, report)
-    best, reason = choose(judged, views, usable)
-    ranked = sorted(judged, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
+    judged = _hold_out(fitted, sketch, usable[kept], loss, flat or not views.planar, report)
+    best, reason = choose(judged, sketch, usable[kept])
+    if len(kept) < len(views.pixels) and len(judged) > 1:
+        reason += f" Models were compared on {len(kept)} of {len(views.pixels)} corners."
+    others = (c for c in judged if c is not best)
+    ranked = best, *sorted(others, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     report("judge", 0, 1)
-    found = _conclude(best, reason, tuple(ranked), views, size, loss, field, begun, auto=model == "auto")
+    compared = Compared(ranked, sketch, usable[kept])
+    chosen = best.on(views, usable, loss=loss)
+    found = _conclude(chosen, reason, compared, views, size, loss, field, begun, auto=model == "auto")
     report("judge", 1, 1)
     return found
 
@@ -228,7 +238,7 @@ def _hold_out(
 def _conclude(
     best: Candidate,
     reason: str,
-    ranked: tuple[Candidate, ...],
+    compared: Compared,
     views: BoardViews,
     size: tuple[int, int],
     loss: str,
@@ -249,7 +259,9 @@ def _conclude(
         theta_max=float(angles.max(initial=0.0)),
         theta_min=least if least > BLIND else 0.0,
     )
-    camera, trust = assess(best, camera, views, ~outliers, scout=scout, field=field, loss=loss, auto=auto)
+    camera, trust = assess(
+        best, camera, views, ~outliers, compared=compared, scout=scout, field=field, loss=loss, auto=auto
+    )
     figures: dict[str, Any] = {
         "rms": best.rms,
         "mean": best.mean,
@@ -265,7 +277,7 @@ def _conclude(
         dataclasses.replace(camera, calibration=figures),
         state,
         views,
-        (best, *(candidate for candidate in ranked if candidate is not best)),
+        (best, *compared.ranked[1:]),
         reason,
         best.rms,
         best.mean,

@@ -31,8 +31,8 @@ OCAM_DEGREES = (3, 4, 5, 6)
 # Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
 SPANS, MANY = 10, 800
 FOLDS = 5
-# Pictures and corners that are enough to compare two cameras by.
-ENOUGH_PICTURES, ENOUGH_CORNERS = 60, 3000
+# Corners that are enough to compare cameras by, and pictures where many parameters are to be fitted to each.
+ENOUGH, ENOUGH_PICTURES = 1500, 60
 FOLD_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-4
 # A model is not asked about pictures it has not seen where it explains those it has so much worse than the best.
 HOPELESS = 1.5
@@ -60,8 +60,10 @@ class Candidate:
         Camera, poses and bend of the board.
     freedom
         What was estimated.
+    corners
+        How many it was fitted to.
     rms, mean
-        Length of the residual over all corners, px.
+        Length of the residual over all of these, px.
     held_out_rms
         The same over pictures that the camera was not calibrated on (k-fold, their poses free, corners that no model
         explains left out), px; None where it was not asked for.
@@ -72,6 +74,7 @@ class Candidate:
     name: str
     state: State
     freedom: Freedom
+    corners: int
     rms: float
     mean: float
     held_out_rms: float | None = None
@@ -87,6 +90,7 @@ class Candidate:
         return {
             "model": self.name,
             "parameters": self.parameters,
+            "corners": self.corners,
             "rms": self.rms,
             "mean": self.mean,
             "held_out_rms": self.held_out_rms,
@@ -100,12 +104,24 @@ class Candidate:
             healed = refine(repose(state, views), views, freedom=freedom, loss=loss).state
             spread = Spread.of(healed, views, loss)
             state = min(healed, state, key=Bundle(views, Freedom.none(state.model), spread).cost)
+        return cls.found(name, state, views, freedom)
+
+    @classmethod
+    def found(cls, name: str, state: State, views: BoardViews, freedom: Freedom) -> "Candidate":
+        """Give what a fit has found."""
         lengths = state.lengths(views)
-        return cls(name, state, freedom, float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
+        return cls(name, state, freedom, len(lengths), float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
 
     def bent(self, views: BoardViews, *, loss: str) -> "Candidate":
         """Refine it again with a board that may be bent."""
         return self.fit(self.name, self.state, views, dataclasses.replace(self.freedom, warp=True), loss=loss)
+
+    def on(self, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
+        """Give it fitted to, and judged by, all corners of its views; itself where it was."""
+        if len(views.pixels) == self.corners:
+            return self
+        found = self.fit(self.name, self.state, views, self.freedom, loss=loss)
+        return found if self.held_out_rms is None else found.held_out(views, usable, loss=loss)
 
     def held_out(self, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
         """Give it with the rms over pictures left out (k-fold): camera and board from the others, own poses free."""
@@ -124,7 +140,7 @@ class Candidate:
         """Give it with no more views and corners than are enough to compare it with another camera."""
         some = np.unique(np.linspace(0, len(views) - 1, ENOUGH_PICTURES).round().astype(np.intp))
         part = views.subset(some)
-        kept = part.thinned_rows(ENOUGH_CORNERS)
+        kept = part.thinned_rows(ENOUGH)
         rows = views.rows(some)[kept]
         lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
         sketch = dataclasses.replace(self, state=self.state.part(some), held_out_lengths=lengths)
@@ -148,6 +164,25 @@ class Candidate:
 
     def _problem(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> Bundle:
         return Bundle(views.subset(some), self.freedom, spread.part(views.rows(some)))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Candidates beside each other.
+
+    Attributes
+    ----------
+    ranked
+        The chosen one, then the others, the best on pictures held out first.
+    views
+        The corners they were fitted to.
+    usable
+        (N,) those of them that the sharpest explains.
+    """
+
+    ranked: tuple[Candidate, ...]
+    views: BoardViews
+    usable: NDArray[np.bool_]
 
 
 def _astray(state: State, views: BoardViews) -> bool:

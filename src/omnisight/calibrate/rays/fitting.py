@@ -37,8 +37,7 @@ def fit(name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: s
         if spread.like(before):
             break
         start = state
-    lengths = state.lengths(views)
-    return Candidate(name, state, freedom, float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
+    return Candidate.found(name, state, views, freedom)
 
 
 def axial_of(central: Candidate, views: BoardViews, count: int, *, loss: str) -> Candidate:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.candidates import Candidate, Compared
 from omnisight.calibrate.rays.ask import Asked, ask_about
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import Ceiling, fit_ceiling
@@ -68,6 +68,7 @@ def assess(
     views: BoardViews,
     usable: NDArray[np.bool_],
     *,
+    compared: Compared,
     scout: State,
     field: ImageField | None,
     loss: str,
@@ -78,7 +79,8 @@ def assess(
     camera = replace(camera, covariance=camera_covariance(best, views, loss=loss))
     uncertainty = UncertaintyMap.of(camera, field=field)
     coverage = Coverage.of(camera, best.state, views, field)
-    ceiling = fit_ceiling(best, scout, views, usable, loss=loss)
-    viewpoint = ask_about(best, camera, views, usable, ceiling)
+    tried = compared.ranked[0]
+    ceiling = fit_ceiling(tried, scout, compared.views, compared.usable, loss=loss)
+    viewpoint = ask_about(tried, camera, compared.views, compared.usable, ceiling)
     evidence = Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, viewpoint, ~usable, auto)
     return camera, Trust(uncertainty, coverage, halves, ceiling, viewpoint, Verdict.of(evidence))
