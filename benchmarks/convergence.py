@@ -20,11 +20,12 @@ import numpy as np
 
 from benchmarks.convergence_real import table as real_table
 from benchmarks.convergence_scenes import AXES, BOARDS, LENSES, SIZE, Array, Cell, Scene, scene
-from omnisight.calibrate.candidates import OCAM_DEGREES, Candidate, starts_of
+from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.initialise import initialise
 from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.starts import OCAM_DEGREES, starts_of
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry import rotation as so3

@@ -6,10 +6,12 @@ import numpy as np
 
 from benchmarks.solvers_corners import corner_sets
 from omnisight.calibrate import BoardViews
-from omnisight.calibrate.candidates import AUTO, Candidate, starts_of
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.choice import AUTO
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.starts import starts_of
 from omnisight.calibrate.state import State
 from omnisight.geometry import rotation as so3
 

@@ -101,7 +101,7 @@ def judged(case: Case, noise: float, truth: Truth, found: Calibration, seconds: 
     return Run(
         case,
         truth.name,
-        found.candidates[0].name,
+        found.chosen.name,
         noise,
         _error(found, bearings[cone], pixels[cone]),
         _error(found, bearings, pixels),

@@ -115,7 +115,7 @@ def matrix() -> str:
 
 def candidates() -> str:
     """Give the models that `--model auto` fits."""
-    from omnisight.calibrate.candidates import AUTO, NARROW_AUTO
+    from omnisight.calibrate.choice import AUTO, NARROW_AUTO
 
     def linked(names: tuple[str, ...]) -> str:
         return ", ".join(f"[{name}](@/reference/models.md#{name})" for name in names)

@@ -92,7 +92,7 @@ def test_auto_takes_what_represents_the_lens_and_says_why(fov):
     assert found.reason.startswith(f"{chosen.name}: {found.held_out_rms:.3f} px on pictures it was not calibrated on")
     assert found.reason.endswith(".")
     assert ". " not in found.reason
-    assert chosen is found.candidates[0]
+    assert chosen is found.chosen is found.candidates[0]
     order = [c.held_out_rms for c in found.candidates[1:] if c.held_out_rms is not None]
     assert order == sorted(order)
 
@@ -118,12 +118,13 @@ def test_of_many_corners_enough_compare_models_and_all_make_the_camera():
     views = BoardViews.of(shoot(lens(180), 180, np.random.default_rng(3), count=40))
     assert len(views.pixels) > ENOUGH
     found = calibrate_camera(views, SIZE)
-    chosen, *others = found.candidates
+    chosen = found.chosen
     assert chosen.corners == len(views.pixels)
-    assert all(ENOUGH * 0.9 < other.corners < ENOUGH * 1.1 for other in others)
+    assert chosen.name == found.candidates[0].name
+    assert all(ENOUGH * 0.9 < one.corners < ENOUGH * 1.1 for one in found.candidates)
     assert found.rms == pytest.approx(np.sqrt((chosen.state.lengths(views) ** 2).mean()))
     assert len(chosen.held_out_lengths) == len(views.pixels)
-    assert f"compared on {others[0].corners} of {len(views.pixels)} corners" in found.reason
+    assert f"compared on {found.candidates[0].corners} of {len(views.pixels)} corners" in found.reason
     # No other camera is nearer to the corners than one fitted to all of them.
     again = refine(chosen.state, views, freedom=chosen.freedom).state
     assert np.abs(again.model.params - found.camera.model.params).max() < 1e-3 * np.abs(again.model.params).max()

@@ -201,7 +201,7 @@ def test_the_spline_shows_what_a_poor_model_leaves_and_where():
     assert f"the model leaves {left.left:.3f} px" in str(left)
     assert none.left < 0.3 * fine.held_out_rms
     assert left.spline_rms.max() < 0.2
-    held_out = poor.candidates[0].held_out_lengths[~poor.outliers]
+    held_out = poor.chosen.held_out_lengths[~poor.outliers]
     angles = angle_from_axis(poor.state.points(views)[0])[~poor.outliers]
     ring = (angles >= left.edges[left.where]) & (angles <= left.edges[left.where + 1])
     assert np.sqrt((held_out[ring] ** 2).mean()) == pytest.approx(left.model_rms[left.where], rel=0.05)

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from conftest import ROOT
 from lenses import BOARD, SIZE, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.initialise import posed
@@ -151,8 +150,8 @@ def test_what_is_not_shown_is_no_gap():
 # -- what the verdict is measured on -----------------------------------------------------------------------------
 
 
-def test_every_kind_of_pictures_that_people_take_can_be_made_and_comes_out_the_same(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT))
+def test_every_kind_of_pictures_that_people_take_can_be_made_and_comes_out_the_same(monkeypatch, pytestconfig):
+    monkeypatch.syspath_prepend(str(pytestconfig.rootpath))
     from benchmarks.verdict_scenes import KINDS, Case, scene
 
     for kind in KINDS:
@@ -164,8 +163,8 @@ def test_every_kind_of_pictures_that_people_take_can_be_made_and_comes_out_the_s
         assert len(bearings) > 100
 
 
-def test_a_moving_viewpoint_is_found_in_the_pictures_and_named_with_what_to_take(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT))
+def test_a_moving_viewpoint_is_found_in_the_pictures_and_named_with_what_to_take(monkeypatch, pytestconfig):
+    monkeypatch.syspath_prepend(str(pytestconfig.rootpath))
     from benchmarks.verdict import run
     from benchmarks.verdict_scenes import Case
 

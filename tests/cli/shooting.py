@@ -6,6 +6,7 @@ import numpy as np
 from drawn import CENTRE, FOCAL, SIZE
 from jpegs import jpeg
 from omnisight.camera import Camera
+from omnisight.geometry import rotation as so3
 from omnisight.images import read_image, write_image
 from omnisight.models import model_class
 from omnisight.targets import Checkerboard
@@ -13,6 +14,19 @@ from omnisight.targets import Checkerboard
 BOARD = Checkerboard(9, 6)
 TRUTH = Camera(model_class("equidistant")(FOCAL, FOCAL, *CENTRE), SIZE, theta_max=1.4)
 QUICK = ("--pattern", "9x6", "--model", "equidistant")
+
+
+def seen(count, seed=0):
+    """Give corners (count, 54, 2) of tilted boards in front of the lens."""
+    rng = np.random.default_rng(seed)
+    found = []
+    while len(found) < count:
+        turn = so3.exp(np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-2, 2)]))
+        middle = np.array([*rng.uniform(-6, 6, 2), rng.uniform(6, 10)])
+        pixels, _ = TRUTH.project((BOARD.points - BOARD.points.mean(0)) @ turn.T + middle)
+        if TRUTH.in_image(pixels).all():
+            found.append(pixels + rng.normal(0, 0.1, pixels.shape))
+    return np.array(found)
 
 
 def lines_of(out):

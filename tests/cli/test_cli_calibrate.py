@@ -70,7 +70,7 @@ def test_json_is_one_object_and_nothing_else(run, folder):
     assert result["pictures"][7]["note"] == "no 9x6 board found"
     assert result["pattern"] == "9x6"
     assert 0 < result["mean"] < result["rms"] < 0.3
-    assert {"model", "rms", "held_out_rms", "parameters", "mean"} == set(result["candidates"][0])
+    assert {"model", "corners", "rms", "held_out_rms", "parameters", "mean"} == set(result["candidates"][0])
     assert len(result["candidates"]) > 3
     assert result["seconds"]["total"] == pytest.approx(
         result["seconds"]["detect"] + result["seconds"]["solve"], abs=0.5

@@ -4,24 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from shooting import BOARD, SIZE, TRUTH
+from shooting import SIZE, TRUTH, seen
 
 from omnisight.formats import load
-from omnisight.geometry import rotation as so3
 from omnisight.images import read_image, write_image
-
-
-def seen(count, seed=0):
-    """Give corners (count, 54, 2) of tilted boards in front of the lens."""
-    rng = np.random.default_rng(seed)
-    found = []
-    while len(found) < count:
-        turn = so3.exp(np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-2, 2)]))
-        middle = np.array([*rng.uniform(-6, 6, 2), rng.uniform(6, 10)])
-        pixels, _ = TRUTH.project((BOARD.points - BOARD.points.mean(0)) @ turn.T + middle)
-        if TRUTH.in_image(pixels).all():
-            found.append(pixels + rng.normal(0, 0.1, pixels.shape))
-    return np.array(found)
 
 
 @pytest.fixture

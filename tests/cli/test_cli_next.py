@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shooting import BOARD, SIZE, TRUTH
+import scipy.io
+from shooting import BOARD, SIZE, TRUTH, seen
 
 from omnisight.formats import save
 from omnisight.images import read_image, write_image
@@ -135,3 +136,150 @@ def test_pictures_without_a_board_are_refused(refuses, calibrated, tmp_path):
     said = refuses("next", empty, "--camera", calibrated)
     assert "found in none of 1 pictures" in said
     assert "1.png" in said
+
+
+@pytest.fixture
+def corners(tmp_path):
+    np.savez(tmp_path / "shots.npz", corners=seen(6), pattern=(9, 6), image_size=SIZE)
+    return tmp_path / "shots.npz"
+
+
+def test_corners_are_taken_in_place_of_pictures(run, corners, camera_file, tmp_path):
+    drawn = tmp_path / "next.png"  # beside the corners: nothing there is taken for a picture
+    status, out, err = run("next", corners, "--camera", camera_file, "-o", drawn)
+    assert (status, err) == (0, "")
+    assert "6 of 6 pictures show the 9x6 board, 324 corners" in out
+    gains = re.findall(r"^\d\. worst uncertainty (\d+\.\d+) px .* -> (\d+\.\d+) px", out, re.MULTILINE)
+    assert len(gains) == 3
+    assert all(float(after) < float(before) for before, after in gains)
+    # The frame that it is drawn over is empty: as high as a picture, and grey where there is nothing.
+    image = read_image(drawn)
+    assert image.shape[0] == 1500 * SIZE[1] // SIZE[0]
+    assert image.shape[1] > 1500
+    u, v = map(int, re.search(r"at pixel \((\d+), (\d+)\)", out).groups())
+    zoom = 1500 / SIZE[0]
+    patch = image[round(v * zoom) - 80 : round(v * zoom) + 80, round(u * zoom) - 80 : round(u * zoom) + 80]
+    assert patch.min() < 60
+
+
+def test_corners_and_the_pictures_they_are_from_propose_alike(run, shots, calibrated, tmp_path):
+    (tmp_path / "corners.json").write_text(run("detect", shots, "--pattern", "9x6", "--square", "30mm", "--json")[1])
+    said = [
+        json.loads(run("next", given, "--camera", calibrated, "--json")[1])
+        for given in (shots, tmp_path / "corners.json")
+    ]
+    assert said[0]["board"] == said[1]["board"]
+    for ours, theirs in zip(said[0]["next"][:1], said[1]["next"], strict=False):
+        assert theirs["after"]["px"] == pytest.approx(ours["after"]["px"], rel=0.2)
+        assert theirs["unit"] == ours["unit"] == "m"
+        assert theirs["distance_widths"] == pytest.approx(ours["distance_widths"], rel=0.2)
+
+
+def test_what_is_drawn_over_is_the_picture_beside_the_corners(run, camera_file, tmp_path):
+    for k in range(4):
+        write_image(tmp_path / f"{k}.png", np.full(SIZE[::-1], 20, np.uint8))
+    np.savez(tmp_path / "v.npz", corners=seen(4), pattern=(9, 6), files=[f"{k}.png" for k in range(4)])
+    out = tmp_path / "out"
+    out.mkdir()
+    assert run("next", tmp_path / "v.npz", "--camera", camera_file, "-o", out / "beside.png")[0] == 0
+    np.savez(tmp_path / "w.npz", corners=seen(4), pattern=(9, 6), image_size=SIZE)
+    assert run("next", tmp_path / "w.npz", "--camera", camera_file, "-o", out / "bare.png")[0] == 0
+    dark, empty = (read_image(out / name)[: 1500 * SIZE[1] // SIZE[0], :1500] for name in ("beside.png", "bare.png"))
+    assert np.median(dark) + 20 < np.median(empty)
+
+
+def test_a_camera_calibrated_from_corners_goes_on_from_them(run, corners, tmp_path):
+    quick = ("--model", "equidistant", "--square", "30mm", "--quiet")
+    assert run("calibrate", corners, *quick, "-o", tmp_path / "camera.json")[0] == 0
+    status, out, _ = run("next", corners, "--camera", tmp_path / "camera.json", "--square", "30mm", "--json")
+    assert status == 0
+    said = json.loads(out)
+    assert said["board"] == {"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}
+    assert said["next"][0]["unit"] == "m"
+
+
+def test_the_bend_of_a_board_that_was_given_stays_where_it_was(run, tmp_path):
+    """Points in another order and from another origin are the same board."""
+    found, moved = seen(6), np.add(BOARD.points[:, :2][::-1], (4, -7))
+    np.savez(tmp_path / "a.npz", corners=found, pattern=(9, 6), image_size=SIZE)
+    np.savez(tmp_path / "b.npz", imgpoints=found[:, ::-1], objpoints=moved, image_size=SIZE)
+    camera = save(replace(TRUTH, calibration={"board_warp": [0.0, 0.0]}), tmp_path / "camera.json").path
+    one, other = (
+        json.loads(run("next", tmp_path / name, "--camera", camera, "--count", 1, "--json")[1])["next"][0]
+        for name in ("a.npz", "b.npz")
+    )
+    assert other["after"]["px"] == pytest.approx(one["after"]["px"], rel=1e-3)
+    assert other["pixel"] == pytest.approx(one["pixel"], abs=0.5)
+
+
+@pytest.fixture
+def of_a_cube(tmp_path):
+    """Corners of two boards at right angles, in a .mat of BabelCalib."""
+    folded = np.array([(0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
+    points = np.concatenate([BOARD.points, BOARD.points @ folded.T])
+    which = np.stack([np.tile(np.arange(54) + 1.0, 2), np.repeat((1.0, 2.0), 54)])
+    pixels = [TRUTH.project(np.add(points, (k - 2.0, 0.5 * k - 1, 14.0)))[0] for k in range(5)]
+    noise = np.random.default_rng(0)
+    corners = {"x": [found.T + 1 + noise.normal(0, 0.1, (2, 108)) for found in pixels], "cspond": [which] * 5}
+
+    def structs(**fields):
+        made = np.empty((1, len(next(iter(fields.values())))), [(name, object) for name in fields])
+        for name, values in fields.items():
+            made[name][0] = [*values]
+        return made
+
+    poses = [np.eye(3, 4), np.column_stack([folded, np.zeros(3)])]
+    boards = structs(X=[BOARD.points[:, :2].T] * 2, Rt=poses)
+    scipy.io.savemat(
+        tmp_path / "cube.mat", {"corners": structs(**corners), "boards": boards, "imgsize": np.array(SIZE[::-1], float)}
+    )
+    return tmp_path / "cube.mat"
+
+
+def test_of_a_solid_body_it_is_asked_what_to_hold_up(run, refuses, of_a_cube, camera_file, calibrated):
+    said = refuses("next", of_a_cube, "--camera", camera_file)
+    assert "which board to hold up is not known, for the corners are of 102 points of a solid body" in said
+    assert "give --pattern, such as 9x6, or --target" in said
+    status, out, _ = run("next", of_a_cube, "--camera", calibrated, "--count", 1)
+    assert status == 0
+    assert "5 of 5 pictures show 102 points of a solid body" in out
+
+
+def test_of_points_that_are_no_grid_a_board_as_large_is_held(run, camera_file, tmp_path):
+    kept = np.random.default_rng(0).permutation(54)[:40]
+    np.savez(tmp_path / "some.npz", imgpoints=seen(6)[:, kept], objpoints=BOARD.points[kept], image_size=SIZE)
+    status, out, _ = run("next", tmp_path / "some.npz", "--camera", camera_file, "--json")
+    assert status == 0
+    board = json.loads(out)["board"]
+    assert (board["columns"], board["rows"]) == (9, 6)
+    assert "show 40 points, 240 corners" in run("next", tmp_path / "some.npz", "--camera", camera_file)[1]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("no size", "give --image-size, such as 1280x800 (corners reach"),
+        ("a size with pictures", "--image-size is for files of corners; pictures say how large they are"),
+        ("a camera with pictures", "--which is for files of corners of several cameras"),
+        ("a drawing over a picture beside", "is one of the pictures and would be lost"),
+        ("too few", "none of 2 pictures has corners enough"),
+    ],
+)
+def test_what_is_wrong_with_corners_is_said(given, said, refuses, corners, shots, camera_file, tmp_path):
+    command = [corners]
+    match given:
+        case "no size":
+            np.savez(corners, corners=seen(4), pattern=(9, 6))
+        case "a size with pictures":
+            command = [shots, "--image-size", "640x480"]
+        case "a camera with pictures":
+            command = [shots, "--which", "left"]
+        case "too few":
+            found = seen(2)
+            found[:, 4:] = np.nan
+            np.savez(corners, corners=found, pattern=(9, 6), image_size=SIZE)
+        case _:
+            write_image(tmp_path / "0.png", np.zeros(SIZE[::-1], np.uint8))
+            np.savez(corners, corners=seen(1), pattern=(9, 6), files=["0.png"])
+            command += ["-o", tmp_path / "0.png"]
+    assert said in refuses("next", *command, "--camera", camera_file)

@@ -1,6 +1,7 @@
 """The commands and cameras whose rays do not meet in a point."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -27,9 +28,11 @@ def test_axial_writes_a_camera_of_rays(run, shots, tmp_path):
     assert (status, err) == (0, "")
     assert "viewpoint: " in out
     assert "0.2 m away is off by" in out
-    assert "written is axial " in out
-    assert "the verdict is on what is written" in out
     found = om.load(tmp_path / "camera.json")
+    # All that is printed is of the camera that is written, the central one is beside it.
+    assert re.search(r"^axial .* px on pictures it was not calibrated on", out, re.MULTILINE)
+    assert re.search(r"^central: \w+", out, re.MULTILINE)
+    assert f"rms {found.calibration['rms']:.3f} px" in out
     assert isinstance(found, om.RayCamera)
     assert found.model.name == "axial"
     assert (found.size, found.unit) == (SIZE, "m")
@@ -187,9 +190,13 @@ def test_a_start_is_refined(run, shots, camera_file, tmp_path):
     command = "calibrate", shots, "--pattern", "9x6", "--square", "30mm", "--start", tmp_path / "start.json"
     status, out, err = run(*command, "-o", tmp_path / "camera.json", "--json")
     assert (status, err) == (0, "")
-    said, found = json.loads(out)["rays"], om.load(tmp_path / "camera.json")
+    said, found = json.loads(out), om.load(tmp_path / "camera.json")
     assert said["model"] == found.model.name == "axial"
+    assert said["rms"] == found.calibration["rms"]
     assert said["held_out_rms"] == found.calibration["held_out_rms"] < 0.5
+    assert said["central"]["held_out_rms"] == found.calibration["central_held_out_rms"]
+    squares = [picture["corners"] * picture["rms"] ** 2 for picture in said["pictures"]]
+    assert np.sqrt(sum(squares) / found.calibration["corners"]) == pytest.approx(said["rms"])
     assert abs(found.model.pupil[0]) < 0.05
 
 

@@ -1,5 +1,6 @@
 """Laws that every calibration format keeps: a new file in formats/ is tested by existing."""
 
+import contextlib
 import dataclasses
 import re
 
@@ -146,6 +147,33 @@ def test_no_number_of_a_camera_may_be_absurd(name, bad, read):
         spoiled = text[: found.start()] + bad + text[found.end() :]
         if survives(read, spoiled):  # then it was no number of the camera
             assert read(spoiled).model.params == pytest.approx(original.model.params, abs=0)
+
+
+def asked(camera):
+    """Ask a camera whatever its file says: what it gives is a number, without a warning."""
+    directions = np.random.default_rng(0).normal(size=(40, 3))
+    for values, valid in (
+        camera.model.project_numpy(directions),
+        camera.model.unproject_numpy(camera.border(8)),
+        camera.model.project_numpy(camera.samples(count=5)[0]),
+    ):
+        assert np.isfinite(values[valid]).all()
+
+
+@pytest.mark.parametrize(("name", "model"), [(f, m) for f, m in PAIRS if f not in BINARY])
+def test_a_file_of_absurd_numbers_is_refused_or_projects_without_a_warning(name, model, read):
+    """As warnings are errors here: the file that overflows when it projects is refused when it is read."""
+    text = text_of(name, model)
+    found = list(re.finditer(r"(?<=[\s\[,:(>])-?\d+\.\d+(?:e[-+]?\d+)?", text))[:14]
+    ways = [{i: value} for value in ("1e11", "-1e11", "1e-300") for i in range(len(found))]
+    ways += [dict.fromkeys(range(len(found)), value) for value in ("1e11", "-1e11", "1e7", "1e-300")]
+    asked(read(text))
+    for way in ways:
+        spoiled = text
+        for i in sorted(way, reverse=True):
+            spoiled = spoiled[: found[i].start()] + way[i] + spoiled[found[i].end() :]
+        with contextlib.suppress(FormatError):
+            asked(read(spoiled))
 
 
 NO_FOCAL_LENGTH = {

@@ -1,5 +1,6 @@
 """Formats of fisheye tools, on values that their documents and examples quote, against the formulas they state."""
 
+import contextlib
 import io
 import json
 import struct
@@ -233,6 +234,16 @@ def test_numpy_names_shapes_and_types(tmp_path):
     assert npz(tmp_path, camera_matrix=np.asfortranarray(K.T).T, dist_coeffs=np.zeros((1, 5))).model.name == "pinhole"
     with pytest.raises(FormatError, match=r"ambiguous.*fisheye"):
         npz(tmp_path, K=K, D=d)
+
+
+@pytest.mark.parametrize("value", [1e7, 1e11, -1e11, 1e305, 1e-300])
+def test_numpy_absurd_numbers_are_refused_or_project_without_a_warning(tmp_path, value):
+    directions = np.random.default_rng(0).normal(size=(40, 3))
+    for count in (0, 4, 5, 8):
+        for k, d in ((K, np.full(count, value)), (K * [[value], [1], [1]], np.zeros(count))):
+            with contextlib.suppress(FormatError):
+                pixels, valid = npz(tmp_path, K=k, D=d, fisheye=int(count == 4)).model.project_numpy(directions)
+                assert np.isfinite(pixels[valid]).all()
 
 
 def test_numpy_never_unpickles_and_believes_no_size(tmp_path):

@@ -200,3 +200,47 @@ def test_our_own_file_is_not_believed_blindly(tmp_path, change, said):
     with pytest.raises(FormatError, match=r"camera\.json") as error:
         load(tmp_path / "camera.json")
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("model", "change", "said"),
+    [
+        ("mei", {"xi": -5.0}, r"xi must lie in \[-0\.999, inf\], got -5"),
+        ("eucm", {"beta": 0.0}, r"beta must lie in \[0\.001, inf\], got 0"),
+        ("fov", {"omega": 1e-300}, r"omega must lie in \[0\.01, 3\.1\], got 0"),
+        ("ocam", {"a0": 0.0}, r"a0 \(focal length, px\) must be 1e-06 or longer, got 0"),
+        ("rational", {"k4": 0.0, "k5": -1e12, "k6": -1e-149}, r"no rational camera has these numbers \(.*k6 = -1e-149"),
+    ],
+)
+def test_the_numbers_of_our_own_file_are_not_either(tmp_path, model, change, said):
+    import json
+
+    from omnisight.camera import Camera
+    from omnisight.formats import FormatError, load
+    from omnisight.formats.native import to_json
+    from omnisight.models import model_class
+
+    stored = to_json(Camera(model_class(model).example(), (640, 480)))
+    stored["params"] |= change
+    (tmp_path / "camera.json").write_text(json.dumps(stored))
+    with pytest.raises(FormatError, match=said):
+        load(tmp_path / "camera.json")
+
+
+def test_nor_are_those_of_a_camera_of_rays(tmp_path):
+    import json
+
+    from omnisight.formats import FormatError, load
+    from omnisight.formats.native import to_json
+    from omnisight.optics import Catadioptric
+    from omnisight.ray_camera import RayCamera
+
+    stored = to_json(RayCamera(Catadioptric.example(), (640, 480)))
+    for change, said in (
+        ({"mirror_eccentricity": -0.5}, "mirror_eccentricity must lie in"),
+        ({"fx": 1e300}, "fx must be a number"),
+    ):
+        spoiled = stored | {"params": stored["params"] | change}
+        (tmp_path / "camera.json").write_text(json.dumps(spoiled))
+        with pytest.raises(FormatError, match=said):
+            load(tmp_path / "camera.json")

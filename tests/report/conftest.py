@@ -3,19 +3,38 @@
 from dataclasses import replace
 
 import pytest
-from reporting import COMMAND, NAMES, calibrated, seen, written
+from reporting import COMMAND, NAMES, PUPIL, calibrated, seen, written
 
 from browser import find_browser
-from omnisight.calibrate.rays import ask
+from omnisight.calibrate.rays import ask, calibrate_rays
+from omnisight.optics.models.axial import Axial
 from omnisight.report.material import Material
+from omnisight.simulate import fisheye_setup
 
 
 @pytest.fixture(scope="session")
 def material(tmp_path_factory):
     """Give a calibration from ten pictures, of which a file could not be read and one shows no board."""
-    result = calibrated(seen(tmp_path_factory.mktemp("seen")), model="kannala_brandt")
-    camera = replace(result.calibration.camera, provenance={"tool": "omnisight", "pictures": ["1.png"]})
-    return Material(result, camera, [*NAMES, "torn.png", "empty.png"], COMMAND, asked=ask(result.calibration, unit="m"))
+    search = seen(tmp_path_factory.mktemp("seen"))
+    calibration = calibrated(search, model="kannala_brandt")
+    camera = replace(calibration.camera, provenance={"tool": "omnisight", "pictures": ["1.png"]})
+    names = [*NAMES, "torn.png", "empty.png"]
+    return Material(calibration, search, camera, names, COMMAND, asked=ask(calibration, unit="m"))
+
+
+@pytest.fixture(scope="session")
+def axial(tmp_path_factory):
+    """Give the calibration of a fisheye whose viewpoint moves, from as many pictures."""
+    moving = Axial(fisheye_setup(640).camera.model, PUPIL)
+    search = seen(tmp_path_factory.mktemp("axial"), project=moving.project)
+    found = calibrate_rays(calibrated(search, model="kannala_brandt"), unit="m")
+    names = [*NAMES, "torn.png", "empty.png"]
+    return Material(found, search, found.camera, names, COMMAND, asked=found.trust.viewpoint)
+
+
+@pytest.fixture(scope="session")
+def axial_report(axial, tmp_path_factory):
+    return written(axial, tmp_path_factory.mktemp("report") / "axial.html")
 
 
 @pytest.fixture(scope="session")

@@ -1,27 +1,34 @@
 """What the tests of the report share: a calibration from known corners, and its report."""
 
+import json
+import re
+
 import numpy as np
 
-from omnisight.calibrate import BoardViews, PicturesCalibration, calibrate_camera
-from omnisight.calibrate.second_pass import Won
+from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.images import write_image
 from omnisight.report import write_report
 from omnisight.simulate import fisheye_setup
 from omnisight.targets import BoardSearch, Detection, PictureDetection
 
 NOISE = 0.1  # px
+PUPIL = (0.012,)  # of the place on the axis of a viewpoint that moves, m
 WRONG = 3.0  # px that one corner is off
 NAMES = [f"img {i}.png" for i in range(1, 11)]
 COMMAND = ["omnisight", "calibrate", "my pictures/*.png", "-o", "camera.json"]
 
 
-def seen(folder, *, count=10, unread=True):
-    """Give what would be found in pictures of a known fisheye, the first corner of all in a wrong place."""
+def seen(folder, *, count=10, unread=True, project=None):
+    """Give what would be found in pictures of a known fisheye, the first corner of all in a wrong place.
+
+    `project` is that of another camera with pictures of that size.
+    """
     setup = fisheye_setup(640)
+    project = project or setup.camera.project
     noise = np.random.default_rng(1)
     pictures = []
     for i, board in enumerate(setup.boards(count)):
-        pixels, valid = setup.camera.project(board.cam_from_board @ board.board.points)
+        pixels, valid = project(board.cam_from_board @ board.board.points)
         ids = np.flatnonzero(valid & setup.camera.in_image(pixels))
         pixels = pixels[ids] + noise.normal(0, NOISE, (len(ids), 2))
         pixels[0] += WRONG if i == 0 else 0
@@ -38,12 +45,17 @@ def seen(folder, *, count=10, unread=True):
 
 
 def calibrated(search, **options):
-    calibration = calibrate_camera(BoardViews.of_search(search), search.size, **options)
-    return PicturesCalibration(calibration, search, Won())
+    return calibrate_camera(BoardViews.of_search(search), search.size, **options)
 
 
 def written(material, path):
     """Write the report of a material, and give where it is."""
     m = material
-    write_report(m.result, m.camera, path, names=m.names, command=m.command, apply_exif=m.apply_exif, asked=m.asked)
+    options = {"names": m.names, "command": m.command, "apply_exif": m.apply_exif, "asked": m.asked}
+    write_report(m.calibration, m.search, m.camera, path, **options)
     return path
+
+
+def data_of(text):
+    """Give what a machine reads in the text of a report."""
+    return json.loads(re.search(r'<script type="application/json" id="calibration">(.*?)</script>', text, re.DOTALL)[1])

@@ -2,28 +2,23 @@
 
 import base64
 import hashlib
-import json
 import os
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from reporting import NAMES, calibrated, seen, written
+from reporting import NAMES, calibrated, data_of, seen, written
 
 from omnisight.camera import Camera
 from omnisight.models import model_class
 from omnisight.report.axes import round_down, ticks
 from omnisight.report.markup import Markup, element
 from omnisight.report.material import Material, outwards_at
-from omnisight.report.parameters import with_sigma
+from omnisight.report.numbers import with_sigma
 from omnisight.report.pictures import MOST, embedded_width
 from omnisight.report.residuals import Against
 from omnisight.targets import Checkerboard, find_boards
-
-
-def data_of(text):
-    return json.loads(re.search(r'<script type="application/json" id="calibration">(.*?)</script>', text, re.DOTALL)[1])
 
 
 def test_a_machine_reads_the_calibration_from_it(report, material):
@@ -80,19 +75,19 @@ def test_a_report_of_noise_is_no_larger_than_is_said(material, tmp_path):
     noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
     from omnisight.images import write_image
 
-    pictures = [replace(p, path=tmp_path / "noise.png") for p in material.result.search.pictures]
+    pictures = [replace(p, path=tmp_path / "noise.png") for p in material.search.pictures]
     write_image(tmp_path / "noise.png", noise)
-    result = replace(material.result, search=replace(material.result.search, pictures=pictures))
-    noisy = written(replace(material, result=result), tmp_path / "report.html")
+    noisy = written(replace(material, search=replace(material.search, pictures=pictures)), tmp_path / "report.html")
     assert 1e6 < noisy.stat().st_size < 8e6
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_pictures_give_a_report_too(count, tmp_path):
-    result = calibrated(seen(tmp_path, count=count, unread=False), model="equidistant", force=True)
-    m = Material(result, result.calibration.camera, NAMES[:count], ["omnisight"])
+    search = seen(tmp_path, count=count, unread=False)
+    calibration = calibrated(search, model="equidistant", force=True)
+    m = Material(calibration, search, calibration.camera, NAMES[:count], ["omnisight"])
     text = written(m, tmp_path / "report.html").read_text("utf-8")
-    assert data_of(text)["verdict"] == str(result.calibration.verdict) == "do not use"
+    assert data_of(text)["verdict"] == str(calibration.verdict) == "do not use"
     assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", text), re.IGNORECASE)
 
 
@@ -102,9 +97,10 @@ def test_a_camera_without_figures_gives_a_report_too(material, tmp_path):
     nothing = np.full_like(trust.uncertainty.pixels, np.nan)
     unsure = replace(trust.uncertainty, pixels=nothing, angles=nothing)
     trust = replace(trust, uncertainty=unsure, halves=None, ceiling=None)
-    calibration = replace(material.calibration, trust=trust, held_out_rms=None)
+    chosen = replace(material.calibration.chosen, held_out_rms=None)
+    calibration = replace(material.calibration, trust=trust, chosen=chosen)
     camera = replace(material.camera, covariance=np.full_like(material.camera.covariance, np.nan))
-    m = replace(material, result=replace(material.result, calibration=calibration), camera=camera)
+    m = replace(material, calibration=calibration, camera=camera)
     with pytest.raises(ValueError, match="JSON compliant"):
         written(m, tmp_path / "report.html")  # the camera's own file could not be written either
     m = replace(m, camera=replace(camera, covariance=np.zeros_like(camera.covariance)))
@@ -114,10 +110,10 @@ def test_a_camera_without_figures_gives_a_report_too(material, tmp_path):
 
 
 def test_a_picture_that_is_gone_costs_only_itself(material, tmp_path):
-    pictures = list(material.result.search.pictures)
+    pictures = list(material.search.pictures)
     pictures[3] = replace(pictures[3], path=tmp_path / "gone.png")
-    result = replace(material.result, search=replace(material.result.search, pictures=pictures))
-    text = written(replace(material, result=result), tmp_path / "report.html").read_text("utf-8")
+    m = replace(material, search=replace(material.search, pictures=pictures))
+    text = written(m, tmp_path / "report.html").read_text("utf-8")
     assert text.count("<image ") == 10
 
 
@@ -180,8 +176,8 @@ def test_a_value_has_as_many_digits_as_it_is_known_to(value, sigma, said):
 def test_real_pictures_come_with_their_residuals(data, tmp_path):
     paths = sorted(data("fisheye1_urban").glob("*.jpg"))[:4]
     search = find_boards(paths, Checkerboard(8, 6, 0.0325))
-    result = calibrated(search, model="kannala_brandt")
-    m = Material(result, result.calibration.camera, [path.name for path in paths], ["omnisight"])
+    calibration = calibrated(search, model="kannala_brandt")
+    m = Material(calibration, search, calibration.camera, [path.name for path in paths], ["omnisight"])
     text = written(m, tmp_path / "report.html").read_text("utf-8")
     assert text.count("<image ") == 4
     assert text.count('class="residual sure"') == 4

@@ -8,22 +8,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import (
+from omnisight.calibrate.candidates import ENOUGH, Candidate
+from omnisight.calibrate.choice import (
     AUTO,
-    ENOUGH,
     FEW_PARAMETERS,
     HOPELESS,
     NARROW,
     NARROW_AUTO,
     TIE,
-    Candidate,
     Compared,
     choose,
-    starts_of,
 )
 from omnisight.calibrate.freedom import Freedom, squared
 from omnisight.calibrate.initialise import initialise, posed
 from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.starts import starts_of
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.assess import Trust, assess
 from omnisight.calibrate.trust.checks import FEWEST, same_pictures
@@ -50,16 +49,14 @@ class Calibration:
     ----------
     camera
         The camera, with its figures, verdict and covariance.
-    state
-        Its model with cam_from_board of every picture, and the bend of the board.
     views
         The corners it was calibrated on.
-    candidates
-        Every model that was fitted: the chosen one, then the others, best first.
+    chosen
+        The chosen model, fitted to all of them.
+    compared
+        Every model that was tried, on no more corners than tell them apart.
     reason
-        One sentence: why this model.
-    rms, mean, held_out_rms
-        Length of the residual, px: over all corners, and over pictures held out (None with too few pictures).
+        Why this model.
     outliers
         (N,) corners more than five robust standard deviations off.
     trust
@@ -67,15 +64,37 @@ class Calibration:
     """
 
     camera: Camera
-    state: State
     views: BoardViews
-    candidates: tuple[Candidate, ...]
+    chosen: Candidate
+    compared: Compared
     reason: str
-    rms: float
-    mean: float
-    held_out_rms: float | None
     outliers: NDArray[np.bool_]
     trust: Trust
+
+    @property
+    def state(self) -> State:
+        """The model with cam_from_board of every picture, and the bend of the board."""
+        return self.chosen.state
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Every model that was tried, the chosen one first, then the others, best first."""
+        return self.compared.ranked
+
+    @property
+    def rms(self) -> float:
+        """Length of the residual over all corners, px (root mean square)."""
+        return self.chosen.rms
+
+    @property
+    def mean(self) -> float:
+        """The same (mean)."""
+        return self.chosen.mean
+
+    @property
+    def held_out_rms(self) -> float | None:
+        """The rms over pictures held out; None with too few pictures."""
+        return self.chosen.held_out_rms
 
     @property
     def verdict(self) -> Verdict:
@@ -273,18 +292,8 @@ def _conclude(
     }
     if best.freedom.warp:
         figures["board_warp"] = [float(bend) for bend in state.warp]
-    return Calibration(
-        dataclasses.replace(camera, calibration=figures),
-        state,
-        views,
-        (best, *compared.ranked[1:]),
-        reason,
-        best.rms,
-        best.mean,
-        best.held_out_rms,
-        outliers,
-        trust,
-    )
+    camera = dataclasses.replace(camera, calibration=figures)
+    return Calibration(camera, views, best, compared, reason, outliers, trust)
 
 
 def _reach(state: State, views: BoardViews) -> float:

@@ -1,4 +1,4 @@
-"""Fitting camera models to the same boards, and choosing one by the pictures it has not seen."""
+"""A camera model fitted to boards, and asked about pictures that it has not seen."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -7,45 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.freedom import STRETCH, Freedom
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.initialise import repose
 from omnisight.calibrate.refine import Bundle, refine
-from omnisight.calibrate.restart import pairs, restart
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
-from omnisight.geometry.sphere import angle_from_axis
-from omnisight.models import model_class
-from omnisight.models.ocam import Ocam
-from omnisight.models.spline import Spline
 from omnisight.optim.levenberg_marquardt import minimise
 from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
-AUTO = ("unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam")
-FEW_PARAMETERS = ("unified", "eucm", "double_sphere")
-NARROW_AUTO = ("radial_tangential",)
-NARROW = np.radians(62.0)
-OCAM_DEGREES = (3, 4, 5, 6)
-# Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
-SPANS, MANY = 10, 800
-FOLDS = 5
 # Corners that are enough to compare cameras by, and pictures where many parameters are to be fitted to each.
 ENOUGH, ENOUGH_PICTURES = 1500, 60
+FOLDS = 5
 FOLD_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-4
-# A model is not asked about pictures it has not seen where it explains those it has so much worse than the best.
-HOPELESS = 1.5
-# Held-out figures this close are the same: the model with fewer parameters is taken.
-TIE = 0.01
-# Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
-UNSEEN = np.radians(20)
-# Floors of valleys this close are one floor, reached from several sides.
-LEVEL = 1e-5
 # A view whose corners lie so many times farther off than those of the others may be posed wrongly.
 ASTRAY = 4.0
-# An image should go on for so many times the angle that corners reach.
-ROOM = 1.03
 
 
 @dataclass(frozen=True)
@@ -166,25 +144,6 @@ class Candidate:
         return Bundle(views.subset(some), self.freedom, spread.part(views.rows(some)))
 
 
-@dataclass(frozen=True)
-class Compared:
-    """Candidates beside each other.
-
-    Attributes
-    ----------
-    ranked
-        The chosen one, then the others, the best on pictures held out first.
-    views
-        The corners they were fitted to.
-    usable
-        (N,) those of them that the sharpest explains.
-    """
-
-    ranked: tuple[Candidate, ...]
-    views: BoardViews
-    usable: NDArray[np.bool_]
-
-
 def _astray(state: State, views: BoardViews) -> bool:
     """Say whether a view's corners lie so much farther off than those of others that its pose may be a wrong one."""
     lengths = state.lengths(views)
@@ -197,100 +156,3 @@ def posed_by(trained: State, start: State, views: BoardViews, spread: Spread) ->
     start = dataclasses.replace(start, model=trained.model, warp=trained.warp)
     still = Freedom.none(trained.model)
     return refine(start, views, freedom=still, spread=spread, tolerance=POSE_TOLERANCE).state.lengths(views)
-
-
-def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str] = ()) -> list[tuple[str, State]]:
-    """Give the camera model of that name fitted to the start's directions; the polynomial in each of its degrees."""
-    if name == "spline":
-        return [(name, spline_start(start, views))]
-    if name != "ocam":
-        state = restart(start, model_class(name), views, fixed=fixed)
-        return [] if state is None else [(name, state)]
-    # What no corner shows of the middle leaves several valleys.
-    several = float(angle_from_axis(start.points(views)[0]).min(initial=np.pi)) > UNSEEN
-    shown = [pairs(start, views, inwards=inwards) for inwards in ((False, True) if several else (False,))]
-    states, spread = list[State](), Spread.of(start, views)
-    for degree in OCAM_DEGREES:
-        fresh = [dataclasses.replace(start, model=Ocam.start_of_degree(*seen, degree)) for seen in shown]
-        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread))
-    return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
-
-
-def _polynomial_start(
-    degree: int, fresh: Sequence[State], lower: State | None, views: BoardViews, spread: Spread
-) -> State:
-    """Give the best of polynomials fitted to a start and, where that is nearer, of what one degree less finds."""
-    starts = list(fresh)
-    if lower is not None:
-        still = Freedom.of(lower.model, fixed=STRETCH)
-        found = refine(lower, views, freedom=still, spread=spread, tolerance=FOLD_TOLERANCE).state
-        starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
-    ends = starts
-    if len(fresh) > 1:  # only their floors tell valleys apart
-        ends = [refine(end, views, spread=spread).state for end in starts]
-    cost = Bundle(views, Freedom.none(starts[0].model), spread).cost
-    floors = [cost(end) for end in ends]
-    lowest = [begun for begun, floor in zip(starts, floors, strict=True) if floor <= (1 + LEVEL) * min(floors)]
-    return min(lowest, key=cost)
-
-
-def spline_start(start: State, views: BoardViews) -> State:
-    """Give a spline fitted to the start's directions, as fine as so many corners can tell."""
-    points, pixels = pairs(start, views)
-    model = Spline.start_of(points, pixels, SPANS, 3 if len(views.pixels) < MANY else 5)
-    return dataclasses.replace(start, model=model)
-
-
-def choose(candidates: Sequence[Candidate], views: BoardViews, usable: NDArray[np.bool_]) -> tuple[Candidate, str]:
-    """Give the best candidate and one sentence that says why.
-
-    Of those that are as good as the best on pictures held out, the one with the fewest parameters: whose mean square is
-    above by no more than its standard error over the pictures (Breiman et al., Classification and regression trees,
-    1984, sec. 3.4.3), both asked about the same pictures. A model whose image folds over just past the corners comes
-    last: what lies a little farther out it cannot see at all.
-    """
-    judged = [c for c in candidates if c.held_out_rms is not None]
-    asked = [c for c in judged if not _folds(c, views, usable)] or judged
-    if not asked:
-        best = min(candidates, key=lambda c: (round(c.rms, 3), c.parameters))
-        return (
-            best,
-            f"{best.name}: too few pictures to hold any out, so the least rms decides ({best.rms:.3f} px).",
-        )
-    lowest = min(asked, key=lambda c: c.held_out_rms or 0)
-    near = [c for c in asked if _as_good(c, lowest, views, usable)]
-    best = min(near, key=lambda c: (c.parameters, c.held_out_rms or 0))
-    others = [c for c in asked if c is not best]
-    figure = f"{best.held_out_rms:.3f} px on pictures it was not calibrated on"
-    if not others and len(candidates) > 1:
-        worse = f"{HOPELESS:g} times worse"
-        return best, f"{best.name}: {figure}; the others explain even those they were calibrated on {worse}."
-    if not others:
-        return best, f"{best.name}: {figure}."
-    second = min(others, key=lambda c: c.held_out_rms or 0)
-    passed = min(judged, key=lambda c: c.held_out_rms or 0)
-    if passed not in asked:
-        why = f"the least of those that do not fold over past the corners, as {passed.name} does"
-    elif best is not lowest:
-        why = (
-            f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) as far as so many pictures can tell, with"
-            f" {best.parameters} parameters instead of {lowest.parameters}"
-        )
-    else:
-        why = f"the least of {len(asked)}; next is {second.name} with {second.held_out_rms:.3f} px"
-    return best, f"{best.name}: {figure}, {why}."
-
-
-def _folds(candidate: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:
-    angles = angle_from_axis(candidate.state.points(views)[0])[usable]
-    return candidate.state.model.theta_max < min(ROOM * float(angles.max(initial=0.0)), np.pi)
-
-
-def _as_good(candidate: Candidate, lowest: Candidate, views: BoardViews, usable: NDArray[np.bool_]) -> bool:
-    if (candidate.held_out_rms or 0) <= (1 + TIE) * (lowest.held_out_rms or 0):
-        return True
-    if candidate.held_out_lengths is None or lowest.held_out_lengths is None:
-        return False
-    worse = np.where(usable, candidate.held_out_lengths**2 - lowest.held_out_lengths**2, 0.0)
-    by_view = np.bincount(views.view_of_row, worse, len(views))
-    return bool(by_view.mean() <= by_view.std(ddof=1) / np.sqrt(len(views)))

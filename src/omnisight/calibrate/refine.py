@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 # Share of the cost that steps must gain while it is not yet known how far off corners are.
 UNSETTLED = 1e-5
+# Along what corners hardly tell, costs fall slowly: a camera of 16 parameters and four pictures took 600 steps.
+ITERATIONS = 1000
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ def refine(
     freedom: Freedom | None = None,
     loss: str = "huber",
     spread: Spread | None = None,
-    iterations: int = 100,
+    iterations: int = ITERATIONS,
     tolerance: float = 1e-9,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:

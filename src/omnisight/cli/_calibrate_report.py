@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnisight.calibrate import Calibration, PicturesCalibration
+from omnisight.calibrate.rays import RaysCalibration
 from omnisight.calibrate.trust.evidence import Level
 from omnisight.camera import Camera
 from omnisight.cli._console import console
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 STYLES = {Level.GOOD: "bold green", Level.USABLE: "bold yellow", Level.DO_NOT_USE: "bold red"}
 
 
-def rows(search: BoardSearch, names: Sequence[str], calibration: Calibration) -> list[dict[str, Any]]:
+def rows(search: BoardSearch, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[dict[str, Any]]:
     """Give one row per picture: name, found, corners, rms and worst residual (px), note."""
     lengths = calibration.residual_lengths
     groups = iter(rows_of_pictures(search))
@@ -45,6 +46,7 @@ def rows(search: BoardSearch, names: Sequence[str], calibration: Calibration) ->
 
 
 def as_json(
+    calibration: Calibration | RaysCalibration,
     result: PicturesCalibration,
     names: Sequence[str],
     camera: Camera | RayCamera,
@@ -52,7 +54,7 @@ def as_json(
     more: Mapping[str, Any],
 ) -> None:
     """Print one object on stdout, and nothing else; `more` is what else to say."""
-    search, calibration = result.search, result.calibration
+    search = result.search
     said = {
         "pictures": rows(search, names, calibration),
         "pattern": str(search.board),
@@ -74,6 +76,7 @@ def as_json(
 
 
 def print_report(
+    calibration: Calibration | RaysCalibration,
     result: PicturesCalibration,
     names: Sequence[str],
     seconds: Mapping[str, float],
@@ -81,7 +84,7 @@ def print_report(
     viewpoint: "Callable[[Console], None]",
 ) -> None:
     """Print the tables and what to make of them; `viewpoint` prints whether rays meet in a point."""
-    search, calibration = result.search, result.calibration
+    search = result.search
     from rich.table import Table
 
     out = console()
@@ -105,6 +108,9 @@ def print_report(
         models.add_row(
             candidate.name, str(candidate.parameters), _figure(candidate.rms), _figure(candidate.held_out_rms)
         )
+    if isinstance(calibration, RaysCalibration):
+        other = calibration.central
+        models.add_row(f"central: {other.name}", str(other.parameters), _figure(other.rms), _figure(other.held_out_rms))
     out.print()
     out.print(models)
     camera, trust = calibration.camera, calibration.trust
@@ -146,7 +152,7 @@ def print_report(
         out.print("nothing written: give -o camera.json")
 
 
-def _notes(search: BoardSearch, names: Sequence[str], calibration: Calibration) -> list[str]:
+def _notes(search: BoardSearch, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[str]:
     """Give what to know of the pictures beside the verdict."""
     odd = standouts(search, names, [row["rms"] for row in rows(search, names, calibration)])
     return [*filter(None, (search.hint, *search.notes, odd, *calibration.verdict.remarks)), *_about(search)]
@@ -170,7 +176,7 @@ def _about(search: BoardSearch) -> list[str]:
     return notes
 
 
-def _bent(search: BoardSearch, calibration: Calibration) -> str:
+def _bent(search: BoardSearch, calibration: Calibration | RaysCalibration) -> str:
     across, down = calibration.state.warp
     unit = search.board.unit if search.board is not None else "squares"
     return (

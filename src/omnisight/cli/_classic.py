@@ -39,7 +39,7 @@ def print_classic(classic: OcamCalibResult, ours: Calibration) -> None:
         "ocamcalib, linear steps": classic.linear,
         "ocamcalib, centre searched": classic.centred,
         "ocamcalib, refined": classic.refined,
-        f"omnisight, {ours.candidates[0].name}": ours,
+        f"omnisight, {ours.chosen.name}": ours,
     }
     for name, figures in rows.items():
         table.add_row(name, f"{figures.rms:.3f}", f"{figures.mean:.3f}")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibrate import PicturesCalibration
 from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
 from omnisight.targets import BoardSearch, Detection, GivenTarget, PictureDetection
@@ -20,18 +19,7 @@ MAGNIFIED = 100  # standard deviations
 EXAGGERATION = 50
 
 
-def draw_residuals(result: PicturesCalibration, folder: Path, *, apply_exif: bool = False) -> str:
-    """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture.
-
-    Give what to say of corners that were given without their picture: those are drawn on a bare sheet.
-    """
-    c = result.calibration
-    return draw_lengths(
-        result.search, c.views.pixels, c.state.residuals(c.views), c.outliers, folder, apply_exif=apply_exif
-    )
-
-
-def draw_lengths(
+def draw_residuals(
     search: BoardSearch,
     pixels: Any,
     residuals: Any,
@@ -40,7 +28,11 @@ def draw_lengths(
     *,
     apply_exif: bool = False,
 ) -> str:
-    """Do it for residuals (N, 2) of corners (N, 2), in the order of the search."""
+    """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture.
+
+    Residuals (N, 2) of corners (N, 2) are in the order of the search. Give what to say of corners that were given
+    without their picture: those are drawn on a bare sheet.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     files = drawings([picture.path for picture in search.found], folder)
     bare = 0

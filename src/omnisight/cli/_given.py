@@ -1,44 +1,86 @@
-"""Corners that something else found, in place of pictures."""
+"""What a command is given to look at: pictures, or corners that something else found."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
+    from omnisight.cli._progress import Report
     from omnisight.targets import Board, BoardSearch
 
 
-def corner_files(inputs: Sequence[str]) -> list[Path]:
-    """Give the files of corners among what may be pictures; none where there is a picture, a clip or a folder."""
-    from omnisight.images import CLIPS, EXTENSIONS, expand
+@dataclass(frozen=True)
+class Given:
+    """Pictures to find a board in, or files of corners, with what the options say beside.
 
-    found = [path for item in inputs for path in expand(item)]
-    pictures = any(path.suffix.lower() in (*EXTENSIONS, *CLIPS) for path in found)
-    return [] if pictures or any(Path(item).expanduser().is_dir() for item in inputs) else list(dict.fromkeys(found))
-
-
-def given_corners(
-    files: Sequence[Path], board: "Board | None", square: str | None, image_size: str | None, which: str | None
-) -> "BoardSearch":
-    """Read files of corners, with what the options tell beside.
-
-    Raises
-    ------
-    ValueError
-        If an option or a file cannot be read, or the files leave something open.
+    Attributes
+    ----------
+    paths
+        The pictures and clips, or the files of corners.
+    corners
+        Whether they are files of corners.
+    board
+        The board, where it was told.
+    square
+        Side of its squares as the user wrote it.
+    size
+        (width, height) of the pictures that corners are from, px.
+    which
+        Which camera, where a file of corners holds several.
     """
-    from omnisight.cli._size import parse_size
-    from omnisight.corners import read_corners
-    from omnisight.targets import parse_length
 
-    side = None if square is None else parse_length(square)
-    size = None if image_size is None else parse_size(image_size, "--image-size")
-    return read_corners(files, board=board, square=side, size=size, which=which)
+    paths: list[Path]
+    corners: bool
+    board: "Board | None"
+    square: str | None
+    size: tuple[int, int] | None
+    which: str | None
 
+    @classmethod
+    def of(
+        cls,
+        inputs: Sequence[str],
+        board: "Board | None",
+        *,
+        square: str | None,
+        image_size: str | None,
+        which: str | None,
+    ) -> Self:
+        """Tell pictures from files of corners: what has no picture, clip or folder among it is corners.
 
-def must_be_corners(image_size: str | None, which: str | None) -> None:
-    """Refuse options that pictures have no use for."""
-    if image_size is not None:
-        raise ValueError("--image-size is for files of corners; pictures say how large they are: leave it out")
-    if which is not None:
-        raise ValueError("--which is for files of corners of several cameras: leave it out")
+        Raises
+        ------
+        ValueError
+            If there is nothing, or an option cannot be read or is of no use for pictures.
+        """
+        from omnisight.cli._size import parse_size
+        from omnisight.images import CLIPS, EXTENSIONS, collect_images, expand
+
+        found = [path for item in inputs for path in expand(item)]
+        seen = any(path.suffix.lower() in (*EXTENSIONS, *CLIPS) for path in found)
+        if found and not seen and not any(Path(item).expanduser().is_dir() for item in inputs):
+            size = None if image_size is None else parse_size(image_size, "--image-size")
+            return cls(list(dict.fromkeys(found)), True, board, square, size, which)
+        if image_size is not None:
+            raise ValueError("--image-size is for files of corners; pictures say how large they are: leave it out")
+        if which is not None:
+            raise ValueError("--which is for files of corners of several cameras: leave it out")
+        return cls(collect_images(inputs, clips=True), False, board, square, None, None)
+
+    def search(self, report: "Report", *, apply_exif: bool, cache: bool) -> "BoardSearch":
+        """Find the board in the pictures, or read the corners.
+
+        Raises
+        ------
+        ValueError
+            If a file of corners cannot be read, or the files leave something open.
+        """
+        from omnisight.cli._board import search_boards
+        from omnisight.corners import read_corners
+        from omnisight.targets import parse_length
+
+        if not self.corners:
+            return search_boards(self.paths, self.board, self.square, report, apply_exif=apply_exif, cache=cache)
+        side = None if self.square is None else parse_length(self.square)
+        return read_corners(self.paths, board=self.board, square=side, size=self.size, which=self.which)

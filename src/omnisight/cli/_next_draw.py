@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from omnisight.calibrate.next.boards import spacing_of
 from omnisight.calibrate.next.propose import NextView, Proposal, unknown_px
 from omnisight.cli._next_report import FACING, distance_said, error_said, nearer_edge, side_of
-from omnisight.geometry.sphere import angle_from_axis
+from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.images import read_image, to_gray8, write_image
 from omnisight.targets import Board, BoardSearch
 
@@ -24,6 +24,7 @@ LONGER = 1500  # px of the picture as drawn
 PANEL = 560  # px of the words beside it
 HEAD, ENTRY, LEGEND = 110, 150, 330  # px in height of their parts
 DIM, WASH = 0.55, 0.45
+BARE = np.uint8(150)  # an empty frame
 # How firmly the first board is pasted, those after it, and what the lens does not show of them.
 PASTED, LATER, UNSEEN = 0.9, 0.4, 0.15
 FARTHEST = 1e5  # px; nothing is drawn farther away
@@ -35,9 +36,15 @@ BADGE = 34  # px, radius of a number's disc
 def draw_proposal(
     proposal: Proposal, search: BoardSearch, board: Board, file: Path, *, apply_exif: bool = False
 ) -> None:
-    """Draw the proposed boards over a picture, with how sure the camera is of each direction, and words beside."""
-    sheet = _Sheet(read_image(search.found[0].path, apply_exif=apply_exif))
+    """Draw the proposed boards over a picture, with how sure the camera is of each direction, and words beside.
+
+    Corners that were given without their pictures are drawn over an empty frame, with the circle that the camera shows.
+    """
+    seen = [picture.path for picture in search.found if picture.path.is_file()]
+    sheet = _Sheet(read_image(seen[0], apply_exif=apply_exif) if seen else np.full(search.size[::-1], BARE))
     sheet.wash(proposal, search)
+    if not seen:
+        sheet.line(_circle(proposal), BORDER)
     for border in () if search.field is None else (search.field.outer, search.field.inner):
         if border is not None:
             sheet.line([*border.outline(240), border.outline(1)[0]], BORDER)
@@ -48,6 +55,14 @@ def draw_proposal(
     height = max(len(sheet.canvas), HEAD + ENTRY * len(proposal.views) + LEGEND)
     picture = np.pad(sheet.canvas, ((0, height - len(sheet.canvas)), (0, 0), (0, 0)))
     write_image(file, np.concatenate([picture, _panel(proposal, board, height)], 1))
+
+
+def _circle(proposal: Proposal) -> Array:
+    """Give pixels (N, 2) around what the camera shows, back to the first: as far as its model goes in the picture."""
+    camera = proposal.known.camera
+    farthest = min(camera.image_theta_max(), camera.model.theta_max * (1 - 1e-6))
+    pixels, valid = camera.model.project_numpy(polar(np.full(240, farthest), np.linspace(0, 2 * np.pi, 240)))
+    return pixels[valid]
 
 
 class _Sheet:

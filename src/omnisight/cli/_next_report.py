@@ -11,7 +11,7 @@ from omnisight.calibrate.next.known import Known
 from omnisight.calibrate.next.propose import NextView, Proposal, Worst, unknown_px
 from omnisight.calibrate.trust.coverage import SECTORS, SIDES
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.targets import Board, BoardSearch
+from omnisight.targets import Board, BoardSearch, GivenTarget
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,9 @@ def print_report(proposal: Proposal, search: BoardSearch, board: Board) -> None:
     """Print how sure the camera is now, and where to hold the board next."""
     known, now, inside = proposal.known, proposal.now, proposal.inside
     corners = len(known.views.pixels)
-    print(f"{len(search.found)} of {len(search.pictures)} pictures show the {board} board, {corners} corners")
+    given = isinstance(search.board, GivenTarget) and len(search.board.points) != board.size
+    target = f"{search.board}" if given else f"the {board} board"
+    print(f"{len(search.found)} of {len(search.pictures)} pictures show {target}, {corners} corners")
     if search.hint:
         print(f"note: {search.hint}")
     reach = f"corners reach {np.degrees(known.reach):.0f} degrees from the axis"

@@ -1,18 +1,17 @@
 """What `omnisight calibrate` says of the viewpoint: one point, or places along the axis."""
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnisight.calibrate import PicturesCalibration
+from omnisight.calibrate import Calibration
 from omnisight.calibrate.rays import Asked, RaysCalibration
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-def print_viewpoint(out: "Console", asked: Asked | None, traced: RaysCalibration | None) -> None:
+def print_viewpoint(out: "Console", asked: Asked | None, found: Calibration | RaysCalibration) -> None:
     """Print whether the rays meet in a point, and what a central camera leaves near and far."""
     from rich.table import Table
 
@@ -28,37 +27,16 @@ def print_viewpoint(out: "Console", asked: Asked | None, traced: RaysCalibration
         table.add_row(
             f"{asked.distance(k)} away is off by", f"{left.rms_pixels[k]:.3f}", f"{left.worst_pixels[k]:.3f}", worst
         )
-    if asked.needed or asked.open or traced is not None:
+    moves, rays = asked.needed or asked.open, isinstance(found, RaysCalibration)
+    if moves or rays:
         out.print(table)
-    if (asked.needed or asked.open) and traced is None:
+    if moves and not rays:
         out.print("--model axial fits several lenses so, and writes the camera whose viewpoint moves.", soft_wrap=True)
-    if traced is not None:
-        out.print(f"written is {traced.reason}", soft_wrap=True)
-        out.print(
-            "the tables and the figures here are those of the central camera beside it, the verdict is on what is"
-            " written",
-            soft_wrap=True,
-        )
 
 
-def judged_as_written(result: PicturesCalibration, traced: RaysCalibration | None) -> PicturesCalibration:
-    """Give the result with the verdict on the camera that is written."""
-    if traced is None:
-        return result
-    trust = replace(result.calibration.trust, verdict=traced.verdict)
-    return replace(result, calibration=replace(result.calibration, trust=trust))
-
-
-def viewpoint_json(asked: Asked | None, traced: RaysCalibration | None) -> dict[str, Any]:
+def viewpoint_json(asked: Asked | None, found: Calibration | RaysCalibration) -> dict[str, Any]:
     """Give the same as figures."""
     said: dict[str, Any] = {"viewpoint": None if asked is None else asked.as_dict()}
-    if traced is not None:
-        said["rays"] = {
-            "model": traced.camera.model.name,
-            "needed": traced.needed,
-            "reason": traced.reason,
-            "rms": traced.rms,
-            "held_out_rms": traced.held_out_rms,
-            "candidates": [candidate.as_dict() for candidate in traced.candidates],
-        }
+    if isinstance(found, RaysCalibration):
+        said["central"] = {**found.central.as_dict(), "enough": not found.needed}
     return said

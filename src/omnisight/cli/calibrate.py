@@ -95,16 +95,15 @@ def calibrate(
     from omnisight.calibrate import calibrate_pictures
     from omnisight.calibrate.rays import ask, calibrate_rays
     from omnisight.calibrate.trust.checks import FEWEST
-    from omnisight.cli._board import asked_board, search_boards
+    from omnisight.cli._board import asked_board
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
     from omnisight.cli._files import must_be_writable
-    from omnisight.cli._given import corner_files, given_corners, must_be_corners
+    from omnisight.cli._given import Given
     from omnisight.cli._names import drawings, labels, spare
     from omnisight.cli._start import drawn, must_fit
-    from omnisight.cli._viewpoint import judged_as_written, print_viewpoint, viewpoint_json
+    from omnisight.cli._viewpoint import print_viewpoint, viewpoint_json
     from omnisight.formats import save
-    from omnisight.images import collect_images
     from omnisight.models import model_names
     from omnisight.optics.models import ray_model_names
 
@@ -122,19 +121,12 @@ def calibrate(
         said = f"--model {model}" if drawing is None else "--start"
         raise ValueError(f"--method ocamcalib calibrates cameras whose rays meet in a point, and {said} others")
     board = asked_board(pattern, square, target)
-    files = corner_files(pictures)
-    if not files:
-        must_be_corners(image_size, which)
-    paths = files or collect_images(pictures, clips=True)
+    given = Given.of(pictures, board, square=square, image_size=image_size, which=which)
     if draw is not None:
-        drawings(paths, draw)
-    spare([file for file in (output, report) if file is not None], [*paths, *([target] if target else [])])
+        drawings(given.paths, draw)
+    spare([file for file in (output, report) if file is not None], [*given.paths, *([target] if target else [])])
     with progress(quiet or json) as tell:
-        search = (
-            given_corners(files, board, square, image_size, which)
-            if files
-            else search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
-        )
+        search = given.search(tell, apply_exif=apply_exif, cache=cache)
         # Named before any is dropped: a second --drop then still finds what the first table called so.
         names = labels([picture.path for picture in search.pictures])
         search = _without(search, names, drop or [])
@@ -166,12 +158,14 @@ def calibrate(
             from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
 
             classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=tell)
-        asked = ask(result.calibration, unit=unit)
-        wanted = model if drawing is None else drawing.model
-        traced = calibrate_rays(result.calibration, wanted, unit=unit, loss=loss) if rays else None
+        found = result.calibration
+        if rays:
+            wanted = model if drawing is None else drawing.model
+            found = calibrate_rays(found, wanted, unit=unit, loss=loss, field=result.search.field)
+        asked = found.trust.viewpoint if rays else ask(result.calibration, unit=unit)
     solved = time.perf_counter()
-    camera = result.calibration.camera if classic is None else classic_camera(classic, result.calibration)
-    camera = _with_provenance(camera if traced is None else traced.camera, result.search)
+    own = _with_provenance(found.camera, result.search)
+    camera = own if classic is None else _with_provenance(classic_camera(classic, result.calibration), result.search)
     # The result first: what is drawn afterwards cannot lose it. A disk that is full by now loses the file, not the
     # figures: those are printed all the same, with --json the camera among them.
     written, failure = None, None
@@ -184,12 +178,11 @@ def calibrate(
         "solve": solved - detected,
         "total": time.perf_counter() - begun,
     }
-    shown = judged_as_written(result, traced)
     if json:
         more: dict[str, Any] = {} if classic is None else {"ocamcalib": steps(classic)}
-        as_json(shown, names, camera, seconds, {**more, **viewpoint_json(asked, traced)})
+        as_json(found, result, names, camera, seconds, {**more, **viewpoint_json(asked, found)})
     else:
-        print_report(shown, names, seconds, written, lambda out: print_viewpoint(out, asked, traced))
+        print_report(found, result, names, seconds, written, lambda out: print_viewpoint(out, asked, found))
         if classic is not None:
             print_classic(classic, result.calibration)
     if failure is not None:
@@ -197,7 +190,8 @@ def calibrate(
     if draw is not None:
         from omnisight.cli._draw import draw_residuals
 
-        bare = draw_residuals(result, draw, apply_exif=apply_exif)
+        off = found.state.residuals(found.views)
+        bare = draw_residuals(result.search, found.views.pixels, off, found.outliers, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}{bare}")
     if report is not None:
@@ -205,9 +199,16 @@ def calibrate(
 
         from omnisight.report import write_report
 
-        own = _with_provenance(result.calibration.camera, result.search)
-        command = ["omnisight", *sys.argv[1:]]
-        write_report(result, own, report, names=names, command=command, apply_exif=apply_exif, asked=asked)
+        write_report(
+            found,
+            result.search,
+            own,
+            report,
+            names=names,
+            command=["omnisight", *sys.argv[1:]],
+            apply_exif=apply_exif,
+            asked=asked,
+        )
         if not json:
             print(f"report: {report}")
 

@@ -75,29 +75,21 @@ def evaluate(
         Show no progress.
     """
     from omnisight.calibrate import BoardViews, evaluate_camera
-    from omnisight.cli._board import asked_board, search_boards
+    from omnisight.cli._board import asked_board
     from omnisight.cli._detect_report import advice
     from omnisight.cli._evaluate_report import as_json, print_report
-    from omnisight.cli._given import corner_files, given_corners, must_be_corners
+    from omnisight.cli._given import Given
     from omnisight.cli._names import drawings, labels
     from omnisight.formats import load
-    from omnisight.images import collect_images
 
     (first, path), *others = _labelled([camera, *(compare or [])]).items()
     cameras = {first: load(path, name=name), **{label: load(other) for label, other in others}}
-    given = corner_files(pictures)
-    if not given:
-        must_be_corners(image_size, which)
-    paths = given or collect_images(pictures, clips=True)
-    if draw is not None:
-        drawings(paths, draw)
     board = asked_board(pattern, square, target)
+    given = Given.of(pictures, board, square=square, image_size=image_size, which=which)
+    if draw is not None:
+        drawings(given.paths, draw)
     with progress(quiet or json) as tell:
-        search = (
-            given_corners(given, board, square, image_size, which)
-            if given
-            else search_boards(paths, board, square, tell, apply_exif=apply_exif, cache=cache)
-        )
+        search = given.search(tell, apply_exif=apply_exif, cache=cache)
         names = labels([picture.path for picture in search.pictures])
         if not search.found:
             why = advice(search.board) if search.board is not None else "give --pattern, such as 9x6, or --target"
@@ -114,10 +106,10 @@ def evaluate(
     else:
         print_report(search, names, found)
     if draw is not None:
-        from omnisight.cli._draw import draw_lengths
+        from omnisight.cli._draw import draw_residuals
 
         judged = next(iter(found.values()))
-        bare = draw_lengths(search, views.pixels, judged.residuals, judged.doubtful, draw, apply_exif=apply_exif)
+        bare = draw_residuals(search, views.pixels, judged.residuals, judged.doubtful, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}{bare}")
 

@@ -1,11 +1,14 @@
 """omnisight next."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
+
+if TYPE_CHECKING:
+    from omnisight.cli._given import Given
 
 MOST = 20
 
@@ -19,6 +22,8 @@ def next(
     square: str | None = None,
     target: Path | None = None,
     name: str | None = None,
+    image_size: str | None = None,
+    which: str | None = None,
     count: int = 3,
     draw: Annotated[Path | None, Parameter(alias="-o")] = None,
     apply_exif: bool = False,
@@ -34,7 +39,8 @@ def next(
     Parameters
     ----------
     pictures
-        What the camera was calibrated from: folders, files or patterns such as 'left*.jpg', of pictures and clips.
+        What the camera was calibrated from: folders, files or patterns such as 'left*.jpg', of pictures and clips, or
+        files of corners, as `omnisight calibrate` takes them.
     camera
         The calibration that came of them: a file of any format.
     pattern
@@ -45,10 +51,15 @@ def next(
         The board as a file, in place of --pattern and --square.
     name
         Which camera, where the file holds several, as that of a rig does.
+    image_size
+        Width and height of the pictures that corners are from, such as 1280x800, where their file does not say.
+    which
+        Which camera, where a file of corners holds several: its name there.
     count
         How many pictures to propose, one after another.
     draw
-        A picture of where to hold the board: over one of yours, with what is known and what is not.
+        A picture of where to hold the board: over one of yours, or over an empty frame where there are corners alone,
+        with what is known and what is not.
     apply_exif
         Turn pictures as their EXIF orientation says.
     cache
@@ -63,27 +74,28 @@ def next(
     from omnisight.calibrate.next.known import Known
     from omnisight.calibrate.next.propose import propose
     from omnisight.calibrate.views import BoardViews
-    from omnisight.cli._board import asked_board, search_boards
+    from omnisight.cli._board import asked_board
     from omnisight.cli._central import central_camera
-    from omnisight.cli._names import labels
+    from omnisight.cli._given import Given
+    from omnisight.cli._names import labels, spare
+    from omnisight.cli._next_board import held_board
     from omnisight.cli._next_report import as_json, print_report
-    from omnisight.images import collect_images
-    from omnisight.targets import Board
 
     if not 1 <= count <= MOST:
         raise ValueError(f"--count is {count}: give 1 to {MOST} pictures to propose")
     source = central_camera(camera, name=name, takes=False)
-    paths = collect_images(pictures, clips=True)
-    if draw is not None:
-        _must_be_apart(draw, paths)
     board = asked_board(pattern, square, target)
     if board is None and square is None:
         board = _board_of(source, camera)
+    given = Given.of(pictures, board, square=square, image_size=image_size, which=which)
+    if draw is not None:
+        _must_be_apart(draw, given)
     with progress(quiet or json) as report:
-        search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
-        found = search.board
-        if not isinstance(found, Board) or not search.found:
+        search = given.search(report, apply_exif=apply_exif, cache=cache)
+        if not search.found:
             raise ValueError(_none_found(search))
+        if draw is not None:  # pictures may lie beside the corners
+            spare([draw], [picture.path for picture in search.pictures])
         if min(source.size) < 1:  # its file does not say: the pictures do
             source = dataclasses.replace(source, size=search.size)
         if source.size != search.size:
@@ -91,28 +103,30 @@ def next(
                 f"{camera}: the pictures are {search.size[0]}x{search.size[1]}, the camera"
                 f" {source.width}x{source.height}: give the pictures that it was calibrated from, or calibrate these"
             )
+        search, held = held_board(search, board)
         report("propose", 0, 1)
         known = Known.of(source, BoardViews.of_search(search, labels([p.path for p in search.pictures])))
-        proposal = propose(known, found, search.field, count)
+        proposal = propose(known, held, search.field, count)
         report("propose", 1, 1)
     if json:
-        as_json(proposal, search, found)
+        as_json(proposal, search, held)
     else:
-        print_report(proposal, search, found)
+        print_report(proposal, search, held)
     if draw is not None:
         from omnisight.cli._next_draw import draw_proposal
 
-        draw_proposal(proposal, search, found, draw, apply_exif=apply_exif)
+        draw_proposal(proposal, search, held, draw, apply_exif=apply_exif)
         if not json:
             print(f"\ndrawn: {draw}")
 
 
 def _board_of(source: Any, file: Path) -> Any:
     """Give the board that the camera was calibrated with, or None where its file does not say."""
+    from omnisight.targets import GivenTarget
     from omnisight.targets.boards import board_class
 
     values = source.provenance.get("target")
-    if not isinstance(values, dict):
+    if not isinstance(values, dict) or values.get("target") == GivenTarget.kind:
         return None
     try:
         return board_class(str(values.get("target"))[:40]).from_dict(values)
@@ -120,16 +134,16 @@ def _board_of(source: Any, file: Path) -> Any:
         raise ValueError(f"{file}: provenance, target: {error}; give --pattern or --target") from None
 
 
-def _must_be_apart(draw: Path, pictures: list[Path]) -> None:
+def _must_be_apart(draw: Path, given: "Given") -> None:
     """Refuse, before any work, a drawing that would be lost, or be taken for a picture of the set."""
     from omnisight.cli._names import spare
 
-    spare([draw], pictures)
+    spare([draw], given.paths)
     if draw.is_dir():
         raise ValueError(f"{draw}: is a folder; name a picture in it, such as {draw / 'next.png'}")
     if not draw.parent.is_dir():
         raise ValueError(f"{draw}: there is no folder {draw.parent}; make it first")
-    if draw.parent.resolve() in {path.parent.resolve() for path in pictures}:
+    if not given.corners and draw.parent.resolve() in {path.parent.resolve() for path in given.paths}:
         raise ValueError(f"{draw}: its folder holds the pictures; what is drawn would be taken for one the next time")
     if draw.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise ValueError(f"{draw}: a drawing is a .png or .jpg, not {draw.suffix or 'without an extension'}")
@@ -137,9 +151,12 @@ def _must_be_apart(draw: Path, pictures: list[Path]) -> None:
 
 def _none_found(search: Any) -> str:
     from omnisight.cli._detect_report import advice
+    from omnisight.targets import GivenTarget
 
     notes = [f"  {picture.path.name}: {picture.note}" for picture in search.pictures if picture.note][:5]
-    if search.board is None:
+    if isinstance(search.board, GivenTarget):
+        said = f"none of {len(search.pictures)} pictures has corners enough"
+    elif search.board is None:
         said = f"no checkerboard found in {len(search.pictures)} pictures: give --pattern, such as 9x6, or --target"
     else:
         said = f"the {search.board} board was found in none of {len(search.pictures)} pictures: "

@@ -10,6 +10,7 @@ from omnisight.corners._protocol import CornerFormat, Corners, Seen, Told
 from omnisight.extensions import module_in, names_in
 from omnisight.formats import FormatError
 from omnisight.formats._binary import read_file
+from omnisight.formats._matlab_file import HDF5, NO_HDF5
 from omnisight.formats._registry import DAMAGED
 from omnisight.targets import Board, BoardSearch
 
@@ -86,8 +87,8 @@ def _corners(path: Path, told: Told) -> Corners:
         except DAMAGED as error:
             said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
             raise FormatError(f"{path}: {candidate.TITLE}: {said}") from error
-    if text.startswith(("\x89HDF", "MATLAB 7.3")):
-        raise FormatError(f"{path}: a .mat of version 7.3 (HDF5) is not read: save it with -v7")
+    if text.startswith(HDF5):
+        raise FormatError(f"{path}: {NO_HDF5}")
     raise FormatError(
         f"{path}: neither a picture nor corners of a known format (begins with {text.strip()[:40]!r}); known are:"
         f" {', '.join(corner_format_names())}"

@@ -20,9 +20,9 @@ CONVENTION = "Xp_abs is the row and Yp_abs the column, both from ONE; size as wi
 NAMES = ("Xt", "Yt", "Xp_abs", "Yp_abs")
 OBJECT = "calib_data"
 HELP = (
-    "in MATLAB: c = calib_data; Xt = c.Xt; Yt = c.Yt; Xp_abs = c.Xp_abs; Yp_abs = c.Yp_abs; ima_proc = c.ima_proc;"
-    " width = c.ocam_model.width; height = c.ocam_model.height; save('corners.mat', 'Xt', 'Yt', 'Xp_abs', 'Yp_abs',"
-    " 'ima_proc', 'width', 'height', '-v7')"
+    "in MATLAB, with the toolbox on its path and this file loaded: c = calib_data; Xt = c.Xt; Yt = c.Yt; Xp_abs ="
+    " c.Xp_abs; Yp_abs = c.Yp_abs; ima_proc = c.ima_proc; width = c.ocam_model.width; height = c.ocam_model.height;"
+    " save('corners.mat', 'Xt', 'Yt', 'Xp_abs', 'Yp_abs', 'ima_proc', 'width', 'height', '-v7')"
 )
 
 

@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.models import CameraModel, model_class
+from omnisight.models._parametric import Parametric
+from omnisight.models.ocam import Ocam
 
 Array = NDArray[np.float64]
 
 WIDEST = 1_000_000  # px
-LONGEST = 1e7  # px, of a focal length
+SHORTEST, LONGEST = 1e-6, 1e7  # px, of a focal length
 LARGEST = 1e12  # of any parameter: beyond it products overflow
+SMALLEST = 1e-150  # of any parameter but 0, as which less counts: squares underflow
+MOST_TERMS = 20  # of Scaramuzza's f(r), which is compiled for their number; OCamCalib's own cameras have 4
 MAY_DIFFER_PX = 0.5
 
 
@@ -23,7 +27,7 @@ def number(value: Any, name: str) -> float:
     """Give a number of a file, or refuse what is none, not finite or absurd."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
         raise ValueError(f"{name} must be a number, got {value!r}")
-    return float(value)
+    return float(value) if abs(value) >= SMALLEST else 0.0
 
 
 def numbers(values: Any, name: str, count: int | None = None) -> list[float]:
@@ -44,16 +48,49 @@ def picture_size(width: Any, height: Any) -> tuple[int, int]:
 
 
 def build(model: str, values: Mapping[str, Any]) -> CameraModel:
-    """Make a camera model from its parameters by name, inside the bounds of each."""
+    """Make a camera model from its parameters by name, inside the bounds of each, its focal length positive."""
+    for name in ("fx", "fy", "a0"):
+        if name in values and not 0 < number(values[name], name) <= LONGEST:
+            raise ValueError(f"{name} (focal length, px) must be positive and below {LONGEST:g}, got {values[name]:g}")
+    return build_mirrored(model, values)
+
+
+def build_mirrored(model: str, values: Mapping[str, Any]) -> CameraModel:
+    """Do it for a camera that may show the world in a mirror: its focal length is negative then."""
     made = model_class(model).from_dict({name: number(value, name) for name, value in values.items()})
+    if isinstance(made, Ocam):
+        must_be_few(len(made.a))
+    for name in ("fx", "fy", "a0"):
+        if name in values and abs(values[name]) < SHORTEST:
+            raise ValueError(f"{name} (focal length, px) must be {SHORTEST:g} or longer, got {values[name]:g}")
+    must_be_bounded(made)
+    try:
+        # What projects and what does not is worked out once: numbers that overflow do it there.
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            _ = made.kernel
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        given = ", ".join(f"{name} = {value:g}" for name, value in made.to_dict().items())
+        raise ValueError(
+            f"no {model} camera has these numbers ({error}): {given:.300}; is the file damaged? Save it again with the"
+            " program that made it"
+        ) from error
+    return made
+
+
+def must_be_bounded(made: Parametric) -> None:
+    """Refuse a parameter outside of its bounds."""
     for parameter, value in zip(made.parameters, made.params, strict=True):
-        if parameter.name in ("fx", "fy") and not 0 < value <= LONGEST:
-            raise ValueError(
-                f"{parameter.name} (focal length, px) must be positive and below {LONGEST:g}, got {value:g}"
-            )
         if not parameter.low <= value <= parameter.high:
             raise ValueError(f"{parameter.name} must lie in [{parameter.low:g}, {parameter.high:g}], got {value:g}")
-    return made
+
+
+def must_be_few(terms: int) -> None:
+    """Refuse more coefficients of Scaramuzza's f(r) than any camera has."""
+    if terms > MOST_TERMS:
+        raise ValueError(
+            f"f(r) has {terms} coefficients, {MOST_TERMS} are the most that a camera needs: is the file damaged?"
+            " Calibrate with a polynomial of lower degree"
+        )
 
 
 def with_size(camera: Camera) -> tuple[int, int]:

@@ -16,9 +16,12 @@ MOST = 1_000_000  # numbers of one matrix
 DEEPEST = 8
 HEADER = 128
 COMPRESSED, MATRIX = 15, 14
-STRUCT, CHARACTERS = 2, 4
+STRUCT, CHARACTERS, OBJECT = 2, 4, 17
 NUMERIC = range(6, 16)  # double, single, and the integers
 FORMATS = {1: "b", 2: "B", 3: "h", 4: "H", 5: "i", 6: "I", 7: "f", 9: "d", 12: "q", 13: "Q", 16: "B", 17: "H", 18: "I"}
+HDF5 = "\x89HDF", "MATLAB 7."  # how files begin that are none of version 5
+SAVE_AS_7 = "s = load('old.mat'); save('new.mat', '-struct', 's', '-v7')"
+NO_HDF5 = f"a .mat of version 7.3 (HDF5) is not read: save it with -v7, in MATLAB: {SAVE_AS_7}"
 
 
 class Matrix(list[float]):
@@ -97,9 +100,12 @@ def _matrix(data: bytes, order: str, depth: int) -> tuple[str, Any]:
     if not data:
         return "", []
     flags, at = _numbers(data, 0, order)
+    what = int(flags[0]) & 0xFF if flags else 0
+    if what == OBJECT:  # of a classdef: its name comes first, and then what is not read
+        return _element(data, at, order)[1].decode("ascii", errors="replace"), None
     sizes, at = _numbers(data, at, order)
     _, name, at = _element(data, at, order)
-    what, named = int(flags[0]) & 0xFF, name.decode("ascii", errors="replace")
+    named = name.decode("ascii", errors="replace")
     if any(size < 0 for size in sizes) or math.prod(int(size) for size in sizes) > MOST:
         raise ValueError(f"{named[:40]!r} claims {' x '.join(f'{size:g}' for size in sizes[:6])} entries")
     count = math.prod(int(size) for size in sizes)

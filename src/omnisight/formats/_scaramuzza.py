@@ -8,7 +8,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import LONGEST, MAY_DIFFER_PX, build, difference
+from omnisight.formats._checks import MAY_DIFFER_PX, build, difference, must_be_few
 from omnisight.models.ocam import Ocam
 
 Array = NDArray[np.float64]
@@ -24,6 +24,7 @@ def model_of_xy(direct: list[float], *, cx: float, cy: float, c: float, d: float
 
     [c d; e 1] = c [1 d/c; e/c 1/c], so the plane is larger by c, and f with it: a_i c^(1 - i).
     """
+    must_be_few(len(direct))
     if not 0.1 < c < 10:
         raise ValueError(f"the stretch c must be near 1, got {c:g}")
     scaled = [value * c ** (1 - i) for i, value in enumerate(direct)]
@@ -124,8 +125,6 @@ def model_of(direct: list[float], *, cx: float, cy: float, c: float, d: float, e
     """Make the model from the coefficients of f(r) with z forward, a1 among them."""
     if not c - d * e > 0:
         raise ValueError(f"the stretch matrix [c d; e 1] must have a positive determinant, got {c:g}, {d:g}, {e:g}")
-    if not direct or not 0 < direct[0] <= LONGEST:
-        raise ValueError(f"a0 (px, z forward) must be positive and below {LONGEST:g}, got {direct[:1]}")
     if len(direct) > 1 and abs(direct[1]) > A1_MAX:
         raise ValueError(f"a1 must be 0 in OCamCalib's model, got {direct[1]:g}")
     a = [*direct[:1], *direct[2:]]

@@ -6,8 +6,8 @@ DistortionCenter is x, y, and counts pixels from ONE: the centre of the top-left
 with undistortFisheyePoints (mathworks.com, answers 1750125). OCamCalib's `ocam_model` in a .mat has a0 < 0, all of a0
 a1 a2 ..., xc the ROW and yc the column, both from one, and a stretch of row, column.
 
-A .mat is read by a small reader of our own (`_matlab_file`); a fisheyeIntrinsics object in it is code, and refused.
-Written is the line that makes the object in MATLAB.
+A .mat is read by a small reader of our own (`_matlab_file`); a fisheyeIntrinsics object in it is code, and refused. So
+is the object `calib_data` of OCamCalib, version 3. Written is the line that makes the object in MATLAB.
 """
 
 import json
@@ -18,7 +18,7 @@ from typing import Any, cast
 from omnisight.camera import Camera
 from omnisight.formats._binary import is_binary, to_bytes
 from omnisight.formats._checks import left_out, number, numbers, picture_size, refuse, with_size
-from omnisight.formats._matlab_file import read_mat
+from omnisight.formats._matlab_file import NO_HDF5, read_mat
 from omnisight.formats._protocol import note_unknown
 from omnisight.formats._scaramuzza import model_of, model_of_xy, of_degree_four, xy_of_model
 from omnisight.formats._yaml import read_map, scalar
@@ -34,9 +34,14 @@ CALL = re.compile(r"\bfisheyeIntrinsics[ \t]*\(([^()]{1,2000})\)")
 MATRIX = re.compile(r"\[([^\[\]]*)\]")
 KEY = re.compile(r'"MappingCoefficients"\s*:')
 OCAM = ("ss", "xc", "yc", "c", "d", "e", "width", "height")
+TOOLBOX = "calib_data"
+OF_TOOLBOX = (
+    f"{TOOLBOX} is an object of OCamCalib, which is code: take out its numbers; in MATLAB, with the toolbox on its path"
+    f" and this file loaded: ocam_model = {TOOLBOX}.ocam_model; save('ocam.mat', 'ocam_model', '-v7')"
+)
 HELP = (
-    "in MATLAB: i = params.Intrinsics; s = struct('MappingCoefficients', i.MappingCoefficients, 'ImageSize',"
-    " i.ImageSize, 'DistortionCenter', i.DistortionCenter, 'StretchMatrix', i.StretchMatrix); save('s.mat', 's', '-v7')"
+    "i = {}.Intrinsics; s = struct('MappingCoefficients', i.MappingCoefficients, 'ImageSize', i.ImageSize,"
+    " 'DistortionCenter', i.DistortionCenter, 'StretchMatrix', i.StretchMatrix); save('s.mat', 's', '-v7')"
 )
 
 
@@ -85,19 +90,24 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
 
 def _mat(text: str) -> Mapping[str, Camera]:
     if not text.startswith("MATLAB 5.0 "):
-        raise ValueError("a .mat of version 7.3 (HDF5) is not read: save it with -v7")
+        raise ValueError(NO_HDF5)
     cameras: dict[str, Camera] = {}
     held = read_mat(to_bytes(text))
-    for name, given in {"camera": held, **held}.items():
-        for fields in (given, given.get("Intrinsics"), given.get("ocam_model")) if isinstance(given, dict) else ():
-            if isinstance(fields, dict) and "MappingCoefficients" in fields:
-                cameras[name] = _camera(fields, columns=True)
-            elif isinstance(fields, dict) and set(OCAM) <= set(fields):
-                cameras[name] = _ocam_model(fields)
+    if TOOLBOX in held and held[TOOLBOX] is None:
+        raise ValueError(OF_TOOLBOX)
+    structs = [(name, value) for name, value in held.items() if isinstance(value, dict)]
+    inside = [(name, value.get(part)) for name, value in structs for part in ("Intrinsics", "ocam_model")]
+    for name, fields in (("camera", held), *structs, *inside):
+        if isinstance(fields, dict) and "MappingCoefficients" in fields:
+            cameras[name] = _camera(fields, columns=True)
+        elif isinstance(fields, dict) and set(OCAM) <= set(fields):
+            cameras[name] = _ocam_model(fields)
     if not cameras:
-        objects = [name for name, value in held.items() if value is None]
-        said = f"{', '.join(objects)[:60] or 'nothing'} is no struct of numbers" if objects else "no fisheye in it"
-        raise ValueError(f"{said}; {HELP}")
+        objects = [name[:60] for name, value in held.items() if value is None and name.isidentifier()]
+        said = f"{objects[0]} is no struct of numbers" if objects else "no fisheye in it"
+        raise ValueError(
+            f"{said}; in MATLAB, with this file loaded: {HELP.format(objects[0] if objects else 'params')}"
+        )
     return cameras
 
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import number, numbers
+from omnisight.formats._checks import build_mirrored, must_be_bounded, number, numbers
 from omnisight.formats._protocol import note_unknown
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import nearest
-from omnisight.models import model_class, model_names
+from omnisight.models import model_names
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.models import ray_model_class
 from omnisight.ray_camera import UNITS, RayCamera
@@ -78,12 +78,13 @@ def camera_from_json(data: Any) -> Camera | RayCamera:
             raise ValueError(f"{parts} lenses and mirrors; a camera has at most {PARTS}")
         kind = Catadioptric if name == Catadioptric.name else ray_model_class(name)
         rays = kind.from_dict(values)
+        must_be_bounded(rays)
         if (unit := data.get("length_unit", "m")) not in UNITS:
             raise ValueError(f"length_unit must be {' or '.join(UNITS)}, got {unit!r:.60}")
         common["covariance"] = None if covariance is None else _covariance(covariance, len(rays.params))
         extra = note_unknown(data, KEYS | {"length_unit"})
         return RayCamera(rays, (size[0], size[1]), unit, extra=extra, **common)
-    model = model_class(name).from_dict({key: number(value, key) for key, value in params.items()})
+    model = build_mirrored(name, params)
     common["covariance"] = None if covariance is None else _covariance(covariance, len(model.params))
     return Camera(model, (size[0], size[1]), extra=note_unknown(data, KEYS), **common)
 

@@ -26,6 +26,7 @@ CONVENTION = (
 ROWS = ("direct polynomial", "inverse polynomial", "centre (row column)", "stretch (c d e)", "size (height width)")
 COUNTED = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
 AGREES_PX = 0.5
+MOST_INVERSE = 99  # coefficients
 
 
 def matches(text: str) -> bool:
@@ -48,6 +49,10 @@ def parse(text: str) -> Mapping[str, Camera]:
     (row, column), (c, d, e), (height, width) = rows[2:5]
     if not direct or direct[0] >= 0:
         raise ValueError(f"a0 must be negative (OCamCalib's z axis points back), got {direct[:1]}")
+    if len(inverse) > MOST_INVERSE:
+        raise ValueError(
+            f"inverse polynomial: {len(inverse)} coefficients, {MOST_INVERSE} are the most: is it damaged?"
+        )
     model = model_of([-value for value in direct], cx=column, cy=row, c=c, d=d, e=e)
     size = picture_size(width, height)
     # The inverse polynomial approximates what the model inverts exactly; one that does not is kept, to be looked at.

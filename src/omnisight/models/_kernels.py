@@ -98,6 +98,7 @@ def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
     for j in range(x.shape[0]):
         if np.abs(u[j]) == np.inf:
             a, b, ok = project_point(m, x[j], y[j], z[j], FULL)
+            ok = ok and np.abs(a) != np.inf
             u[j] = a if ok else np.nan
             v[j] = b if ok else np.nan
 
@@ -114,6 +115,7 @@ def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
     for j in range(u.shape[0]):
         if np.abs(x[j]) == np.inf:
             a, b, c, ok = unproject_pixel(m, u[j], v[j], FULL)
+            ok = ok and np.abs(a) != np.inf
             x[j] = a if ok else np.nan
             y[j] = b if ok else np.nan
             z[j] = c if ok else np.nan

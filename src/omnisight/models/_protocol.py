@@ -155,7 +155,7 @@ class CameraModel(Parametric):
         with np.errstate(all="ignore"):
             x, y, z = points.T
             *pixel, valid = self.project_point(self.forward, x, y, z, FULL)
-            valid = np.broadcast_to(valid, len(points)) & True
+            valid = np.broadcast_to(valid, len(points)) & (np.abs(pixel[0]) != np.inf)
             return np.where(valid[:, None], np.stack(pixel, -1), np.nan), valid
 
     def unproject_numpy(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -163,7 +163,7 @@ class CameraModel(Parametric):
         with np.errstate(all="ignore"):
             u, v = pixels.T
             *bearing, valid = self.unproject_pixel(self.kernel, u, v, FULL)
-            valid = np.broadcast_to(valid, len(pixels)) & True
+            valid = np.broadcast_to(valid, len(pixels)) & (np.abs(bearing[0]) != np.inf)
             return np.where(valid[:, None], np.stack(np.broadcast_arrays(*bearing), -1), np.nan), valid
 
     def project_with_jacobians(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:

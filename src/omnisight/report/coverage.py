@@ -25,7 +25,7 @@ def coverage(m: Material) -> Figure:
         if seen.shown[i, k] or seen.covered[i, k]
     ]
     missing = seen.missing()
-    more = f"Put the board {missing}, and add these pictures; omnisight next says where best."
+    more = f"Put the board {missing}, and add these pictures{m.where_best}."
     said = f"Corners were seen in {seen.share:.0%} of what the picture shows. Missing: {missing or 'nothing'}."
     return Figure(
         "coverage",

@@ -21,7 +21,7 @@ def embedded(m: Material) -> Markup:
 
 def said(m: Material) -> dict[str, Any]:
     """Give the object: lengths of residuals in px, poses as cam_from_board in the unit of the board, `board_unit`."""
-    c, board = m.calibration, m.result.search.board
+    c, board = m.calibration, m.search.board
     return {
         "format": "omnisight-report",
         "version": VERSION,

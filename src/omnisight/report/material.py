@@ -10,12 +10,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate import Calibration, PicturesCalibration
-from omnisight.calibrate.rays import Asked
+from omnisight.calibrate import Calibration
+from omnisight.calibrate.rays import Asked, RaysCalibration, Travel, far_camera
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, polar
+from omnisight.optics.models.axial import Axial
+from omnisight.ray_camera import RayCamera
 from omnisight.report.markup import Markup, element
-from omnisight.targets import PictureDetection
+from omnisight.report.numbers import with_sigma
+from omnisight.targets import BoardSearch, PictureDetection
 
 Array = NDArray[np.float64]
 
@@ -93,8 +96,10 @@ class Material:
 
     Attributes
     ----------
-    result
-        The calibration and the pictures behind it.
+    calibration
+        The calibration, of a central camera or of one whose rays need not meet in a point.
+    search
+        The pictures behind it.
     camera
         Its camera, as it was written.
     names
@@ -107,24 +112,55 @@ class Material:
         Whether the viewpoint moves, if that was asked.
     """
 
-    result: PicturesCalibration
-    camera: Camera
+    calibration: Calibration | RaysCalibration
+    search: BoardSearch
+    camera: Camera | RayCamera
     names: Sequence[str]
     command: Sequence[str]
     apply_exif: bool = False
     asked: Asked | None = None
 
+    @cached_property
+    def far(self) -> Camera:
+        """The camera as a far scene has it: where a ray goes, and not where it begins."""
+        return far_camera(self.camera) if isinstance(self.camera, RayCamera) else self.camera
+
     @property
-    def calibration(self) -> Calibration:
-        """The calibration."""
-        return self.result.calibration
+    def where_best(self) -> str:
+        """What to add to the advice to take more pictures."""
+        return "; omnisight next says where best" if isinstance(self.camera, Camera) else ""
+
+    @property
+    def unit(self) -> str:
+        """That of the boards."""
+        return "squares" if self.search.board is None else self.search.board.unit
+
+    @cached_property
+    def travel(self) -> Travel | None:
+        """How the viewpoint moves from the first to the last angle where corners were seen, if that is what it does."""
+        camera = self.camera
+        if not isinstance(camera.model, Axial) or camera.covariance is None:
+            return None
+        return Travel.between(camera.model, camera.covariance, (camera.theta_min, self.reach))
+
+    @property
+    def drawn_length(self) -> tuple[float, str]:
+        """What lengths in the unit of the boards are multiplied by where they are small, and their unit then."""
+        return (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
+
+    def length(self, value: float, sigma: float = 0.0) -> str:
+        """Write a small length, with its standard deviation if it has one."""
+        scale, unit = self.drawn_length
+        if not sigma:
+            return f"{scale * value:.3g} {unit}"
+        return f"{' ± '.join(with_sigma(scale * value, scale * sigma))} {unit}"
 
     @cached_property
     def pictures(self) -> tuple[Picture, ...]:
         """Every picture given."""
         lengths = self.calibration.residual_lengths
         found, view, row = list[Picture](), 0, 0
-        given = zip(self.names, self.result.search.pictures, strict=True)
+        given = zip(self.names, self.search.pictures, strict=True)
         for number, (name, detection) in enumerate(given, 1):
             views = range(view, view + len(detection.boards))
             rows = slice(row, row + sum(map(len, detection.boards)))
@@ -141,30 +177,30 @@ class Material:
 
     @cached_property
     def theta(self) -> Array:
-        """(N,) the angle of each corner from the axis, radians."""
-        return angle_from_axis(self._points)
+        """(N,) the angle from the axis of the ray that passes each corner, radians; NaN outside the model's domain."""
+        return angle_from_axis(self._bearings)
 
     @cached_property
     def phi(self) -> Array:
-        """(N,) the azimuth of each corner, radians: 0 to the right, pi/2 down."""
-        return np.arctan2(self._points[:, 1], self._points[:, 0])
+        """(N,) its azimuth, radians: 0 to the right, pi/2 down."""
+        return np.arctan2(self._bearings[:, 1], self._bearings[:, 0])
 
     @cached_property
     def usable(self) -> NDArray[np.bool_]:
         """(N,) which corners are neither doubtful nor outside the model's domain."""
-        return ~self.calibration.outliers & np.isfinite(self.residuals).all(1)
+        return ~self.calibration.outliers & np.isfinite(self.theta)
 
     @cached_property
     def along_and_across(self) -> tuple[Array, Array]:
         """(N,) residuals along the radius of the picture, outwards, and across it, clockwise as seen."""
-        outwards = outwards_at(self.camera, self.theta, self.phi)
+        outwards = outwards_at(self.far, self.theta, self.phi)
         across = np.stack([-outwards[:, 1], outwards[:, 0]], -1)
         return (self.residuals * outwards).sum(1), (self.residuals * across).sum(1)
 
     @cached_property
     def reach(self) -> float:
         """The angle from the axis (radians) up to which corners were seen."""
-        return self.camera.theta_max or float(self.theta.max())
+        return self.far.theta_max or float(np.nanmax(self.theta))
 
     @property
     def sigma(self) -> float:
@@ -182,8 +218,9 @@ class Material:
         return self.quoted([f"--drop={name}"] if name.startswith("-") else ["--drop", name])
 
     @cached_property
-    def _points(self) -> Array:
-        return self.calibration.state.points(self.calibration.views)[0]
+    def _bearings(self) -> Array:
+        """(N, 3) the bearings of the pixels where the camera puts the corners."""
+        return self.far.model.unproject_numpy(self.residuals + self.calibration.views.pixels)[0]
 
 
 def outwards_at(camera: Camera, theta: Array, phi: Array) -> Array:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from omnisight.calibrate import PicturesCalibration
-from omnisight.calibrate.rays import Asked
+from omnisight.calibrate import Calibration
+from omnisight.calibrate.rays import Asked, RaysCalibration
 from omnisight.camera import Camera
 from omnisight.images import write_bytes
+from omnisight.ray_camera import RayCamera
 from omnisight.report.coverage import coverage
 from omnisight.report.data import embedded
 from omnisight.report.downloads import downloads
@@ -21,17 +22,32 @@ from omnisight.report.pictures import pictures
 from omnisight.report.profile import profile
 from omnisight.report.residuals import residuals
 from omnisight.report.scene import scene
+from omnisight.report.travel import travel
 from omnisight.report.uncertainty import uncertainty
 from omnisight.report.verdict import key_figures, title, verdict
 from omnisight.report.viewpoint import viewpoint
+from omnisight.targets import BoardSearch
 
 # In the order of the page.
-FIGURES = (pictures, coverage, profile, uncertainty, residuals, models, viewpoint, scene, parameters, downloads)
+FIGURES = (
+    pictures,
+    coverage,
+    profile,
+    travel,
+    uncertainty,
+    residuals,
+    models,
+    viewpoint,
+    scene,
+    parameters,
+    downloads,
+)
 
 
 def write_report(
-    result: PicturesCalibration,
-    camera: Camera,
+    calibration: Calibration | RaysCalibration,
+    search: BoardSearch,
+    camera: Camera | RayCamera,
     path: str | Path,
     *,
     names: Sequence[str],
@@ -45,14 +61,16 @@ def write_report(
 
     Parameters
     ----------
-    result
-        The calibration and the pictures behind it.
+    calibration
+        The calibration, of a central camera or of one whose rays need not meet in a point.
+    search
+        The boards of its views, picture by picture.
     camera
         Its camera, as it was written: with its provenance.
     path
         The file, which appears whole or not at all; its folder must exist.
     names
-        One for each picture of `result.search`: what `--drop` knows it by.
+        One for each picture of `search`: what `--drop` knows it by.
     command
         The words of the command that made the calibration: the page adds `--drop` to it.
     apply_exif
@@ -65,7 +83,7 @@ def write_report(
     OSError
         If the file cannot be written.
     """
-    text = page(Material(result, camera, names, command, apply_exif, asked))
+    text = page(Material(calibration, search, camera, names, command, apply_exif, asked))
     # A file name that is no text in this encoding has stray surrogates.
     write_bytes(path, text.encode("utf-8", "replace"))
 

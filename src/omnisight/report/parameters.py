@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from omnisight.report.markup import element, together
+from omnisight.optics.models.axial import Axial
+from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import Figure, Material
+from omnisight.report.numbers import with_sigma
 
 # More rows than this are folded away.
 MANY = 24
@@ -18,26 +20,19 @@ def parameters(m: Material) -> Figure:
             "tr",
             element("th", p.name, scope="row"),
             *(element("td", cell, class_="number") for cell in with_sigma(float(value), float(sigma))),
-            element("td", p.unit),
+            element("td", m.unit if p.unit == "m" else p.unit),
             element("td", p.doc),
         )
         for p, value, sigma in zip(model.parameters, model.params, sigmas, strict=True)
     ]
-    heads = ("parameter", "value", "± 1 σ", "unit", "what it is")
-    table = element(
-        "div",
-        element(
-            "table",
-            element("thead", element("tr", *(element("th", head, scope="col") for head in heads))),
-            element("tbody", *rows),
-        ),
-        class_="scroll",
-    )
+    table = _table(rows)
     if len(rows) > MANY:
-        table = element("details", element("summary", f"All {len(rows)} parameters of {model.name}"), table)
-    bend = m.calibration.state.warp
-    board = m.result.search.board
-    unit = board.unit if board is not None else "squares"
+        # Those of the lens are many, those of the place on its axis are few.
+        own = _table(rows[model.lens.params.size :]) if isinstance(model, Axial) else None
+        folded = element("details", element("summary", f"All {len(rows)} parameters of {model.name}"), table)
+        table = together(own, folded)
+    scale, unit = m.drawn_length
+    bend = scale * m.calibration.state.warp
     bent = (
         f"The board is bent: its middle stands {bend[0]:+.3g} {unit} across and {bend[1]:+.3g} {unit} down off the"
         " plane of its edges."
@@ -57,18 +52,7 @@ def parameters(m: Material) -> Figure:
     )
 
 
-def with_sigma(value: float, sigma: float) -> tuple[str, str]:
-    """Write a value and its standard deviation to two digits of the latter; a dash where that is nought or unknown."""
-    if not (np.isfinite(sigma) and sigma > 0):
-        return _signed(f"{value:.6g}"), "–"
-    digits = 1 - int(np.floor(np.log10(sigma)))
-    if 0 <= digits <= 7:
-        return _signed(f"{value:.{digits}f}"), f"{sigma:.{digits}f}"
-    power = int(np.floor(np.log10(max(abs(value), sigma))))
-    digits = max(0, digits + power)
-    scale = 10.0**power
-    return _signed(f"{value / scale:.{digits}f}e{power}"), f"{sigma / scale:.{digits}f}e{power}"
-
-
-def _signed(text: str) -> str:
-    return text.replace("-", "−", 1) if text.startswith("-") else text
+def _table(rows: list[Markup]) -> Markup:
+    heads = ("parameter", "value", "± 1 σ", "unit", "what it is")
+    head = element("thead", element("tr", *(element("th", head, scope="col") for head in heads)))
+    return element("div", element("table", head, element("tbody", *rows)), class_="scroll")

@@ -155,7 +155,7 @@ def _beyond(m: Material) -> Markup:
     """Define the part of every picture that lies past the calibrated cone."""
     width, height = m.camera.size
     azimuth = np.linspace(0, 2 * np.pi, CONE_STEPS, endpoint=False)
-    rim, valid = m.camera.model.project_numpy(polar(np.full(CONE_STEPS, m.reach * (1 - 1e-9)), azimuth))
+    rim, valid = m.far.model.project_numpy(polar(np.full(CONE_STEPS, m.reach * (1 - 1e-9)), azimuth))
     cone = path_of(rim[valid]) + "Z" if valid.any() else ""
     around = f"M-0.5 -0.5H{width - 0.5}V{height - 0.5}H-0.5Z"
     # Hatched in px of the picture: a pattern of its own, as coarse as the picture is large.

@@ -76,7 +76,7 @@ def profile(m: Material) -> Figure:
             chart(
                 upper.frame(),
                 upper.inside(
-                    *_extrapolated(upper, first, reach),
+                    *hatched(upper, first, reach),
                     *_ideals(upper, curve, m.reach),
                     upper.line(degrees, curve.radius, "curve"),
                 ),
@@ -87,7 +87,7 @@ def profile(m: Material) -> Figure:
             chart(
                 lower.frame(),
                 lower.inside(
-                    *_extrapolated(lower, first, reach),
+                    *hatched(lower, first, reach),
                     lower.band(degrees, -curve.sigma, curve.sigma, "band"),
                     lower.line(lower.x, (0.0, 0.0), "zero"),
                 ),
@@ -111,7 +111,7 @@ def profile(m: Material) -> Figure:
 
 
 def _curve(m: Material) -> Curve:
-    camera = m.camera
+    camera = m.far
     shown_to = float(m.calibration.trust.coverage.edges[-1])
     last = min(max(m.reach, shown_to), camera.model.theta_max * (1 - 1e-6), LAST)
     theta = np.linspace(0, last, ANGLES)
@@ -168,7 +168,8 @@ def _legend() -> Markup:
     )
 
 
-def _extrapolated(axes: Axes, first: float, reach: float) -> list[Markup]:
+def hatched(axes: Axes, first: float, reach: float) -> list[Markup]:
+    """Hatch the angles (degrees) before the first and past the last corner, as far as the axes go."""
     parts = [axes.strip(reach, axes.x[1], "extrapolated")] if reach < axes.x[1] - 1e-6 else []
     return [axes.strip(0.0, first, "extrapolated"), *parts] if first else parts
 

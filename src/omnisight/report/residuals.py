@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.camera import Camera
 from omnisight.report.axes import WIDTH, Axes, chart, round_down
 from omnisight.report.markup import Markup, element, short, together
 from omnisight.report.material import Figure, Material
@@ -89,13 +90,20 @@ def residuals(m: Material) -> Figure:
             "Below is the mean residual of each part of the picture as an arrow.",
             "Means that stay on zero and arrows in all directions; then only noise is left. "
             f"Here the largest mean of a ring is {largest:.3f} px, beside a spread of {m.sigma:.2f} px.",
-            "A wave along the angle, or arrows that turn together, is what the model cannot follow: try --model spline,"
-            " and see the comparison of the models. A wave around the picture hints at a tilted lens, or at a board"
+            "A wave along the angle, or arrows that turn together, is what the model cannot follow: "
+            f"{_instead(m)}. A wave around the picture hints at a tilted lens, or at a board"
             " that is not as flat or as regular as it is taken for.",
         ),
         "Residuals",
         wide=True,
     )
+
+
+def _instead(m: Material) -> str:
+    """Say what to do about a model that cannot follow its lens."""
+    if isinstance(m.camera, Camera) and m.camera.model.name != "spline":
+        return "try --model spline, and see the comparison of the models"
+    return "see how large it is beside the spread of the dots, which is what it costs"
 
 
 def _panel(m: Material, against: Against, residuals: Array, label: str) -> Markup:

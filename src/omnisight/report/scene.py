@@ -26,7 +26,6 @@ AXES = (("x", "right"), ("y", "down"), ("z", "forward"))
 def scene(m: Material) -> Figure:
     """Draw the boards and the camera."""
     boards, count = _boards(m), len(m.calibration.views)
-    unit = m.result.search.board.unit if m.result.search.board is not None else "squares"
     reach = float(np.linalg.norm(boards.reshape(-1, 3), axis=1).max())
     length = round_down(reach / 3)
     axes = np.stack([np.zeros((3, 3)), length * np.eye(3)], 1)
@@ -75,7 +74,7 @@ def scene(m: Material) -> Figure:
             drawing,
             element(
                 "p",
-                f"The camera's axes are {length:g} {unit} long: {named}. Boards are up to {reach:.3g} {unit} away.",
+                f"The camera's axes are {length:g} {m.unit} long: {named}. Boards are up to {reach:.3g} {m.unit} away.",
                 f" Colours: rms of the picture, {colours.low:.2f} px dark to {colours.high:.2f} px bright.",
                 class_="note",
             ),

@@ -22,7 +22,7 @@ WHOLE = (0.0, 2 * np.pi)
 def uncertainty(m: Material) -> Figure:
     """Draw the two maps."""
     found = m.calibration.trust.uncertainty
-    limit = UNCERTAIN[0] * m.camera.px_unit
+    limit = UNCERTAIN[0] * m.far.px_unit
     pixels, angle, theta, _ = found.worst()
     worst = (
         f" At worst it is {pixels:.2g} px and {np.degrees(angle):.2g}°, the former {np.degrees(theta):.0f}° from the"
@@ -44,8 +44,8 @@ def uncertainty(m: Material) -> Figure:
             " turned to fit best. Hatched is extrapolated: past the dashed circle no corner was seen, and the figure"
             " holds only if the model does.",
             f"Below {limit:.2g} px within the dashed circle, and even.{worst}",
-            "Bright parts within the circle want pictures: put the board there, tilted by 30 to 45 degrees; omnisight"
-            " next says where best.",
+            "Bright parts within the circle want pictures: put the board there, tilted by 30 to 45"
+            f" degrees{m.where_best}.",
         ),
         "Uncertainty",
         wide=True,

@@ -3,6 +3,7 @@
 import numpy as np
 
 from omnisight.calibrate.trust.evidence import Level
+from omnisight.optics.models.axial import Axial
 from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import Material
 
@@ -70,6 +71,7 @@ def key_figures(m: Material) -> Markup:
         ),
         ("Calibrated to", f"{np.degrees(m.reach):.0f}°", "from the axis: so far out corners were seen"),
         ("Covered", f"{c.trust.coverage.share:.0%}", "of what the picture shows had corners in it"),
+        *_viewpoint(m),
         (
             "Pictures",
             f"{found} of {len(m.pictures)}",
@@ -86,13 +88,22 @@ def key_figures(m: Material) -> Markup:
     )
 
 
+def _viewpoint(m: Material) -> list[tuple[str, str, str]]:
+    """Give how far the viewpoint moves, if that is what it does."""
+    if m.travel is None:
+        return []
+    said = f"± {m.length(m.travel.length_sigma)} along the axis, between the first corner and the last"
+    return [("Viewpoint moves by", m.length(m.travel.length), said)]
+
+
 def title(m: Material) -> Markup:
     """Name the camera."""
     camera = m.camera
+    lens = f", its lens {camera.model.lens.name}" if isinstance(camera.model, Axial) else ""
     made = ", ".join(str(camera.provenance[key]) for key in ("tool", "date") if camera.provenance.get(key))
-    board = m.result.search.board
+    board = m.search.board
     return together(
-        element("h1", f"Camera calibration: {camera.model.name}"),
+        element("h1", f"Camera calibration: {camera.model.name}{lens}"),
         element(
             "p",
             f"Pictures of {camera.width} × {camera.height} px",

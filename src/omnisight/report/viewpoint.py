@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from omnisight.calibrate.rays import Asked
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.rays import Asked, RaysCalibration
+from omnisight.ray_camera import RayCamera
 from omnisight.report.axes import Axes, chart
 from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import LEAST, Figure, Material
@@ -12,22 +14,14 @@ LINES = ("other", "curve", "ideal ideal-0")
 
 
 def viewpoint(m: Material) -> Figure | None:
-    """Draw the error of the central camera over the angle at each distance; nothing where it was not asked."""
+    """Draw the error of the central camera over the angle at each distance; nothing where it was not asked.
+
+    Nor beside a camera of rays that has no axis: what is asked is a viewpoint that moves along one.
+    """
     asked = m.asked
-    if asked is None:
+    if asked is None or (isinstance(m.camera, RayCamera) and m.travel is None):
         return None
-    sentence = str(asked)
-    good = (
-        "Pictures held out that are explained no better by a viewpoint that moves, and errors below the residuals"
-        " themselves at the distances you work at."
-    )
-    do = (
-        "Calibrate with --model axial if you measure nearer or farther than the boards were: the file then has a ray,"
-        " place and bearing, for each pixel."
-        if asked.needed or asked.open
-        else "Nothing, as long as you work at the distances of the boards. To be surer of the travel, hold boards very"
-        " near and far, out to the rim: only the two together tell a viewpoint that moves from a lens."
-    )
+    sentence, c = str(asked), m.calibration
     return Figure(
         "viewpoint",
         "Whether the rays meet in a point",
@@ -36,17 +30,45 @@ def viewpoint(m: Material) -> Figure | None:
             _chart(asked),
             element("div", _table(asked), class_="scroll"),
         ),
-        (
-            "A central camera has one point that all rays pass. In most fisheyes that point moves with the angle, by"
-            " millimetres, and in mirrors that are not made and mounted for it, by more. The same camera was fitted"
-            " with a viewpoint that moves along its axis; drawn is by how much the central camera then puts a point"
-            " beside its place, root mean square around the axis, for points at three distances. It stands where it"
-            " agrees best with the boards. What it leaves is hardly known where the travel is no larger than its"
-            " standard deviation.",
-            good,
-            do,
-        ),
+        _how_to_leave(asked, c.central) if isinstance(c, RaysCalibration) else _how_to_take(asked),
         "Viewpoint",
+    )
+
+
+SHOWN = (
+    "A central camera has one point that all rays pass. In most fisheyes that point moves with the angle, by"
+    " millimetres, and in mirrors that are not made and mounted for it, by more. {} drawn is by how much the central"
+    " camera then puts a point beside its place, root mean square around the axis, for points at three distances. It"
+    " stands where it agrees best with the boards. What it leaves is hardly known where the travel is no larger than"
+    " its standard deviation."
+)
+
+
+def _how_to_take(asked: Asked) -> tuple[str, str, str]:
+    """Say how to read it beside a central camera."""
+    return (
+        SHOWN.format("The same camera was fitted with a viewpoint that moves along its axis;"),
+        "Pictures held out that are explained no better by a viewpoint that moves, and errors below the residuals"
+        " themselves at the distances you work at.",
+        "Calibrate with --model axial if you measure nearer or farther than the boards were: the file then has a ray,"
+        " place and bearing, for each pixel."
+        if asked.needed or asked.open
+        else "Nothing, as long as you work at the distances of the boards. To be surer of the travel, hold boards very"
+        " near and far, out to the rim: only the two together tell a viewpoint that moves from a lens.",
+    )
+
+
+def _how_to_leave(asked: Asked, central: Candidate) -> tuple[str, str, str]:
+    """Say how to read it beside an axial camera."""
+    return (
+        SHOWN.format("That of this camera moves along its axis;"),
+        "Pictures held out that are explained better by a viewpoint that moves, and errors of the central camera well"
+        " above the residuals at the distances you work at: there this camera is worth its distance.",
+        "Give programs that take rays the file as it is. Those that take central cameras only get the one that fits at"
+        " the distance you work at: omnisight convert --distance."
+        if asked.needed or asked.open
+        else f"Take the central camera, --model {central.state.model.name}: these pictures ask for no more, and every"
+        " program reads it.",
     )
 
 

@@ -11,7 +11,7 @@ from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.initialise import posed
 from omnisight.calibrate.refine import Bundle
-from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.spread import LEAST_SPREAD, Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.checks import LARGE_PX
 from omnisight.calibrate.trust.covariance import camera_covariance, disagreement, residual_variance
@@ -88,7 +88,7 @@ class Known:
         camera = replace(camera, model=state.model, theta_max=reach, covariance=camera_covariance(fit, views))
         normal = Bundle(views, freedom, spread).linearise(state)
         used = np.diagonal(normal.shared) > 0
-        variance = residual_variance(spread, views, freedom) * disagreement(fit, views)
+        variance = max(residual_variance(spread, views, freedom), LEAST_SPREAD**2) * disagreement(fit, views)
         moving = freedom.directions[:, used[: freedom.directions.shape[1]]]
         schur = normal.reduced()[0][np.ix_(used, used)]
         freedom = replace(freedom, directions=moving)

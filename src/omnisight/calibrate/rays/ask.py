@@ -1,7 +1,7 @@
 """Whether pictures ask for a camera whose viewpoint moves, and what a central one leaves."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better
 from omnisight.calibrate.rays.left import METRES, WIDTHS, Left, corners
+from omnisight.calibrate.rays.travel import Travel
 from omnisight.calibrate.trust.ceiling import Ceiling
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.optics.models.axial import Axial
+from omnisight.ray_camera import RayCamera
 
 if TYPE_CHECKING:
     from omnisight.calibrate.calibration import Calibration
@@ -136,7 +138,11 @@ def ask(calibration: "Calibration", *, unit: str = "squares") -> Asked | None:
     asked, camera = calibration.trust.viewpoint, calibration.camera
     if asked is None or unit != "m":
         return asked
-    left = _left(calibration.candidates[0], asked.axial, camera, asked.points, METRES)
+    model = asked.axial.state.model
+    assert isinstance(model, Axial)
+    cone = camera.theta_min, camera.theta_max or model.theta_max
+    central = calibration.chosen.state.model
+    left = Left.of(central, model, asked.points, size=camera.size, cone=cone, distances=METRES)
     return replace(asked, unit=unit, widths=None, left=left)
 
 
@@ -161,51 +167,66 @@ def ask_about(
         return None
     best, views, usable = best.sketched(views, usable)  # the same that the ceiling has
     axial = axial_of(best, views, COEFFICIENTS, loss="huber").held_out(views, usable, loss="huber")
-    better = clearly_better(axial, best, views, usable)
+    moving = RayCamera(
+        cast(Axial, axial.state.model),
+        camera.size,
+        "squares",
+        theta_max=camera.theta_max,
+        theta_min=camera.theta_min,
+        covariance=camera_covariance(axial, views),
+    )
+    return compared(best, axial, moving, views, usable, ceiling)
+
+
+def compared(
+    central: Candidate,
+    axial: Candidate,
+    camera: RayCamera,
+    views: BoardViews,
+    usable: NDArray[np.bool_],
+    ceiling: Ceiling | None,
+) -> Asked:
+    """Compare a central camera with an axial one, both asked about the same pictures held out.
+
+    Parameters
+    ----------
+    central, axial
+        The two.
+    camera
+        The axial one, with its covariance.
+    views, usable
+        The corners, and (N,) those that some model explains.
+    ceiling
+        The central spline beside them, if there is one.
+    """
+    assert central.held_out_lengths is not None
+    better = clearly_better(axial, central, views, usable)
     spline = None if ceiling is None else ceiling.candidate.held_out_rms
     doubtful = better and spline is not None and spline < (axial.held_out_rms or 0.0)
-    model = axial.state.model
+    model = camera.model
     assert isinstance(model, Axial)
+    assert camera.covariance is not None
     cone = camera.theta_min, camera.theta_max or model.theta_max
-    points = corners(axial.state, views, usable)
-    travel = model.travel(*cone)
-    sigma = travel_sigma(axial, model, cone, camera_covariance(axial, views))
+    travel = Travel.between(model, camera.covariance, cone)
     doubt = "a central spline has less than either" if doubtful else ""
-    if not better and travel > SURE * sigma:
+    if not better and travel.length > SURE * travel.length_sigma:
         doubt = "yet so large a travel is no chance: more pictures, very near and far and out to the rim, can tell"
     width = float(np.ptp(views.extent, axis=0).max())
-    assert best.held_out_lengths is not None
+    distances = METRES if camera.unit == "m" else tuple(width * times for times in WIDTHS)
+    points = corners(axial.state, views, usable)
     return Asked(
         better and not doubtful,
         doubt,
-        float(np.sqrt((best.held_out_lengths[usable] ** 2).mean())),
+        float(np.sqrt((central.held_out_lengths[usable] ** 2).mean())),
         axial.held_out_rms or 0.0,
-        travel,
-        sigma,
-        "squares",
-        WIDTHS,
-        _left(best, axial, camera, points, tuple(width * times for times in WIDTHS)),
+        travel.length,
+        travel.length_sigma,
+        camera.unit,
+        None if camera.unit == "m" else WIDTHS,
+        Left.of(central.state.model, model, points, size=camera.size, cone=cone, distances=distances),
         axial,
         points,
     )
-
-
-def _left(best: Candidate, axial: Candidate, camera: Camera, points: Array, distances: tuple[float, ...]) -> Left:
-    model = axial.state.model
-    assert isinstance(model, Axial)
-    cone = camera.theta_min, camera.theta_max or model.theta_max
-    return Left.of(best.state.model, model, points, size=camera.size, cone=cone, distances=distances)
-
-
-def travel_sigma(candidate: Candidate, model: Axial, cone: tuple[float, float], covariance: Array) -> float:
-    """Give the standard deviation of the way between the two ends of the travel."""
-    theta = np.linspace(cone[0], min(cone[1], model.theta_max), 181)
-    s = model.start(theta)
-    ends = theta[[int(s.argmin()), int(s.argmax())]]
-    count = len(model.pupil)
-    unit = [Axial(model.lens, tuple(np.eye(count)[k])).start(ends) for k in range(count)]
-    way = np.array([two[1] - two[0] for two in unit])
-    return float(np.sqrt(max(way @ covariance[-count:, -count:] @ way, 0.0)))
 
 
 def _known(value: float) -> float | None:

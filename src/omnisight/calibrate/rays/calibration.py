@@ -7,26 +7,30 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import HOPELESS, Candidate, choose
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.choice import HOPELESS, choose
 from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.rays.ask import ask, compared
 from omnisight.calibrate.rays.drawing import as_drawn, idle, placed, whole
+from omnisight.calibrate.rays.far import far_camera, from_viewpoint
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better, fit, with_rays
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
-from omnisight.calibrate.trust.checks import CHECKS, EVERY
 from omnisight.calibrate.trust.covariance import camera_covariance
+from omnisight.calibrate.trust.coverage import Coverage
 from omnisight.calibrate.trust.evidence import Evidence
 from omnisight.calibrate.trust.uncertainty import UncertaintyMap
 from omnisight.calibrate.trust.verdict import Verdict
 from omnisight.calibrate.views import BoardViews
-from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
+from omnisight.images import ImageField
 from omnisight.optics.models.axial import Axial
 from omnisight.optics.ray_model import RayModel
 from omnisight.ray_camera import RayCamera
 
 if TYPE_CHECKING:
     from omnisight.calibrate.calibration import Calibration
+    from omnisight.calibrate.trust.assess import Trust
 
 Array = NDArray[np.float64]
 
@@ -51,15 +55,16 @@ class RaysCalibration:
     candidates
         The chosen one, then the others, best first.
     central
-        The central camera it is compared with.
+        The best central camera beside it: the one that was chosen, or its own lens with a viewpoint that stands still.
     needed
         Whether it explains pictures held out better than the central one by more than chance.
     reason
         One sentence: why this camera.
     outliers
         (N,) corners more than five robust standard deviations off.
-    verdict
-        Whether to use it, and what to do where not.
+    trust
+        How far it can be trusted. Of what is far it is sure as a central camera is; its viewpoint is compared with that
+        of the central one. None but a central camera has halves and a spline beside it.
     """
 
     camera: RayCamera
@@ -70,7 +75,22 @@ class RaysCalibration:
     needed: bool
     reason: str
     outliers: NDArray[np.bool_]
-    verdict: Verdict
+    trust: "Trust"
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to use it, and what to do where not."""
+        return self.trust.verdict
+
+    @property
+    def residual_lengths(self) -> Array:
+        """(N,) length of each corner's residual, px."""
+        return self.state.lengths(self.views)
+
+    @property
+    def mean(self) -> float:
+        """Mean length of the residual over all corners, px."""
+        return self.candidates[0].mean
 
     @property
     def rms(self) -> float:
@@ -91,6 +111,7 @@ def calibrate_rays(
     fixed: Sequence[str] = (),
     free: Sequence[str] = (),
     loss: str = "huber",
+    field: ImageField | None = None,
 ) -> RaysCalibration:
     """Calibrate a non-central camera from the boards of a central calibration.
 
@@ -110,31 +131,38 @@ def calibrate_rays(
         calibration estimated.
     loss
         "huber", or "squared".
+    field
+        Where the pictures show anything, if that is known.
 
     Raises
     ------
     ValueError
         If there is no such model, or the camera to start from explains too few corners, or does not come near.
     """
-    views, usable, central = calibration.views, ~calibration.outliers, calibration.candidates[0]
+    views, usable = calibration.views, ~calibration.outliers
     if isinstance(model, RayModel):
-        tried = [_refined(calibration, model, fixed, free, loss)]
+        tried = [(_refined(calibration, model, fixed, free, loss), calibration.chosen)]
     elif model == "axial":
         tried = _axial(calibration, loss)
     else:
         raise ValueError(f"unknown non-central model {model!r}; give 'axial', or a camera of rays to start from")
-    best, reason = choose(tried, views, usable)
+    best, reason = choose([found for found, _ in tried], views, usable)
+    central = _rival(next(still for found, still in tried if found is best), calibration, loss)
     needed = best.held_out_lengths is None or clearly_better(best, central, views, usable)
     if not needed:
         reason += f" The central {central.name} has {central.held_out_rms:.3f} px: nothing here asks for more."
-    return _concluded(best, tuple(tried), calibration, needed, reason, unit, loss)
+    others = sorted(
+        (found for found, _ in tried if found is not best),
+        key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms),
+    )
+    return _concluded((best, *others), central, calibration, needed, reason, unit, loss, field)
 
 
 def _refined(
     calibration: "Calibration", model: RayModel, fixed: Sequence[str], free: Sequence[str], loss: str
 ) -> Candidate:
     """Refine a camera that is nearly known."""
-    views, usable, central = calibration.views, ~calibration.outliers, calibration.candidates[0]
+    views, usable, central = calibration.views, ~calibration.outliers, calibration.chosen
     start = placed(whole(model, views), views)
     still = (*fixed, *(name for name in idle(model) if name not in free))
     freedom = Freedom.of(start.model, fixed=still, free=free, warp=central.freedom.warp)
@@ -149,37 +177,58 @@ def _refined(
     return replace(found, state=with_rays(found.state, ended))
 
 
-def _axial(calibration: "Calibration", loss: str) -> list[Candidate]:
-    """Let the viewpoints of the best central cameras and of a spline move, the best of these in other ways too."""
+def _axial(calibration: "Calibration", loss: str) -> list[tuple[Candidate, Candidate]]:
+    """Let the viewpoints of the best central cameras and of a spline move, the best of these in other ways too.
+
+    With each comes the central camera that it was.
+    """
     views, central = calibration.views, calibration.candidates
     figure = [candidate.held_out_rms or candidate.rms for candidate in central]
     near = [c for c, px in zip(central, figure, strict=True) if px <= HOPELESS * figure[0]][:LENSES]
     spline = calibration.trust.ceiling
     if spline is not None and len(spline.candidate.state.rotations) == len(views):
         near.append(spline.candidate)
-    tried = [_judged(axial_of(lens, views, FIRST, loss=loss), calibration, loss) for lens in near]
-    best, _ = choose(tried, views, ~calibration.outliers)
-    lens = near[[candidate is best for candidate in tried].index(True)]
-    tried += [_judged(axial_of(lens, views, count, loss=loss), calibration, loss) for count in OTHERS]
-    return tried
+    tried = [(_judged(axial_of(lens, views, FIRST, loss=loss), calibration, loss), lens) for lens in near]
+    best, _ = choose([found for found, _ in tried], views, ~calibration.outliers)
+    lens = next(lens for found, lens in tried if found is best)
+    return tried + [(_judged(axial_of(lens, views, count, loss=loss), calibration, loss), lens) for count in OTHERS]
+
+
+def _rival(still: Candidate, calibration: "Calibration", loss: str) -> Candidate:
+    """Give the central camera to compare with: the same lens, its viewpoint standing still, or the one chosen."""
+    chosen, usable = calibration.chosen, ~calibration.outliers
+    if chosen.held_out_lengths is None:
+        return chosen
+    still = still.on(calibration.views, usable, loss=loss)
+    if still.held_out_rms is None:
+        still = _judged(still, calibration, loss)
+    return min(_counting(chosen, usable), _counting(still, usable), key=lambda c: c.held_out_rms or 0.0)
+
+
+def _counting(candidate: Candidate, usable: NDArray[np.bool_]) -> Candidate:
+    """Give it with what it is off by on pictures held out, of the corners that count here."""
+    assert candidate.held_out_lengths is not None
+    return replace(candidate, held_out_rms=float(np.sqrt((candidate.held_out_lengths[usable] ** 2).mean())))
 
 
 def _judged(candidate: Candidate, calibration: "Calibration", loss: str) -> Candidate:
-    if calibration.candidates[0].held_out_lengths is None:
+    if calibration.chosen.held_out_lengths is None:
         return candidate
     return candidate.held_out(calibration.views, ~calibration.outliers, loss=loss)
 
 
 def _concluded(
-    best: Candidate,
-    tried: tuple[Candidate, ...],
+    ranked: tuple[Candidate, ...],
+    central: Candidate,
     calibration: "Calibration",
     needed: bool,
     reason: str,
     unit: str,
     loss: str,
+    field: ImageField | None,
 ) -> RaysCalibration:
-    views, state, central = calibration.views, best.state, calibration.candidates[0]
+    best, views = ranked[0], calibration.views
+    state = best.state
     outliers = Spread.of(state, views).doubtful(state, views)
     model = cast(RayModel, state.model)
     bearings = model.rays(views.pixels[~outliers])[1]
@@ -208,27 +257,35 @@ def _concluded(
         theta_min=first,
         covariance=camera_covariance(best, views, loss=loss),
     )
-    verdict = _judge(best, camera, calibration, outliers)
-    figures |= {"verdict": str(verdict), "reasons": list(verdict.reasons)}
-    ranked = sorted(tried, key=lambda c: (c is not best, c.held_out_rms is None, c.held_out_rms or c.rms))
-    camera = replace(camera, calibration=figures)
-    return RaysCalibration(camera, state, views, tuple(ranked), central, needed, reason, outliers, verdict)
+    trust = _trust(best, central, camera, calibration, outliers, field)
+    camera = replace(camera, calibration=figures | trust.figures())
+    return RaysCalibration(camera, state, views, ranked, central, needed, reason, outliers, trust)
 
 
-def _judge(best: Candidate, camera: RayCamera, calibration: "Calibration", outliers: NDArray[np.bool_]) -> Verdict:
-    """Judge it as a central camera is judged; how sure it is of what is far where its bearings are a lens's."""
-    trust, far, asked = calibration.trust, calibration.camera, EVERY
-    uncertainty, model = trust.uncertainty, camera.model
-    if isinstance(model, Axial) and camera.covariance is not None:
-        count = model.lens.params.size
-        far = Camera(
-            model.lens,
-            camera.size,
-            theta_max=camera.theta_max,
-            theta_min=camera.theta_min,
-            covariance=camera.covariance[:count, :count],
-        )
-        uncertainty, asked = UncertaintyMap.of(far), CHECKS
-    views = calibration.views
-    evidence = Evidence(far, best, views, uncertainty, trust.coverage, None, None, None, outliers, auto=True)
-    return Verdict.of(evidence, asked)
+def _trust(
+    best: Candidate,
+    central: Candidate,
+    camera: RayCamera,
+    calibration: "Calibration",
+    outliers: NDArray[np.bool_],
+    field: ImageField | None,
+) -> "Trust":
+    """Say how far it can be trusted: of what is far as a central camera is, of what is near beside one."""
+    views, model, far = calibration.views, camera.model, far_camera(camera)
+    uncertainty = UncertaintyMap.of(far, field=field)
+    around = from_viewpoint(best.state, model, views.pixels[~outliers])
+    coverage = Coverage.of(far, around, views, field)
+    viewpoint = ask(calibration, unit=camera.unit)
+    if isinstance(model, Axial) and best.held_out_lengths is not None:
+        ceiling = calibration.trust.ceiling
+        viewpoint = compared(central, best, camera, views, ~calibration.outliers, ceiling)
+    evidence = Evidence(far, best, views, uncertainty, coverage, None, None, None, outliers, auto=True)
+    return replace(
+        calibration.trust,
+        uncertainty=uncertainty,
+        coverage=coverage,
+        halves=None,
+        ceiling=None,
+        viewpoint=viewpoint,
+        verdict=Verdict.of(evidence),
+    )

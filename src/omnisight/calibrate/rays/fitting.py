@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from omnisight.calibrate.candidates import TIE, Candidate
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.choice import TIE
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.spread import Spread

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import Candidate, Compared
+from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.choice import Compared
 from omnisight.calibrate.rays.ask import Asked, ask_about
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import Ceiling, fit_ceiling

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import Candidate, spline_start
+from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.starts import spline_start
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis

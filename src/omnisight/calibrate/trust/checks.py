@@ -140,9 +140,11 @@ def strays(e: Evidence) -> Check:
     )
 
 
-def poor(e: Evidence) -> Check:
-    """Ask that a generic camera explains pictures held out little better."""
-    if e.ceiling is None or not _poor(e) or _moves(e) or e.ceiling.left <= LEFT[0] * e.scale:
+def poor(e: Evidence) -> Check | None:
+    """Ask that a generic camera explains pictures held out little better; None without one."""
+    if e.ceiling is None:
+        return None
+    if not _poor(e) or _moves(e) or e.ceiling.left <= LEFT[0] * e.scale:
         return Check("model")
     return Check(
         "model",
@@ -152,10 +154,12 @@ def poor(e: Evidence) -> Check:
     )
 
 
-def viewpoint(e: Evidence) -> Check:
-    """Ask that the rays meet in a point, or nearly."""
+def viewpoint(e: Evidence) -> Check | None:
+    """Ask that the rays meet in a point, or nearly; None where that was not asked."""
     moves = e.viewpoint
-    if moves is None or not moves.needed or explained(e).level:
+    if moves is None:
+        return None
+    if not moves.needed or explained(e).level:
         return Check("viewpoint")
     near, far = float(moves.left.rms_pixels[0]), float(moves.left.rms_pixels[-1])
     level = _level(far, UNCERTAIN, e.scale)
@@ -250,10 +254,12 @@ def rim(e: Evidence) -> Check:
     )
 
 
-def halves(e: Evidence) -> Check:
-    """Ask that two halves of the pictures agree as noise has it, or say what else is at work."""
+def halves(e: Evidence) -> Check | None:
+    """Ask that two halves of the pictures agree as noise has it, or say what else is at work; None without them."""
     h = e.halves
-    if h is None or h.ratio <= DISAGREE or h.difference <= MATTERS * e.scale:
+    if h is None:
+        return None
+    if h.ratio <= DISAGREE or h.difference <= MATTERS * e.scale:
         return Check("halves")
     why = (
         "the rays do not meet in a point: use --model axial."
@@ -279,8 +285,6 @@ def shutter(e: Evidence) -> Check:
     return Check("shutter", Level(int(bool(sentence) and uncertainty(e).level > Level.GOOD)), sentence)
 
 
-# What is asked of a camera of any kind, and of one whose directions are those of a central camera.
-EVERY = (pictures, tilt, explained, strays, held_out, coverage)
 CHECKS = (pictures, tilt, explained, poor, viewpoint, strays, held_out, uncertainty, coverage, rim, halves, shutter)
 
 

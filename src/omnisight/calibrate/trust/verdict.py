@@ -1,6 +1,5 @@
 """Whether a calibration can be used, and what to do where it cannot."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -24,9 +23,9 @@ class Verdict:
     checks: tuple[Check, ...]
 
     @classmethod
-    def of(cls, evidence: Evidence, asked: Sequence[Callable[[Evidence], Check]] = CHECKS) -> Self:
-        """Judge a calibration by the checks asked for."""
-        checks = tuple(check(evidence) for check in asked)
+    def of(cls, evidence: Evidence) -> Self:
+        """Judge a calibration by every check that there is evidence for."""
+        checks = tuple(found for check in CHECKS if (found := check(evidence)) is not None)
         return cls(max(check.level for check in checks), checks)
 
     @property

@@ -1,0 +1,69 @@
+"""Camera models to begin a calibration from, of a state that is known roughly."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from omnisight.calibrate.freedom import STRETCH, Freedom
+from omnisight.calibrate.refine import Bundle, refine
+from omnisight.calibrate.restart import pairs, restart
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import State
+from omnisight.calibrate.views import BoardViews
+from omnisight.geometry.sphere import angle_from_axis
+from omnisight.models import model_class
+from omnisight.models.ocam import Ocam
+from omnisight.models.spline import Spline
+
+OCAM_DEGREES = (3, 4, 5, 6)
+# Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
+SPANS, MANY = 10, 800
+# Share of the cost that finding a polynomial from a lower one need not gain.
+ROUGHLY = 1e-5
+# Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
+UNSEEN = np.radians(20)
+# Floors of valleys this close are one floor, reached from several sides.
+LEVEL = 1e-5
+
+
+def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str] = ()) -> list[tuple[str, State]]:
+    """Give the camera model of that name fitted to the start's directions; the polynomial in each of its degrees."""
+    if name == "spline":
+        return [(name, spline_start(start, views))]
+    if name != "ocam":
+        state = restart(start, model_class(name), views, fixed=fixed)
+        return [] if state is None else [(name, state)]
+    # What no corner shows of the middle leaves several valleys.
+    several = float(angle_from_axis(start.points(views)[0]).min(initial=np.pi)) > UNSEEN
+    shown = [pairs(start, views, inwards=inwards) for inwards in ((False, True) if several else (False,))]
+    states, spread = list[State](), Spread.of(start, views)
+    for degree in OCAM_DEGREES:
+        fresh = [dataclasses.replace(start, model=Ocam.start_of_degree(*seen, degree)) for seen in shown]
+        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread))
+    return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
+
+
+def _polynomial_start(
+    degree: int, fresh: Sequence[State], lower: State | None, views: BoardViews, spread: Spread
+) -> State:
+    """Give the best of polynomials fitted to a start and, where that is nearer, of what one degree less finds."""
+    starts = list(fresh)
+    if lower is not None:
+        still = Freedom.of(lower.model, fixed=STRETCH)
+        found = refine(lower, views, freedom=still, spread=spread, tolerance=ROUGHLY).state
+        starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
+    ends = starts
+    if len(fresh) > 1:  # only their floors tell valleys apart
+        ends = [refine(end, views, spread=spread).state for end in starts]
+    cost = Bundle(views, Freedom.none(starts[0].model), spread).cost
+    floors = [cost(end) for end in ends]
+    lowest = [begun for begun, floor in zip(starts, floors, strict=True) if floor <= (1 + LEVEL) * min(floors)]
+    return min(lowest, key=cost)
+
+
+def spline_start(start: State, views: BoardViews) -> State:
+    """Give a spline fitted to the start's directions, as fine as so many corners can tell."""
+    points, pixels = pairs(start, views)
+    model = Spline.start_of(points, pixels, SPANS, 3 if len(views.pixels) < MANY else 5)
+    return dataclasses.replace(start, model=model)
