@@ -23,8 +23,6 @@ SPANS, MANY = 10, 800
 ROUGHLY = 1e-5
 # Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
 UNSEEN = np.radians(20)
-# Floors of valleys this close are one floor, reached from several sides.
-LEVEL = 1e-5
 
 
 def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str] = ()) -> list[tuple[str, State]]:
@@ -40,26 +38,28 @@ def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str
     states, spread = list[State](), Spread.of(start, views)
     for degree in OCAM_DEGREES:
         fresh = [dataclasses.replace(start, model=Ocam.start_of_degree(*seen, degree)) for seen in shown]
-        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread))
+        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread, fixed))
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
 
 
 def _polynomial_start(
-    degree: int, fresh: Sequence[State], lower: State | None, views: BoardViews, spread: Spread
+    degree: int,
+    fresh: Sequence[State],
+    lower: State | None,
+    views: BoardViews,
+    spread: Spread,
+    fixed: Sequence[str],
 ) -> State:
     """Give the best of polynomials fitted to a start and, where that is nearer, of what one degree less finds."""
     starts = list(fresh)
     if lower is not None:
-        still = Freedom.of(lower.model, fixed=STRETCH)
+        still = Freedom.of(lower.model, fixed=(*STRETCH, *fixed))
         found = refine(lower, views, freedom=still, spread=spread, tolerance=ROUGHLY).state
         starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
-    ends = starts
+    freedom = Freedom.of(starts[0].model, fixed=fixed)
     if len(fresh) > 1:  # only their floors tell valleys apart
-        ends = [refine(end, views, spread=spread).state for end in starts]
-    cost = Bundle(views, Freedom.none(starts[0].model), spread).cost
-    floors = [cost(end) for end in ends]
-    lowest = [begun for begun, floor in zip(starts, floors, strict=True) if floor <= (1 + LEVEL) * min(floors)]
-    return min(lowest, key=cost)
+        starts = [refine(start, views, freedom=freedom, spread=spread).state for start in starts]
+    return min(starts, key=Bundle(views, freedom, spread).cost)
 
 
 def spline_start(start: State, views: BoardViews) -> State:
