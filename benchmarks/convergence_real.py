@@ -9,7 +9,8 @@ from omnisight.calibrate import BoardViews
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.choice import AUTO
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise, posed
+from omnisight.calibrate.initialise import initialise
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.starts import starts_of
 from omnisight.calibrate.state import State

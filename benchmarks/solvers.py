@@ -16,8 +16,9 @@ import numpy as np
 import omnisight as om
 from benchmarks.solvers_corners import Corners, corner_sets
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise, repose
+from omnisight.calibrate.initialise import initialise
 from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
+from omnisight.calibrate.posing import repose
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.restart import restart
 from omnisight.calibrate.state import State

@@ -130,6 +130,9 @@ def test_a_file_holds_all_of_it(model, tmp_path):
     again = om.load(tmp_path / "camera.json")
     assert isinstance(again, om.RayCamera)
     assert again == camera
+    units = json.loads((tmp_path / "camera.json").read_text("utf-8"))["units"].values()
+    assert "squares" in units
+    assert "m" not in units
 
 
 def test_a_file_holds_the_covariance(tmp_path):

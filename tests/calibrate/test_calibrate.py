@@ -7,7 +7,7 @@ import pytest
 
 from lenses import CENTRE, LENSES, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
-from omnisight.calibrate.candidates import ENOUGH
+from omnisight.calibrate.candidates import ENOUGH, ENOUGH_FOR_MANY
 from omnisight.calibrate.refine import refine
 from omnisight.targets import Checkerboard
 
@@ -125,6 +125,8 @@ def test_of_many_corners_enough_compare_models_and_all_make_the_camera():
     assert found.rms == pytest.approx(np.sqrt((chosen.state.lengths(views) ** 2).mean()))
     assert len(chosen.held_out_lengths) == len(views.pixels)
     assert f"compared on {found.candidates[0].corners} of {len(views.pixels)} corners" in found.reason
+    # A camera of many parameters needs more of them.
+    assert found.trust.ceiling.candidate.corners == len(views.pixels) < ENOUGH_FOR_MANY
     # No other camera is nearer to the corners than one fitted to all of them.
     again = refine(chosen.state, views, freedom=chosen.freedom).state
     assert np.abs(again.model.params - found.camera.model.params).max() < 1e-3 * np.abs(again.model.params).max()

@@ -7,8 +7,13 @@ import pytest
 
 import omnisight as om
 from noncentral import SIZE, TURN, in_focus, moving_pupil, off_by, off_focus, shown, sphere
+from omnisight.calibrate import BoardViews
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.rays import ask, calibrate_rays
 from omnisight.calibrate.rays.left import aligned
+from omnisight.calibrate.refine import Bundle
+from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.state import OUTSIDE, State
 from omnisight.geometry import rotation as so3
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.unified import Unified
@@ -218,3 +223,20 @@ def test_a_central_camera_is_aligned_with_itself_moved():
 def test_an_unknown_model_is_refused(case):
     with pytest.raises(ValueError, match="unknown non-central model 'nonsense'"):
         calibrate_rays(case.central, "nonsense")
+
+
+def test_a_corner_that_a_mirror_does_not_show_costs_the_same_wherever_it_is():
+    """Not less where it comes near to what the picture shows in its middle: the camera itself."""
+    system = off_focus().system
+    board = np.array([[x, y, 0.0] for y in range(2) for x in range(3)]) * 0.03
+    costs = []
+    for x in (0.0, 0.1, 0.2):
+        # Before the mirror, in front of which nothing is seen.
+        state = State(system, np.eye(3)[None], np.array([[x, 0.4, 0.9]]))
+        assert not system.project(state.points(BoardViews.of([(board, board[:, :2])]))[0])[1].any()
+        views = BoardViews.of([(board, np.tile([640.0, 512.0], (6, 1)))])
+        bundle = Bundle(views, Freedom.none(system), Spread(np.tile(np.eye(2), (6, 1, 1)), 1.0, 5.0))
+        costs.append(bundle.cost(state))
+        assert not bundle.linearise(state).local_gradient.any()
+    assert costs[0] > 6 * 5 * OUTSIDE / 2
+    assert costs == [costs[0]] * 3

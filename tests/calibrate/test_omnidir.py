@@ -6,7 +6,8 @@ import pytest
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.border import focal_from_line, start_from_border
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise, posed
+from omnisight.calibrate.initialise import initialise
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.restart import restart
 from omnisight.camera import Camera

@@ -8,7 +8,7 @@ from scipy.io import loadmat
 
 from omnisight.calibrate import BoardViews, calibrate_camera, calibrate_pictures
 from omnisight.calibrate.candidates import posed_by
-from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.spread import Spread
 from omnisight.images import collect_images
 from omnisight.targets import find_boards

@@ -7,7 +7,8 @@ import pytest
 
 from lenses import SIZE, bearing_error, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_pictures
-from omnisight.calibrate.initialise import initialise, posed
+from omnisight.calibrate.initialise import initialise
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.second_pass import Won, second_pass
 from omnisight.calibrate.spread import Spread

@@ -5,7 +5,7 @@ import pytest
 
 from lenses import BOARD, SIZE, facing, lens, shoot
 from omnisight.calibrate import BoardViews
-from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.trust.shutter import rolling_shutter
 from omnisight.geometry import rotation as so3

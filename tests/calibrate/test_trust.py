@@ -9,7 +9,7 @@ from lenses import NOISE, SIZE, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.trust.compare import turned_difference
 from omnisight.calibrate.trust.covariance import camera_covariance, noise_covariance, scatter
 from omnisight.calibrate.trust.halves import compare_halves

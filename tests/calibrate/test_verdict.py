@@ -7,7 +7,7 @@ import pytest
 
 from lenses import BOARD, SIZE, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
-from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.trust.coverage import Coverage
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import polar

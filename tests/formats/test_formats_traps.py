@@ -244,3 +244,27 @@ def test_nor_are_those_of_a_camera_of_rays(tmp_path):
         (tmp_path / "camera.json").write_text(json.dumps(spoiled))
         with pytest.raises(FormatError, match=said):
             load(tmp_path / "camera.json")
+
+
+@pytest.mark.parametrize(
+    ("lens", "change", "said"),
+    [
+        ("ocam", {f"a{i}": 1e-12 for i in range(5, 600)}, r"f\(r\) has 599 coefficients, 20 are the most"),
+        ("kannala_brandt", {"fx": 0.0}, r"fx \(focal length, px\) must be 1e-06 or longer, got 0"),
+        ("rational", {"k4": 0.0, "k5": -1e12, "k6": -1e-149}, r"no rational camera has these numbers \(.*k6 = -1e-149"),
+    ],
+)
+def test_nor_are_those_of_its_lens(tmp_path, lens, change, said):
+    import json
+
+    from omnisight.formats import FormatError, load
+    from omnisight.formats.native import to_json
+    from omnisight.models import model_class
+    from omnisight.optics.models.axial import Axial
+    from omnisight.ray_camera import RayCamera
+
+    stored = to_json(RayCamera(Axial(model_class(lens).example(), (0.006,)), (640, 480)))
+    stored["params"] |= change
+    (tmp_path / "camera.json").write_text(json.dumps(stored))
+    with pytest.raises(FormatError, match=said):
+        load(tmp_path / "camera.json")

@@ -15,6 +15,7 @@ from omnisight.models._resized import resized
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
 from omnisight.report.material import Material
+from omnisight.report.numbers import with_sigma
 from omnisight.report.page import page
 from omnisight.report.pictures import exaggeration
 from omnisight.simulate import fisheye_setup
@@ -38,7 +39,9 @@ def test_the_verdict_and_the_figures_at_the_head_are_its_own(text, axial):
     assert f">{c.rms:.2g} px<" in head
     assert f"the mean is {c.mean:.3f} px" in head
     assert f"{int(c.outliers.sum())} of them doubtful" in head
-    assert f">{1e3 * axial.travel.length:.3g} mm<" in head
+    length, sigma = with_sigma(1e3 * axial.travel.length, 1e3 * axial.travel.length_sigma)
+    assert f">{length} mm<" in head
+    assert f">± {sigma} mm along the axis" in head
     for reason in c.verdict.reasons:
         assert reason in text
 

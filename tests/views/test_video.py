@@ -291,7 +291,7 @@ def test_many_boards_are_cut_down_to_those_that_say_most():
 def bearing_error_of(views, setup):
     """Give the error (degrees) that the parameters' covariance foretells, in the mean over the corners."""
     from omnisight.calibrate.information import _information
-    from omnisight.calibrate.initialise import posed
+    from omnisight.calibrate.posing import posed
 
     state = posed(setup.camera.model, views)
     covariance = np.linalg.inv(_information(state, views).sum(0))

@@ -16,11 +16,11 @@ from omnisight.calibrate.choice import (
     NARROW,
     NARROW_AUTO,
     TIE,
-    Compared,
     choose,
 )
 from omnisight.calibrate.freedom import Freedom, squared
-from omnisight.calibrate.initialise import initialise, posed
+from omnisight.calibrate.initialise import initialise
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.starts import starts_of
 from omnisight.calibrate.state import State
@@ -53,8 +53,9 @@ class Calibration:
         The corners it was calibrated on.
     chosen
         The chosen model, fitted to all of them.
-    compared
-        Every model that was tried, on no more corners than tell them apart.
+    candidates
+        Every model that was tried, on no more corners than tell them apart: the chosen one, then the others, the best
+        first.
     reason
         Why this model.
     outliers
@@ -66,7 +67,7 @@ class Calibration:
     camera: Camera
     views: BoardViews
     chosen: Candidate
-    compared: Compared
+    candidates: tuple[Candidate, ...]
     reason: str
     outliers: NDArray[np.bool_]
     trust: Trust
@@ -75,11 +76,6 @@ class Calibration:
     def state(self) -> State:
         """The model with cam_from_board of every picture, and the bend of the board."""
         return self.chosen.state
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """Every model that was tried, the chosen one first, then the others, best first."""
-        return self.compared.ranked
 
     @property
     def rms(self) -> float:
@@ -188,9 +184,8 @@ def calibrate_camera(
     others = (c for c in judged if c is not best)
     ranked = best, *sorted(others, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     report("judge", 0, 1)
-    compared = Compared(ranked, sketch, usable[kept])
     chosen = best.on(views, usable, loss=loss)
-    found = _conclude(chosen, reason, compared, views, size, loss, field, begun, auto=model == "auto")
+    found = _conclude(chosen, reason, ranked, views, size, loss, field, begun, auto=model == "auto")
     report("judge", 1, 1)
     return found
 
@@ -257,7 +252,7 @@ def _hold_out(
 def _conclude(
     best: Candidate,
     reason: str,
-    compared: Compared,
+    ranked: tuple[Candidate, ...],
     views: BoardViews,
     size: tuple[int, int],
     loss: str,
@@ -278,9 +273,7 @@ def _conclude(
         theta_max=float(angles.max(initial=0.0)),
         theta_min=least if least > BLIND else 0.0,
     )
-    camera, trust = assess(
-        best, camera, views, ~outliers, compared=compared, scout=scout, field=field, loss=loss, auto=auto
-    )
+    camera, trust = assess(best, camera, views, ~outliers, scout=scout, field=field, loss=loss, auto=auto)
     figures: dict[str, Any] = {
         "rms": best.rms,
         "mean": best.mean,
@@ -293,7 +286,7 @@ def _conclude(
     if best.freedom.warp:
         figures["board_warp"] = [float(bend) for bend in state.warp]
     camera = dataclasses.replace(camera, calibration=figures)
-    return Calibration(camera, views, best, compared, reason, outliers, trust)
+    return Calibration(camera, views, best, ranked, reason, outliers, trust)
 
 
 def _reach(state: State, views: BoardViews) -> float:

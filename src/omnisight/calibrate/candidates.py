@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import repose
+from omnisight.calibrate.posing import astray, repose
 from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
@@ -18,12 +18,10 @@ from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
-# Corners that are enough to compare cameras by, and pictures where many parameters are to be fitted to each.
-ENOUGH, ENOUGH_PICTURES = 1500, 60
+# Corners that are enough to compare cameras of few parameters by; pictures and corners where one has a hundred.
+ENOUGH, ENOUGH_PICTURES, ENOUGH_FOR_MANY = 1500, 60, 3000
 FOLDS = 5
 FOLD_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-4
-# A view whose corners lie so many times farther off than those of the others may be posed wrongly.
-ASTRAY = 4.0
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ class Candidate:
     def fit(cls, name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: str) -> "Candidate":
         """Refine one model on all pictures; again with boards posed anew, if some ended where they do not belong."""
         state = refine(start, views, freedom=freedom, loss=loss).state
-        if _astray(state, views) and loss != "squared":
+        if astray(state, views) and loss != "squared":
             healed = refine(repose(state, views), views, freedom=freedom, loss=loss).state
             spread = Spread.of(healed, views, loss)
             state = min(healed, state, key=Bundle(views, Freedom.none(state.model), spread).cost)
@@ -115,10 +113,10 @@ class Candidate:
     def sketched(
         self, views: BoardViews, usable: NDArray[np.bool_]
     ) -> tuple["Candidate", BoardViews, NDArray[np.bool_]]:
-        """Give it with no more views and corners than are enough to compare it with another camera."""
+        """Give it with no more views and corners than are enough to compare it with a camera of many parameters."""
         some = np.unique(np.linspace(0, len(views) - 1, ENOUGH_PICTURES).round().astype(np.intp))
         part = views.subset(some)
-        kept = part.thinned_rows(ENOUGH)
+        kept = part.thinned_rows(ENOUGH_FOR_MANY)
         rows = views.rows(some)[kept]
         lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
         sketch = dataclasses.replace(self, state=self.state.part(some), held_out_lengths=lengths)
@@ -142,13 +140,6 @@ class Candidate:
 
     def _problem(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> Bundle:
         return Bundle(views.subset(some), self.freedom, spread.part(views.rows(some)))
-
-
-def _astray(state: State, views: BoardViews) -> bool:
-    """Say whether a view's corners lie so much farther off than those of others that its pose may be a wrong one."""
-    lengths = state.lengths(views)
-    medians = [float(np.median(lengths[rows])) for rows in views.groups]
-    return max(medians) > ASTRAY * float(np.median(medians))
 
 
 def posed_by(trained: State, start: State, views: BoardViews, spread: Spread) -> Array:

@@ -1,7 +1,6 @@
 """Choosing a camera model by the pictures it has not seen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,25 +19,6 @@ HOPELESS = 1.5
 TIE = 0.01
 # An image should go on for so many times the angle that corners reach.
 ROOM = 1.03
-
-
-@dataclass(frozen=True)
-class Compared:
-    """Candidates beside each other.
-
-    Attributes
-    ----------
-    ranked
-        The chosen one, then the others, the best on pictures held out first.
-    views
-        The corners they were fitted to.
-    usable
-        (N,) those of them that the sharpest explains.
-    """
-
-    ranked: tuple[Candidate, ...]
-    views: BoardViews
-    usable: NDArray[np.bool_]
 
 
 def choose(candidates: Sequence[Candidate], views: BoardViews, usable: NDArray[np.bool_]) -> tuple[Candidate, str]:

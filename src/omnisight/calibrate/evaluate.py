@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.rays.drawing import placed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.spread import HUBER_SIGMAS, Spread

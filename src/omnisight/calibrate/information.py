@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.initialise import initialise, posed
+from omnisight.calibrate.initialise import initialise
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews

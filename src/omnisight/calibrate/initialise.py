@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from omnisight.calibrate.pose import plane_poses, settled_poses
+from omnisight.calibrate.posing import posed, posed_roughly, repose, turned
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.restart import STILL, fitted
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
-from omnisight.models import CameraModel, model_class
+from omnisight.models import model_class
 
 # Ideal projections, and the angle from the axis that the farthest corner may be at; below, they are all alike.
 FAMILIES = ("equidistant", "equisolid", "stereographic")
@@ -50,7 +50,7 @@ def initialise(views: BoardViews, size: tuple[int, int]) -> State:
         return posed(initialise(_some(views, ENOUGH), size).model, views)
     sketch = _some(views, SKETCH).thinned(CORNERS)
     begun = _unlike(_ideal_starts(sketch, size), sketch)
-    settled = [_settled(_turned(start, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
+    settled = [_settled(turned(start, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
     scouts = list[State]()
     names: tuple[str, ...] = SCOUTS
     for start in sorted(settled, key=lambda state: _score(state, sketch))[:SCOUTED]:
@@ -81,39 +81,6 @@ def _scout(start: State, name: str, views: BoardViews) -> State | None:
     return _settled(repose(rough, views), views, 15, 1e-4)
 
 
-def repose(state: State, views: BoardViews) -> State:
-    """Pose every board anew from its bearings, and keep what is better: heals a board stuck behind or turned over."""
-    fresh = posed(state.model, views)
-    starts = [g.start for g in views.groups]
-    old, new = (np.add.reduceat(np.minimum(s.lengths(views), 50.0), starts) for s in (state, fresh))
-    better = new < old
-    return replace(
-        state,
-        rotations=np.where(better[:, None, None], fresh.rotations, state.rotations),
-        translations=np.where(better[:, None], fresh.translations, state.translations),
-    )
-
-
-def posed(model: CameraModel, views: BoardViews) -> State:
-    """Pose every board from its bearings."""
-    return _turned(_posed_roughly(model, views), views)
-
-
-def _turned(rough: State, views: BoardViews) -> State:
-    """Pose every board from its bearings and a rough pose."""
-    bearings, _ = rough.model.unproject_numpy(views.pixels)
-    return State(rough.model, *settled_poses(views, bearings, rough.rotations, rough.translations))
-
-
-def _posed_roughly(model: CameraModel, views: BoardViews) -> State:
-    bearings, _ = model.unproject_numpy(views.pixels)
-    rotations, translations = plane_poses(views, bearings)
-    # A board that cannot be posed stands far ahead until the camera is better known.
-    lost = ~np.isfinite(rotations).all((1, 2))
-    rotations[lost], translations[lost] = np.eye(3), (0.0, 0.0, 1e3)
-    return State(model, rotations, translations)
-
-
 def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
     centre = (np.array(size, float) - 1) / 2
     reach = np.linalg.norm(views.pixels - centre, axis=1).max()
@@ -124,7 +91,7 @@ def _ideal_starts(views: BoardViews, size: tuple[int, int]) -> Iterator[State]:
         radius, _ = plain.project_numpy(np.array([[np.sin(theta), 0.0, np.cos(theta)]]))
         focal = reach / radius[0, 0]
         camera = {"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]}
-        yield _posed_roughly(type(plain).from_dict(camera), views)
+        yield posed_roughly(type(plain).from_dict(camera), views)
 
 
 def _unlike(starts: Iterable[State], views: BoardViews) -> list[State]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate._bundle_kernel import weighted, weighted_lengths
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.rim import held
+from omnisight.calibrate.rim import held, held_jacobians
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State, outside
 from omnisight.calibrate.views import BoardViews
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 # Share of the cost that steps must gain while it is not yet known how far off corners are.
 UNSETTLED = 1e-5
 # Along what corners hardly tell, costs fall slowly: a camera of 16 parameters and four pictures took 600 steps.
-ITERATIONS = 1000
+ITERATIONS = 400
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Bundle:
         pixels, valid = state.model.project_numpy(points := state.points(self.views)[0])
         lost, most = np.flatnonzero(~valid), outside(self.views)
         if len(lost):
-            pixels[lost], _ = state.model.project_numpy(held(state.model, points[lost])[0])
+            pixels[lost] = held(state.model, points[lost])
         lengths = weighted_lengths(pixels, self.views.pixels, self.spread.roots, most)
         lengths[lost] = np.minimum(lengths[lost], most)
         return self.loss.cost(lengths) + 0.5 * float(prior @ off**2)
@@ -83,12 +83,13 @@ class Bundle:
         pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
         lost = np.flatnonzero(~valid)
         if len(lost):
-            bearings, d_bearing = held(state.model, points[lost])
-            pixels[lost], _, d_held, d_params[lost] = state.model.project_with_jacobians(bearings)
-            d_point[lost] = d_held @ d_bearing
+            pixels[lost] = held(state.model, points[lost])
             # What is so far off costs the same wherever it is.
-            away = np.linalg.norm(pixels[lost] - self.views.pixels[lost], axis=1)
-            pixels[lost[away > outside(self.views)]] = np.nan
+            away = weighted_lengths(pixels[lost], self.views.pixels[lost], self.spread.roots[lost], np.inf)
+            far = away > outside(self.views)
+            pixels[lost[far]] = np.nan
+            near = lost[~far]
+            d_point[near], d_params[near] = held_jacobians(state.model, points[near], d_params[valid])
         seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
         weights = self.spread.roots, self.spread.threshold
         return weighted(pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations)

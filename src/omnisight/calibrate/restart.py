@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
+from omnisight.calibrate.posing import astray, repose
 from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
@@ -24,7 +25,7 @@ DECENTRED = set(STILL[1:])
 # What bends a profile beside its first terms: terms that nearly make up for each other.
 HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
-TRADED = (-0.3, 0.2, 0.8, 1.4)
+TRADED = (-0.3, 0.2, 0.8, 1.4, 4.0)
 MIDDLING = (0.6, 0.72)
 # Pairs that are enough to fit a start to.
 PAIRS = 600
@@ -61,7 +62,9 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     # A rich model may have left the corners that the sketch has not, and not come back to them.
     cost = Bundle(views, Freedom.none(state.model), Spread.of(state, views)).cost
     ends = [min(starts[i], ends[i], key=cost) for i in _lowest(ends, sketch)[:VALLEYS]]
-    ends = [refine(end, views, freedom=freedom, iterations=LONG_STEPS, tolerance=TOLERANCE).state for end in ends]
+    # A board that was posed wrongly on the way costs more than valleys differ by.
+    ends = [repose(end, views) if astray(end, views) else end for end in ends]
+    ends = [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
     return ends[_lowest(ends, views)[0]]
 
 
@@ -137,10 +140,10 @@ def _near(
         yield replace(start, model=model)
 
 
-def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Array, Array]:
+def pairs(state: State, views: BoardViews, *, inwards: bool = False, past: float = PAST) -> tuple[Array, Array]:
     """Give directions (M, 3), the corners' and all others between them, and their pixels in the state's camera.
 
-    Up to `PAST` times the corners' angle; `inwards` those within the corners too, which the state's camera only
+    Up to so many times the corners' angle; `inwards` those within the corners too, which the state's camera only
     guesses.
 
     What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
@@ -148,8 +151,8 @@ def pairs(state: State, views: BoardViews, *, inwards: bool = False) -> tuple[Ar
     """
     points, _ = state.points(views)
     angles = angle_from_axis(points)
-    nearest = 0.0 if inwards else angles.min(initial=np.pi) / PAST
-    farthest = min(PAST * angles.max(initial=0.0), np.pi)
+    nearest = 0.0 if inwards else angles.min(initial=np.pi) / past
+    farthest = min(past * angles.max(initial=0.0), np.pi)
     theta = nearest + (np.arange(CONE) + 0.5)[:, None] / CONE * (farthest - nearest)
     phi = np.linspace(0, 2 * np.pi, CONE, endpoint=False)
     points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])

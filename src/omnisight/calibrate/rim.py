@@ -13,18 +13,41 @@ Array = NDArray[np.float64]
 
 # Of the rim's angle: on the rim itself a projection may be infinite.
 INSIDE = 1 - 1e-7
+# px by which corners move in the steps that tell how a rim moves.
+STEP = 1e-2
 
 
-def held(model: CameraModel, points: Array) -> tuple[Array, Array]:
-    """Give the bearings (N, 3) on the rim that lie in the directions of points (N, 3), and what they change by.
+def held(model: CameraModel, points: Array) -> Array:
+    """Give the pixels (N, 2) of the bearings on the rim that lie in the directions of points (N, 3)."""
+    return model.project_numpy(_bearings(model, *_azimuth(points)))[0]
 
-    That is (N, 3, 3), d bearing / d point: a point that moves on from the axis stays where it is held. Where the rim is
-    where the image stops growing, it moves with the parameters as the image of the bearing does (the envelope theorem).
+
+def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[Array, Array]:
+    """Give the derivatives of these pixels: by point (N, 2, 3) and by parameters (N, 2, P).
+
+    A point that moves on from the axis stays where it is held. `d_params` (M, 2, P) of points that the model sees say
+    how large a step of each parameter is.
     """
-    rim = INSIDE * model.rim
+    if not len(points):
+        return np.empty((0, 2, 3)), np.empty((0, 2, model.params.size))
+    cosine, sine = _azimuth(points)
+    pixels, _, d_bearing, _ = model.project_with_jacobians(_bearings(model, cosine, sine))
+    around = np.stack([-sine, cosine, np.zeros_like(sine)], -1)
+    by_azimuth = d_bearing @ around[:, :, None] * np.sin(INSIDE * model.rim)
     radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-300)
-    cosine, sine = points[:, 0] / radius, points[:, 1] / radius
-    zero = np.zeros_like(radius)
-    bearings = np.stack([np.sin(rim) * cosine, np.sin(rim) * sine, zero + np.cos(rim)], -1)
-    around = np.stack([-sine, cosine, zero], -1)
-    return bearings, (np.sin(rim) / radius)[:, None, None] * around[:, :, None] * around[:, None, :]
+    # A rim is where an image stops growing, folds, or is cut off: it moves with the parameters in as many ways.
+    most = np.nanmax(np.abs(d_params), axis=(0, 1), initial=0.0)
+    steps = np.diag(np.where(most > 0, STEP / np.maximum(most, 1e-300), 0.0))
+    moved = [held(model.with_params(model.params + step), points) for step in steps]
+    by_params = np.stack([(to - pixels) / STEP * size for to, size in zip(moved, most, strict=True)], -1)
+    return by_azimuth * (around / radius[:, None])[:, None, :], by_params
+
+
+def _azimuth(points: Array) -> tuple[Array, Array]:
+    radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-300)
+    return points[:, 0] / radius, points[:, 1] / radius
+
+
+def _bearings(model: CameraModel, cosine: Array, sine: Array) -> Array:
+    rim = INSIDE * model.rim
+    return np.stack([np.sin(rim) * cosine, np.sin(rim) * sine, np.full_like(sine, np.cos(rim))], -1)

@@ -23,6 +23,8 @@ SPANS, MANY = 10, 800
 ROUGHLY = 1e-5
 # Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
 UNSEEN = np.radians(20)
+# Times the corners' angle that a polynomial is fitted over so that it does not fold just past them.
+FURTHER = 1.3
 
 
 def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str] = ()) -> list[tuple[str, State]]:
@@ -34,7 +36,9 @@ def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str
         return [] if state is None else [(name, state)]
     # What no corner shows of the middle leaves several valleys.
     several = float(angle_from_axis(start.points(views)[0]).min(initial=np.pi)) > UNSEEN
-    shown = [pairs(start, views, inwards=inwards) for inwards in ((False, True) if several else (False,))]
+    shown = [pairs(start, views)]
+    if several:
+        shown += [pairs(start, views, inwards=True), pairs(start, views, past=FURTHER)]
     states, spread = list[State](), Spread.of(start, views)
     for degree in OCAM_DEGREES:
         fresh = [dataclasses.replace(start, model=Ocam.start_of_degree(*seen, degree)) for seen in shown]
@@ -58,7 +62,7 @@ def _polynomial_start(
         starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
     freedom = Freedom.of(starts[0].model, fixed=fixed)
     if len(fresh) > 1:  # only their floors tell valleys apart
-        starts = [refine(start, views, freedom=freedom, spread=spread).state for start in starts]
+        starts = [refine(start, views, freedom=freedom, spread=spread, iterations=100).state for start in starts]
     return min(starts, key=Bundle(views, freedom, spread).cost)
 
 

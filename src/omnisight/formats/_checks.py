@@ -58,8 +58,15 @@ def build(model: str, values: Mapping[str, Any]) -> CameraModel:
 def build_mirrored(model: str, values: Mapping[str, Any]) -> CameraModel:
     """Do it for a camera that may show the world in a mirror: its focal length is negative then."""
     made = model_class(model).from_dict({name: number(value, name) for name, value in values.items()})
+    must_be_possible(made)
+    return made
+
+
+def must_be_possible(made: CameraModel) -> None:
+    """Refuse a camera model of numbers that no camera has."""
     if isinstance(made, Ocam):
         must_be_few(len(made.a))
+    values = made.to_dict()
     for name in ("fx", "fy", "a0"):
         if name in values and abs(values[name]) < SHORTEST:
             raise ValueError(f"{name} (focal length, px) must be {SHORTEST:g} or longer, got {values[name]:g}")
@@ -69,12 +76,11 @@ def build_mirrored(model: str, values: Mapping[str, Any]) -> CameraModel:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             _ = made.kernel
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        given = ", ".join(f"{name} = {value:g}" for name, value in made.to_dict().items())
+        given = ", ".join(f"{name} = {value:g}" for name, value in values.items())
         raise ValueError(
-            f"no {model} camera has these numbers ({error}): {given:.300}; is the file damaged? Save it again with the"
-            " program that made it"
+            f"no {made.name} camera has these numbers ({error}): {given:.300}; is the file damaged? Save it again with"
+            " the program that made it"
         ) from error
-    return made
 
 
 def must_be_bounded(made: Parametric) -> None:

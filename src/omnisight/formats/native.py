@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build_mirrored, must_be_bounded, number, numbers
+from omnisight.formats._checks import build_mirrored, must_be_bounded, must_be_possible, number, numbers
 from omnisight.formats._protocol import note_unknown
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import nearest
-from omnisight.models import model_names
+from omnisight.models import CameraModel, model_names
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.models import ray_model_class
 from omnisight.ray_camera import UNITS, RayCamera
@@ -79,6 +79,9 @@ def camera_from_json(data: Any) -> Camera | RayCamera:
         kind = Catadioptric if name == Catadioptric.name else ray_model_class(name)
         rays = kind.from_dict(values)
         must_be_bounded(rays)
+        for part in vars(rays).values():
+            if isinstance(part, CameraModel):  # its lens
+                must_be_possible(part)
         if (unit := data.get("length_unit", "m")) not in UNITS:
             raise ValueError(f"length_unit must be {' or '.join(UNITS)}, got {unit!r:.60}")
         common["covariance"] = None if covariance is None else _covariance(covariance, len(rays.params))
@@ -157,13 +160,14 @@ def _covariance(rows: Any, count: int) -> NDArray[np.float64]:
 def to_json(camera: Camera | RayCamera) -> dict[str, Any]:
     """Give the camera as the object that the file holds."""
     rays = isinstance(camera, RayCamera)
+    length = camera.unit if rays else "m"
     return {
         "format": RAYS if rays else CAMERA,
         "version": VERSION,
         "model": camera.model.name,
         "params": camera.model.to_dict(),
-        "units": {p.name: p.unit or "1" for p in camera.model.parameters},
-        **({"length_unit": camera.unit} if rays else {}),
+        "units": {p.name: length if p.unit == "m" else p.unit or "1" for p in camera.model.parameters},
+        **({"length_unit": length} if rays else {}),
         "size": list(camera.size),
         "convention": CONVENTION,
         "theta_max_deg": None if camera.theta_max is None else float(np.degrees(camera.theta_max)),

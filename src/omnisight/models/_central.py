@@ -80,6 +80,8 @@ class Central(Undistorted, CameraModel):
     def rim(self) -> float:
         low, high = 0.0, self.theta_max
         _, radius_max = self._rim
+        if self.disc >= self.radius_max() < np.inf:
+            return high
         # Where the radius first exceeds the disc's, sought ever more closely.
         for _ in range(5):
             theta = np.linspace(low, high, 33)

@@ -18,7 +18,7 @@ ROUNDED = 1e-29
 SHARES, CLOSER = np.linspace(0.01, 1, 100) ** 3, 5
 # Points around each, between which it may fold a little before it does at them, if not as a circle.
 CIRCLE = np.array((np.cos(AROUND := 2 * np.pi / 32 * np.arange(32)), np.sin(AROUND)))
-AROUND_MARGIN = 0.01
+AROUND_MARGIN = 0.02
 
 
 class Undistorted:
@@ -135,7 +135,7 @@ class Distorted(Undistorted):
                 return radius
             first = folded[0]
             low, high = shares[first - 1] if first else low, shares[first]
-            shares = low + (high - low) * np.arange(1, 17) / 16
+            shares = np.linspace(low, high, 17)[1:]
         return float(radius * low * (1 - FOLD_MARGIN - AROUND_MARGIN * (1 - low)))
 
     def _least_area(self, radii: Array) -> Array:

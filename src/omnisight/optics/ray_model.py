@@ -35,8 +35,8 @@ class RayModel(Parametric):
 
     @property
     def rim(self) -> float:
-        """No angle bounds the domain of rays that do not meet in a point."""
-        return np.pi
+        """NaN: no angle bounds the domain of rays that do not meet in a point."""
+        return np.nan
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Give the rays (...) of pixels (..., 2), in the camera's frame."""

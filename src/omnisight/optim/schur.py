@@ -144,4 +144,5 @@ def _solve_scaled(matrix: Array, right: Array) -> Array:
     if not len(right):
         return right
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    return scale * np.linalg.solve(matrix * scale[:, None] * scale, scale * right)
+    with np.errstate(over="ignore", invalid="ignore"):  # a diagonal that is rounding: no finite step comes of it
+        return scale * np.linalg.solve(matrix * scale[:, None] * scale, scale * right)

@@ -69,7 +69,7 @@ def models(m: Material) -> Figure:
         rows.append(_row(beside.name, beside.candidate, full, "ceiling"))
     table = element(
         "table",
-        element("caption", "Models, the best on pictures held out first"),
+        element("caption", "Models, the chosen one first, then the best on pictures held out"),
         element("thead", element("tr", *(element("th", t, scope="col") for t in _COLUMNS))),
         element("tbody", *rows),
         class_="models",

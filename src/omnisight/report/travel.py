@@ -3,6 +3,7 @@
 import numpy as np
 
 from omnisight.calibrate.rays import Travel
+from omnisight.calibrate.rays.ask import SURE
 from omnisight.calibrate.trust.uncertainty import LAST
 from omnisight.optics.models.axial import Axial
 from omnisight.report.axes import Axes, chart
@@ -13,8 +14,6 @@ from omnisight.report.profile import hatched
 ANGLES = 121
 # The frame is so many times as high as what lies in it where corners were seen.
 ROOM = 1.3
-# A travel of so many standard deviations is beyond doubt.
-SURE = 5.0
 
 
 def travel(m: Material) -> Figure | None:

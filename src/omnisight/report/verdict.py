@@ -6,6 +6,7 @@ from omnisight.calibrate.trust.evidence import Level
 from omnisight.optics.models.axial import Axial
 from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import Material
+from omnisight.report.numbers import with_sigma
 
 SIGNS = {Level.GOOD: "✓", Level.USABLE: "!", Level.DO_NOT_USE: "✕"}
 WORDS = {Level.GOOD: "Good", Level.USABLE: "Usable", Level.DO_NOT_USE: "Do not use"}
@@ -92,8 +93,10 @@ def _viewpoint(m: Material) -> list[tuple[str, str, str]]:
     """Give how far the viewpoint moves, if that is what it does."""
     if m.travel is None:
         return []
-    said = f"± {m.length(m.travel.length_sigma)} along the axis, between the first corner and the last"
-    return [("Viewpoint moves by", m.length(m.travel.length), said)]
+    scale, unit = m.drawn_length
+    length, sigma = with_sigma(scale * m.travel.length, scale * m.travel.length_sigma)
+    said = f"± {sigma} {unit} along the axis, between the first corner and the last"
+    return [("Viewpoint moves by", f"{length} {unit}", said)]
 
 
 def title(m: Material) -> Markup:

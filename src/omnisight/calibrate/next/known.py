@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import posed
+from omnisight.calibrate.posing import posed
 from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import LEAST_SPREAD, Spread
 from omnisight.calibrate.state import State

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import Candidate
-from omnisight.calibrate.choice import Compared
 from omnisight.calibrate.rays.ask import Asked, ask_about
 from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.ceiling import Ceiling, fit_ceiling
@@ -69,7 +68,6 @@ def assess(
     views: BoardViews,
     usable: NDArray[np.bool_],
     *,
-    compared: Compared,
     scout: State,
     field: ImageField | None,
     loss: str,
@@ -80,8 +78,7 @@ def assess(
     camera = replace(camera, covariance=camera_covariance(best, views, loss=loss))
     uncertainty = UncertaintyMap.of(camera, field=field)
     coverage = Coverage.of(camera, best.state, views, field)
-    tried = compared.ranked[0]
-    ceiling = fit_ceiling(tried, scout, compared.views, compared.usable, loss=loss)
-    viewpoint = ask_about(tried, camera, compared.views, compared.usable, ceiling)
+    ceiling = fit_ceiling(best, scout, views, usable, loss=loss)
+    viewpoint = ask_about(best, camera, views, usable, ceiling)
     evidence = Evidence(camera, best, views, uncertainty, coverage, halves, ceiling, viewpoint, ~usable, auto)
     return camera, Trust(uncertainty, coverage, halves, ceiling, viewpoint, Verdict.of(evidence))

@@ -60,6 +60,7 @@ class Ceiling:
     def as_dict(self) -> dict[str, object]:
         """Give the figures by name; angles in degrees."""
         return {
+            "corners": self.candidate.corners,
             "rms": self.candidate.rms,
             "held_out_rms": self.candidate.held_out_rms,
             "left": self.left,
