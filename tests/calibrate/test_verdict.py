@@ -175,3 +175,11 @@ def test_a_moving_viewpoint_is_found_in_the_pictures_and_named_with_what_to_take
     assert not any("--model spline" in reason for reason in found.reasons)
     (said,) = [reason for reason in found.reasons if "do not meet in a point" in reason and "lands" in reason]
     assert said.endswith("use --model axial.")
+
+
+def test_a_spline_that_ends_near_the_last_corner_does_not_fold_there():
+    found = calibrated(180, model="spline")[1]
+    model = found.camera.model
+    assert model.theta_max < 1.1 * found.camera.theta_max
+    assert model.fold_angle > 1.5 * found.camera.theta_max
+    assert not [check for check in found.verdict.checks if check.name == "rim" and check.level]

@@ -75,6 +75,11 @@ class CameraModel(Parametric):
         return np.pi
 
     @property
+    def fold_angle(self) -> float:
+        """The angle from the axis (radians) at which the image folds over: `theta_max`, unless that ends it earlier."""
+        return self.theta_max
+
+    @property
     def rim(self) -> float:
         """The angle from the axis (radians) at which the domain ends: `theta_max`, or where the plane folds before."""
         return self.theta_max

@@ -125,7 +125,12 @@ class SplineProfile(Central):
 
     @property
     def theta_max(self) -> float:
-        return min(self.reach, self.fold * (1 - FOLD_MARGIN), np.pi)
+        return min(self.reach, self.fold_angle)
+
+    @property
+    def fold_angle(self) -> float:
+        # It ends near the last corner it was fitted to, and need not fold there.
+        return min(self.fold * (1 - FOLD_MARGIN), np.pi)
 
     def radius_max(self) -> float:
         limit = self.theta_max

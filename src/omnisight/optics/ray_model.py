@@ -34,6 +34,11 @@ class RayModel(Parametric):
         return np.pi
 
     @property
+    def fold_angle(self) -> float:
+        """The angle (radians) at which the image folds over: `theta_max`, unless that ends it earlier."""
+        return self.theta_max
+
+    @property
     def rim(self) -> float:
         """NaN: no angle bounds the domain of rays that do not meet in a point."""
         return np.nan

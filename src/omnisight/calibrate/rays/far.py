@@ -51,6 +51,11 @@ class Far(CameraModel):
         return self.rays.theta_max
 
     @property
+    def fold_angle(self) -> float:
+        """The angle (radians) at which the image folds over: `theta_max`, unless that ends it earlier."""
+        return self.rays.fold_angle
+
+    @property
     def period(self) -> float | None:
         """The width in px after which the picture repeats, if it does."""
         return self.rays.period

@@ -9,7 +9,6 @@ from omnisight.calibrate.trust.evidence import Check, Evidence, Level
 from omnisight.calibrate.trust.shutter import rolling_shutter
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
-from omnisight.models.spline import Spline
 
 # Where nothing else is said a limit is measured: `python -m benchmarks verdict` calibrates cameras that are known, and
 # docs/guide/calibrate.md has its table. Lengths are in px of a picture 1000 px wide; a larger one may be as much worse.
@@ -244,9 +243,7 @@ def coverage(e: Evidence) -> Check:
 
 def rim(e: Evidence) -> Check:
     """Ask for a model whose image does not fold over just where the corners end."""
-    model, reach = e.camera.model, e.camera.theta_max or 0.0
-    # A spline ends near the last corner, by intention, and need not fold there.
-    folds = model.fold if isinstance(model, Spline) else model.theta_max
+    folds, reach = e.camera.model.fold_angle, e.camera.theta_max or 0.0
     if folds >= FOLDS * reach or folds >= np.pi - 1e-6 or np.isfinite(e.camera.angle_of(e.camera.border())).all():
         return Check("rim")
     return Check(

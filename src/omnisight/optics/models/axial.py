@@ -91,6 +91,11 @@ class Axial(RayModel):
         return min(self.lens.theta_max, LAST) if any(self.pupil) else self.lens.theta_max
 
     @property
+    def fold_angle(self) -> float:
+        """The angle (radians) at which the image of its lens folds over."""
+        return self.lens.fold_angle
+
+    @property
     def period(self) -> float | None:
         """The width in px after which the picture repeats, if it does."""
         return self.lens.period
