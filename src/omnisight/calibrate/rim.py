@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 INSIDE = 1 - 1e-7
 # px by which corners move in the steps that tell how a rim moves.
 STEP = 1e-2
+# A pixel on the rim that changes so many times more than any other has a slope that is infinite.
+STEEP = 30.0
 
 
 def held(model: CameraModel, points: Array) -> Array:
@@ -31,15 +33,17 @@ def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[
     if not len(points):
         return np.empty((0, 2, 3)), np.empty((0, 2, model.params.size))
     cosine, sine = _azimuth(points)
-    pixels, _, d_bearing, _ = model.project_with_jacobians(_bearings(model, cosine, sine))
+    pixels, _, d_bearing, by_params = model.project_with_jacobians(_bearings(model, cosine, sine))
     around = np.stack([-sine, cosine, np.zeros_like(sine)], -1)
     by_azimuth = d_bearing @ around[:, :, None] * np.sin(INSIDE * model.rim)
     radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-300)
-    # A rim is where an image stops growing, folds, or is cut off: it moves with the parameters in as many ways.
+    # Where an image stops growing, or is cut off, its rim moves with the parameters as the images of its bearings do
+    # (the envelope theorem). Where angles stop growing these run away, and only steps tell.
     most = np.nanmax(np.abs(d_params), axis=(0, 1), initial=0.0)
-    steps = np.diag(np.where(most > 0, STEP / np.maximum(most, 1e-300), 0.0))
-    moved = [held(model.with_params(model.params + step), points) for step in steps]
-    by_params = np.stack([(to - pixels) / STEP * size for to, size in zip(moved, most, strict=True)], -1)
+    if (np.abs(by_params) > STEEP * most).any():
+        steps = np.diag(np.where(most > 0, STEP / np.maximum(most, 1e-300), 0.0))
+        moved = [held(model.with_params(model.params + step), points) for step in steps]
+        by_params = np.stack([(to - pixels) / STEP * size for to, size in zip(moved, most, strict=True)], -1)
     return by_azimuth * (around / radius[:, None])[:, None, :], by_params
 
 
