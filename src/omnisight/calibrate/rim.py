@@ -21,7 +21,7 @@ STEEP = 30.0
 
 def held(model: CameraModel, points: Array) -> Array:
     """Give the pixels (N, 2) of the bearings on the rim that lie in the directions of points (N, 3)."""
-    return model.project_numpy(_bearings(model, *_azimuth(points)))[0]
+    return model.project_numpy(_on_rim(model, points))[0]
 
 
 def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[Array, Array]:
@@ -32,11 +32,10 @@ def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[
     """
     if not len(points):
         return np.empty((0, 2, 3)), np.empty((0, 2, model.params.size))
-    cosine, sine = _azimuth(points)
-    pixels, _, d_bearing, by_params = model.project_with_jacobians(_bearings(model, cosine, sine))
-    around = np.stack([-sine, cosine, np.zeros_like(sine)], -1)
-    by_azimuth = d_bearing @ around[:, :, None] * np.sin(INSIDE * model.rim)
-    radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-300)
+    bearings = _on_rim(model, points)
+    pixels, _, d_bearing, by_params = model.project_with_jacobians(bearings)
+    by_azimuth = d_bearing @ _around(bearings)[:, :, None]
+    d_azimuth = _around(points) / _radius(points)[:, None] ** 2
     # Where an image stops growing, or is cut off, its rim moves with the parameters as the images of its bearings do
     # (the envelope theorem). Where angles stop growing these run away, and only steps tell.
     most = np.nanmax(np.abs(d_params), axis=(0, 1), initial=0.0)
@@ -44,14 +43,20 @@ def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[
         steps = np.diag(np.where(most > 0, STEP / np.maximum(most, 1e-300), 0.0))
         moved = [held(model.with_params(model.params + step), points) for step in steps]
         by_params = np.stack([(to - pixels) / STEP * size for to, size in zip(moved, most, strict=True)], -1)
-    return by_azimuth * (around / radius[:, None])[:, None, :], by_params
+    return by_azimuth * d_azimuth[:, None, :], by_params
 
 
-def _azimuth(points: Array) -> tuple[Array, Array]:
-    radius = np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-300)
-    return points[:, 0] / radius, points[:, 1] / radius
+def _on_rim(model: CameraModel, points: Array) -> Array:
+    rim, radius = INSIDE * model.rim, _radius(points)
+    flat = np.sin(rim) / radius
+    return np.stack([flat * points[:, 0], flat * points[:, 1], np.full_like(radius, np.cos(rim))], -1)
 
 
-def _bearings(model: CameraModel, cosine: Array, sine: Array) -> Array:
-    rim = INSIDE * model.rim
-    return np.stack([np.sin(rim) * cosine, np.sin(rim) * sine, np.full_like(sine, np.cos(rim))], -1)
+def _radius(points: Array) -> Array:
+    """Give the distances (N,) from the axis."""
+    return np.maximum(np.hypot(points[:, 0], points[:, 1]), 1e-150)
+
+
+def _around(points: Array) -> Array:
+    """Give what points (N, 3) change by as they turn about the axis."""
+    return np.stack([-points[:, 1], points[:, 0], np.zeros(len(points))], -1)
