@@ -132,7 +132,7 @@ class Candidate:
             others = [i for i in range(len(folds)) if i != left_out]
             some = np.concatenate([folds[i] for i in others])
             problem, start = self._problem(some, views, spread), self.state.part(some)
-            normal = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start.model)
+            normal = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start)
             step = normal.solve(0.0)
             if np.isfinite(step).all():
                 start = min(start, problem.move(start, step), key=problem.cost)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate._bundle_kernel import weighted, weighted_lengths
+from omnisight.calibrate.barrier import wall
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.rim import held, held_jacobians
 from omnisight.calibrate.spread import Spread
@@ -64,10 +65,11 @@ class Bundle:
             pixels[lost] = held(state.model, points[lost])
         lengths = weighted_lengths(pixels, self.views.pixels, self.spread.roots, most)
         lengths[lost] = np.minimum(lengths[lost], most)
-        return self.loss.cost(lengths) + 0.5 * float(prior @ off**2)
+        before = wall(state, self.views, self.spread.sigma**2)
+        return self.loss.cost(lengths) + 0.5 * float(prior @ off**2) + (before.cost if before else 0.0)
 
     def linearise(self, state: State) -> GroupedNormal:
-        return self.completed(self.of_corners(state), state.model)
+        return self.completed(self.of_corners(state), state)
 
     def of_corners(self, state: State) -> GroupedNormal:
         """Give the normal equations of all the camera's parameters and the board's two bends, from the corners alone.
@@ -94,14 +96,17 @@ class Bundle:
         weights = self.spread.roots, self.spread.threshold
         return weighted(pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations)
 
-    def completed(self, corners: GroupedNormal, model: CameraModel) -> GroupedNormal:
-        """Give the normal equations of what moves, what is known beforehand among them."""
-        prior, off = self._prior(model)
-        held = held_back(model.params, corners.shared_gradient[:-2] + prior * off, *model.bounds)
+    def completed(self, corners: GroupedNormal, state: State) -> GroupedNormal:
+        """Give the normal equations of what moves, what is known beforehand and walls among them."""
+        prior, off = self._prior(state.model)
+        information, gradient = np.diag(prior), prior * off
+        if before := wall(state, self.views, self.spread.sigma**2):
+            information, gradient = information + before.hessian, gradient + before.gradient
+        held = held_back(state.model.params, corners.shared_gradient[:-2] + gradient, *state.model.bounds)
         directions = self.directions.copy()
         directions[:-2][held] = 0.0
         known = directions[:-2]
-        return corners.along(directions).with_prior(known.T @ (prior[:, None] * known), known.T @ (prior * off))
+        return corners.along(directions).with_prior(known.T @ information @ known, known.T @ gradient)
 
     def move(self, state: State, step: Array) -> State:
         camera, shared = self.freedom.directions.shape[1], self.freedom.count

@@ -92,8 +92,14 @@ class AnglePolynomial(Central):
     @cached_property
     def fold(self) -> float:
         """The angle (radians) where r(theta) stops growing, 180 degrees at most."""
+        return float(min(np.pi, first_positive_root(self.growth()) ** 0.5))
+
+    def growth(self) -> list[float]:
         k = (self.k1, self.k2, self.k3, self.k4, self.k5, self.k6)
-        return float(min(np.pi, first_positive_root([1.0] + [(2 * i + 3) * v for i, v in enumerate(k)]) ** 0.5))
+        return [1.0] + [(2 * i + 3) * value for i, value in enumerate(k)]
+
+    def growth_angle(self, x: float) -> float:
+        return x**0.5
 
     @property
     def theta_max(self) -> float:
@@ -105,7 +111,6 @@ class AnglePolynomial(Central):
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         theta = atan2(s, c)
-        k = (self.k1, self.k2, self.k3, self.k4, self.k5, self.k6)
-        slope = np.polynomial.polynomial.polyval(theta**2, [1.0] + [(2 * i + 3) * value for i, value in enumerate(k)])
+        slope = np.polynomial.polynomial.polyval(theta**2, self.growth())
         dg_dc = along_the_sphere(s, c, g, slope, at_axis=-2 * (self.k1 + 1 / 6))
         return dg_dc, {f"k{i + 1}": per_sine(theta ** (2 * i + 3), s, c) for i in range(6)}

@@ -6,11 +6,12 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from omnisight.models._elementwise import FULL, distort, gain, undistort, ungain, where
-from omnisight.models._planar import Undistorted
-from omnisight.models._protocol import Array, CameraModel
+from omnisight.models._planar import Undistorted, first_positive_root, positive_roots
+from omnisight.models._protocol import Array, CameraModel, Dip
 
 
 class Central(Undistorted, CameraModel):
@@ -48,6 +49,37 @@ class Central(Undistorted, CameraModel):
         """Give the derivatives of the pixel by the parameters of the affine map."""
         zero, one = np.zeros_like(x), np.ones_like(x)
         return {"fx": (x, zero), "fy": (zero, y), "skew": (y, zero), "cx": (one, zero), "cy": (zero, one)}
+
+    # -- how the image grows outwards; a profile in which that is a polynomial of the angle overrides these two --
+
+    def growth(self) -> list[float]:
+        """Give what has the sign of the radius' slope, as a polynomial: coefficients from 1 up.
+
+        Each is linear in every single parameter.
+        """
+        return [1.0]
+
+    def growth_angle(self, x: float) -> float:
+        """Give the angle (radians) that a value of the polynomial's variable, the plane's r^2, stands for."""
+        if (r := x**0.5) >= self.radius_max():
+            return self.theta_max
+        h, c = self.ungain(self.kernel, r, x, FULL)
+        return float(np.arctan2(h * r, c))
+
+    def dips(self, below: float) -> list[Dip]:
+        terms = self.growth()
+        slope = [i * term for i, term in enumerate(terms)][1:]
+        found: list[Dip] = []
+        if all(term >= 0 for term in slope):
+            return found
+        for x in positive_roots(slope):
+            growth = float(polyval(x, terms)) / terms[0]
+            if 0 < growth < below and polyval(x, polyder(slope)) > 0 and x < first_positive_root(terms):
+                moved = [self.with_params(self.params + one).growth() for one in np.eye(self.params.size)]
+                by_params = np.array(moved) - terms
+                by_params = (polyval(x, by_params.T) - growth * by_params[:, 0]) / terms[0]
+                found.append(Dip(self.growth_angle(x), growth, by_params))
+        return found
 
     # -- the protocol -----------------------------------------------------------------------------------------
 

@@ -1,5 +1,7 @@
 """Distortions of the normalised plane, between a profile and the pixels (mixins of camera models)."""
 
+import itertools
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -144,18 +146,37 @@ class Distorted(Undistorted):
         return np.min(xx * yy - xy * yx, axis=1)
 
 
-def first_positive_root(coefficients: list[float]) -> float:
+def first_positive_root(coefficients: Sequence[float]) -> float:
     """Give the smallest positive root of a polynomial, coefficients from the constant up; inf if none."""
-    while coefficients and coefficients[-1] == 0:
-        coefficients = coefficients[:-1]
-    if len(coefficients) < 2:
-        return np.inf
-    roots = np.polynomial.polynomial.polyroots(coefficients)
-    real = roots.real[(np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))) & (roots.real > 0)]
-    return float(real.min(initial=np.inf))
+    return float(positive_roots(coefficients).min(initial=np.inf))
 
 
-class RadialTangential(Distorted):
+def positive_roots(coefficients: Sequence[float]) -> Array:
+    """Give the positive roots of a polynomial, coefficients from the constant up."""
+    degree = len(coefficients) - 1
+    while degree > 0 and coefficients[degree] == 0:
+        degree -= 1
+    if degree < 1:
+        return np.empty(0)
+    companion = np.eye(degree, k=-1)
+    companion[0] -= np.array(coefficients[degree - 1 :: -1]) / coefficients[degree]
+    roots = np.linalg.eigvals(companion)
+    real = (np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))) & (roots.real > 0)
+    return np.asarray(roots.real[real], float)
+
+
+class Radial(Distorted):
+    """A distortion with a radial part."""
+
+    def growth(self) -> list[float]:
+        """Give the slope of the radial part, or what has its sign, as a polynomial of r^2: coefficients from 1 up."""
+        raise NotImplementedError
+
+    def radial_fold(self) -> float:
+        return first_positive_root(self.growth()) ** 0.5
+
+
+class RadialTangential(Radial):
     """Brown's distortion with coefficients k1, k2 (radial) and p1, p2 (decentring).
 
     x' = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)
@@ -187,8 +208,8 @@ class RadialTangential(Distorted):
         r2 = x * x + y * y
         return {"k1": (x * r2, y * r2), "k2": (x * r2**2, y * r2**2)} | decentring_partials(x, y)
 
-    def radial_fold(self) -> float:
-        return first_positive_root([1.0, 3 * self.k1, 5 * self.k2]) ** 0.5
+    def growth(self) -> list[float]:
+        return [1.0, 3 * self.k1, 5 * self.k2]
 
 
 def decentring_partials(x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
@@ -197,7 +218,7 @@ def decentring_partials(x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
     return {"p1": (2 * x * y, r2 + 2 * y * y), "p2": (r2 + 2 * x * x, 2 * x * y)}
 
 
-class Rational(Distorted):
+class Rational(Radial):
     """OpenCV's rational distortion with k1 ... k6 and p1, p2; coefficients that a model lacks are 0."""
 
     k1: float
@@ -236,11 +257,13 @@ class Rational(Distorted):
         partials = {name: (x * d, y * d) for name, d in (above | below).items()}
         return partials | decentring_partials(x, y)
 
+    def growth(self) -> list[float]:
+        # d/dr [r N/D] D^2 with N, D polynomials in q = r^2:  (N + 2 q N') D - 2 q N D'.
+        n, d = (1.0, self.k1, self.k2, self.k3), (1.0, self.k4, self.k5, self.k6)
+        terms = [0.0] * 7
+        for i, j in itertools.product(range(4), range(4)):
+            terms[i + j] += (1 + 2 * i - 2 * j) * n[i] * d[j]
+        return terms
+
     def radial_fold(self) -> float:
-        # d/dr [r N/D] = 0 with N, D polynomials in q = r^2:  (N + 2 q N') D - 2 q N D' = 0, and before D = 0.
-        polynomial = np.polynomial.Polynomial
-        q = polynomial([0.0, 1.0])
-        n = polynomial([1.0, self.k1, self.k2, self.k3])
-        d = polynomial([1.0, self.k4, self.k5, self.k6])
-        slope = (n + 2 * q * n.deriv()) * d - 2 * q * n * d.deriv()
-        return min(first_positive_root(list(slope.coef)), first_positive_root(list(d.coef))) ** 0.5
+        return min(super().radial_fold(), first_positive_root([1.0, self.k4, self.k5, self.k6]) ** 0.5)

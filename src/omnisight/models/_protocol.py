@@ -35,6 +35,24 @@ class _KernelType:
         return self.made[cls]
 
 
+class Dip(NamedTuple):
+    """Where an image nearly stops growing, before it grows on.
+
+    Attributes
+    ----------
+    angle
+        From the axis, radians.
+    growth
+        By how much it still grows there, in parts of what it does on the axis.
+    by_params
+        (P,) the derivative of that.
+    """
+
+    angle: float
+    growth: float
+    by_params: Array
+
+
 class CameraModel(Parametric):
     """A central camera: bearings to pixels and back.
 
@@ -83,6 +101,13 @@ class CameraModel(Parametric):
     def rim(self) -> float:
         """The angle from the axis (radians) at which the domain ends: `theta_max`, or where the plane folds before."""
         return self.theta_max
+
+    def dips(self, below: float) -> list[Dip]:
+        """Give where the image grows less than so many times what it does on the axis, and then more again.
+
+        One that stopped growing there would end there.
+        """
+        return []
 
     @property
     def period(self) -> float | None:

@@ -52,9 +52,14 @@ class Ocam(Central):
     @cached_property
     def fold(self) -> float:
         """The radius (px) where theta(r) stops growing and the picture folds over; inf if it never does."""
-        # d theta/dr has the sign of f - r f' = a0 - a2 r^2 - 2 a3 r^3 - ...
-        f = self.polynomial
-        return first_positive_root([float((1 - i) * value) for i, value in enumerate(f)])
+        return first_positive_root(self.growth())
+
+    def growth(self) -> list[float]:
+        # Of the angle, not the radius: d theta/dr has the sign of f - r f' = a0 - a2 r^2 - 2 a3 r^3 - ...
+        return [float((1 - i) * value) for i, value in enumerate(self.polynomial)]
+
+    def growth_angle(self, x: float) -> float:
+        return float(np.arctan2(x, np.polynomial.polynomial.polyval(x, self.polynomial)))
 
     def radius_max(self) -> float:
         return min(self.fold * (1 - FOLD_MARGIN), FARTHEST * abs(self.a[0]))

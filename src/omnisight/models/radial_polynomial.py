@@ -95,7 +95,13 @@ class RadialPolynomial(Central):
     @cached_property
     def fold(self) -> float:
         """The angle (radians) where r(theta) stops growing, 180 degrees at most."""
-        return float(min(np.pi, first_positive_root([1.0, 2 * self.k2, 3 * self.k3, 4 * self.k4])))
+        return float(min(np.pi, first_positive_root(self.growth())))
+
+    def growth(self) -> list[float]:
+        return [1.0, 2 * self.k2, 3 * self.k3, 4 * self.k4]
+
+    def growth_angle(self, x: float) -> float:
+        return x
 
     @property
     def theta_max(self) -> float:
@@ -106,7 +112,7 @@ class RadialPolynomial(Central):
 
     def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         theta = atan2(s, c)
-        slope = np.polynomial.polynomial.polyval(theta, [1.0, 2 * self.k2, 3 * self.k3, 4 * self.k4])
+        slope = np.polynomial.polynomial.polyval(theta, self.growth())
         # It grows as k2/theta towards the axis, where it meets factors that vanish: no limit is needed there.
         near = (s < 1e-9) & (c > 0)
         dg_dc = np.where(near, 0.0, -(slope - g * c) / np.where(near, 1.0, s * s))

@@ -6,12 +6,12 @@ from typing import Any, Self
 import numpy as np
 
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import Distorted, decentring_partials, first_positive_root
+from omnisight.models._planar import Radial, decentring_partials
 from omnisight.models._protocol import Array
 from omnisight.models.equidistant import EquidistantProfile
 
 
-class RadialTangentialPrism(Distorted):
+class RadialTangentialPrism(Radial):
     """x' = x (1 + k1 r^2 + ... + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2, and alike in y with s2."""
 
     k1: float
@@ -43,8 +43,8 @@ class RadialTangentialPrism(Distorted):
         radial = {f"k{i}": (x * r2**i, y * r2**i) for i in (1, 2, 3, 4)}
         return radial | decentring_partials(x, y) | {"s1": (r2, zero), "s2": (zero, r2)}
 
-    def radial_fold(self) -> float:
-        return first_positive_root([1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3, 9 * self.k4]) ** 0.5
+    def growth(self) -> list[float]:
+        return [1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3, 9 * self.k4]
 
 
 @dataclass(frozen=True)

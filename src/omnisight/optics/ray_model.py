@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.rays import Rays
 from omnisight.models._parametric import Parametric
+from omnisight.models._protocol import Dip
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,10 @@ class RayModel(Parametric):
     def rim(self) -> float:
         """NaN: no angle bounds the domain of rays that do not meet in a point."""
         return np.nan
+
+    def dips(self, below: float) -> list[Dip]:
+        """Give none: no angle tells where such an image nearly folds over."""
+        return []
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Give the rays (...) of pixels (..., 2), in the camera's frame."""
