@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibrate._pose_kernel import chord_normals, squared_chords
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry import rotation as so3
 
@@ -231,10 +232,7 @@ class _Groups:
 
     def squares(self, poses: Poses) -> Array:
         """Give the squared chords (N,) between bearings and the directions of the corners so posed."""
-        rotations, translations = poses
-        seen = np.einsum("nij,nj->ni", rotations[self.view], self.points) + translations[self.view]
-        seen /= np.maximum(np.linalg.norm(seen, axis=1), 1e-300)[:, None]
-        return ((seen - self.bearings) ** 2).sum(-1)
+        return squared_chords(self.points, self.view, *poses, self.bearings)
 
     def better(self, first: Poses, second: Poses) -> Poses:
         """Give for each view that of two poses which leaves less, wrong corners outvoted."""
@@ -251,21 +249,11 @@ def _refined(groups: _Groups, poses: Poses) -> Poses:
     damping, index = np.full(len(rotations), 1e-4), np.arange(6)
     scale = np.zeros(0)
     for step in range(STEPS):
-        turned = np.einsum("nij,nj->ni", rotations[groups.view], groups.points)
-        seen = turned + translations[groups.view]
-        length = np.maximum(np.linalg.norm(seen, axis=1), 1e-300)
-        seen /= length[:, None]
-        residuals = seen - groups.bearings
-        squares = (residuals**2).sum(-1)
+        squares = groups.squares((rotations, translations))
         if step < SETTLED:
             scale = groups.scale(squares)
-        weight = groups.use * (scale / (scale + squares)) ** 2
-        # p = (y + t)/|y + t| with y = R X, turned by w and moved by v:  dp = (I - p p^T)(w x y + v)/|y + t|.
-        across = (np.eye(3) - seen[:, :, None] * seen[:, None, :]) / length[:, None, None]
-        jacobian = np.concatenate([across @ -so3.hat(turned), across], -1)
-        weighted = jacobian * weight[:, None, None]
-        hessian = groups.sum(np.swapaxes(weighted, 1, 2) @ jacobian)
-        gradient = groups.sum(np.einsum("nij,ni->nj", weighted, residuals))
+        weights = groups.use * (scale / (scale + squares)) ** 2
+        hessian, gradient = chord_normals(groups.points, groups.view, rotations, translations, groups.bearings, weights)
         diagonal = hessian[:, index, index]
         hessian[:, index, index] += damping[:, None] * diagonal + np.where(diagonal > 0, 1e-15 * diagonal, 1.0)
         turn, shift = np.split(-np.linalg.solve(hessian, gradient[..., None])[..., 0], 2, axis=1)

@@ -64,6 +64,8 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     ends = [min(starts[i], ends[i], key=cost) for i in _lowest(ends, sketch)[:VALLEYS]]
     # A board that was posed wrongly on the way costs more than valleys differ by.
     ends = [repose(end, views) if astray(end, views) else end for end in ends]
+    if len(ends) == 1:
+        return ends[0]
     ends = [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
     return ends[_lowest(ends, views)[0]]
 

@@ -11,6 +11,7 @@ from omnisight.models._planar import FOLD_MARGIN, first_positive_root
 from omnisight.models._protocol import Array
 
 START_TERMS = 7
+COEFFICIENTS = "k1", "k2", "k3", "k4", "k5", "k6"
 
 
 class AnglePolynomial(Central):
@@ -69,7 +70,7 @@ class AnglePolynomial(Central):
         return where(theta > 0.0, theta, 0.0), step
 
     def derived(self) -> dict[str, Any]:
-        return super().derived() | {k: 0.0 for k in ("k1", "k2", "k3", "k4", "k5", "k6") if k not in self.param_names}
+        return super().derived() | {k: 0.0 for k in COEFFICIENTS if k not in self.param_names}
 
     def derived_back(self) -> dict[str, Any]:
         limit = self.fold
@@ -113,4 +114,5 @@ class AnglePolynomial(Central):
         theta = atan2(s, c)
         slope = np.polynomial.polynomial.polyval(theta**2, self.growth())
         dg_dc = along_the_sphere(s, c, g, slope, at_axis=-2 * (self.k1 + 1 / 6))
-        return dg_dc, {f"k{i + 1}": per_sine(theta ** (2 * i + 3), s, c) for i in range(6)}
+        t2, power = theta * theta, per_sine(theta, s, c, at_axis=1.0)
+        return dg_dc, {name: (power := power * t2) for name in COEFFICIENTS if name in self.param_names}

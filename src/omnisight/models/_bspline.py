@@ -12,7 +12,7 @@ import numpy as np
 
 from omnisight.models._elementwise import inverse_step, span_of
 from omnisight.models._planar import Distorted
-from omnisight.models._protocol import Array
+from omnisight.models._protocol import Array, Partial
 
 # Coefficients of f^0 ... f^3 on a span, from its four control values.
 TO_POWERS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
@@ -110,7 +110,7 @@ class BentPlane(Distorted):
         p, q, _ = inverse_step(m, p, q, x, y)
         return inverse_step(m, p, q, x, y)
 
-    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Any, Any]]:
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         cells = len(self.bend_u) - 3
         per_px = 0.5 * cells / self.extent
         across, down = basis((x + self.extent) * per_px, cells), basis((y + self.extent) * per_px, cells)

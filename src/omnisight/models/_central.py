@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnisight.models._elementwise import FULL, distort, gain, undistort, ungain, where
 from omnisight.models._planar import Undistorted, first_positive_root, positive_roots
-from omnisight.models._protocol import Array, CameraModel, Dip
+from omnisight.models._protocol import Array, CameraModel, Dip, Partial
 
 
 class Central(Undistorted, CameraModel):
@@ -45,10 +45,9 @@ class Central(Undistorted, CameraModel):
         m: Any = self
         return m.fx, getattr(m, "skew", 0.0), 0.0, m.fy, m.cx, m.cy
 
-    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         """Give the derivatives of the pixel by the parameters of the affine map."""
-        zero, one = np.zeros_like(x), np.ones_like(x)
-        return {"fx": (x, zero), "fy": (zero, y), "skew": (y, zero), "cx": (one, zero), "cy": (zero, one)}
+        return {"fx": (x, 0.0), "fy": (0.0, y), "skew": (y, 0.0), "cx": (1.0, 0.0), "cy": (0.0, 1.0)}
 
     # -- how the image grows outwards; a profile in which that is a polynomial of the angle overrides these two --
 
@@ -147,9 +146,9 @@ class Central(Undistorted, CameraModel):
         return where(converged & (np.abs(h) != np.inf), h * px, np.inf), h * py, c, valid
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
-        n = np.sqrt((points**2).sum(-1))
-        b = points / n[:, None]
-        x, y, c = b[:, 0], b[:, 1], b[:, 2]
+        x, y, c = points.T.copy()
+        over_n = 1.0 / np.sqrt(x * x + y * y + c * c)
+        x, y, c = x * over_n, y * over_n, c * over_n
         s = np.sqrt(x * x + y * y)
         g = self.gain(self.forward, s, c, FULL)
         px, py = g * x, g * y
@@ -159,29 +158,31 @@ class Central(Undistorted, CameraModel):
         valid = (c > self.forward.c_min) & (px * px + py * py <= self.forward.r2_max)
         # With p = g(c) b_xy:  dp/db_xy = g (I - b_xy b^T) and dc/dpoint = (e_z - c b)/n.
         xx, xy, yx, yy = self.distort_jacobian(self.forward, px, py)
-        j11, j12 = a11 * xx + a12 * yx, a11 * xy + a12 * yy
-        j21, j22 = a21 * xx + a22 * yx, a21 * xy + a22 * yy
         dg_dc, dg_dparams = self.gain_derivatives(s, c, g)
-        along = np.stack([j11 * x + j12 * y, j21 * x + j22 * y], -1)  # d pixel / d g
-        d_point = np.zeros((len(points), 2, 3))
-        d_point[:, 0, 0], d_point[:, 0, 1] = g * j11, g * j12
-        d_point[:, 1, 0], d_point[:, 1, 1] = g * j21, g * j22
-        d_point[:, :, 2] = dg_dc[:, None] * along
-        d_point -= ((g + dg_dc * c)[:, None] * along)[:, :, None] * b[:, None, :]
-        d_point /= n[:, None, None]
+        g_n, dg_n = g * over_n, dg_dc * over_n
+        back_n = g_n + dg_n * c
+        d_point, along = np.empty((len(points), 2, 3)), list[Array]()  # d pixel / d g
+        for axis, (jx, jy) in enumerate(
+            ((a11 * xx + a12 * yx, a11 * xy + a12 * yy), (a21 * xx + a22 * yx, a21 * xy + a22 * yy))
+        ):
+            along.append(jx * x + jy * y)
+            inwards = -back_n * along[axis]
+            d_point[:, axis, 0] = g_n * jx + inwards * x
+            d_point[:, axis, 1] = g_n * jy + inwards * y
+            d_point[:, axis, 2] = dg_n * along[axis] + inwards * c
 
         partials = self.affine_partials(qx, qy)
         for name, (dx, dy) in self.distort_partials(px, py).items():
-            partials[name] = (a11 * dx + a12 * dy, a21 * dx + a22 * dy)
+            partials[name] = mixed(a11, dx, a12, dy), mixed(a21, dx, a22, dy)
         for name, dg in dg_dparams.items():
-            partials[name] = (dg * along[:, 0], dg * along[:, 1])
+            partials[name] = (dg * along[0], dg * along[1])
         d_params = np.empty((len(points), 2, self.params.size))
         start = 0
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
-            dx, dy = partials[field.name]
-            stop = start + (len(dx) if dx.ndim == 2 else 1)
-            for axis, d in enumerate((dx, dy)):
-                d_params[:, axis, start:stop] = d.T.reshape(len(b), stop - start)
+            value = getattr(self, field.name)
+            stop = start + (len(value) if isinstance(value, tuple) else 1)
+            for axis, d in enumerate(partials[field.name]):
+                d_params[:, axis, start:stop] = np.transpose(d) if np.ndim(d) == 2 else np.reshape(d, (-1, 1))
             start = stop
         return pixels, valid, d_point, d_params
 
@@ -208,6 +209,11 @@ class Central(Undistorted, CameraModel):
                 focal_centre.append(np.linalg.lstsq(design, seen[use] * weight, rcond=None)[0])
             (fx, cx), (fy, cy) = focal_centre
             yield cls(**(values | {"fx": float(fx), "fy": float(fy), "cx": float(cx), "cy": float(cy)}))
+
+
+def mixed(a: float, x: Partial, b: float, y: Partial) -> Partial:
+    """Give a x + b y; most affine maps are diagonal."""
+    return b * y if a == 0 else a * x if b == 0 else a * x + b * y
 
 
 def along_the_sphere(s: Array, c: Array, g: Array, slope: Array, at_axis: float) -> Array:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.models._elementwise import distort, distort_jacobian, first_steps, inverse_step, settled, where
-from omnisight.models._protocol import Array
+from omnisight.models._protocol import Array, Partial
 
 # The inverse is singular where the plane folds over: the valid disc ends this share before it.
 FOLD_MARGIN = 1e-6
@@ -46,7 +46,7 @@ class Undistorted:
     def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
         return 1.0, 0.0, 0.0, 1.0
 
-    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         """Give the derivatives of the distorted point by field: (N,), or (K, N) of a tuple of K."""
         return {}
 
@@ -158,6 +158,8 @@ def positive_roots(coefficients: Sequence[float]) -> Array:
         degree -= 1
     if degree < 1:
         return np.empty(0)
+    if degree == 1:
+        return np.array([root] if (root := -coefficients[0] / coefficients[1]) > 0 else [])
     companion = np.eye(degree, k=-1)
     companion[0] -= np.array(coefficients[degree - 1 :: -1]) / coefficients[degree]
     roots = np.linalg.eigvals(companion)
@@ -204,7 +206,7 @@ class RadialTangential(Radial):
         yy = radial + y * y * slope + 6.0 * m.p1 * y + 2.0 * m.p2 * x
         return xx, cross, cross, yy
 
-    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         r2 = x * x + y * y
         return {"k1": (x * r2, y * r2), "k2": (x * r2**2, y * r2**2)} | decentring_partials(x, y)
 
@@ -212,7 +214,7 @@ class RadialTangential(Radial):
         return [1.0, 3 * self.k1, 5 * self.k2]
 
 
-def decentring_partials(x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+def decentring_partials(x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
     """Give the derivatives by p1 and p2."""
     r2 = x * x + y * y
     return {"p1": (2 * x * y, r2 + 2 * y * y), "p2": (r2 + 2 * x * x, 2 * x * y)}
@@ -248,7 +250,7 @@ class Rational(Radial):
         yy = radial + y * y * slope + 6.0 * m.p1 * y + 2.0 * m.p2 * x
         return xx, cross, cross, yy
 
-    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         r2 = x * x + y * y
         over = 1.0 / (1.0 + r2 * (self.k4 + r2 * (self.k5 + r2 * self.k6)))
         radial = (1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))) * over

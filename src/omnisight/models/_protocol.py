@@ -14,6 +14,8 @@ from omnisight.models._parametric import Parametric
 from omnisight.models._threads import run
 
 Array = NDArray[np.float64]
+# A derivative at each of N points, (N,) or (K, N) of a tuple of K; or the same at all.
+Partial = Array | float
 
 
 class _KernelType:
@@ -184,9 +186,13 @@ class CameraModel(Parametric):
         """
         with np.errstate(all="ignore"):
             x, y, z = points.T
-            *pixel, valid = self.project_point(self.forward, x, y, z, FULL)
-            valid = np.broadcast_to(valid, len(points)) & (np.abs(pixel[0]) != np.inf)
-            return np.where(valid[:, None], np.stack(pixel, -1), np.nan), valid
+            u, v, valid = self.project_point(self.forward, x, y, z, FULL)
+        pixels = np.empty((len(points), 2))
+        pixels[:, 0], pixels[:, 1] = u, v
+        valid = valid & (np.abs(pixels[:, 0]) != np.inf)
+        if not valid.all():
+            pixels[~valid] = np.nan
+        return pixels, valid
 
     def unproject_numpy(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Do as `unproject`, in plain numpy, for pixels (N, 2); see `project_numpy`."""
@@ -286,8 +292,9 @@ def shaped(
     lead: tuple[int, ...], pixels: Array, valid: NDArray[np.bool_], d_point: Array, d_params: Array
 ) -> tuple[Array, NDArray[np.bool_], Array, Array]:
     """Give a projection of N points and its derivatives in the points' leading shape, NaN where not valid."""
-    for array in (pixels, d_point, d_params):
-        array[~valid] = np.nan
+    if not valid.all():
+        for array in (pixels, d_point, d_params):
+            array[~valid] = np.nan
     return (
         pixels.reshape(*lead, 2),
         valid.reshape(lead),

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
-
 from omnisight.models._angle import AnglePolynomial
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Distorted, decentring_partials
-from omnisight.models._protocol import Array
+from omnisight.models._protocol import Array, Partial
 
 
 class ThinPrism(Distorted):
@@ -38,17 +36,16 @@ class ThinPrism(Distorted):
         yy = 1.0 + 6.0 * m.p2 * y + 2.0 * m.p1 * x + along_y * y
         return xx, cross + along_x * y, cross + along_y * x, yy
 
-    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         r2 = x * x + y * y
-        zero = np.zeros_like(x)
         by = decentring_partials(x, y)
         return {
             "p1": by["p2"],
             "p2": by["p1"],
-            "s1": (r2, zero),
-            "s2": (r2**2, zero),
-            "s3": (zero, r2),
-            "s4": (zero, r2**2),
+            "s1": (r2, 0.0),
+            "s2": (r2**2, 0.0),
+            "s3": (0.0, r2),
+            "s4": (0.0, r2**2),
         }
 
 

@@ -11,7 +11,7 @@ from omnisight.models._central import Central
 from omnisight.models._elementwise import radius_step, settled, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array
+from omnisight.models._protocol import Array, Partial
 
 START_TERMS = 12
 # A polynomial that never folds would be followed to this many focal lengths from the centre.
@@ -44,10 +44,10 @@ class Ocam(Central):
     def coefficient_names(count: int, field: str = "a") -> tuple[str, ...]:
         return tuple(f"{field}{i}" for i in (0, *range(2, count + 1)))
 
-    @property
+    @cached_property
     def polynomial(self) -> Array:
         """f(r) as coefficients from r^0 up, a1 = 0 included."""
-        return np.insert(np.array(self.a), 1, 0.0)
+        return np.array((self.a[0], 0.0, *self.a[1:]))
 
     @cached_property
     def fold(self) -> float:
@@ -134,15 +134,17 @@ class Ocam(Central):
         # Near the axis r = a0 tan(theta) + a2 a0^2 theta^3 + ...:  dg/dc = -a0 - 2 a2 a0^2 + O(theta).
         limit = -self.a[0] - 2 * (self.a[1] * self.a[0] ** 2 if len(self.a) > 1 else 0.0)
         dg_dc = np.where(on_axis, limit, -(slope - g * c) / np.where(on_axis, 1.0, s * s))
-        powers = (0, *range(2, len(self.a) + 1))
-        return dg_dc, {"a": np.stack([r**i / below for i in powers])}
+        by_a = np.empty((len(self.a), len(r)))
+        by_a[0] = 1 / below
+        for i in range(1, len(self.a)):
+            by_a[i] = by_a[i - 1] * (r * r if i == 1 else r)
+        return dg_dc, {"a": by_a}
 
     def affine(self) -> tuple[float, float, float, float, float, float]:
         return 1.0, self.e, self.d, self.c, self.cx, self.cy
 
-    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
-        zero, one = np.zeros_like(x), np.ones_like(x)
-        return {"cx": (one, zero), "cy": (zero, one), "c": (zero, y), "d": (zero, x), "e": (y, zero)}
+    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
+        return {"cx": (1.0, 0.0), "cy": (0.0, 1.0), "c": (0.0, y), "d": (0.0, x), "e": (y, 0.0)}
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:

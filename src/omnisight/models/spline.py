@@ -14,7 +14,7 @@ from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, bracketed_angle, settled, sine_cosine, span_of, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array
+from omnisight.models._protocol import Array, Partial
 
 # What a camera has unless told otherwise: spans of the radius, cells of the square along each side.
 SPANS, CELLS = 16, 5
@@ -196,9 +196,8 @@ class Spline(BentPlane, SplineProfile):
     def affine(self) -> tuple[float, float, float, float, float, float]:
         return 1.0, 0.0, 0.0, 1.0, self.cx, self.cy
 
-    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
-        zero, one = np.zeros_like(x), np.ones_like(x)
-        return {"cx": (one, zero), "cy": (zero, one)}
+    def affine_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
+        return {"cx": (1.0, 0.0), "cy": (0.0, 1.0)}
 
     @classmethod
     def fit(cls, bearings: ArrayLike, pixels: ArrayLike, *, fixed: Sequence[str] = ()) -> Self:

@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
-
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Radial, decentring_partials
-from omnisight.models._protocol import Array
+from omnisight.models._protocol import Array, Partial
 from omnisight.models.equidistant import EquidistantProfile
 
 
@@ -37,11 +35,10 @@ class RadialTangentialPrism(Radial):
         yy = radial + y * y * slope + 6.0 * m.p1 * y + 2.0 * m.p2 * x + 2.0 * m.s2 * y
         return xx, cross + 2.0 * m.s1 * y, cross + 2.0 * m.s2 * x, yy
 
-    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Array, Array]]:
+    def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         r2 = x * x + y * y
-        zero = np.zeros_like(x)
         radial = {f"k{i}": (x * r2**i, y * r2**i) for i in (1, 2, 3, 4)}
-        return radial | decentring_partials(x, y) | {"s1": (r2, zero), "s2": (zero, r2)}
+        return radial | decentring_partials(x, y) | {"s1": (r2, 0.0), "s2": (0.0, r2)}
 
     def growth(self) -> list[float]:
         return [1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3, 9 * self.k4]
