@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnisight.calibrate import BoardViews
-from omnisight.calibrate.barrier import FLAT, wall
+from omnisight.calibrate.barrier import wall
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import Bundle
 from omnisight.calibrate.spread import Spread
@@ -51,17 +51,16 @@ def nearly_folded(name, growth):
 @pytest.mark.parametrize("name", [*COUNTED, "ocam"])
 def test_where_an_image_nearly_folds_over_is_found(name):
     model, angle = nearly_folded(name, 0.02)
-    (dip,) = model.dips(FLAT)
+    (dip,) = model.dips
     assert dip.growth == pytest.approx(0.02, rel=1e-6)
     assert dip.angle == pytest.approx(angle, abs=2e-3)
-    assert model.dips(0.01) == []
-    assert nearly_folded(name, 0.2)[0].dips(FLAT) == []
+    assert nearly_folded(name, 0.2)[0].dips == []
 
 
 @pytest.mark.parametrize("name", [*COUNTED, "ocam"])
 def test_the_wall_rises_as_its_gradient_says_and_has_no_top(name):
     model, _ = nearly_folded(name, 0.02)
-    assert model.rim - model.dips(FLAT)[0].angle > 0.1
+    assert model.rim - model.dips[0].angle > 0.1
     state, views = seen_by(model)
     flat = wall(state, views, 1.0)
     assert flat is not None
@@ -90,7 +89,7 @@ def test_what_no_corner_lies_past_costs_nothing():
 
 def seen_by(model, reach=None):
     """Give a state with one board ahead, whose corners reach beyond the dip, and the corners it sees."""
-    dips = model.dips(FLAT)
+    dips = model.dips
     reach = (dips[0].angle + model.rim) / 2 if reach is None else reach
     theta = np.linspace(0.05, min(reach, 1.4), 8)
     x, y = np.meshgrid(np.tan(theta), (-0.01, 0.0, 0.01))

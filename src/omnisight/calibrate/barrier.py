@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
+from omnisight.models import CameraModel
+from omnisight.models._protocol import FLAT
 
 Array = NDArray[np.float64]
 
-# An image grows nearly no more where it grows less than this share of what it does on the axis.
-FLAT = 0.05
 # What a corner past such a place counts in the wall, in variances: too little to move a camera that stands off it.
-WEIGHT = 1e-4
+WEIGHT = 1e-3
+# Share of the way to a wall that a step goes at most: right before it, steps are short.
+NEARER = 0.9
 
 
 class Wall(NamedTuple):
@@ -31,8 +33,7 @@ class Wall(NamedTuple):
 
 def wall(state: State, views: BoardViews, variance: float) -> Wall | None:
     """Give the wall that a camera stands before; None where it stands before none."""
-    dips = state.model.dips(FLAT)
-    if not dips:
+    if not (dips := state.model.dips):
         return None
     angles = angle_from_axis(state.points(views)[0])
     cost, gradient, hessian = 0.0, np.zeros(state.model.params.size), 0.0
@@ -43,3 +44,13 @@ def wall(state: State, views: BoardViews, variance: float) -> Wall | None:
         gradient += weight * (1 / FLAT - 1 / growth) * by_params
         hessian += weight / growth**2 * np.outer(by_params, by_params)
     return Wall(cost, gradient, np.asarray(hessian))
+
+
+def before_walls(model: CameraModel, step: Array) -> CameraModel:
+    """Give the camera moved by a step of its parameters (P,), kept within bounds and before what walls it is before."""
+    least = (1 - NEARER) * min((dip.growth for dip in model.dips), default=0.0)
+    while True:
+        moved = model.with_params(np.clip(model.params + step, *model.bounds))
+        if not least or min((dip.growth for dip in moved.dips), default=FLAT) >= least:
+            return moved
+        step = step / 2

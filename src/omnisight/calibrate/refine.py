@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate._bundle_kernel import weighted, weighted_lengths
-from omnisight.calibrate.barrier import wall
+from omnisight.calibrate.barrier import before_walls, wall
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.rim import held, held_jacobians
 from omnisight.calibrate.spread import Spread
@@ -110,10 +110,9 @@ class Bundle:
 
     def move(self, state: State, step: Array) -> State:
         camera, shared = self.freedom.directions.shape[1], self.freedom.count
-        params = np.clip(state.model.params + self.freedom.directions @ step[:camera], *state.model.bounds)
         poses = step[shared:].reshape(-1, 6)
         return State(
-            state.model.with_params(params) if camera else state.model,
+            before_walls(state.model, self.freedom.directions @ step[:camera]) if camera else state.model,
             so3.exp(poses[:, :3]) @ state.rotations,
             state.translations + poses[:, 3:],
             state.warp + step[camera:shared] if self.freedom.warp else state.warp,

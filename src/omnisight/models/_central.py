@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from omnisight.models._elementwise import FULL, distort, gain, undistort, ungain, where
 from omnisight.models._planar import Undistorted, first_positive_root, positive_roots
-from omnisight.models._protocol import Array, CameraModel, Dip, Partial
+from omnisight.models._protocol import FLAT, Array, CameraModel, Dip, Partial
 
 
 class Central(Undistorted, CameraModel):
@@ -65,7 +65,8 @@ class Central(Undistorted, CameraModel):
         h, c = self.ungain(self.kernel, r, x, FULL)
         return float(np.arctan2(h * r, c))
 
-    def dips(self, below: float) -> list[Dip]:
+    @cached_property
+    def dips(self) -> list[Dip]:
         terms = self.growth()
         slope = [i * term for i, term in enumerate(terms)][1:]
         found: list[Dip] = []
@@ -73,7 +74,7 @@ class Central(Undistorted, CameraModel):
             return found
         for x in positive_roots(slope):
             growth = float(polyval(x, terms)) / terms[0]
-            if 0 < growth < below and polyval(x, polyder(slope)) > 0 and x < first_positive_root(terms):
+            if 0 < growth < FLAT and polyval(x, polyder(slope)) > 0 and x < first_positive_root(terms):
                 moved = [self.with_params(self.params + one).growth() for one in np.eye(self.params.size)]
                 by_params = np.array(moved) - terms
                 by_params = (polyval(x, by_params.T) - growth * by_params[:, 0]) / terms[0]

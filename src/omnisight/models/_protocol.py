@@ -37,6 +37,10 @@ class _KernelType:
         return self.made[cls]
 
 
+# An image nearly stops growing where it grows less than this share of what it does on the axis.
+FLAT = 0.05
+
+
 class Dip(NamedTuple):
     """Where an image nearly stops growing, before it grows on.
 
@@ -104,11 +108,9 @@ class CameraModel(Parametric):
         """The angle from the axis (radians) at which the domain ends: `theta_max`, or where the plane folds before."""
         return self.theta_max
 
-    def dips(self, below: float) -> list[Dip]:
-        """Give where the image grows less than so many times what it does on the axis, and then more again.
-
-        One that stopped growing there would end there.
-        """
+    @cached_property
+    def dips(self) -> list[Dip]:
+        """Where the image nearly stops growing, and then grows on: if it did stop, its domain would end there."""
         return []
 
     @property

@@ -44,8 +44,9 @@ class RayModel(Parametric):
         """NaN: no angle bounds the domain of rays that do not meet in a point."""
         return np.nan
 
-    def dips(self, below: float) -> list[Dip]:
-        """Give none: no angle tells where such an image nearly folds over."""
+    @property
+    def dips(self) -> list[Dip]:
+        """None: no angle tells where such an image nearly stops growing."""
         return []
 
     def rays(self, pixels: ArrayLike) -> Rays:
