@@ -55,7 +55,8 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     if len(starts) < 2:
         return starts[0] if starts else None
     freedom = Freedom.of(starts[0].model, fixed=fixed)
-    iterations = STEPS if "xi" in starts[0].model.param_names else LONG_STEPS
+    traded = "xi" in starts[0].model.param_names
+    iterations = STEPS if traded else LONG_STEPS
     ends = [
         refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
     ]
@@ -64,9 +65,12 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     ends = [min(starts[i], ends[i], key=cost) for i in _lowest(ends, sketch)[:VALLEYS]]
     # A board that was posed wrongly on the way costs more than valleys differ by.
     ends = [repose(end, views) if astray(end, views) else end for end in ends]
-    if len(ends) == 1:
+    if traded and len(ends) == 1:
         return ends[0]
     ends = [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
+    if not traded:
+        other = _decentred_the_other_way(ends[_lowest(ends, views)[0]], starts[1], fixed)
+        ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
     return ends[_lowest(ends, views)[0]]
 
 
@@ -97,6 +101,17 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
         for higher in HIGHER:
             if (plain := fitted(state, cls, views, fixed=(*STILL, *higher))) is not None:
                 yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *higher))).state
+
+
+def _decentred_the_other_way(end: State, centred: State, fixed: Sequence[str]) -> State:
+    """Give a start on the other side of a camera without decentring from where one with it has ended.
+
+    What its profile lacks, a frame that is tilted against the lens makes up for in part: this way, or the other way.
+    """
+    values, middle = end.model.to_dict(), centred.model.to_dict()
+    moved = {name: 2 * middle[name] - values[name] for name in ("cx", "cy", *STILL[1:]) if name in values}
+    values |= {name: value for name, value in moved.items() if name not in fixed}
+    return replace(centred, model=end.model.from_dict(values))
 
 
 def fitted(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: tuple[str, ...] = STILL) -> State | None:
