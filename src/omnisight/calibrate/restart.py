@@ -90,7 +90,7 @@ def _lowest(ends: Sequence[State], views: BoardViews) -> list[int]:
 
 def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator[State]:
     """Give starts of the model, each in a valley that may be another."""
-    first = fitted(state, cls, views)
+    first = state if type(state.model) is cls else fitted(state, cls, views)
     if first is None:
         return
     yield first

@@ -21,6 +21,8 @@ OCAM_DEGREES = (3, 4, 5, 6)
 SPANS, MANY = 10, 800
 # Share of the cost that finding a polynomial from a lower one need not gain.
 ROUGHLY = 1e-5
+# The same where floors of valleys are compared.
+FLOOR = 1e-7
 # Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
 UNSEEN = np.radians(20)
 # Times the corners' angle that a polynomial is fitted over so that it does not fold just past them.
@@ -62,7 +64,10 @@ def _polynomial_start(
         starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
     freedom = Freedom.of(starts[0].model, fixed=fixed)
     if len(fresh) > 1:  # only their floors tell valleys apart
-        starts = [refine(start, views, freedom=freedom, spread=spread, iterations=100).state for start in starts]
+        starts = [
+            refine(start, views, freedom=freedom, spread=spread, iterations=100, tolerance=FLOOR).state
+            for start in starts
+        ]
     return min(starts, key=Bundle(views, freedom, spread).cost)
 
 

@@ -19,7 +19,7 @@ def fit(cls: type[Model], bearings: Array, pixels: Array, fixed: Sequence[str] =
         raise ValueError(f"fit needs 4 or more pairs, got {len(bearings)} bearings and {len(pixels)} pixels")
     every = -(-len(bearings) // SKETCH)
     sketch = bearings[::every], pixels[::every]
-    tried = [refine(start, *sketch, fixed, iterations=10, tolerance=1e-6) for start in cls.starts(bearings, pixels)]
+    tried = [refine(start, *sketch, fixed, iterations=10, tolerance=1e-4) for start in cls.starts(bearings, pixels)]
     if not tried:
         farthest = np.degrees(np.arccos((bearings[:, 2] / np.linalg.norm(bearings, axis=1)).min()))
         raise ValueError(f"{cls.name} cannot be fitted to bearings up to {farthest:.0f} degrees from the axis")

@@ -85,9 +85,9 @@ class Ocam(Central):
         r, low, high, step = radius_step(m, r, low, high, s, c)
         if effort is not None:
             for _ in range(effort):
-                r, low, high, step = radius_step(m, r, low, high, s, c)
-                if settled(step, 1e-14 * m.r_max):
+                if settled(step, 1e-9 * m.r_max):
                     break
+                r, low, high, step = radius_step(m, r, low, high, s, c)
         # A small last step leaves its square; past the rim there is nothing to find.
         found = past | (np.abs(step) < 1e-7 * m.r_max)
         return where(found, where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.a[0]), np.inf)
