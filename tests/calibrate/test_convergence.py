@@ -37,6 +37,8 @@ LOST = (
     ("200/double_sphere/aside/near/1/0/60", "mei"),
     # Its valleys differ by a thousandth.
     ("200/fov/middle/usual/1/0.1/60", "double_sphere"),
+    # So wide that its xi can be hardly another.
+    ("280/stereographic/middle/near/0.2/0.1/20", "mei"),
     # Its frame may tilt two ways.
     ("240/mirror_ocam/middle/usual/1/0.1/60", "fisheye624"),
     # The optimum nearly folds over inside the corners.

@@ -26,6 +26,7 @@ DECENTRED = set(STILL[1:])
 HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.8, 1.4, 4.0)
+BESIDE = (-0.08, 0.08)
 MIDDLING = (0.6, 0.72)
 # Pairs that are enough to fit a start to.
 PAIRS = 600
@@ -137,12 +138,17 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
         yield from _near([own], STILL, start, points, pixels)
     # The double sphere's alpha as well: what is past its rim tells a fit nothing.
     alphas = {values.get("alpha", 0.0), *MIDDLING}
-    for xi in TRADED:
+
+    def away(xi: float) -> Iterator[State]:
         # On the axis all such models magnify by f/(1 + xi).
         scale = (1 + xi) / (1 + values["xi"])
         moved = values | {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
         begun = [moved | {"alpha": alpha} for alpha in alphas] if "alpha" in values else [moved]
-        yield from _near(begun, (*STILL, "xi"), start, points, pixels)
+        return _near(begun, (*STILL, "xi"), start, points, pixels)
+
+    far = [found for xi in TRADED for found in away(xi)]
+    # The widest lenses leave little room for it: then just beside.
+    yield from far or (found for by in BESIDE for found in away(values["xi"] + by))
 
 
 def _near(
