@@ -21,12 +21,12 @@ from omnisight.calibrate.choice import (
 from omnisight.calibrate.freedom import Freedom, squared
 from omnisight.calibrate.initialise import initialise
 from omnisight.calibrate.posing import posed
+from omnisight.calibrate.result import Result
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.starts import starts_of
 from omnisight.calibrate.state import State
-from omnisight.calibrate.trust.assess import Trust, assess
+from omnisight.calibrate.trust.assess import assess
 from omnisight.calibrate.trust.checks import FEWEST, same_pictures
-from omnisight.calibrate.trust.verdict import Verdict
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
@@ -34,73 +34,22 @@ from omnisight.images import ImageField
 from omnisight.models import CameraModel, model_names
 from omnisight.optim.loss import robust_sigma
 
-Array = NDArray[np.float64]
-
 # Corners that begin so far from the axis (radians) leave a blind middle, as a mirror has.
 BLIND = np.radians(15.0)
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """A calibrated camera, and what supports it.
+class Calibration(Result):
+    """A calibrated central camera, and what supports it.
 
     Attributes
     ----------
     camera
         The camera, with its figures, verdict and covariance.
-    views
-        The corners it was calibrated on.
-    chosen
-        The chosen model, fitted to all of them.
-    candidates
-        Every model that was tried, on no more corners than tell them apart: the chosen one, then the others, the best
-        first.
-    reason
-        Why this model.
-    outliers
-        (N,) corners more than five robust standard deviations off.
-    trust
-        How far it can be trusted.
     """
 
     camera: Camera
-    views: BoardViews
-    chosen: Candidate
-    candidates: tuple[Candidate, ...]
-    reason: str
-    outliers: NDArray[np.bool_]
-    trust: Trust
-
-    @property
-    def state(self) -> State:
-        """The model with cam_from_board of every picture, and the bend of the board."""
-        return self.chosen.state
-
-    @property
-    def rms(self) -> float:
-        """Length of the residual over all corners, px (root mean square)."""
-        return self.chosen.rms
-
-    @property
-    def mean(self) -> float:
-        """The same (mean)."""
-        return self.chosen.mean
-
-    @property
-    def held_out_rms(self) -> float | None:
-        """The rms over pictures held out; None with too few pictures."""
-        return self.chosen.held_out_rms
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether to use it, and what to do where not."""
-        return self.trust.verdict
-
-    @property
-    def residual_lengths(self) -> Array:
-        """(N,) length of each corner's residual, px."""
-        return self.state.lengths(self.views)
 
 
 def calibrate_camera(
@@ -286,7 +235,7 @@ def _conclude(
     if best.freedom.warp:
         figures["board_warp"] = [float(bend) for bend in state.warp]
     camera = dataclasses.replace(camera, calibration=figures)
-    return Calibration(camera, views, best, ranked, reason, outliers, trust)
+    return Calibration(views, best, ranked, reason, outliers, trust, camera)
 
 
 def _reach(state: State, views: BoardViews) -> float:

@@ -90,7 +90,7 @@ def _spline(ceiling: Ceiling | None) -> Beside | None:
 
 def _central(m: Material, c: RaysCalibration) -> Beside | None:
     """Compare a camera of rays with the best central one."""
-    own, other = c.candidates[0].held_out_lengths, c.central.held_out_lengths
+    own, other = c.chosen.held_out_lengths, c.central.held_out_lengths
     if own is None or other is None:
         return None
     use = m.usable & (own < OUTSIDE) & (other < OUTSIDE)

@@ -14,14 +14,13 @@ from omnisight.calibrate.rays.ask import ask, compared
 from omnisight.calibrate.rays.drawing import as_drawn, idle, placed, whole
 from omnisight.calibrate.rays.far import far_camera, from_viewpoint
 from omnisight.calibrate.rays.fitting import axial_of, clearly_better, fit, with_rays
+from omnisight.calibrate.result import Result
 from omnisight.calibrate.spread import Spread
-from omnisight.calibrate.state import State
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.calibrate.trust.coverage import Coverage
 from omnisight.calibrate.trust.evidence import Evidence
 from omnisight.calibrate.trust.uncertainty import UncertaintyMap
 from omnisight.calibrate.trust.verdict import Verdict
-from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import ImageField
 from omnisight.optics.models.axial import Axial
@@ -41,66 +40,25 @@ LENSES = 4
 
 
 @dataclass(frozen=True)
-class RaysCalibration:
+class RaysCalibration(Result):
     """A calibrated camera of rays, and what supports it.
+
+    Of what is far it is sure as a central camera is; its viewpoint is compared with that of the central one. None but a
+    central camera has halves and a spline beside it.
 
     Attributes
     ----------
     camera
         The camera, with its figures and covariance.
-    state
-        Its model with cam_from_board of every picture, and the bend of the board.
-    views
-        The corners it was calibrated on.
-    candidates
-        The chosen one, then the others, best first.
     central
         The best central camera beside it: the one that was chosen, or its own lens with a viewpoint that stands still.
     needed
         Whether it explains pictures held out better than the central one by more than chance.
-    reason
-        One sentence: why this camera.
-    outliers
-        (N,) corners more than five robust standard deviations off.
-    trust
-        How far it can be trusted. Of what is far it is sure as a central camera is; its viewpoint is compared with that
-        of the central one. None but a central camera has halves and a spline beside it.
     """
 
     camera: RayCamera
-    state: State
-    views: BoardViews
-    candidates: tuple[Candidate, ...]
     central: Candidate
     needed: bool
-    reason: str
-    outliers: NDArray[np.bool_]
-    trust: "Trust"
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether to use it, and what to do where not."""
-        return self.trust.verdict
-
-    @property
-    def residual_lengths(self) -> Array:
-        """(N,) length of each corner's residual, px."""
-        return self.state.lengths(self.views)
-
-    @property
-    def mean(self) -> float:
-        """Mean length of the residual over all corners, px."""
-        return self.candidates[0].mean
-
-    @property
-    def rms(self) -> float:
-        """Root mean square length of the residual over all corners, px."""
-        return self.candidates[0].rms
-
-    @property
-    def held_out_rms(self) -> float | None:
-        """The same over pictures held out; None with too few pictures."""
-        return self.candidates[0].held_out_rms
 
 
 def calibrate_rays(
@@ -259,7 +217,7 @@ def _concluded(
     )
     trust = _trust(best, central, camera, calibration, outliers, field)
     camera = replace(camera, calibration=figures | trust.figures())
-    return RaysCalibration(camera, state, views, ranked, central, needed, reason, outliers, trust)
+    return RaysCalibration(views, best, ranked, reason, outliers, trust, camera, central, needed)
 
 
 def _trust(
