@@ -263,6 +263,7 @@ def test_of_points_that_are_no_grid_a_board_as_large_is_held(run, camera_file, t
         ("a camera with pictures", "--which is for files of corners of several cameras"),
         ("a drawing over a picture beside", "is one of the pictures and would be lost"),
         ("too few", "none of 2 pictures has corners enough"),
+        ("a board of another unit", " is in squares is not known: give --pattern, such as 9x6, instead"),
     ],
 )
 def test_what_is_wrong_with_corners_is_said(given, said, refuses, corners, shots, camera_file, tmp_path):
@@ -274,6 +275,11 @@ def test_what_is_wrong_with_corners_is_said(given, said, refuses, corners, shots
             command = [shots, "--image-size", "640x480"]
         case "a camera with pictures":
             command = [shots, "--which", "left"]
+        case "a board of another unit":
+            np.savez(corners, imgpoints=seen(6), objpoints=BOARD.points, image_size=SIZE)
+            grid = {"target": "aprilgrid", "columns": 6, "rows": 6, "tag": "30mm", "spacing": 0.3}
+            (tmp_path / "grid.json").write_text(json.dumps(grid))
+            command += ["--target", tmp_path / "grid.json"]
         case "too few":
             found = seen(2)
             found[:, 4:] = np.nan

@@ -8,17 +8,18 @@ from omnisight.targets import Board, BoardSearch, Checkerboard, GivenTarget
 from omnisight.targets.boards.checkerboard import SMALLEST
 
 
-def held_board(search: BoardSearch, told: Board | None) -> tuple[BoardSearch, Board]:
+def held_board(search: BoardSearch, told: Board | None, *, asked: bool) -> tuple[BoardSearch, Board]:
     """Give the board to hold up, and the search with the points in that board's frame.
 
     Corners of a plane tell how that plane is bent: what is held up is bent alike, and so lies where they do. It is the
     board that was told, or a checkerboard as large, with as many corners. Of a solid body only the camera follows, and
-    any flat board may be held.
+    any flat board may be held. A board of another unit than the corners is as good as none; `asked` for, it is refused.
 
     Raises
     ------
     ValueError
-        If the points are those of a solid body, and no board was told.
+        If the points are those of a solid body, and no board was told; or the board that was asked for has another
+        unit.
     """
     found = search.board
     if not isinstance(found, GivenTarget):
@@ -31,7 +32,14 @@ def held_board(search: BoardSearch, told: Board | None) -> tuple[BoardSearch, Bo
                 " --target, a flat board for the next picture"
             )
         return search, told
-    board = told if told is not None and told.unit == found.unit else _as_large(found)
+    if told is not None and told.unit != found.unit:
+        if asked:
+            raise ValueError(
+                f"the corners are in {found.unit}, and what {told} is in {found.unit} is not known: give --pattern,"
+                " such as 9x6, instead"
+            )
+        told = None
+    board = told or _as_large(found)
     moved = found.points - (found.points.min(0) - board.points.min(0))
     return replace(search, board=GivenTarget(moved, found.unit)), board
 

@@ -84,9 +84,8 @@ def next(
     if not 1 <= count <= MOST:
         raise ValueError(f"--count is {count}: give 1 to {MOST} pictures to propose")
     source = central_camera(camera, name=name, takes=False)
-    board = asked_board(pattern, square, target)
-    if board is None and square is None:
-        board = _board_of(source, camera)
+    asked = asked_board(pattern, square, target)
+    board = _board_of(source, camera) if asked is None and square is None else asked
     given = Given.of(pictures, board, square=square, image_size=image_size, which=which)
     if draw is not None:
         _must_be_apart(draw, given)
@@ -103,7 +102,7 @@ def next(
                 f"{camera}: the pictures are {search.size[0]}x{search.size[1]}, the camera"
                 f" {source.width}x{source.height}: give the pictures that it was calibrated from, or calibrate these"
             )
-        search, held = held_board(search, board)
+        search, held = held_board(search, board, asked=asked is not None)
         report("propose", 0, 1)
         known = Known.of(source, BoardViews.of_search(search, labels([p.path for p in search.pictures])))
         proposal = propose(known, held, search.field, count)
