@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate._bundle_kernel import weighted, weighted_lengths
-from omnisight.calibrate.barrier import before_walls, wall
+from omnisight.calibrate.barrier import Wall, before_walls, wall
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.rim import held, held_jacobians
 from omnisight.calibrate.spread import Spread
@@ -65,7 +65,7 @@ class Bundle:
             pixels[lost] = held(state.model, points[lost])
         lengths = weighted_lengths(pixels, self.views.pixels, self.spread.roots, most)
         lengths[lost] = np.minimum(lengths[lost], most)
-        before = wall(state, self.views, self.spread.sigma**2)
+        before = self._wall(state)
         return self.loss.cost(lengths) + 0.5 * float(prior @ off**2) + (before.cost if before else 0.0)
 
     def linearise(self, state: State) -> GroupedNormal:
@@ -100,7 +100,7 @@ class Bundle:
         """Give the normal equations of what moves, what is known beforehand and walls among them."""
         prior, off = self._prior(state.model)
         information, gradient = np.diag(prior), prior * off
-        if before := wall(state, self.views, self.spread.sigma**2):
+        if before := self._wall(state):
             information, gradient = information + before.hessian, gradient + before.gradient
         held = held_back(state.model.params, corners.shared_gradient[:-2] + gradient, *state.model.bounds)
         directions = self.directions.copy()
@@ -126,6 +126,10 @@ class Bundle:
         directions[:-2, : moving.shape[1]] = moving
         directions[-2:, moving.shape[1] :] = np.eye(2)[:, : 2 * self.freedom.warp]
         return directions
+
+    def _wall(self, state: State) -> Wall | None:
+        """Give the wall before a camera that moves."""
+        return wall(state, self.views, self.spread.sigma**2) if self.freedom.directions.shape[1] else None
 
     def _prior(self, model: CameraModel) -> tuple[Array, Array]:
         """Give what is known of each parameter beforehand: its weight (P,), and how far from 0 it is (P,)."""

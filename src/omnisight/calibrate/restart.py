@@ -26,6 +26,7 @@ DECENTRED = set(STILL[1:])
 HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.8, 1.4, 4.0)
+# Where none of these is near: how far beside that of the first start.
 BESIDE = (-0.08, 0.08)
 MIDDLING = (0.6, 0.72)
 # Pairs that are enough to fit a start to.
