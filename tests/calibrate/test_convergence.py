@@ -39,6 +39,8 @@ LOST = (
     ("200/fov/middle/usual/1/0.1/60", "double_sphere"),
     # So wide that its xi can be hardly another.
     ("280/stereographic/middle/near/0.2/0.1/20", "mei"),
+    # The slow valley of a rich model.
+    ("100/division/middle/usual/1/0.1/60", "rational"),
     # Its frame may tilt two ways.
     ("240/mirror_ocam/middle/usual/1/0.1/60", "fisheye624"),
     # The optimum nearly folds over inside the corners.

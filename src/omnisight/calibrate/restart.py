@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
 DECENTRED = set(STILL[1:])
 # What bends a profile beside its first terms: terms that nearly make up for each other.
-HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6")
+HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6"), ("k3", "k6")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.8, 1.4, 4.0)
 # Where none of these is near: how far beside that of the first start.
@@ -37,9 +37,9 @@ CORNERS = 1000
 ALIKE = 4.0
 # px: cameras whose focal lengths and centres differ by less have ended in one valley.
 SAME = 1.0
-# Steps that each start is refined by on some of the corners, more where parts are not centred; how many of them, in
-# valleys of their own, are then refined on all.
-STEPS, LONG_STEPS, VALLEYS = 12, 40, 3
+# Steps that each start is refined by on some of the corners, and how many of them, in valleys of their own, are then
+# refined on all: where parts are traded for each other, and where parts are not centred.
+TRADED_EFFORT, DECENTRED_EFFORT = (12, 3), (40, 5)
 # Share of the cost that steps must gain. Wrong corners may be nearly all of it: little tells valleys apart.
 TOLERANCE = 1e-8
 # Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
@@ -58,14 +58,14 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
         return starts[0] if starts else None
     freedom = Freedom.of(starts[0].model, fixed=fixed)
     traded = "xi" in starts[0].model.param_names
-    iterations = STEPS if traded else LONG_STEPS
+    iterations, valleys = TRADED_EFFORT if traded else DECENTRED_EFFORT
     ends = [
         refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
     ]
     # A rich model may have left the corners that the sketch has not, and not come back to them.
     every = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
     left = [every.cost(end) > every.cost(start) + every.scale for start, end in zip(starts, ends, strict=True)]
-    ends = [starts[i] if left[i] else ends[i] for i in _lowest(ends, sketch)[:VALLEYS]]
+    ends = [starts[i] if left[i] else ends[i] for i in _lowest(ends, sketch)[:valleys]]
     # A board that was posed wrongly on the way costs more than valleys differ by.
     ends = [repose(end, views) if astray(end, views) else end for end in ends]
     if traded and len(ends) == 1:
@@ -101,7 +101,7 @@ def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator
         yield from _traded(first, state, views)
     elif DECENTRED & names:
         yield refine(first, views, freedom=Freedom.of(first.model, fixed=STILL)).state
-        for higher in HIGHER:
+        for higher in dict.fromkeys(tuple(name for name in higher if name in names) for higher in HIGHER):
             if (plain := fitted(state, cls, views, fixed=(*STILL, *higher))) is not None:
                 yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *higher))).state
 
