@@ -207,6 +207,16 @@ def test_the_spline_shows_what_a_poor_model_leaves_and_where():
     assert np.sqrt((held_out[ring] ** 2).mean()) == pytest.approx(left.model_rms[left.where], rel=0.05)
 
 
+def test_a_spline_that_pictures_do_not_tell_says_nothing_about_the_model():
+    found = calibrate_camera(
+        noisy(shoot(lens(180), 180, np.random.default_rng(0), count=4, noise=0.0), 0, 0.1), SIZE, model="equisolid"
+    )
+    ceiling = found.trust.ceiling
+    assert ceiling.candidate.held_out_rms > 1.5 * found.held_out_rms
+    assert "so few pictures tell no spline" in str(ceiling)
+    assert "what the model leaves is open" in str(ceiling)
+
+
 # -- a board that is not flat ------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,8 @@ from omnisight.geometry.sphere import angle_from_axis
 Array = NDArray[np.float64]
 
 RINGS = 6
+# A spline that is so many times as far off as the model, on pictures held out, is not told by the others.
+UNTOLD = 1.5
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,9 @@ class Ceiling:
     def __str__(self) -> str:
         """Say it in one sentence."""
         held_out = self.candidate.held_out_rms or 0.0
+        if held_out > UNTOLD * np.sqrt((self.model_rms**2).mean()):
+            poor = f"so few pictures tell no spline ({held_out:.3f} px on pictures held out)"
+            return f"{poor}: what the model leaves is open"
         if self.left == 0.0:
             return f"a spline is no better on pictures held out ({held_out:.3f} px): the model leaves nothing"
         low, high = np.degrees(self.edges[self.where : self.where + 2])
