@@ -1,5 +1,6 @@
 """From boards found in pictures to a camera: look, calibrate roughly, look again, calibrate."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,11 +23,14 @@ class PicturesCalibration:
         The boards as the second look found them.
     won
         What the second look brought.
+    looked
+        Seconds that it took.
     """
 
     calibration: Calibration
     search: BoardSearch
     won: Won
+    looked: float
 
 
 def calibrate_pictures(
@@ -68,9 +72,11 @@ def calibrate_pictures(
     report("start", 0, 1)
     start = initialise(views, search.size)
     report("start", 1, 1)
+    begun = time.perf_counter()
     search, won = second_pass(
         search, views, start, apply_exif=apply_exif, progress=lambda done, total: report("look again", done, total)
     )
+    looked = time.perf_counter() - begun
     views = BoardViews.of_search(search, names)
     calibration = calibrate_camera(
         views,
@@ -84,4 +90,4 @@ def calibrate_pictures(
         field=search.field,
         progress=progress,
     )
-    return PicturesCalibration(calibration, search, won)
+    return PicturesCalibration(calibration, search, won, looked)

@@ -174,8 +174,8 @@ def calibrate(
     except (OSError, ValueError) as error:
         failure = error
     seconds = {
-        "detect": detected - begun,
-        "solve": solved - detected,
+        "detect": detected - begun + result.looked,
+        "solve": solved - detected - result.looked,
         "total": time.perf_counter() - begun,
     }
     if json:
