@@ -41,6 +41,7 @@ LOST = (
     ("280/stereographic/middle/near/0.2/0.1/20", "mei"),
     # The slow valley of a rich model.
     ("100/division/middle/usual/1/0.1/60", "rational"),
+    ("280/mirror_ocam/middle/near/0.2/0/10", "mei"),
     # Its frame may tilt two ways.
     ("240/mirror_ocam/middle/usual/1/0.1/60", "fisheye624"),
     # The optimum nearly folds over inside the corners.

@@ -26,8 +26,8 @@ DECENTRED = set(STILL[1:])
 HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6"), ("k3", "k6")
 # What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
 TRADED = (-0.3, 0.2, 0.8, 1.4, 4.0)
-# Where none of these is near: how far beside that of the first start.
-BESIDE = (-0.08, 0.08)
+# Where fewer of these are near: how far beside that of the first start.
+FEW, BESIDE = 3, (-0.08, -0.04, 0.04, 0.08)
 MIDDLING = (0.6, 0.72)
 # Pairs that are enough to fit a start to.
 PAIRS = 600
@@ -148,8 +148,10 @@ def _traded(start: State, state: State, views: BoardViews) -> Iterator[State]:
         return _near(begun, (*STILL, "xi"), start, points, pixels)
 
     far = [found for xi in TRADED for found in away(xi)]
-    # The widest lenses leave little room for it: then just beside.
-    yield from far or (found for by in BESIDE for found in away(values["xi"] + by))
+    yield from far
+    if len(far) < FEW:  # the widest lenses leave little room for it
+        for by in BESIDE:
+            yield from away(values["xi"] + by)
 
 
 def _near(
