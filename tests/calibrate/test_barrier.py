@@ -38,7 +38,7 @@ def nearly_folded(name, growth):
     shape = {key: power[i] * share for key, (i, share) in COUNTED[name].items()}
     values = dict.fromkeys(model_class(name).example().param_names, 0.0) | focal | shape
     model = model_class(name).from_dict(values | ({"xi": 0.8} if name == "mei" else {}))
-    theta = np.linspace(1e-3, 0.999 * model.theta_max, 4001)
+    theta = np.linspace(1e-3, 0.999 * model.rim, 4001)
     radius = model.project_numpy(np.stack([np.sin(theta), 0 * theta, np.cos(theta)], -1))[0][:, 0] - 640.0
     plane = {"radial_tangential": np.tan(theta), "rational": np.tan(theta)}.get(name, theta)
     if name == "mei":

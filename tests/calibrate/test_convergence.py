@@ -39,6 +39,9 @@ LOST = (
     ("200/fov/middle/usual/1/0.1/60", "double_sphere"),
     # So wide that its xi can be hardly another.
     ("280/stereographic/middle/near/0.2/0.1/20", "mei"),
+    # A pole that runs through a wrong corner.
+    ("140/equidistant/middle/parts/1/0.1/10", "rational"),
+    ("200/stereographic/aside/narrow/1/0.1/20", "rational"),
     # The slow valley of a rich model.
     ("100/division/middle/usual/1/0.1/60", "rational"),
     ("280/mirror_ocam/middle/near/0.2/0/10", "mei"),

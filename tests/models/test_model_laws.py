@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from every_model import AZIMUTHS, direction, every_camera, every_model, inside, rim
+from omnisight.models import model_class
 
 
 def to_the_rim(model):
@@ -172,3 +173,16 @@ def test_compiled_and_plain_agree(model):
     plain_back, plain_seen = model.unproject_numpy(pixels)
     np.testing.assert_array_equal(seen, plain_seen)
     assert angle(back, plain_back).max() < 1e-9
+
+
+def test_a_rational_plane_ends_before_its_radius_runs_away():
+    """With d = 1/(1 - r^2/4) the radius of r = 2 is infinite."""
+    focal = {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0}
+    model = model_class("rational")
+    camera = model.from_dict(dict.fromkeys(model.example().param_names, 0.0) | focal | {"k4": -0.25})
+    last = np.tan(camera.rim)
+    assert 1.5 < last < 2
+    r = last - np.array([1e-6, 0.0])
+    radius = camera.project(np.stack([r * (1 - 1e-9), 0 * r, np.ones(2)], -1))[0][:, 0]
+    assert np.diff(radius)[0] / 1e-6 == pytest.approx(20 * 100, rel=1e-3)
+    assert not camera.project([1.001 * last, 0, 1])[1]

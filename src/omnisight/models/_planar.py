@@ -266,6 +266,3 @@ class Rational(Radial):
         for i, j in itertools.product(range(4), range(4)):
             terms[i + j] += (1 + 2 * i - 2 * j) * n[i] * d[j]
         return terms
-
-    def radial_fold(self) -> float:
-        return min(super().radial_fold(), first_positive_root([1.0, self.k4, self.k5, self.k6]) ** 0.5)

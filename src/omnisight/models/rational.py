@@ -7,9 +7,12 @@ from typing import Self
 import numpy as np
 
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import Rational
+from omnisight.models._planar import Rational, first_positive_root
 from omnisight.models._protocol import Array
 from omnisight.models.pinhole import PinholeProfile
+
+# Times as fast as in the middle: what grows faster runs away.
+STEEPEST = 20.0
 
 
 @dataclass(frozen=True)
@@ -21,8 +24,9 @@ class RationalPinhole(Rational, PinholeProfile):
     x' = x d + 2 p1 x y + p2 (r^2 + 2 x^2)
     y' = y d + p1 (r^2 + 2 y^2) + 2 p2 x y
 
-    Valid for theta < 90 degrees and up to the radius where x' stops growing. Claus and Fitzgibbon, A rational function
-    lens distortion model, CVPR 2005, as OpenCV writes it.
+    Valid for theta < 90 degrees and up to the radius where x' stops growing, or grows 20 times as fast as in the
+    middle: no lens follows where d runs away. Claus and Fitzgibbon, A rational function lens distortion model, CVPR
+    2005, as OpenCV writes it.
     """
 
     fx: float = parameter("focal length along x", unit="px")
@@ -37,6 +41,12 @@ class RationalPinhole(Rational, PinholeProfile):
     k4: float = parameter("radial distortion, denominator", spread=1.0)
     k5: float = parameter("radial distortion, denominator", spread=1.0)
     k6: float = parameter("radial distortion, denominator", spread=1.0)
+
+    def radial_fold(self) -> float:
+        # The denominator's own root lies beyond.
+        d = np.array([1.0, self.k4, self.k5, self.k6])
+        steep = np.array(self.growth()) - STEEPEST * np.convolve(d, d)
+        return min(super().radial_fold(), first_positive_root(list(steep)) ** 0.5)
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
