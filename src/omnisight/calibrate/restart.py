@@ -64,8 +64,8 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     ]
     # A rich model may have left the corners that the sketch has not, and not come back to them.
     every = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
-    left = [every.cost(end) > every.cost(start) + every.scale for start, end in zip(starts, ends, strict=True)]
-    ends = [starts[i] if left[i] else ends[i] for i in _lowest(ends, sketch)[:valleys]]
+    kept = [(starts[i], ends[i]) for i in _lowest(ends, sketch)[:valleys]]
+    ends = [start if every.cost(end) > every.cost(start) + every.scale else end for start, end in kept]
     # A board that was posed wrongly on the way costs more than valleys differ by.
     ends = [repose(end, views) if astray(end, views) else end for end in ends]
     if traded and len(ends) == 1:
