@@ -113,7 +113,8 @@ def from_truth(made: Scene, models: Sequence[str] = MODELS) -> dict[str, State]:
             continue
         fitted = {name: model}
         if name == "ocam":
-            fitted = {f"ocam degree {d}": Ocam.start_of_degree(made.cone, seen, d) for d in OCAM_DEGREES}
+            fits = zip(OCAM_DEGREES, Ocam.starts_of_degrees(made.cone, seen, OCAM_DEGREES), strict=True)
+            fitted = {f"ocam degree {degree}": fit for degree, fit in fits}
         if name == truth.model.name != "ocam":
             fitted = {name: truth.model}
         for key, model in fitted.items():

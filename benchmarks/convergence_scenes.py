@@ -137,7 +137,7 @@ def camera(fov: int, name: str, centre: tuple[float, float]) -> CameraModel:
     model = model_class(base).from_dict({**plain, "fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]})
     if lens.model == "ocam":
         around = cone_of(np.radians(lens.blind_deg), half)
-        model = Ocam.start_of_degree(around, model.project_numpy(around)[0], 4)
+        model = next(Ocam.starts_of_degrees(around, model.project_numpy(around)[0], [4]))
     return model
 
 

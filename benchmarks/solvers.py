@@ -79,7 +79,7 @@ def ours(name: str, loss: str = "squared") -> Solve:
     def solve(views: om.BoardViews, size: tuple[int, int]) -> Solved:
         start = initialise(views, size)
         if name == "ocam":
-            begun = replace(start, model=Ocam.start_of_degree(start.points(views)[0], views.pixels, DEGREE))
+            begun = replace(start, model=next(Ocam.starts_of_degrees(start.points(views)[0], views.pixels, [DEGREE])))
         else:
             begun = restart(start, om.model_class(name), views)
         assert begun is not None

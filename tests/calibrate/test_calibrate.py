@@ -126,7 +126,8 @@ def test_of_many_corners_enough_compare_models_and_all_make_the_camera():
     assert len(chosen.held_out_lengths) == len(views.pixels)
     assert f"compared on {found.candidates[0].corners} of {len(views.pixels)} corners" in found.reason
     # A camera of many parameters needs more of them.
-    assert found.trust.ceiling.candidate.corners == len(views.pixels) < ENOUGH_FOR_MANY
+    assert 0.9 < found.trust.ceiling.candidate.corners / min(len(views.pixels), ENOUGH_FOR_MANY) < 1.1
+    assert ENOUGH < 0.9 * ENOUGH_FOR_MANY
     # No other camera is nearer to the corners than one fitted to all of them.
     again = refine(chosen.state, views, freedom=chosen.freedom).state
     assert np.abs(again.model.params - found.camera.model.params).max() < 1e-3 * np.abs(again.model.params).max()

@@ -5,7 +5,7 @@
 
 import numpy as np
 
-from omnisight.compiled import outer
+from omnisight.compiled import inner, outer
 
 
 @outer
@@ -23,6 +23,17 @@ def place(corners, bows, warp, view, rotations, translations):
     return points, turned
 
 
+@inner
+def add(to, times, six):
+    """Add so many times six numbers to others."""
+    to[0] += times * six[0]
+    to[1] += times * six[1]
+    to[2] += times * six[2]
+    to[3] += times * six[3]
+    to[4] += times * six[4]
+    to[5] += times * six[5]
+
+
 @outer
 def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, view, rotations):
     """Give the weighted residuals (2 N,) and what they depend on, as far as boards do not share it.
@@ -32,47 +43,41 @@ def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, vi
     A corner outside the model's domain counts nothing.
     """
     count, shared, views = len(pixels), d_params.shape[2] + 2, len(rotations)
-    residuals, jacobian = np.zeros(2 * count), np.zeros((2 * count, shared))
+    residuals, jacobian = np.empty(2 * count), np.empty((2 * count, shared))
     cross, local, gradient = np.zeros((views, shared, 6)), np.zeros((views, 6, 6)), np.zeros((views, 6))
-    d_pixel, d_pose = np.empty((2, shared)), np.empty(6)
     for n in range(count):
         r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
-        inside = np.isfinite(r0 + r1)
+        total = r0 + r1
         for p in range(shared - 2):
-            inside &= np.isfinite(d_params[n, 0, p] + d_params[n, 1, p])
-        if not inside:
+            total += d_params[n, 0, p] + d_params[n, 1, p]
+        if not np.isfinite(total):
+            residuals[2 * n : 2 * n + 2], jacobian[2 * n : 2 * n + 2] = 0.0, 0.0
             continue
         k = view[n]
-        length = np.hypot(roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1)
+        a, b = roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1
+        length = np.sqrt(a * a + b * b)
         root = np.sqrt(threshold / length) if length > threshold else 1.0
-        for i in range(2):
-            d_pixel[i, : shared - 2] = d_params[n, i]
-            back = 0.0
-            for j in range(3):
-                back += d_point[n, i, j] * rotations[k, j, 2]
-            d_pixel[i, shared - 2], d_pixel[i, shared - 1] = back * bows[n, 0], back * bows[n, 1]
         a, b, c = turned[n]
         for i in range(2):
             w0, w1 = root * roots[n, i, 0], root * roots[n, i, 1]
             row = jacobian[2 * n + i]
-            for p in range(shared):
-                row[p] = w0 * d_pixel[0, p] + w1 * d_pixel[1, p]
+            for p in range(shared - 2):
+                row[p] = w0 * d_params[n, 0, p] + w1 * d_params[n, 1, p]
             x = w0 * d_point[n, 0, 0] + w1 * d_point[n, 1, 0]
             y = w0 * d_point[n, 0, 1] + w1 * d_point[n, 1, 1]
             z = w0 * d_point[n, 0, 2] + w1 * d_point[n, 1, 2]
+            back = x * rotations[k, 0, 2] + y * rotations[k, 1, 2] + z * rotations[k, 2, 2]
+            row[shared - 2], row[shared - 1] = back * bows[n, 0], back * bows[n, 1]
             # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
-            d_pose[0], d_pose[1], d_pose[2] = b * z - c * y, c * x - a * z, a * y - b * x
-            d_pose[3], d_pose[4], d_pose[5] = x, y, z
+            d_pose = b * z - c * y, c * x - a * z, a * y - b * x, x, y, z
             r = w0 * r0 + w1 * r1
             residuals[2 * n + i] = r
+            add(gradient[k], r, d_pose)
             for q in range(6):
-                gradient[k, q] += d_pose[q] * r
-                for s in range(6):
-                    local[k, q, s] += d_pose[q] * d_pose[s]
+                add(local[k, q], d_pose[q], d_pose)
             for p in range(shared):
                 if row[p] != 0.0:
-                    for q in range(6):
-                        cross[k, p, q] += row[p] * d_pose[q]
+                    add(cross[k, p], row[p], d_pose)
     return residuals, jacobian, cross, local, gradient
 
 
@@ -82,6 +87,7 @@ def weighted_lengths(pixels, seen, roots, outside):
     lengths = np.empty(len(pixels))
     for n in range(len(pixels)):
         r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
-        length = np.hypot(roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1)
+        a, b = roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1
+        length = np.sqrt(a * a + b * b)
         lengths[n] = length if np.isfinite(length) else outside
     return lengths

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import ENOUGH, Candidate
+from omnisight.calibrate.candidates import COMPARED, ENOUGH, Candidate
 from omnisight.calibrate.choice import (
     AUTO,
     FEW_PARAMETERS,
@@ -120,7 +120,7 @@ def calibrate_camera(
         if square:
             state = dataclasses.replace(state, model=squared(state.model))
         freedom = Freedom.of(state.model, fixed=fixed, free=free, square=square)
-        fitted.append(Candidate.fit(name, state, sketch, freedom, loss=loss))
+        fitted.append(Candidate.fit(name, state, sketch, freedom, loss=loss, tolerance=COMPARED))
     report("fit", len(started), len(started))
     if not fitted:
         raise ValueError(f"{model} cannot describe this camera: its corners reach {_degrees(begun, views):.0f} degrees")
@@ -130,10 +130,11 @@ def calibrate_camera(
     best, reason = choose(judged, sketch, usable[kept])
     if len(kept) < len(views.pixels) and len(judged) > 1:
         reason += f" Models were compared on {len(kept)} of {len(views.pixels)} corners."
-    others = (c for c in judged if c is not best)
-    ranked = best, *sorted(others, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     report("judge", 0, 1)
     chosen = best.on(views, usable, loss=loss)
+    others = (c for c in judged if c is not best)
+    compared = chosen if chosen.corners == best.corners else best
+    ranked = compared, *sorted(others, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
     found = _conclude(chosen, reason, ranked, views, size, loss, field, begun, auto=model == "auto")
     report("judge", 1, 1)
     return found

@@ -19,9 +19,13 @@ from omnisight.optim.schur import GroupedNormal
 Array = NDArray[np.float64]
 
 # Corners that are enough to compare cameras of few parameters by; pictures and corners where one has a hundred.
-ENOUGH, ENOUGH_PICTURES, ENOUGH_FOR_MANY = 1500, 60, 3000
+ENOUGH, ENOUGH_PICTURES, ENOUGH_FOR_MANY = 1500, 60, 2000
 FOLDS = 5
-FOLD_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-4
+# Share of the cost that steps must gain where a model is fitted to the end, where models are compared, where one is
+# fitted to all folds but one, and where the boards of that one are posed.
+FITTED, COMPARED, FOLD_TOLERANCE, POSE_TOLERANCE = 1e-9, 1e-5, 1e-4, 1e-3
+# The first damping where the least cost is near.
+NEAR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,13 @@ class Candidate:
         }
 
     @classmethod
-    def fit(cls, name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: str) -> "Candidate":
+    def fit(
+        cls, name: str, start: State, views: BoardViews, freedom: Freedom, *, loss: str, tolerance: float = FITTED
+    ) -> "Candidate":
         """Refine one model on all pictures; again with boards posed anew, if some ended where they do not belong."""
-        state = refine(start, views, freedom=freedom, loss=loss).state
+        state = refine(start, views, freedom=freedom, loss=loss, tolerance=tolerance).state
         if astray(state, views) and loss != "squared":
-            healed = refine(repose(state, views), views, freedom=freedom, loss=loss).state
+            healed = refine(repose(state, views), views, freedom=freedom, loss=loss, tolerance=tolerance).state
             spread = Spread.of(healed, views, loss)
             state = min(healed, state, key=Bundle(views, Freedom.none(state.model), spread).cost)
         return cls.found(name, state, views, freedom)
@@ -90,13 +96,14 @@ class Candidate:
 
     def bent(self, views: BoardViews, *, loss: str) -> "Candidate":
         """Refine it again with a board that may be bent."""
-        return self.fit(self.name, self.state, views, dataclasses.replace(self.freedom, warp=True), loss=loss)
+        freedom = dataclasses.replace(self.freedom, warp=True)
+        return self.fit(self.name, self.state, views, freedom, loss=loss, tolerance=COMPARED)
 
     def on(self, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
-        """Give it fitted to, and judged by, all corners of its views; itself where it was."""
-        if len(views.pixels) == self.corners:
-            return self
+        """Give it fitted to the end to all corners of its views, and judged by them."""
         found = self.fit(self.name, self.state, views, self.freedom, loss=loss)
+        if len(views.pixels) == self.corners:
+            return dataclasses.replace(found, held_out_rms=self.held_out_rms, held_out_lengths=self.held_out_lengths)
         return found if self.held_out_rms is None else found.held_out(views, usable, loss=loss)
 
     def held_out(self, views: BoardViews, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
@@ -125,18 +132,17 @@ class Candidate:
     def without(self, folds: Sequence[NDArray[np.intp]], views: BoardViews, spread: Spread) -> Iterator[State]:
         """Refine it without each of the folds of the views in turn, the other corners counting as among all.
 
-        The normal equations of the folds add up: those of all but one tell most of the way from the state of all.
+        The normal equations of the folds at the state of all add up to those of all but one.
         """
         parts = [self._problem(fold, views, spread).of_corners(self.state.part(fold)) for fold in folds]
         for left_out in range(len(folds)):
             others = [i for i in range(len(folds)) if i != left_out]
             some = np.concatenate([folds[i] for i in others])
             problem, start = self._problem(some, views, spread), self.state.part(some)
-            normal = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start)
-            step = normal.solve(0.0)
-            if np.isfinite(step).all():
-                start = min(start, problem.move(start, step), key=problem.cost)
-            yield minimise(problem, start, tolerance=FOLD_TOLERANCE, scale=problem.scale).state
+            first = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start)
+            yield minimise(
+                problem, start, tolerance=FOLD_TOLERANCE, scale=problem.scale, damping=NEAR, first=first
+            ).state
 
     def _problem(self, some: NDArray[np.intp], views: BoardViews, spread: Spread) -> Bundle:
         return Bundle(views.subset(some), self.freedom, spread.part(views.rows(some)))

@@ -171,15 +171,15 @@ def refine(
     if spread is not None:
         problem = Bundle(views, freedom, spread)
         return minimise(problem, state, iterations=iterations, tolerance=tolerance, scale=problem.scale, watch=watch)
-    used, settled = 0, False
+    used, share = 0, max(tolerance, UNSETTLED)
     spread = Spread.of(state, views, loss)
     while True:
         problem = Bundle(views, freedom, spread)
-        share = tolerance if settled else max(tolerance, UNSETTLED)
         solution = minimise(problem, state, iterations=iterations, tolerance=share, scale=problem.scale, watch=watch)
         used += solution.iterations
         state, before = solution.state, spread
         spread = Spread.of(state, views, loss)
-        if (settled and spread.like(before)) or used >= 4 * iterations:
-            return replace(solution, iterations=used)
         settled = spread.like(before)
+        if (settled and share <= tolerance) or used >= 4 * iterations:
+            return replace(solution, iterations=used)
+        share = tolerance if settled else max(tolerance, UNSETTLED)

@@ -71,17 +71,8 @@ def _roots(state: State, views: BoardViews) -> Array:
     t is such that the median of r^T (C + t^2 I)^-1 r is that of two normal variables, 2 ln 2.
     """
     own = np.trace(views.covariance, axis1=1, axis2=2) / 2
-    squares = state.lengths(views) ** 2
-
-    def excess(shared: float) -> float:
-        return float(np.median(squares / (own + shared))) - 2 * np.log(2)
-
-    low, high = LEAST_SPREAD**2, float(squares.max()) + 1e-6
-    if excess(low) <= 0:
-        high = low
-    while high > 1.001 * low:  # by bisection of the exponent
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    covariance = views.covariance + high * np.eye(2)
-    scale = np.median(own) + high
+    # Half of the corners lie beyond that median: it is the one at which half of them would each ask for less.
+    shared = max(float(np.median(state.lengths(views) ** 2 / (2 * np.log(2)) - own)), LEAST_SPREAD**2)
+    covariance = views.covariance + shared * np.eye(2)
+    scale = np.median(own) + shared
     return np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance) * scale), 1, 2).copy()

@@ -42,8 +42,10 @@ def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str
     if several:
         shown += [pairs(start, views, inwards=True), pairs(start, views, past=FURTHER)]
     states, spread = list[State](), Spread.of(start, views)
-    for degree in OCAM_DEGREES:
-        fresh = [dataclasses.replace(start, model=Ocam.start_of_degree(*seen, degree)) for seen in shown]
+    for degree, *models in zip(
+        OCAM_DEGREES, *(Ocam.starts_of_degrees(*seen, OCAM_DEGREES) for seen in shown), strict=True
+    ):
+        fresh = [dataclasses.replace(start, model=model) for model in models]
         states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread, fixed))
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
 

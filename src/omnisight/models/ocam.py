@@ -1,6 +1,6 @@
 """Scaramuzza's polynomial model."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
@@ -85,7 +85,7 @@ class Ocam(Central):
         r, low, high, step = radius_step(m, r, low, high, s, c)
         if effort is not None:
             for _ in range(effort):
-                if settled(step, 1e-9 * m.r_max):
+                if settled(where(past, 0.0, step), 1e-9 * m.r_max):
                     break
                 r, low, high, step = radius_step(m, r, low, high, s, c)
         # A small last step leaves its square; past the rim there is nothing to find.
@@ -148,13 +148,12 @@ class Ocam(Central):
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Fit polynomials of three degrees linearly; 4 is what OCamCalib takes unless told otherwise."""
-        for degree in (4, 6, 8):
-            yield cls.start_of_degree(bearings, pixels, degree)
+        """Fit polynomials of three degrees; 4 is what OCamCalib takes unless told otherwise."""
+        return cls.starts_of_degrees(bearings, pixels, (4, 6, 8))
 
     @classmethod
-    def start_of_degree(cls, bearings: Array, pixels: Array, degree: int) -> Self:
-        """Fit a polynomial of that degree linearly, about the centre and aspect that an equidistant lens would have."""
+    def starts_of_degrees(cls, bearings: Array, pixels: Array, degrees: Sequence[int]) -> Iterator[Self]:
+        """Fit polynomials linearly, about the centre and aspect that an equidistant lens would have."""
         from omnisight.models.equidistant import Equidistant
 
         lens = Equidistant.fit(bearings, pixels)
@@ -163,15 +162,16 @@ class Ocam(Central):
         r = np.hypot(plane[:, 0], plane[:, 1])
         s = np.hypot(x, y)
         scale = r.max()
-        powers = np.array((0, *range(2, degree + 1)))
-        # s f(r) = z r, in the unit of the largest radius.
-        design, right = s[:, None] * (r[:, None] / scale) ** powers, z * r / scale
-        a = np.linalg.lstsq(design, right, rcond=None)[0]
-        if a[0] <= 0:  # what a mirror shows far from its middle may leave open: then as the equidistant lens has it
-            a[0] = lens.fx / scale
-            a[1:] = np.linalg.lstsq(design[:, 1:], right - a[0] * design[:, 0], rcond=None)[0]
-        a *= scale / scale**powers
-        return cls(lens.cx, lens.cy, lens.fy / lens.fx, 0.0, 0.0, a=tuple(map(float, a)))
+        for degree in degrees:
+            powers = np.array((0, *range(2, degree + 1)))
+            # s f(r) = z r, in the unit of the largest radius.
+            design, right = s[:, None] * (r[:, None] / scale) ** powers, z * r / scale
+            a = np.linalg.lstsq(design, right, rcond=None)[0]
+            if a[0] <= 0:  # what a mirror shows far from its middle may leave open: then as the equidistant lens has it
+                a[0] = lens.fx / scale
+                a[1:] = np.linalg.lstsq(design[:, 1:], right - a[0] * design[:, 0], rcond=None)[0]
+            a *= scale / scale**powers
+            yield cls(lens.cx, lens.cy, lens.fy / lens.fx, 0.0, 0.0, a=tuple(map(float, a)))
 
     @classmethod
     def example(cls) -> Self:

@@ -75,6 +75,7 @@ def minimise(
     tolerance: float = 1e-9,
     scale: float = np.inf,
     damping: float = 1e-6,
+    first: Linearised | None = None,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
     """Minimise by Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
@@ -93,6 +94,8 @@ def minimise(
         Or of this, where it is less: wrong measurements can be nearly all of a cost.
     damping
         The first damping, relative to the diagonal of the normal equations.
+    first
+        The normal equations at the start, if they are known.
     watch
         Called with the iteration and the cost.
     """
@@ -100,7 +103,7 @@ def minimise(
     if not np.isfinite(cost):
         return Solution(state, cost, False, 0, "the start is not possible")
     for iteration in range(1, iterations + 1):
-        linearised = problem.linearise(state)
+        linearised = first if first and iteration == 1 else problem.linearise(state)
         while True:
             step = linearised.solve(damping)
             predicted = linearised.decrease(step) if np.all(np.isfinite(step)) else np.nan

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import Candidate
+from omnisight.calibrate.candidates import COMPARED, Candidate
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.starts import spline_start
 from omnisight.calibrate.state import State
@@ -99,7 +99,8 @@ def fit_ceiling(
     start = replace(best, state=nearer).sketched(views, usable)[0].state
     best, views, usable = best.sketched(views, usable)
     start = spline_start(start, views)
-    spline = Candidate.fit("spline", start, views, Freedom.of(start.model, warp=best.freedom.warp), loss=loss)
+    freedom = Freedom.of(start.model, warp=best.freedom.warp)
+    spline = Candidate.fit("spline", start, views, freedom, loss=loss, tolerance=COMPARED)
     spline = spline.held_out(views, usable, loss=loss)
     assert best.held_out_lengths is not None
     assert spline.held_out_lengths is not None
