@@ -77,16 +77,20 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     return ends[_lowest(ends, views)[0]]
 
 
-def _lowest(ends: Sequence[State], views: BoardViews) -> list[int]:
-    """Give the places of those of the states that end in a valley of their own, lowest first."""
+def by_cost(ends: Sequence[State], views: BoardViews) -> list[int]:
+    """Give the places of the states, the one of the least cost first; corners count as at the sharpest."""
     sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
     cost = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views)).cost
-    costs = [cost(end) for end in ends]
+    return sorted(range(len(ends)), key=[cost(end) for end in ends].__getitem__)
+
+
+def _lowest(ends: Sequence[State], views: BoardViews) -> list[int]:
+    """Give the places of those of the states that end in a valley of their own, lowest first."""
     kept = list[int]()
-    for i in np.argsort(costs, kind="stable"):
+    for i in by_cost(ends, views):
         shape = ends[i].model.params[:4]
         if all(np.abs(shape - ends[other].model.params[:4]).max() > SAME for other in kept):
-            kept.append(int(i))
+            kept.append(i)
     return kept
 
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from omnisight.calibrate.freedom import STRETCH, Freedom
-from omnisight.calibrate.refine import Bundle, refine
-from omnisight.calibrate.restart import pairs, restart
-from omnisight.calibrate.spread import Spread
+from omnisight.calibrate.refine import refine
+from omnisight.calibrate.restart import PAST, by_cost, pairs, restart
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
@@ -19,10 +18,8 @@ from omnisight.models.spline import Spline
 OCAM_DEGREES = (3, 4, 5, 6)
 # Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
 SPANS, MANY = 10, 800
-# Share of the cost that finding a polynomial from a lower one need not gain.
+# Share of the cost that steps must gain, of a polynomial that another starts from or is compared with.
 ROUGHLY = 1e-5
-# The same where floors of valleys are compared.
-FLOOR = 1e-7
 # Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
 UNSEEN = np.radians(20)
 # Times the corners' angle that a polynomial is fitted over so that it does not fold just past them.
@@ -41,12 +38,12 @@ def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str
     shown = [pairs(start, views)]
     if several:
         shown += [pairs(start, views, inwards=True), pairs(start, views, past=FURTHER)]
-    states, spread = list[State](), Spread.of(start, views)
+    states = list[State]()
     for degree, *models in zip(
         OCAM_DEGREES, *(Ocam.starts_of_degrees(*seen, OCAM_DEGREES) for seen in shown), strict=True
     ):
         fresh = [dataclasses.replace(start, model=model) for model in models]
-        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, spread, fixed))
+        states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, fixed))
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
 
 
@@ -55,22 +52,26 @@ def _polynomial_start(
     fresh: Sequence[State],
     lower: State | None,
     views: BoardViews,
-    spread: Spread,
     fixed: Sequence[str],
 ) -> State:
     """Give the best of polynomials fitted to a start and, where that is nearer, of what one degree less finds."""
     starts = list(fresh)
     if lower is not None:
         still = Freedom.of(lower.model, fixed=(*STRETCH, *fixed))
-        found = refine(lower, views, freedom=still, spread=spread, tolerance=ROUGHLY).state
+        found = refine(lower, views, freedom=still, tolerance=ROUGHLY).state
         starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
     freedom = Freedom.of(starts[0].model, fixed=fixed)
-    if len(fresh) > 1:  # only their floors tell valleys apart
-        starts = [
-            refine(start, views, freedom=freedom, spread=spread, iterations=100, tolerance=FLOOR).state
-            for start in starts
-        ]
-    return min(starts, key=Bundle(views, freedom, spread).cost)
+
+    def floor(start: State) -> State:
+        return refine(start, views, freedom=freedom, iterations=100, tolerance=ROUGHLY).state
+
+    first, *others = (starts[i] for i in by_cost(starts, views))
+    ends = [floor(first)]
+    # Only their floors tell valleys apart; and a fold among the outermost corners holds an end where it is.
+    farthest = float(angle_from_axis(ends[0].points(views)[0]).max())
+    if len(fresh) > 1 or ends[0].model.rim < PAST * farthest:
+        ends += map(floor, others)
+    return ends[by_cost(ends, views)[0]]
 
 
 def spline_start(start: State, views: BoardViews) -> State:
