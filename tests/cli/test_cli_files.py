@@ -106,6 +106,7 @@ def test_convert_over_a_smaller_cone_comes_nearer(run, camera_file, tmp_path):
     ("options", "said"),
     [
         (("--to", "nonsense"), "unknown format 'nonsense'; there are:"),
+        (("--to", "mei"), "mei is a camera model: --to native --model mei"),
         (("--to", "native", "--model", "nonsense"), "has no model nonsense; it has cylindrical"),
         (("--to", "native", "--name", "left"), "no camera 'left'; it holds camera"),
         (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "sees almost nothing"),

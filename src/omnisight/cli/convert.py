@@ -49,7 +49,10 @@ def convert(
     from omnisight.cli._central import central_camera
     from omnisight.conversion import conversions, convert_model
     from omnisight.formats import format_named, save
+    from omnisight.models import model_names
 
+    if to in model_names():
+        raise ValueError(f"--to is for formats, and {to} is a camera model: --to native --model {to}")
     source = central_camera(camera, name=name, distance=distance)
     if distance is not None:
         fitted = source.provenance["central_of"]
