@@ -189,6 +189,21 @@ def test_any_problem_that_linearises_itself_is_minimised_and_can_be_watched():
     assert [cost for _, cost in seen] == sorted((cost for _, cost in seen), reverse=True)
 
 
+def test_normal_equations_that_are_known_are_not_asked_for_again():
+    class Counted(Descent):
+        asked = 0
+
+        def linearise(self, state):
+            Counted.asked += 1
+            return super().linearise(state)
+
+    plain = minimise(Counted(0), {"x": 7.0})
+    asked, Counted.asked = Counted.asked, 0
+    known = minimise(Counted(0), {"x": 7.0}, first=Descent(7.0))
+    assert Counted.asked == asked - 1
+    assert known.state == plain.state
+
+
 # -- normal equations with groups -------------------------------------------------------------------------------
 
 

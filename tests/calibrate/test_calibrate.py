@@ -1,13 +1,15 @@
 """Calibration from corners: it starts by itself on every lens and mirror, and finds out what it is."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lenses import CENTRE, LENSES, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
-from omnisight.calibrate.candidates import ENOUGH, ENOUGH_FOR_MANY
+from omnisight.calibrate.candidates import ENOUGH, ENOUGH_FOR_MANY, FOLDS
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import refine
 from omnisight.targets import Checkerboard
 
@@ -112,6 +114,23 @@ def test_candidates_hold_their_figures():
         assert figures["mean"] <= figures["rms"]
         assert figures["parameters"] == candidate.freedom.directions.shape[1]
     assert json.dumps([c.as_dict() for c in found.candidates])
+
+
+@pytest.mark.parametrize("fov", [100, 180, 280])
+def test_held_out_is_what_plain_refits_without_each_fifth_of_the_pictures_leave(fov):
+    _, found = calibrated(fov, 0)
+    views = found.views
+    for candidate in (c for c in found.candidates if c.held_out_rms is not None):
+        lengths = np.empty(len(views.pixels))
+        for k in range(FOLDS):
+            out = np.arange(k, len(views), FOLDS)
+            rest = np.setdiff1d(np.arange(len(views)), out)
+            start, freedom = candidate.state.part(rest), candidate.freedom
+            trained = refine(start, views.subset(rest), freedom=freedom, tolerance=1e-10).state
+            posed = replace(candidate.state.part(out), model=trained.model, warp=trained.warp)
+            posed = refine(posed, views.subset(out), freedom=Freedom.none(trained.model), tolerance=1e-10).state
+            lengths[views.rows(out)] = posed.lengths(views.subset(out))
+        assert candidate.held_out_rms == pytest.approx(np.sqrt((lengths**2).mean()), rel=5e-3), candidate.name
 
 
 def test_of_many_corners_enough_compare_models_and_all_make_the_camera():

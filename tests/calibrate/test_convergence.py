@@ -50,6 +50,8 @@ LOST = (
     # The optimum nearly folds over inside the corners.
     ("100/stereographic/aside/parts/1/0.1/4", "rational"),
     ("280/hyperbola/middle/past90/0.2/0/4", "kannala_brandt"),
+    # A fold among the outermost corners.
+    ("280/equidistant/aside/past90/0/0/20", "ocam"),
 )
 # What `auto` tries, and the model that stands for those made of a plane and a distortion.
 MODELS = ("unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam", "division")

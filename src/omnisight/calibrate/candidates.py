@@ -23,7 +23,7 @@ ENOUGH, ENOUGH_PICTURES, ENOUGH_FOR_MANY = 1500, 60, 2000
 FOLDS = 5
 # Share of the cost that steps must gain where a model is fitted to the end, where models are compared, where one is
 # fitted to all folds but one, and where the boards of that one are posed.
-FITTED, COMPARED, FOLD_TOLERANCE, POSE_TOLERANCE = 1e-9, 1e-5, 1e-3, 1e-3
+FITTED, COMPARED, FOLD_TOLERANCE, POSE_TOLERANCE = 1e-9, 1e-5, 1e-4, 1e-3
 # The first damping where the least cost is near.
 NEAR = 1e-12
 

@@ -71,7 +71,7 @@ def _roots(state: State, views: BoardViews) -> Array:
     t is such that the median of r^T (C + t^2 I)^-1 r is that of two normal variables, 2 ln 2.
     """
     own = np.trace(views.covariance, axis1=1, axis2=2) / 2
-    # Half of the corners lie beyond that median: it is the one at which half of them would each ask for less.
+    # Alone a corner would ask for t^2 = |r|^2/(2 ln 2) - C: half of them ask for more than the median of these.
     shared = max(float(np.median(state.lengths(views) ** 2 / (2 * np.log(2)) - own)), LEAST_SPREAD**2)
     covariance = views.covariance + shared * np.eye(2)
     scale = np.median(own) + shared
