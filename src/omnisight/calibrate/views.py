@@ -1,8 +1,9 @@
 """The boards of a calibration as flat arrays."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Self
 
 import numpy as np
@@ -142,9 +143,8 @@ class BoardViews:
 
     def subset(self, views: Sequence[int] | NDArray[np.intp]) -> Self:
         """Give some of the views."""
-        rows = [self.groups[i] for i in views]
-        chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
-        return self.of(chosen, [self.names[i] for i in views], self.extent)
+        counts = [self.groups[i].stop - self.groups[i].start for i in views]
+        return self._of_rows(self.rows(views), counts, tuple(self.names[i] for i in views))
 
     def thinned(self, most: int) -> Self:
         """Give all views with about so many of the corners, evenly spaced, the outermost of each board among them."""
@@ -156,10 +156,19 @@ class BoardViews:
         """Give all views with the corners of those rows alone, which ascend."""
         if len(kept) == len(self.pixels):
             return self
-        view = self.view_of_row[kept]
-        rows = [kept[view == i] for i in range(len(self))]
-        chosen = [(self.points[r], self.pixels[r], self.covariance[r]) for r in rows]
-        return self.of(chosen, self.names, self.extent)
+        return self._of_rows(kept, np.bincount(self.view_of_row[kept], minlength=len(self)).tolist(), self.names)
+
+    def _of_rows(self, rows: NDArray[np.intp], counts: Sequence[int], names: tuple[str, ...]) -> Self:
+        """Give the corners of those rows, so many for each of the views."""
+        groups = tuple(slice(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True))
+        return replace(
+            self,
+            points=self.points[rows],
+            pixels=self.pixels[rows],
+            covariance=self.covariance[rows],
+            groups=groups,
+            names=names,
+        )
 
     def thinned_rows(self, most: int) -> NDArray[np.intp]:
         """Give the rows of the corners that `thinned` keeps."""
