@@ -53,28 +53,36 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     in each, and the one that ends lowest is given. `fixed` parameters stay as they were fitted.
     """
     sketch = views.thinned(CORNERS)
-    starts = list(_starts(state, cls, sketch))
-    if len(starts) < 2:
-        return starts[0] if starts else None
-    freedom = Freedom.of(starts[0].model, fixed=fixed)
-    traded = "xi" in starts[0].model.param_names
-    iterations, valleys = TRADED_EFFORT if traded else DECENTRED_EFFORT
+    first = state if type(state.model) is cls else fitted(state, cls, sketch)
+    if first is None:
+        return None
+    freedom, names = Freedom.of(first.model, fixed=fixed), set(first.model.param_names)
+    every = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
+    if "xi" in names and Freedom.of(first.model).count > 5:
+        ends = _floors([first, *_traded(first, state, sketch)], freedom, sketch, every, *TRADED_EFFORT)
+    elif DECENTRED & names:
+        centred = refine(first, sketch, freedom=Freedom.of(first.model, fixed=STILL)).state
+        ends = _floors([first, centred, *_plainer(first, state, sketch)], freedom, sketch, every, *DECENTRED_EFFORT)
+        other = _decentred_the_other_way(ends[_lowest(ends, views)[0]], centred, fixed)
+        ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
+    else:
+        return first
+    return ends[_lowest(ends, views)[0]]
+
+
+def _floors(
+    starts: Sequence[State], freedom: Freedom, sketch: BoardViews, every: Bundle, iterations: int, valleys: int
+) -> list[State]:
+    """Refine starts by so many steps on some of the corners, and what is lowest in so many valleys on every one."""
     ends = [
         refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
     ]
     # A rich model may have left the corners that the sketch has not, and not come back to them.
-    every = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
     kept = [(starts[i], ends[i]) for i in _lowest(ends, sketch)[:valleys]]
     ends = [start if every.cost(end) > every.cost(start) + every.scale else end for start, end in kept]
     # A board that was posed wrongly on the way costs more than valleys differ by.
-    ends = [repose(end, views) if astray(end, views) else end for end in ends]
-    if traded and len(ends) == 1:
-        return ends[0]
-    ends = [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
-    if not traded:
-        other = _decentred_the_other_way(ends[_lowest(ends, views)[0]], starts[1], fixed)
-        ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
-    return ends[_lowest(ends, views)[0]]
+    ends = [repose(end, every.views) if astray(end, every.views) else end for end in ends]
+    return [refine(end, every.views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
 
 
 def by_cost(ends: Sequence[State], views: BoardViews) -> list[int]:
@@ -94,20 +102,13 @@ def _lowest(ends: Sequence[State], views: BoardViews) -> list[int]:
     return kept
 
 
-def _starts(state: State, cls: type[CameraModel], views: BoardViews) -> Iterator[State]:
-    """Give starts of the model, each in a valley that may be another."""
-    first = state if type(state.model) is cls else fitted(state, cls, views)
-    if first is None:
-        return
-    yield first
-    names = set(first.model.param_names)
-    if "xi" in names and Freedom.of(first.model).count > 5:
-        yield from _traded(first, state, views)
-    elif DECENTRED & names:
-        yield refine(first, views, freedom=Freedom.of(first.model, fixed=STILL)).state
-        for higher in dict.fromkeys(tuple(name for name in higher if name in names) for higher in HIGHER):
-            if (plain := fitted(state, cls, views, fixed=(*STILL, *higher))) is not None:
-                yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=(*STILL, *higher))).state
+def _plainer(start: State, state: State, views: BoardViews) -> Iterator[State]:
+    """Give starts without decentring and without the higher terms, which the lower ones nearly make up for."""
+    names = start.model.param_names
+    for higher in dict.fromkeys(tuple(name for name in several if name in names) for several in HIGHER):
+        still = *STILL, *higher
+        if (plain := fitted(state, type(start.model), views, fixed=still)) is not None:
+            yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=still)).state
 
 
 def _decentred_the_other_way(end: State, centred: State, fixed: Sequence[str]) -> State:
