@@ -82,6 +82,10 @@ def _floors(
     ends = [start if every.cost(end) > every.cost(start) + every.scale else end for start, end in kept]
     # A board that was posed wrongly on the way costs more than valleys differ by.
     ends = [repose(end, every.views) if astray(end, every.views) else end for end in ends]
+    # Wrong corners of the sketch may have led all of them astray.
+    nearest = min(starts, key=every.cost)
+    if every.cost(nearest) < min(map(every.cost, ends)):
+        ends.append(nearest)
     return [refine(end, every.views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
 
 
