@@ -189,6 +189,21 @@ def test_any_problem_that_linearises_itself_is_minimised_and_can_be_watched():
     assert [cost for _, cost in seen] == sorted((cost for _, cost in seen), reverse=True)
 
 
+def test_no_state_is_moved_along_a_step_that_is_none():
+    class Unsolved(Descent):
+        def linearise(self, state):
+            return Unsolved(state["x"])
+
+        def solve(self, damping):
+            return np.array([np.nan]) if damping < 1 else super().solve(damping)
+
+        def move(self, state, step):
+            assert np.isfinite(step).all()
+            return super().move(state, step)
+
+    assert abs(minimise(Unsolved(0), {"x": 7.0}).state["x"]) < 1e-3
+
+
 def test_normal_equations_that_are_known_are_not_asked_for_again():
     class Counted(Descent):
         asked = 0

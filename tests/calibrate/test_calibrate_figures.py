@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import BOARD, NOISE, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
+from lenses import BOARD, CENTRE, NOISE, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
 from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.calibrate.refine import refine
 
@@ -32,6 +32,27 @@ def test_a_fixed_parameter_is_not_estimated_and_has_no_deviation():
     assert found.candidates[0].parameters == truth.params.size - 1
     assert np.all(found.camera.covariance[at] == 0)
     assert np.all(np.delete(np.diag(found.camera.covariance), at) > 0)
+
+
+@pytest.mark.parametrize("model", ["unified", "mei", "ocam", "kannala_brandt", "rational", "fisheye624"])
+def test_what_is_fixed_stays_where_a_known_camera_has_it(model):
+    fov = 140
+    views = BoardViews.of(shoot(lens(fov), fov, np.random.default_rng(2)))
+    known = calibrate_camera(views, SIZE, model=model).camera.model
+    known = known.from_dict(known.to_dict() | {"cx": CENTRE[0] + 2, "cy": CENTRE[1] - 1})
+    found = calibrate_camera(views, SIZE, model=model, start=known, fixed=("cx", "cy")).camera.model
+    assert (found.cx, found.cy) == (known.cx, known.cy)
+    assert found != known
+
+
+@pytest.mark.parametrize("fixed", ["fx", "fy"])
+def test_square_pixels_have_the_focal_length_that_is_fixed(fixed):
+    fov = 140
+    views = BoardViews.of(shoot(lens(fov), fov, np.random.default_rng(2)))
+    known = calibrate_camera(views, SIZE, model="kannala_brandt").camera.model
+    known = known.from_dict(known.to_dict() | {fixed: 1.001 * known.fx})
+    found = calibrate_camera(views, SIZE, model="kannala_brandt", start=known, fixed=(fixed,), square=True)
+    assert found.camera.model.fx == found.camera.model.fy == getattr(known, fixed)
 
 
 def test_least_squares_has_the_least_squares():

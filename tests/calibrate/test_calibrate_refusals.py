@@ -32,6 +32,12 @@ def test_no_picture_at_all_is_refused_even_by_force(force):
         calibrate_camera(BoardViews.of([]), SIZE, force=force)
 
 
+def test_a_picture_without_corners_is_refused_by_its_name():
+    view = shoot(lens(180), 180, np.random.default_rng(0))[3]
+    with pytest.raises(ValueError, match=r"b\.png: has no corners; leave it out"):
+        BoardViews.of([view, (np.zeros((0, 3)), np.zeros((0, 2)))], ["a.png", "b.png"])
+
+
 def test_copies_of_a_picture_are_refused_and_named():
     view = shoot(lens(180), 180, np.random.default_rng(0))[3]
     views = BoardViews.of([view] * 3, ["a.png", "b.png", "c.png"])

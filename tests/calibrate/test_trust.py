@@ -168,6 +168,17 @@ def test_halves_differ_as_predicted_where_there_is_only_noise():
     assert 0.6 < np.mean(ratios) < 1.3
 
 
+def test_halves_of_very_many_corners_are_calibrated_too():
+    truth = lens(180)
+    exact = shoot(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
+    shaken = np.random.default_rng(1)
+    views = [(np.tile(x, (60, 1)), np.tile(p, (60, 1))) for x, p in exact]
+    views = BoardViews.of([(x, p + shaken.normal(0, NOISE, p.shape)) for x, p in views])
+    assert len(views.pixels) > 30_000
+    best, camera = one("equisolid", truth, views)
+    assert 0.3 < compare_halves(best, camera, views, loss="huber").ratio < 3
+
+
 def test_halves_betray_a_model_that_is_too_poor_and_the_covariance_makes_up_for_it():
     truth = lens(200)
     views = noisy(shoot(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)

@@ -24,6 +24,13 @@ def place(corners, bows, warp, view, rotations, translations):
 
 
 @inner
+def weighted_length(root, x, y):
+    """Give the length of a residual (x, y) times its root (2, 2)."""
+    a, b = root[0, 0] * x + root[0, 1] * y, root[1, 0] * x + root[1, 1] * y
+    return np.sqrt(a * a + b * b)
+
+
+@inner
 def add(to, times, six):
     """Add so many times six numbers to others."""
     to[0] += times * six[0]
@@ -54,8 +61,7 @@ def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, vi
             residuals[2 * n : 2 * n + 2], jacobian[2 * n : 2 * n + 2] = 0.0, 0.0
             continue
         k = view[n]
-        a, b = roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1
-        length = np.sqrt(a * a + b * b)
+        length = weighted_length(roots[n], r0, r1)
         root = np.sqrt(threshold / length) if length > threshold else 1.0
         a, b, c = turned[n]
         for i in range(2):
@@ -87,7 +93,6 @@ def weighted_lengths(pixels, seen, roots, outside):
     lengths = np.empty(len(pixels))
     for n in range(len(pixels)):
         r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
-        a, b = roots[n, 0, 0] * r0 + roots[n, 0, 1] * r1, roots[n, 1, 0] * r0 + roots[n, 1, 1] * r1
-        length = np.sqrt(a * a + b * b)
+        length = weighted_length(roots[n], r0, r1)
         lengths[n] = length if np.isfinite(length) else outside
     return lengths

@@ -118,7 +118,7 @@ def calibrate_camera(
     for i, (name, state) in enumerate(started):
         report("fit", i, len(started))
         if square:
-            state = dataclasses.replace(state, model=squared(state.model))
+            state = dataclasses.replace(state, model=squared(state.model, fixed))
         freedom = Freedom.of(state.model, fixed=fixed, free=free, square=square)
         fitted.append(Candidate.fit(name, state, sketch, freedom, loss=loss, tolerance=COMPARED))
     report("fit", len(started), len(started))

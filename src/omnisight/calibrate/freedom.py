@@ -42,15 +42,16 @@ class Freedom:
     ) -> Self:
         """Free what a calibration of that model estimates, but `fixed`, and `free` beside; names it lacks are passed.
 
-        `square` pixels have one focal length: fx and fy move as one, and a stretch not at all.
+        `square` pixels have one focal length: fx and fy move as one, or stay if one is fixed, and a stretch not at all.
         """
         names = model.param_names
         still = {*fixed, *(STRETCH if square else ())}
         moving = [(p.free and p.name not in still) or p.name in free for p in model.parameters]
         directions = np.eye(len(names))
-        if square and {"fx", "fy"} <= set(names) and moving[names.index("fx")] and moving[names.index("fy")]:
-            directions[names.index("fy"), names.index("fx")] = 1.0
-            moving[names.index("fy")] = False
+        if square and {"fx", "fy"} <= set(names):
+            x, y = names.index("fx"), names.index("fy")
+            directions[y, x] = 1.0
+            moving[x], moving[y] = moving[x] and moving[y], False
         return cls(directions[:, moving], warp)
 
     @classmethod
@@ -64,11 +65,12 @@ class Freedom:
         return self.directions.shape[1] + 2 * self.warp
 
 
-def squared(model: CameraModel) -> CameraModel:
-    """Give the camera with square pixels: its mean focal length, and no stretch."""
+def squared(model: CameraModel, fixed: Sequence[str] = ()) -> CameraModel:
+    """Give the camera with square pixels: its mean focal length or the one that is fixed, and no stretch."""
     values = model.to_dict()
     if "fx" in values and "fy" in values:
-        values["fx"] = values["fy"] = (values["fx"] + values["fy"]) / 2
+        known = [values[name] for name in ("fx", "fy") if name in fixed] or [values["fx"], values["fy"]]
+        values["fx"] = values["fy"] = sum(known) / len(known)
     stretch = dict(zip(STRETCH, (1.0, 0.0, 0.0), strict=True))
     values |= {name: value for name, value in stretch.items() if name in values}
     return model.with_params([values[name] for name in model.param_names])

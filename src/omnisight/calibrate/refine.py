@@ -164,7 +164,9 @@ def refine(
         corner alike.
     spread
         What corners count, if that is known; `loss` has no part in it then.
-    iterations, tolerance, watch
+    iterations
+        The most steps while corners count the same; where that is estimated anew, four times as many in all.
+    tolerance, watch
         As in `minimise`.
     """
     freedom = Freedom.of(state.model) if freedom is None else freedom

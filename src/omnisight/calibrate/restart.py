@@ -37,8 +37,8 @@ CORNERS = 1000
 ALIKE = 4.0
 # px: cameras whose focal lengths and centres differ by less have ended in one valley.
 SAME = 1.0
-# Steps that each start is refined by on some of the corners, and how many of them, in valleys of their own, are then
-# refined on all: where parts are traded for each other, and where parts are not centred.
+# Steps at a time that each start is refined by on some of the corners, and how many of them, in valleys of their own,
+# are then refined on all: where parts are traded for each other, and where parts are not centred.
 TRADED_EFFORT, DECENTRED_EFFORT = (12, 3), (40, 5)
 # Share of the cost that steps must gain. Wrong corners may be nearly all of it: little tells valleys apart.
 TOLERANCE = 1e-8
@@ -50,43 +50,53 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     """Give the state with another camera model, fitted to its own; None where it cannot be.
 
     A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
-    in each, and the one that ends lowest is given. `fixed` parameters stay as they were fitted.
+    in each, and the one that ends lowest is given. `fixed` parameters stay as they are, or were first fitted.
     """
     sketch = views.thinned(CORNERS)
     first = state if type(state.model) is cls else fitted(state, cls, sketch)
     if first is None:
         return None
-    freedom, names = Freedom.of(first.model, fixed=fixed), set(first.model.param_names)
-    every = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
+    freedom, names, centred = Freedom.of(first.model, fixed=fixed), set(first.model.param_names), None
     if "xi" in names and Freedom.of(first.model).count > 5:
-        ends = _floors([first, *_traded(first, state, sketch)], freedom, sketch, every, *TRADED_EFFORT)
+        starts, effort = [first, *_traded(first, state, sketch)], TRADED_EFFORT
     elif DECENTRED & names:
-        centred = refine(first, sketch, freedom=Freedom.of(first.model, fixed=STILL)).state
-        ends = _floors([first, centred, *_plainer(first, state, sketch)], freedom, sketch, every, *DECENTRED_EFFORT)
-        other = _decentred_the_other_way(ends[_lowest(ends, views)[0]], centred, fixed)
-        ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
+        centred = refine(first, sketch, freedom=Freedom.of(first.model, fixed=(*STILL, *fixed))).state
+        starts, effort = [first, centred, *_plainer(first, state, sketch)], DECENTRED_EFFORT
     else:
         return first
-    return ends[_lowest(ends, views)[0]]
+    starts = [replace(start, model=holding(start.model, fixed, first.model)) for start in starts]
+    whole = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
+    ends = _floors(starts, freedom, sketch, whole, *effort)
+    if centred is not None:
+        other = _decentred_the_other_way(ends[by_cost(ends, views)[0]], centred, fixed)
+        ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
+    return ends[by_cost(ends, views)[0]]
 
 
 def _floors(
-    starts: Sequence[State], freedom: Freedom, sketch: BoardViews, every: Bundle, iterations: int, valleys: int
+    starts: Sequence[State], freedom: Freedom, sketch: BoardViews, whole: Bundle, iterations: int, valleys: int
 ) -> list[State]:
-    """Refine starts by so many steps on some of the corners, and what is lowest in so many valleys on every one."""
+    """Refine starts by so many steps at a time on some of the corners, and the lowest valleys to the end on all."""
     ends = [
         refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
     ]
     # A rich model may have left the corners that the sketch has not, and not come back to them.
-    kept = [(starts[i], ends[i]) for i in _lowest(ends, sketch)[:valleys]]
-    ends = [start if every.cost(end) > every.cost(start) + every.scale else end for start, end in kept]
+    views, costs = whole.views, [whole.cost(start) for start in starts]
+    kept = [(starts[i], ends[i], costs[i]) for i in _lowest(ends, sketch)[:valleys]]
+    ends = [start if whole.cost(end) > cost + whole.scale else end for start, end, cost in kept]
     # A board that was posed wrongly on the way costs more than valleys differ by.
-    ends = [repose(end, every.views) if astray(end, every.views) else end for end in ends]
+    ends = [repose(end, views) if astray(end, views) else end for end in ends]
     # Wrong corners of the sketch may have led all of them astray.
-    nearest = min(starts, key=every.cost)
-    if every.cost(nearest) < min(map(every.cost, ends)):
-        ends.append(nearest)
-    return [refine(end, every.views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
+    if min(costs) < min(map(whole.cost, ends)):
+        ends.append(starts[int(np.argmin(costs))])
+    return [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
+
+
+def holding(model: CameraModel, names: Sequence[str], like: CameraModel) -> CameraModel:
+    """Give the camera with the parameters of those names as another has them."""
+    values = model.to_dict()
+    held = {name: value for name, value in like.to_dict().items() if name in names and name in values}
+    return model.from_dict(values | held) if held else model
 
 
 def by_cost(ends: Sequence[State], views: BoardViews) -> list[int]:

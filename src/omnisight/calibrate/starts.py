@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omnisight.calibrate.freedom import STRETCH, Freedom
+from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import refine
-from omnisight.calibrate.restart import PAST, by_cost, pairs, restart
+from omnisight.calibrate.restart import PAST, by_cost, holding, pairs, restart
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
@@ -18,7 +18,7 @@ from omnisight.models.spline import Spline
 OCAM_DEGREES = (3, 4, 5, 6)
 # Spans of the spline's profile; corners from which on its correction has 5x5 cells, not 3x3.
 SPANS, MANY = 10, 800
-# Share of the cost that steps must gain, of a polynomial that another starts from or is compared with.
+# Share of the cost that steps must gain where polynomials are compared.
 ROUGHLY = 1e-5
 # Angle from the axis (radians) within which a polynomial is any, if no corner lies there.
 UNSEEN = np.radians(20)
@@ -42,7 +42,7 @@ def starts_of(name: str, start: State, views: BoardViews, *, fixed: Sequence[str
     for degree, *models in zip(
         OCAM_DEGREES, *(Ocam.starts_of_degrees(*seen, OCAM_DEGREES) for seen in shown), strict=True
     ):
-        fresh = [dataclasses.replace(start, model=model) for model in models]
+        fresh = [dataclasses.replace(start, model=holding(model, fixed, start.model)) for model in models]
         states.append(_polynomial_start(degree, fresh, states[-1] if states else None, views, fixed))
     return [(f"ocam degree {degree}", state) for degree, state in zip(OCAM_DEGREES, states, strict=True)]
 
@@ -54,12 +54,10 @@ def _polynomial_start(
     views: BoardViews,
     fixed: Sequence[str],
 ) -> State:
-    """Give the best of polynomials fitted to a start and, where that is nearer, of what one degree less finds."""
+    """Give the lowest end of polynomials fitted to a start and, where that is nearer, of what one degree less found."""
     starts = list(fresh)
     if lower is not None:
-        still = Freedom.of(lower.model, fixed=(*STRETCH, *fixed))
-        found = refine(lower, views, freedom=still, tolerance=ROUGHLY).state
-        starts.append(dataclasses.replace(found, model=Ocam.from_dict(found.model.to_dict() | {f"a{degree}": 0.0})))
+        starts.append(dataclasses.replace(lower, model=Ocam.from_dict(lower.model.to_dict() | {f"a{degree}": 0.0})))
     freedom = Freedom.of(starts[0].model, fixed=fixed)
 
     def floor(start: State) -> State:

@@ -59,7 +59,7 @@ class BoardViews:
         Raises
         ------
         ValueError
-            If a view's arrays do not fit together, or are not finite.
+            If a view's arrays do not fit together, are empty, or are not finite.
         """
         names = tuple(names) if names is not None else tuple(f"view {i}" for i in range(len(views)))
         points, pixels, covariance = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
@@ -70,6 +70,8 @@ class BoardViews:
             if x.ndim != 2 or x.shape[1] not in (2, 3) or p.shape != (len(x), 2):
                 got = f"{np.shape(view_points)} and {np.shape(view_pixels)}"
                 raise ValueError(f"{name}: needs points (n, 3) or (n, 2) and pixels (n, 2), got {got}")
+            if not len(x):
+                raise ValueError(f"{name}: has no corners; leave it out")
             if c.shape != (len(x), 2, 2):
                 raise ValueError(f"{name}: needs a covariance (n, 2, 2), got {c.shape} with {len(x)} corners")
             if not (finite := np.isfinite(x).all(1) & np.isfinite(p).all(1) & np.isfinite(c).all((1, 2))).all():

@@ -55,7 +55,7 @@ class Solution(Generic[State]):
     converged
         Whether the cost stopped falling; false if the steps ran out.
     iterations
-        Linearisations made.
+        Steps begun.
     reason
         Why it stopped, in words.
     """
@@ -103,14 +103,15 @@ def minimise(
     if not np.isfinite(cost):
         return Solution(state, cost, False, 0, "the start is not possible")
     for iteration in range(1, iterations + 1):
-        linearised = first if first and iteration == 1 else problem.linearise(state)
+        linearised = problem.linearise(state) if iteration > 1 or first is None else first
         while True:
             step = linearised.solve(damping)
             predicted = linearised.decrease(step) if np.all(np.isfinite(step)) else np.nan
             if predicted <= tolerance * _least(cost, scale):
                 return Solution(state, cost, True, iteration, "no step lowers the cost")
-            moved = problem.move(state, step)
-            new_cost = problem.cost(moved) if np.isfinite(predicted) else np.inf
+            possible = np.isfinite(predicted)
+            moved = problem.move(state, step) if possible else state
+            new_cost = problem.cost(moved) if possible else np.inf
             gained = (cost - new_cost) / predicted
             if gained > 0:
                 break

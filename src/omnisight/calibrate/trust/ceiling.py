@@ -26,7 +26,7 @@ class Ceiling:
     Attributes
     ----------
     candidate
-        The spline, fitted to the same corners.
+        The spline, fitted to no more of the corners than tell it.
     edges
         (R + 1,) angles from the axis, radians, between rings of as many corners each.
     model_rms, spline_rms
@@ -78,7 +78,7 @@ class Ceiling:
 def fit_ceiling(
     best: Candidate, scout: State, views: BoardViews, usable: NDArray[np.bool_], *, loss: str
 ) -> Ceiling | None:
-    """Fit a spline to what the best model was fitted to, and compare the two on pictures held out.
+    """Fit a spline to no more of the corners than tell it, and compare it with the best model on pictures held out.
 
     Parameters
     ----------
@@ -98,6 +98,8 @@ def fit_ceiling(
     nearer = min(best.state, scout, key=lambda state: float(np.median(state.lengths(views))))
     start = replace(best, state=nearer).sketched(views, usable)[0].state
     best, views, usable = best.sketched(views, usable)
+    if best.corners > len(views.pixels):  # both held out of as much
+        best = best.held_out(views, usable, loss=loss)
     start = spline_start(start, views)
     freedom = Freedom.of(start.model, warp=best.freedom.warp)
     spline = Candidate.fit("spline", start, views, freedom, loss=loss, tolerance=COMPARED)
