@@ -52,6 +52,10 @@ LOST = (
     ("280/hyperbola/middle/past90/0.2/0/4", "kannala_brandt"),
     # Wrong corners among some lead astray, among all they do not.
     ("140/stereographic/middle/narrow/0.2/0.1/60", "rational"),
+    # A polynomial of one degree less is nearer than a fresh one, and ends higher.
+    ("60/kannala_brandt/middle/parts/1/0.1/4", "ocam"),
+    # Few corners, many parameters.
+    ("60/pinhole/middle/parts/1/0.1/4", "fisheye624"),
     # A fold among the outermost corners.
     ("280/equidistant/aside/past90/0/0/20", "ocam"),
 )

@@ -7,7 +7,7 @@ import numpy as np
 
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import refine
-from omnisight.calibrate.restart import PAST, by_cost, holding, pairs, restart
+from omnisight.calibrate.restart import by_cost, holding, pairs, restart
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
@@ -54,21 +54,13 @@ def _polynomial_start(
     views: BoardViews,
     fixed: Sequence[str],
 ) -> State:
-    """Give the lowest end of polynomials fitted to a start and, where that is nearer, of what one degree less found."""
+    """Give the lowest end of polynomials fitted to a start and of what one degree less found."""
     starts = list(fresh)
     if lower is not None:
         starts.append(dataclasses.replace(lower, model=Ocam.from_dict(lower.model.to_dict() | {f"a{degree}": 0.0})))
+    # Only their floors tell valleys apart.
     freedom = Freedom.of(starts[0].model, fixed=fixed)
-
-    def floor(start: State) -> State:
-        return refine(start, views, freedom=freedom, iterations=100, tolerance=ROUGHLY).state
-
-    first, *others = (starts[i] for i in by_cost(starts, views))
-    ends = [floor(first)]
-    # Only their floors tell valleys apart; and a fold among the outermost corners holds an end where it is.
-    farthest = float(angle_from_axis(ends[0].points(views)[0]).max())
-    if len(fresh) > 1 or ends[0].model.rim < PAST * farthest:
-        ends += map(floor, others)
+    ends = [refine(start, views, freedom=freedom, iterations=100, tolerance=ROUGHLY).state for start in starts]
     return ends[by_cost(ends, views)[0]]
 
 
