@@ -54,6 +54,9 @@ LOST = (
     ("140/stereographic/middle/narrow/0.2/0.1/60", "rational"),
     # A polynomial of one degree less is nearer than a fresh one, and ends higher.
     ("60/kannala_brandt/middle/parts/1/0.1/4", "ocam"),
+    # Optima right at a fold inside the corners.
+    ("100/equisolid/middle/parts/1/0.1/4", "rational"),
+    ("100/pinhole/middle/near/0.2/0.1/4", "rational"),
     # Few corners, many parameters.
     ("60/pinhole/middle/parts/1/0.1/4", "fisheye624"),
     # A fold among the outermost corners.

@@ -181,8 +181,8 @@ def test_a_rational_plane_ends_before_its_radius_runs_away():
     model = model_class("rational")
     camera = model.from_dict(dict.fromkeys(model.example().param_names, 0.0) | focal | {"k4": -0.25})
     last = np.tan(camera.rim)
-    assert 1.5 < last < 2
+    assert 1 < last < 2
     r = last - np.array([1e-6, 0.0])
     radius = camera.project(np.stack([r * (1 - 1e-9), 0 * r, np.ones(2)], -1))[0][:, 0]
-    assert np.diff(radius)[0] / 1e-6 == pytest.approx(20 * 100, rel=1e-3)
+    assert np.diff(radius)[0] / 1e-6 == pytest.approx(4 * 100, rel=1e-3)
     assert not camera.project([1.001 * last, 0, 1])[1]

@@ -17,8 +17,9 @@ from omnisight.models._protocol import FLAT
 
 Array = NDArray[np.float64]
 
-# What a corner past such a place counts in the wall, in variances: too little to move a camera that stands off it.
-WEIGHT = 1e-3
+# What a corner past such a place counts in the wall, in variances: a camera that stands off it hardly moves, and before
+# it there is room for steps along it.
+WEIGHT = 1.0
 # Share of the way to a wall that a step goes at most: right before it, steps are short.
 NEARER = 0.9
 

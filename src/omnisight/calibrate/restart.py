@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.posing import astray, repose
+from omnisight.calibrate.posing import astray, posed, repose
 from omnisight.calibrate.refine import Bundle, refine
 from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.state import State
@@ -40,6 +40,8 @@ SAME = 1.0
 # Steps at a time that each start is refined by on some of the corners, and how many of them, in valleys of their own,
 # are then refined on all: where parts are traded for each other, and where parts are not centred.
 TRADED_EFFORT, DECENTRED_EFFORT = (12, 3), (40, 5)
+# Starts drawn about an end that may be held at a kink.
+DRAWS = 8
 # Share of the cost that steps must gain. Wrong corners may be nearly all of it: little tells valleys apart.
 TOLERANCE = 1e-8
 # Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
@@ -50,7 +52,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     """Give the state with another camera model, fitted to its own; None where it cannot be.
 
     A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
-    in each, and the one that ends lowest is given. `fixed` parameters stay as they are, or were first fitted.
+    in each, from some about the lowest end where that may be held, and the lowest of all is given. `fixed` parameters stay as they are, or were first fitted.
     """
     sketch = views.thinned(CORNERS)
     first = state if type(state.model) is cls else fitted(state, cls, sketch)
@@ -70,6 +72,12 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     if centred is not None:
         other = _decentred_the_other_way(ends[by_cost(ends, views)[0]], centred, fixed)
         ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
+    best = ends[by_cost(ends, views)[0]]
+    # Where a rim or a fold runs among corners, costs have kinks at which steps end.
+    if not best.model.dips and not np.isnan(best.residuals(views)).any():
+        return best
+    drawn = _drawn(best, freedom, views)
+    ends = [best, *(refine(start, views, freedom=freedom, tolerance=TOLERANCE).state for start in drawn)]
     return ends[by_cost(ends, views)[0]]
 
 
@@ -123,6 +131,14 @@ def _plainer(start: State, state: State, views: BoardViews) -> Iterator[State]:
         still = *STILL, *higher
         if (plain := fitted(state, type(start.model), views, fixed=still)) is not None:
             yield refine(plain, views, freedom=Freedom.of(plain.model, fixed=still)).state
+
+
+def _drawn(end: State, freedom: Freedom, views: BoardViews) -> Iterator[State]:
+    """Give starts drawn from how sure a camera is of itself, boards posed anew."""
+    bundle = Bundle(views, freedom, Spread.of(end, views))
+    half = bundle.spread.sigma * freedom.directions @ bundle.linearise(end).half_covariance()
+    for draw in np.random.default_rng(0).normal(size=(DRAWS, half.shape[1])):
+        yield posed(end.model.with_params(np.clip(end.model.params + half @ draw, *end.model.bounds)), views)
 
 
 def _decentred_the_other_way(end: State, centred: State, fixed: Sequence[str]) -> State:

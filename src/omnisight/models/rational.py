@@ -12,7 +12,7 @@ from omnisight.models._protocol import Array
 from omnisight.models.pinhole import PinholeProfile
 
 # Times as fast as in the middle: what grows faster runs away.
-STEEPEST = 20.0
+STEEPEST = 4.0
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class RationalPinhole(Rational, PinholeProfile):
     x' = x d + 2 p1 x y + p2 (r^2 + 2 x^2)
     y' = y d + p1 (r^2 + 2 y^2) + 2 p2 x y
 
-    Valid for theta < 90 degrees and up to the radius where x' stops growing, or grows 20 times as fast as in the
+    Valid for theta < 90 degrees and up to the radius where x' stops growing, or grows 4 times as fast as in the
     middle: no lens follows where d runs away. Claus and Fitzgibbon, A rational function lens distortion model, CVPR
     2005, as OpenCV writes it.
     """
