@@ -52,7 +52,8 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     """Give the state with another camera model, fitted to its own; None where it cannot be.
 
     A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
-    in each, from some about the lowest end where that may be held, and the lowest of all is given. `fixed` parameters stay as they are, or were first fitted.
+    in each, then from some about the lowest end where that may be held, and the lowest end of all is given. `fixed`
+    parameters stay as they are, or were first fitted.
     """
     sketch = views.thinned(CORNERS)
     first = state if type(state.model) is cls else fitted(state, cls, sketch)
