@@ -57,6 +57,9 @@ LOST = (
     # Optima right at a fold inside the corners.
     ("100/equisolid/middle/parts/1/0.1/4", "rational"),
     ("100/pinhole/middle/near/0.2/0.1/4", "rational"),
+    # Lowest with the wall before a fold, not without.
+    ("100/pinhole/middle/near/0/0/4", "rational"),
+    ("140/unified/middle/near/0/0/4", "fisheye624"),
     # Few corners, many parameters.
     ("60/pinhole/middle/parts/1/0.1/4", "fisheye624"),
     # A fold among the outermost corners.

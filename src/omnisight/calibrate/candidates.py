@@ -86,7 +86,7 @@ class Candidate:
         if astray(state, views) and loss != "squared":
             healed = refine(repose(state, views), views, freedom=freedom, loss=loss, tolerance=tolerance).state
             spread = Spread.of(healed, views, loss)
-            state = min(healed, state, key=Bundle(views, Freedom.none(state.model), spread).cost)
+            state = min(healed, state, key=Bundle(views, freedom, spread).cost)
         return cls.found(name, state, views, freedom)
 
     @classmethod

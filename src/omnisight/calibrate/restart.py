@@ -68,7 +68,7 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     else:
         return first
     starts = [replace(start, model=holding(start.model, fixed, first.model)) for start in starts]
-    whole = Bundle(views, Freedom.none(state.model), Spread.of(state, views))
+    whole = Bundle(views, freedom, Spread.of(state, views))
     ends = _floors(starts, freedom, sketch, whole, *effort)
     if centred is not None:
         other = _decentred_the_other_way(ends[by_cost(ends, views)[0]], centred, fixed)
@@ -111,7 +111,7 @@ def holding(model: CameraModel, names: Sequence[str], like: CameraModel) -> Came
 def by_cost(ends: Sequence[State], views: BoardViews) -> list[int]:
     """Give the places of the states, the one of the least cost first; corners count as at the sharpest."""
     sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
-    cost = Bundle(views, Freedom.none(sharpest.model), Spread.of(sharpest, views)).cost
+    cost = Bundle(views, Freedom.of(sharpest.model), Spread.of(sharpest, views)).cost  # walls count
     return sorted(range(len(ends)), key=[cost(end) for end in ends].__getitem__)
 
 
