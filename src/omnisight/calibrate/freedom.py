@@ -68,9 +68,8 @@ class Freedom:
 def squared(model: CameraModel, fixed: Sequence[str] = ()) -> CameraModel:
     """Give the camera with square pixels: its mean focal length or the one that is fixed, and no stretch."""
     values = model.to_dict()
+    none: dict[str, float] = dict(zip(STRETCH, (1.0, 0.0, 0.0), strict=True))
     if "fx" in values and "fy" in values:
         known = [values[name] for name in ("fx", "fy") if name in fixed] or [values["fx"], values["fy"]]
-        values["fx"] = values["fy"] = sum(known) / len(known)
-    stretch = dict(zip(STRETCH, (1.0, 0.0, 0.0), strict=True))
-    values |= {name: value for name, value in stretch.items() if name in values}
-    return model.with_params([values[name] for name in model.param_names])
+        return model.with_values(none | dict.fromkeys(("fx", "fy"), sum(known) / len(known)))
+    return model.with_values(none)

@@ -37,6 +37,8 @@ CORNERS = 1000
 ALIKE = 4.0
 # px: cameras whose focal lengths and centres differ by less have ended in one valley.
 SAME = 1.0
+# An end from which half the corners are so many times as far as from the sharpest, and px more, has left them.
+BLURRED, EXACT = 2.0, 1e-3
 # Steps at a time that each start is refined by on some of the corners, and how many of them, in valleys of their own,
 # are then refined on all: where parts are traded for each other, and where parts are not centred.
 TRADED_EFFORT, DECENTRED_EFFORT = (12, 3), (40, 5)
@@ -68,30 +70,27 @@ def restart(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: S
     else:
         return first
     starts = [replace(start, model=holding(start.model, fixed, first.model)) for start in starts]
-    whole = Bundle(views, freedom, Spread.of(state, views))
-    ends = _floors(starts, freedom, sketch, whole, *effort)
+    ends = _floors(starts, sketch, Bundle(views, freedom, Spread.of(state, views)), *effort)
     if centred is not None:
-        other = _decentred_the_other_way(ends[by_cost(ends, views)[0]], centred, fixed)
+        other = _decentred_the_other_way(lowest(ends, views), centred, fixed)
         ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
-    best = ends[by_cost(ends, views)[0]]
+    best = lowest(ends, views)
     # Where a rim or a fold runs among corners, costs have kinks at which steps end.
     if not best.model.dips and not np.isnan(best.residuals(views)).any():
         return best
     drawn = _drawn(best, freedom, views)
-    ends = [best, *(refine(start, views, freedom=freedom, tolerance=TOLERANCE).state for start in drawn)]
-    return ends[by_cost(ends, views)[0]]
+    return lowest([best, *(refine(start, views, freedom=freedom, tolerance=TOLERANCE).state for start in drawn)], views)
 
 
-def _floors(
-    starts: Sequence[State], freedom: Freedom, sketch: BoardViews, whole: Bundle, iterations: int, valleys: int
-) -> list[State]:
+def _floors(starts: Sequence[State], sketch: BoardViews, whole: Bundle, iterations: int, valleys: int) -> list[State]:
     """Refine starts by so many steps at a time on some of the corners, and the lowest valleys to the end on all."""
+    views, freedom = whole.views, whole.freedom
     ends = [
         refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
     ]
     # A rich model may have left the corners that the sketch has not, and not come back to them.
-    views, costs = whole.views, [whole.cost(start) for start in starts]
-    kept = [(starts[i], ends[i], costs[i]) for i in _lowest(ends, sketch)[:valleys]]
+    costs = [whole.cost(start) for start in starts]
+    kept = [(starts[i], ends[i], costs[i]) for i in _in_valleys_of_their_own(ends, sketch)[:valleys]]
     ends = [start if whole.cost(end) > cost + whole.scale else end for start, end, cost in kept]
     # A board that was posed wrongly on the way costs more than valleys differ by.
     ends = [repose(end, views) if astray(end, views) else end for end in ends]
@@ -103,22 +102,28 @@ def _floors(
 
 def holding(model: CameraModel, names: Sequence[str], like: CameraModel) -> CameraModel:
     """Give the camera with the parameters of those names as another has them."""
-    values = model.to_dict()
-    held = {name: value for name, value in like.to_dict().items() if name in names and name in values}
-    return model.from_dict(values | held) if held else model
+    return model.with_values({name: value for name, value in like.to_dict().items() if name in names})
 
 
-def by_cost(ends: Sequence[State], views: BoardViews) -> list[int]:
+def lowest(ends: Sequence[State], views: BoardViews) -> State:
+    """Give the state of the least cost."""
+    return ends[_by_cost(ends, views)[0]]
+
+
+def _by_cost(ends: Sequence[State], views: BoardViews) -> list[int]:
     """Give the places of the states, the one of the least cost first; corners count as at the sharpest."""
-    sharpest = min(ends, key=lambda end: float(np.median(end.lengths(views))))
+    middling = [float(np.median(end.lengths(views))) for end in ends]
+    sharpest = ends[int(np.argmin(middling))]
     cost = Bundle(views, Freedom.of(sharpest.model), Spread.of(sharpest, views)).cost  # walls count
-    return sorted(range(len(ends)), key=[cost(end) for end in ends].__getitem__)
+    # Where good corners cost next to nothing, wrong ones may cost more than leaving all the good ones saves.
+    left = [median > BLURRED * min(middling) + EXACT for median in middling]
+    return sorted(range(len(ends)), key=[*zip(left, map(cost, ends), strict=True)].__getitem__)
 
 
-def _lowest(ends: Sequence[State], views: BoardViews) -> list[int]:
+def _in_valleys_of_their_own(ends: Sequence[State], views: BoardViews) -> list[int]:
     """Give the places of those of the states that end in a valley of their own, lowest first."""
     kept = list[int]()
-    for i in by_cost(ends, views):
+    for i in _by_cost(ends, views):
         shape = ends[i].model.params[:4]
         if all(np.abs(shape - ends[other].model.params[:4]).max() > SAME for other in kept):
             kept.append(i)
@@ -149,8 +154,7 @@ def _decentred_the_other_way(end: State, centred: State, fixed: Sequence[str]) -
     """
     values, middle = end.model.to_dict(), centred.model.to_dict()
     moved = {name: 2 * middle[name] - values[name] for name in ("cx", "cy", *STILL[1:]) if name in values}
-    values |= {name: value for name, value in moved.items() if name not in fixed}
-    return replace(centred, model=end.model.from_dict(values))
+    return replace(centred, model=end.model.with_values({n: v for n, v in moved.items() if n not in fixed}))
 
 
 def fitted(state: State, cls: type[CameraModel], views: BoardViews, *, fixed: tuple[str, ...] = STILL) -> State | None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from omnisight.calibrate.freedom import Freedom
 from omnisight.calibrate.refine import refine
-from omnisight.calibrate.restart import by_cost, holding, pairs, restart
+from omnisight.calibrate.restart import holding, lowest, pairs, restart
 from omnisight.calibrate.state import State
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry.sphere import angle_from_axis
@@ -61,7 +61,7 @@ def _polynomial_start(
     # Only their floors tell valleys apart.
     freedom = Freedom.of(starts[0].model, fixed=fixed)
     ends = [refine(start, views, freedom=freedom, iterations=100, tolerance=ROUGHLY).state for start in starts]
-    return ends[by_cost(ends, views)[0]]
+    return lowest(ends, views)
 
 
 def spline_start(start: State, views: BoardViews) -> State:

@@ -141,7 +141,7 @@ def with_one_focal(camera: Camera) -> tuple[Camera, tuple[str, ...]]:
         return camera, ()
     said = f"the format has one focal length and this camera has two, {values['fx']:.6g} and {values['fy']:.6g}"
     with_size(camera)
-    model = type(camera.model).from_dict(values | dict.fromkeys(("fx", "fy"), (values["fx"] + values["fy"]) / 2))
+    model = camera.model.with_values(dict.fromkeys(("fx", "fy"), (values["fx"] + values["fy"]) / 2))
     error = difference(model, *camera.samples())
     if not error <= MAY_DIFFER_PX:
         raise ValueError(f"{said}: their mean is {error:.2g} px off; choose a format that has both")

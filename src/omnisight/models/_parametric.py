@@ -86,6 +86,10 @@ class Parametric:
         made.__dict__.update({name: getattr(self, name) for name in ("parameters", "param_names", "bounds", "spreads")})
         return made
 
+    def with_values(self, values: Mapping[str, float]) -> Self:
+        """Give the same with other values of some parameters, by name; names it lacks are passed over."""
+        return self.with_params([values.get(name, value) for name, value in self.to_dict().items()])
+
     def to_dict(self) -> dict[str, Any]:
         """Give the parameters by name."""
         return dict(zip(self.param_names, map(float, self.params), strict=True))

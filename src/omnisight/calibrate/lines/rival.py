@@ -10,7 +10,6 @@ from omnisight.calibrate.lines.chains import Chains
 from omnisight.calibrate.lines.consensus import select
 from omnisight.calibrate.lines.plumb import HUBER_SIGMAS, Lines, PlumbLine, lines_of, refine_lines
 from omnisight.calibrate.lines.scale import without_scale
-from omnisight.calibrate.lines.start import with_known
 from omnisight.calibrate.lines.uncertainty import Uncertainty
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
@@ -43,7 +42,7 @@ def as_model(
         model = cls.fit(bearings[valid], few.pixels[valid], fixed=STILL)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ValueError(f"{cls.name} cannot describe this camera: {error}") from None
-    return Lines(with_known(squared(model) if square else model, known), state.normals)
+    return Lines((squared(model) if square else model).with_values(known), state.normals)
 
 
 def unlike(state: Lines, chains: Chains, freedom: Freedom, uncertainty: Uncertainty, arcs: Chains | None) -> float:

@@ -1,7 +1,6 @@
 """Finding a camera to start from, with nothing known but pixels of lines, some of which may be no lines."""
 
 from collections.abc import Iterator, Mapping
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,6 @@ from omnisight.models import CameraModel
 from omnisight.models.unified import Unified
 
 Array = NDArray[np.float64]
-Model = TypeVar("Model", bound=CameraModel)
 
 # The unified model from nearly a pinhole to past the parabola, where the lenses are.
 XIS = (0.5, 0.8, 1.0, 1.4, 2.0)
@@ -54,15 +52,9 @@ def starts(
     few = chains.thinned(PIXELS)
     weight = np.minimum(chains.spans, 0.5 * min(size))
     guessed = [*_grid(chains, size, centre), *_parabolic(chains, size, centre, np.random.default_rng(seed))]
-    tried = [with_known(camera, known) for camera in guessed]
+    tried = [camera.with_values(known) for camera in guessed]
     scores = np.array([_score(camera, few, weight) for camera in tried])
     return [tried[i] for i in np.argsort(scores, kind="stable")]
-
-
-def with_known(model: Model, known: Mapping[str, float]) -> Model:
-    """Give the camera with those parameters."""
-    values = model.to_dict() | dict(known)
-    return model.with_params([values[name] for name in model.param_names])
 
 
 def chain_rms(distances: Array, chains: Chains) -> Array:
