@@ -221,6 +221,12 @@ def test_pictures_are_never_written_over(refuses, folder, camera_file, tmp_path,
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
+def test_drawings_go_to_a_folder_not_to_a_pictures_name(refuses, shots, tmp_path):
+    said = refuses("detect", shots, "-o", tmp_path / "found.png")
+    assert f"{tmp_path / 'found.png'}: is a picture's name; name a folder" in said
+    assert not (tmp_path / "found.png").exists()
+
+
 def test_several_pictures_cannot_go_to_one_file(refuses, shots, camera_file, tmp_path):
     (tmp_path / "v.png").write_text("mine")
     said = refuses("view", shots, "--camera", camera_file, "-o", tmp_path / "v.png")

@@ -33,8 +33,8 @@ def draw_residuals(
     Residuals (N, 2) of corners (N, 2) are in the order of the search. Give what to say of corners that were given
     without their picture: those are drawn on a bare sheet.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     files = drawings([picture.path for picture in search.found], folder)
+    folder.mkdir(parents=True, exist_ok=True)
     bare = 0
     for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):
         without = isinstance(search.board, GivenTarget) and not picture.path.is_file()

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+from omnisight.images.collect import EXTENSIONS
+
 
 def labels(paths: Sequence[Path]) -> list[str]:
     """Name pictures to a reader: by file name, with the folder where that alone is not enough."""
@@ -41,6 +43,8 @@ def drawings(paths: Sequence[Path], folder: Path) -> list[Path]:
         raise ValueError(f"{folder}: holds the pictures; what is drawn would be taken for pictures the next time")
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file; name a folder")
+    if folder.suffix.lower() in EXTENSIONS and not folder.exists():
+        raise ValueError(f"{folder}: is a picture's name; name a folder, which may hold the drawings of many")
     return files
 
 
