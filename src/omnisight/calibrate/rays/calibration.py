@@ -19,10 +19,13 @@ from omnisight.calibrate.spread import Spread
 from omnisight.calibrate.trust.covariance import camera_covariance
 from omnisight.calibrate.trust.coverage import Coverage
 from omnisight.calibrate.trust.evidence import Evidence
+from omnisight.calibrate.trust.halves import compare_halves
 from omnisight.calibrate.trust.uncertainty import UncertaintyMap
 from omnisight.calibrate.trust.verdict import Verdict
+from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import ImageField
+from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
 from omnisight.optics.ray_model import RayModel
 from omnisight.ray_camera import RayCamera
@@ -43,8 +46,8 @@ LENSES = 4
 class RaysCalibration(Result):
     """A calibrated camera of rays, and what supports it.
 
-    Of what is far it is sure as a central camera is; its viewpoint is compared with that of the central one. None but a
-    central camera has halves and a spline beside it.
+    Of what is far it is sure as a central camera is, and by it two halves of the pictures are compared; its viewpoint
+    is compared with that of the central one. None but a central camera has a spline beside it.
 
     Attributes
     ----------
@@ -215,7 +218,7 @@ def _concluded(
         theta_min=first,
         covariance=camera_covariance(best, views, loss=loss),
     )
-    trust = _trust(best, central, camera, calibration, outliers, field)
+    trust = _trust(best, central, camera, calibration, outliers, field, loss)
     camera = replace(camera, calibration=figures | trust.figures())
     return RaysCalibration(views, best, ranked, reason, outliers, trust, camera, central, needed)
 
@@ -227,6 +230,7 @@ def _trust(
     calibration: "Calibration",
     outliers: NDArray[np.bool_],
     field: ImageField | None,
+    loss: str,
 ) -> "Trust":
     """Say how far it can be trusted: of what is far as a central camera is, of what is near beside one."""
     views, model, far = calibration.views, camera.model, far_camera(camera)
@@ -237,13 +241,19 @@ def _trust(
     if isinstance(model, Axial) and best.held_out_lengths is not None:
         ceiling = calibration.trust.ceiling
         viewpoint = compared(central, best, camera, views, ~calibration.outliers, ceiling)
-    evidence = Evidence(far, best, views, uncertainty, coverage, None, None, None, outliers, auto=True)
+    halves = compare_halves(best, views, lambda m, c: _far(camera, m, c), loss=loss)
+    evidence = Evidence(far, best, views, uncertainty, coverage, halves, None, None, outliers, auto=True)
     return replace(
         calibration.trust,
         uncertainty=uncertainty,
         coverage=coverage,
-        halves=None,
+        halves=halves,
         ceiling=None,
         viewpoint=viewpoint,
         verdict=Verdict.of(evidence),
     )
+
+
+def _far(camera: RayCamera, model: CameraModel, covariance: Array) -> Camera:
+    """Give the central camera that another model of the rays would be to a far scene."""
+    return far_camera(replace(camera, model=cast(RayModel, model), covariance=covariance))

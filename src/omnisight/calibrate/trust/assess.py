@@ -74,7 +74,7 @@ def assess(
     auto: bool,
 ) -> tuple[Camera, Trust]:
     """Say how far the best candidate can be trusted, and give its camera with its covariance."""
-    halves = compare_halves(best, camera, views, loss=loss)
+    halves = compare_halves(best, views, lambda m, c: replace(camera, model=m, covariance=c), loss=loss)
     camera = replace(camera, covariance=camera_covariance(best, views, loss=loss))
     uncertainty = UncertaintyMap.of(camera, field=field)
     coverage = Coverage.of(camera, best.state, views, field)

@@ -1,8 +1,10 @@
 """Whether two halves of the pictures agree as well as a calibration says they should."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.calibrate.candidates import Candidate
 from omnisight.calibrate.spread import Spread
@@ -12,6 +14,9 @@ from omnisight.calibrate.trust.uncertainty import Uncertainty
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import cap
+from omnisight.models import CameraModel
+
+Array = NDArray[np.float64]
 
 FEWEST = 8
 RINGS = 12
@@ -46,8 +51,13 @@ class Halves:
         return {"difference": self.difference, "predicted": self.predicted}
 
 
-def compare_halves(candidate: Candidate, camera: Camera, views: BoardViews, *, loss: str) -> Halves | None:
-    """Calibrate on the even and on the odd views and compare; None with fewer than eight."""
+def compare_halves(
+    candidate: Candidate, views: BoardViews, as_camera: Callable[[CameraModel, Array], Camera], *, loss: str
+) -> Halves | None:
+    """Calibrate on the even and on the odd views and compare; None with fewer than eight.
+
+    `as_camera` makes a camera of a model that was fitted and its covariance.
+    """
     if len(views) < FEWEST:
         return None
     spread = Spread.of(candidate.state, views, loss)
@@ -56,12 +66,12 @@ def compare_halves(candidate: Candidate, camera: Camera, views: BoardViews, *, l
     for some, state in zip(halves, candidate.without(halves[::-1], views, spread), strict=True):
         half = replace(candidate, state=state)
         covariance = noise_covariance(half, views.subset(some), loss=loss)
-        cameras.append(replace(camera, model=state.model, covariance=covariance))
+        cameras.append(as_camera(state.model, covariance))
     one, other = cameras
     uncertainties = [Uncertainty.of(c) for c in cameras]
     bearings = cap(uncertainties[0].reach, RINGS)
     pixels, valid = one.model.project_numpy(bearings)
-    seen = valid & camera.in_image(pixels) & camera.calibrated(bearings)
+    seen = valid & one.in_image(pixels) & one.calibrated(bearings)
     bearings, pixels = bearings[seen], pixels[seen]
     spreads = [np.trace(u.projection(bearings), axis1=1, axis2=2) for u in uncertainties]
     predicted = spreads[0] + spreads[1]
