@@ -39,10 +39,10 @@ def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[
     # Where an image stops growing, or is cut off, its rim moves with the parameters as the images of its bearings do
     # (the envelope theorem). Where angles stop growing these run away, and only steps tell.
     most = np.nanmax(np.abs(d_params), axis=(0, 1), initial=0.0)
-    if (np.abs(by_params) > STEEP * most).any():
-        steps = np.diag(np.where(most > 0, STEP / np.maximum(most, 1e-300), 0.0))
-        moved = [held(model.with_params(model.params + step), points) for step in steps]
-        by_params = np.stack([(to - pixels) / STEP * size for to, size in zip(moved, most, strict=True)], -1)
+    for i in np.flatnonzero((np.abs(by_params) > STEEP * most).any((0, 1))):
+        step = STEP / most[i] if most[i] > 0 else 0.0
+        moved = held(model.with_params(model.params + step * np.eye(len(most))[i]), points)
+        by_params[..., i] = (moved - pixels) / STEP * most[i]
     return by_azimuth * d_azimuth[:, None, :], by_params
 
 
