@@ -39,7 +39,7 @@ def held_jacobians(model: CameraModel, points: Array, d_params: Array) -> tuple[
     # Where an image stops growing, or is cut off, its rim moves with the parameters as the images of its bearings do
     # (the envelope theorem). Where angles stop growing these run away, and only steps tell.
     most = np.nanmax(np.abs(d_params), axis=(0, 1), initial=0.0)
-    for i in np.flatnonzero((np.abs(by_params) > STEEP * most).any((0, 1))):
+    for i in np.flatnonzero(~(np.abs(by_params) <= STEEP * most).all((0, 1))):
         step = STEP / most[i] if most[i] > 0 else 0.0
         moved = held(model.with_params(model.params + step * np.eye(len(most))[i]), points)
         by_params[..., i] = (moved - pixels) / STEP * most[i]
