@@ -74,6 +74,16 @@ def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_corner_that_is_no_numbe
     assert "leave out corners that were not seen" in str(said.value)
 
 
+@pytest.mark.parametrize("wrong", [[[1.0, 2.0], [2.0, 1.0]], [[-1.0, 0.0], [0.0, -1.0]], [[1.0, 0.5], [-0.5, 1.0]]])
+def test_nan_inf_int_float32_wrong_shape_arrays_of_no_covariance_are_refused_by_row(views, wrong):
+    points, pixels = views[0]
+    certain = np.zeros((len(points), 2, 2))
+    assert BoardViews.of([(points, pixels, certain)], ["a.png"]).covariance.shape == certain.shape
+    certain[7] = wrong
+    with pytest.raises(ValueError, match=r"a\.png: row 7: .* is no covariance"):
+        BoardViews.of([(points, pixels, certain)], ["a.png"])
+
+
 @pytest.mark.parametrize("values", [[[1, 2], [3]], [["a", "b"]], "text", [[1 + 2j, 0]]])
 def test_nan_inf_int_float32_wrong_shape_arrays_of_no_numbers_are_refused_by_name(values):
     with pytest.raises(ValueError, match=r"a\.png: needs arrays of numbers"):

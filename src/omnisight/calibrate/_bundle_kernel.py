@@ -42,21 +42,22 @@ def add(to, times, six):
 
 
 @outer
-def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, view, rotations):
+def weighted(pixels, by_point, by_params, seen, roots, threshold, turned, bows, view, rotations):
     """Give the weighted residuals (2 N,) and what they depend on, as far as boards do not share it.
 
     Beside the residuals: their Jacobian (2 N, P + 2) by the camera and the board's bend, and per view its product
     (P + 2, 6) with the Jacobian by the pose, that Jacobian's square (6, 6) and its product with the residuals (6,).
-    A corner outside the model's domain counts nothing.
+    `by_point` (3, 2, N) and `by_params` (P, 2, N) are the pixels' derivatives. A corner outside the model's domain
+    counts nothing.
     """
-    count, shared, views = len(pixels), d_params.shape[2] + 2, len(rotations)
+    count, shared, views = len(pixels), len(by_params) + 2, len(rotations)
     residuals, jacobian = np.empty(2 * count), np.empty((2 * count, shared))
     cross, local, gradient = np.zeros((views, shared, 6)), np.zeros((views, 6, 6)), np.zeros((views, 6))
     for n in range(count):
         r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
         total = r0 + r1
         for p in range(shared - 2):
-            total += d_params[n, 0, p] + d_params[n, 1, p]
+            total += by_params[p, 0, n] + by_params[p, 1, n]
         if not np.isfinite(total):
             residuals[2 * n : 2 * n + 2], jacobian[2 * n : 2 * n + 2] = 0.0, 0.0
             continue
@@ -68,10 +69,10 @@ def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, vi
             w0, w1 = root * roots[n, i, 0], root * roots[n, i, 1]
             row = jacobian[2 * n + i]
             for p in range(shared - 2):
-                row[p] = w0 * d_params[n, 0, p] + w1 * d_params[n, 1, p]
-            x = w0 * d_point[n, 0, 0] + w1 * d_point[n, 1, 0]
-            y = w0 * d_point[n, 0, 1] + w1 * d_point[n, 1, 1]
-            z = w0 * d_point[n, 0, 2] + w1 * d_point[n, 1, 2]
+                row[p] = w0 * by_params[p, 0, n] + w1 * by_params[p, 1, n]
+            x = w0 * by_point[0, 0, n] + w1 * by_point[0, 1, n]
+            y = w0 * by_point[1, 0, n] + w1 * by_point[1, 1, n]
+            z = w0 * by_point[2, 0, n] + w1 * by_point[2, 1, n]
             back = x * rotations[k, 0, 2] + y * rotations[k, 1, 2] + z * rotations[k, 2, 2]
             row[shared - 2], row[shared - 1] = back * bows[n, 0], back * bows[n, 1]
             # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
@@ -88,11 +89,10 @@ def weighted(pixels, d_point, d_params, seen, roots, threshold, turned, bows, vi
 
 
 @outer
-def weighted_lengths(pixels, seen, roots, outside):
-    """Give the lengths (N,) of the weighted residuals; `outside` where there is none."""
-    lengths = np.empty(len(pixels))
-    for n in range(len(pixels)):
-        r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
-        length = weighted_length(roots[n], r0, r1)
+def weighted_lengths(residuals, roots, outside):
+    """Give the lengths (N,) of residuals (N, 2) times their roots; `outside` where there is none."""
+    lengths = np.empty(len(residuals))
+    for n in range(len(residuals)):
+        length = weighted_length(roots[n], residuals[n, 0], residuals[n, 1])
         lengths[n] = length if np.isfinite(length) else outside
     return lengths

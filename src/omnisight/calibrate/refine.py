@@ -58,15 +58,15 @@ class Bundle:
         return len(self.views.pixels) * self.spread.sigma**2
 
     def cost(self, state: State) -> float:
-        prior, off = self._prior(state.model)
         pixels, valid = state.model.project_numpy(points := state.points(self.views)[0])
         lost, most = np.flatnonzero(~valid), outside(self.views)
         if len(lost):
             pixels[lost] = held(state.model, points[lost])
-        lengths = weighted_lengths(pixels, self.views.pixels, self.spread.roots, most)
+        lengths = weighted_lengths(pixels - self.views.pixels, self.spread.roots, most)
         lengths[lost] = np.minimum(lengths[lost], most)
+        known = 0.5 * float(self._prior(state.model) @ state.model.params**2)
         before = self._wall(state)
-        return self.loss.cost(lengths) + 0.5 * float(prior @ off**2) + (before.cost if before else 0.0)
+        return self.loss.cost(lengths) + known + (before.cost if before else 0.0)
 
     def linearise(self, state: State) -> GroupedNormal:
         return self.completed(self.of_corners(state), state)
@@ -87,19 +87,20 @@ class Bundle:
         if len(lost):
             pixels[lost] = held(state.model, points[lost])
             # What is so far off costs the same wherever it is.
-            away = weighted_lengths(pixels[lost], self.views.pixels[lost], self.spread.roots[lost], np.inf)
+            away = weighted_lengths(pixels[lost] - self.views.pixels[lost], self.spread.roots[lost], np.inf)
             far = away > outside(self.views)
             pixels[lost[far]] = np.nan
             near = lost[~far]
             d_point[near], d_params[near] = held_jacobians(state.model, points[near], d_params[valid])
         seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
         weights = self.spread.roots, self.spread.threshold
-        return weighted(pixels, d_point, d_params, seen, *weights, turned, bows, view, state.rotations)
+        by_point, by_params = np.ascontiguousarray(d_point.T), np.ascontiguousarray(d_params.T)
+        return weighted(pixels, by_point, by_params, seen, *weights, turned, bows, view, state.rotations)
 
     def completed(self, corners: GroupedNormal, state: State) -> GroupedNormal:
         """Give the normal equations of what moves, what is known beforehand and walls among them."""
-        prior, off = self._prior(state.model)
-        information, gradient = np.diag(prior), prior * off
+        prior = self._prior(state.model)
+        information, gradient = np.diag(prior), prior * state.model.params
         if before := self._wall(state):
             information, gradient = information + before.hessian, gradient + before.gradient
         held = held_back(state.model.params, corners.shared_gradient[:-2] + gradient, *state.model.bounds)
@@ -131,11 +132,10 @@ class Bundle:
         """Give the wall before a camera that moves."""
         return wall(state, self.views, self.spread.sigma**2) if self.freedom.directions.shape[1] else None
 
-    def _prior(self, model: CameraModel) -> tuple[Array, Array]:
-        """Give what is known of each parameter beforehand: its weight (P,), and how far from 0 it is (P,)."""
+    def _prior(self, model: CameraModel) -> Array:
+        """Give what each parameter's square (P,) weighs, known beforehand to be near 0."""
         # It counts as residuals do, whose unit is sigma.
-        prior = (self.spread.sigma / model.spreads) ** 2
-        return prior, np.where(prior > 0, model.params, 0.0)
+        return (self.spread.sigma / model.spreads) ** 2
 
 
 def refine(

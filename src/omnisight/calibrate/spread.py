@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.state import State
+from omnisight.calibrate.state import State, alike, lengths
 from omnisight.calibrate.views import BoardViews
 from omnisight.optim.loss import robust_sigma
 
@@ -46,9 +46,10 @@ class Spread:
         """
         if loss not in ("huber", "squared"):
             raise ValueError(f"loss must be 'huber' or 'squared', got {loss!r}")
+        residuals = state.residuals(views)
         equal = loss == "squared" or not views.covariance.any()
-        roots = np.tile(np.eye(2), (len(views.pixels), 1, 1)) if equal else _roots(state, views)
-        sigma = robust_sigma(state.lengths(views, roots))
+        roots = alike(len(residuals)) if equal else _roots(lengths(residuals, views), views.covariance)
+        sigma = robust_sigma(lengths(residuals, views, roots))
         return cls(roots, sigma, np.inf if loss == "squared" else max(HUBER_SIGMAS * sigma, 1e-6))
 
     def part(self, rows: NDArray[np.intp]) -> Self:
@@ -64,15 +65,20 @@ class Spread:
         return state.lengths(views, self.roots) > self.threshold
 
 
-def _roots(state: State, views: BoardViews) -> Array:
-    """Give matrices (N, 2, 2) that make residuals alike.
+def _roots(away: Array, own: Array) -> Array:
+    """Give matrices (N, 2, 2) that make residuals alike, from their lengths and the corners' covariances.
 
     A residual's covariance is the corner's own C plus t^2 I, what model, print and light add to every corner alike.
     t is such that the median of r^T (C + t^2 I)^-1 r is that of two normal variables, 2 ln 2.
     """
-    own = np.trace(views.covariance, axis1=1, axis2=2) / 2
+    a, b, d = own[:, 0, 0], own[:, 0, 1], own[:, 1, 1]
+    middle = 0.5 * (a + d)
     # Alone a corner would ask for t^2 = |r|^2/(2 ln 2) - C: half of them ask for more than the median of these.
-    shared = max(float(np.median(state.lengths(views) ** 2 / (2 * np.log(2)) - own)), LEAST_SPREAD**2)
-    covariance = views.covariance + shared * np.eye(2)
-    scale = np.median(own) + shared
-    return np.swapaxes(np.linalg.cholesky(np.linalg.inv(covariance) * scale), 1, 2).copy()
+    shared = max(float(np.median(away**2 / (2 * np.log(2)) - middle)), LEAST_SPREAD**2)
+    a, d = a + shared, d + shared
+    scale = np.median(middle) + shared
+    # U of scale C^-1 = U^T U, upper triangular.
+    over, side = np.sqrt(scale / d), np.sqrt(a * d - b * b)
+    roots = np.zeros((len(own), 2, 2))
+    roots[:, 0, 0], roots[:, 0, 1], roots[:, 1, 1] = over * d / side, -over * b / side, over
+    return roots

@@ -53,9 +53,17 @@ class State:
 
         `outside` outside the model's domain.
         """
-        pixels, _ = self.model.project_numpy(self.points(views)[0])
-        roots = np.broadcast_to(np.eye(2), (len(pixels), 2, 2)).copy() if roots is None else roots
-        return weighted_lengths(pixels, views.pixels, roots, outside(views))
+        return lengths(self.residuals(views), views, roots)
+
+
+def lengths(residuals: Array, views: BoardViews, roots: Array | None = None) -> Array:
+    """Give the lengths (px) of residuals (N, 2), times `roots` (N, 2, 2) if there are any; `outside` for NaN."""
+    return weighted_lengths(residuals, alike(len(residuals)) if roots is None else roots, outside(views))
+
+
+def alike(count: int) -> Array:
+    """Give the roots (N, 2, 2) of residuals that all count the same."""
+    return np.tile(np.eye(2), (count, 1, 1))
 
 
 def outside(views: BoardViews) -> float:

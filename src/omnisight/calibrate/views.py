@@ -59,7 +59,7 @@ class BoardViews:
         Raises
         ------
         ValueError
-            If a view's arrays do not fit together, are empty, or are not finite.
+            If a view's arrays do not fit together, are empty, or are not finite, or a covariance is none.
         """
         names = tuple(names) if names is not None else tuple(f"view {i}" for i in range(len(views)))
         points, pixels, covariance = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
@@ -79,6 +79,11 @@ class BoardViews:
                 raise ValueError(
                     f"{name}: a corner is not a finite number: row {k}, point {x[k].tolist()}, pixel {p[k].tolist()};"
                     " leave out corners that were not seen"
+                )
+            if (wrong := ~_covariances(c)).any():
+                k = int(np.argmax(wrong))
+                raise ValueError(
+                    f"{name}: row {k}: {c[k].tolist()} is no covariance: not symmetric, or below 0 one way"
                 )
             if x.shape[1] == 2:
                 x = np.concatenate([x, np.zeros((len(x), 1))], 1)
@@ -194,3 +199,10 @@ def _rows(values: ArrayLike, name: str) -> Array:
     if array.ndim == 3 and 1 in array.shape[:2]:
         return array.reshape(-1, array.shape[2])
     return array
+
+
+def _covariances(matrices: Array) -> NDArray[np.bool_]:
+    """Say which of matrices (N, 2, 2) are symmetric and, up to rounding, nowhere below 0."""
+    a, b, c, d = matrices.reshape(-1, 4).T
+    middle, half = (a + d) / 2, np.hypot((a - d) / 2, b)
+    return (np.abs(b - c) <= 1e-6 * middle) & (half <= middle * (1 + 1e-6))

@@ -155,37 +155,39 @@ class Central(Undistorted, CameraModel):
         px, py = g * x, g * y
         qx, qy = self.distort(self.forward, px, py)
         a11, a12, a21, a22, u0, v0 = self.affine()
-        pixels = np.stack([a11 * qx + a12 * qy + u0, a21 * qx + a22 * qy + v0], -1)
+        pixels = np.empty((len(points), 2))
+        pixels[:, 0], pixels[:, 1] = a11 * qx + a12 * qy + u0, a21 * qx + a22 * qy + v0
         valid = (c > self.forward.c_min) & (px * px + py * py <= self.forward.r2_max)
         # With p = g(c) b_xy:  dp/db_xy = g (I - b_xy b^T) and dc/dpoint = (e_z - c b)/n.
         xx, xy, yx, yy = self.distort_jacobian(self.forward, px, py)
         dg_dc, dg_dparams = self.gain_derivatives(s, c, g)
         g_n, dg_n = g * over_n, dg_dc * over_n
         back_n = g_n + dg_n * c
-        d_point, along = np.empty((len(points), 2, 3)), list[Array]()  # d pixel / d g
+        # All points' derivatives by one number lie side by side: they are made so, and read so.
+        by_point, along = np.empty((3, 2, len(points))), list[Array]()  # d pixel / d g
         for axis, (jx, jy) in enumerate(
             ((a11 * xx + a12 * yx, a11 * xy + a12 * yy), (a21 * xx + a22 * yx, a21 * xy + a22 * yy))
         ):
             along.append(jx * x + jy * y)
             inwards = -back_n * along[axis]
-            d_point[:, axis, 0] = g_n * jx + inwards * x
-            d_point[:, axis, 1] = g_n * jy + inwards * y
-            d_point[:, axis, 2] = dg_n * along[axis] + inwards * c
+            by_point[0, axis] = g_n * jx + inwards * x
+            by_point[1, axis] = g_n * jy + inwards * y
+            by_point[2, axis] = dg_n * along[axis] + inwards * c
 
         partials = self.affine_partials(qx, qy)
         for name, (dx, dy) in self.distort_partials(px, py).items():
             partials[name] = mixed(a11, dx, a12, dy), mixed(a21, dx, a22, dy)
         for name, dg in dg_dparams.items():
             partials[name] = (dg * along[0], dg * along[1])
-        d_params = np.empty((len(points), 2, self.params.size))
+        by_params = np.empty((self.params.size, 2, len(points)))
         start = 0
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             value = getattr(self, field.name)
             stop = start + (len(value) if isinstance(value, tuple) else 1)
             for axis, d in enumerate(partials[field.name]):
-                d_params[:, axis, start:stop] = np.transpose(d) if np.ndim(d) == 2 else np.reshape(d, (-1, 1))
+                by_params[start:stop, axis] = d
             start = stop
-        return pixels, valid, d_point, d_params
+        return pixels, valid, by_point.T, by_params.T
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:

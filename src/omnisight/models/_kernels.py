@@ -6,6 +6,7 @@ cache folder under a hash of the sources of all models: numba itself would look 
 
 import inspect
 from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
 from omnisight.compiled import kept, sources
-from omnisight.models import _bspline, _elementwise
+from omnisight.models import _branchless, _bspline, _elementwise
 from omnisight.models._elementwise import FULL, ONCE, project_point, unproject_pixel
 
 # Divisions by zero give inf, as in numpy; a fused multiply-add may round once instead of twice.
@@ -28,7 +29,7 @@ BLOCK = 256
 
 
 def _register_hooks() -> None:
-    for formula in (_elementwise.atan2, _elementwise.sine_cosine, *_bspline.FORMULAS):
+    for formula in _bspline.FORMULAS:
         register_jitable(**FORMULA)(formula)
 
     @overload(_elementwise.where, jit_options=FORMULA)
@@ -53,15 +54,17 @@ def _register_hooks() -> None:
 
         return never
 
+    for formula in (_branchless.atan2, _branchless.sine_cosine):
+        plain = getattr(_elementwise, formula.__name__)
+        overload(plain, jit_options=FORMULA)(_like(plain, lambda *_, formula=formula: formula))
     for name, hook in _elementwise.HOOKS.items():
-        overload(hook, jit_options=FORMULA)(_resolver(name, hook))
+        model = attrgetter(f"instance_class.model.{name}")
+        overload(hook, jit_options=FORMULA)(_like(hook, lambda m, *_, model=model: model(m)))
 
 
-def _resolver(name: str, hook: Any) -> Any:
-    def resolve(*arguments: Any) -> Any:
-        return getattr(arguments[0].instance_class.model, name)
-
-    resolve.__signature__ = inspect.signature(hook)  # pyright: ignore[reportFunctionMemberAccess]
+def _like(hook: Any, resolve: Any) -> Any:
+    """Give what resolves a hook the hook's own signature, which numba asks for."""
+    resolve.__signature__ = inspect.signature(hook)
     return resolve
 
 

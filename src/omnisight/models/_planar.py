@@ -187,6 +187,8 @@ class RadialTangential(Radial):
 
     k1: float
     k2: float
+    p1: float
+    p2: float
 
     @staticmethod
     def distort(m: Any, x: Any, y: Any) -> Any:
@@ -212,6 +214,20 @@ class RadialTangential(Radial):
 
     def growth(self) -> list[float]:
         return [1.0, 3 * self.k1, 5 * self.k2]
+
+    def radius_before_fold(self, radius: float) -> float:
+        # The eigenvalues of the Jacobian, without decentring the radial part and its slope, are moved by at most
+        # 6 |p| r (Weyl): mostly that alone tells that nothing folds.
+        least = min(least_value(1.0, i * self.k1, (2 * i - 1) * self.k2, radius**2) for i in (1, 3))
+        if least > 6 * np.hypot(self.p1, self.p2) * radius:
+            return radius
+        return super().radius_before_fold(radius)
+
+
+def least_value(a: float, b: float, c: float, end: float) -> float:
+    """Give the least value of a + b q + c q^2 from 0 to the end."""
+    lowest = -b / (2 * c) if c > 0 else 0.0
+    return min(a + q * (b + q * c) for q in (0.0, min(max(lowest, 0.0), end), end))
 
 
 def decentring_partials(x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:

@@ -79,13 +79,14 @@ class Ocam(Central):
             r = r * t + m.start[i]
         r = r * t
         low, high = 0.0 * t, m.r_max * (1.0 + 1e-9) + 0.0 * t
-        # Written out, not in a loop: so the compiled loop over the points vectorises.
         r, low, high, step = radius_step(m, r, low, high, s, c)
-        r, low, high, step = radius_step(m, r, low, high, s, c)
-        r, low, high, step = radius_step(m, r, low, high, s, c)
-        if effort is not None:
+        if effort is None:
+            # Written out, not in a loop: so the compiled loop over the points vectorises.
+            r, low, high, step = radius_step(m, r, low, high, s, c)
+            r, low, high, step = radius_step(m, r, low, high, s, c)
+        else:
             for _ in range(effort):
-                if settled(where(past, 0.0, step), 1e-9 * m.r_max):
+                if settled(where(past, 0.0, step), 1e-7 * m.r_max):
                     break
                 r, low, high, step = radius_step(m, r, low, high, s, c)
         # A small last step leaves its square; past the rim there is nothing to find.
