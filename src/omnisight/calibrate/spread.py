@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 HUBER_SIGMAS = 5.0
 # What corners are off by in any case, px: a covariance of zero must not outweigh all others.
 LEAST_SPREAD = 1e-4
+# Share of a product that is only rounding.
+ROUNDED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,8 @@ def _roots(away: Array, own: Array) -> Array:
     shared = max(float(np.median(away**2 / (2 * np.log(2)) - middle)), LEAST_SPREAD**2)
     a, d = a + shared, d + shared
     scale = np.median(middle) + shared
-    # U of scale C^-1 = U^T U, upper triangular.
-    over, side = np.sqrt(scale / d), np.sqrt(a * d - b * b)
+    # U of scale C^-1 = U^T U, upper triangular. A doubt along one line alone may be rounded to below 0 across it.
+    over, side = np.sqrt(scale / d), np.sqrt(np.maximum(a * d - b * b, ROUNDED * a * d))
     roots = np.zeros((len(own), 2, 2))
     roots[:, 0, 0], roots[:, 0, 1], roots[:, 1, 1] = over * d / side, -over * b / side, over
     return roots

@@ -1,8 +1,8 @@
 """What a model's formulas are written with: they run on arrays as they stand, and compiled on scalars.
 
-`where`, `span_of`, `atan2` and `sine_cosine` are elementwise. The other functions are the hooks of a model: each calls
-the function of that name of the model that the parameters `m` belong to (`m.model`); `_kernels` resolves them at
-compile time.
+`where`, `span_of`, `atan2` and `sine_cosine` are elementwise, the last two compiled as in `_branchless`. The others are
+the hooks of a model: each calls the function of that name of the model that the parameters `m` belong to (`m.model`);
+`_kernels` resolves them at compile time.
 
 What is solved by iteration takes a few steps, and up to `effort` more. A result of inf says that they were not enough:
 the compiled loop runs all points with `ONCE` (no more steps, so that it vectorises), and the few that are left with
