@@ -1,5 +1,6 @@
 """What a command is given to look at: pictures, or corners that something else found."""
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,11 +77,14 @@ class Given:
         ValueError
             If a file of corners cannot be read, or the files leave something open.
         """
+        from omnisight.calibrate.prepare import prepare
         from omnisight.cli._board import search_boards
         from omnisight.corners import read_corners
         from omnisight.targets import parse_length
 
         if not self.corners:
+            # Boards, once found, are not to wait for code to be loaded or compiled.
+            threading.Thread(target=prepare).start()
             return search_boards(self.paths, self.board, self.square, report, apply_exif=apply_exif, cache=cache)
         side = None if self.square is None else parse_length(self.square)
         return read_corners(self.paths, board=self.board, square=side, size=self.size, which=self.which)
