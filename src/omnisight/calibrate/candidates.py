@@ -18,8 +18,8 @@ from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
-# Corners that are enough to compare cameras of few parameters by; pictures and corners where one has a hundred.
-ENOUGH, ENOUGH_PICTURES, ENOUGH_FOR_MANY = 1500, 60, 2000
+# Corners that are enough to compare cameras by; pictures, where one has a hundred parameters.
+ENOUGH, ENOUGH_PICTURES = 1500, 60
 FOLDS = 5
 # Share of the cost that steps must gain where a model is fitted to the end, where models are compared, and where boards
 # held out are posed.
@@ -124,7 +124,7 @@ class Candidate:
         """Give it with no more views and corners than are enough to compare it with a camera of many parameters."""
         some = np.unique(np.linspace(0, len(views) - 1, ENOUGH_PICTURES).round().astype(np.intp))
         part = views.subset(some)
-        kept = part.thinned_rows(ENOUGH_FOR_MANY)
+        kept = part.thinned_rows(ENOUGH)
         rows = views.rows(some)[kept]
         lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
         sketch = dataclasses.replace(self, state=self.state.part(some), held_out_lengths=lengths)
