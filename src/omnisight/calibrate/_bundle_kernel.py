@@ -42,24 +42,24 @@ def add(to, times, six):
 
 
 @outer
-def weighted(pixels, by_point, by_params, seen, roots, threshold, turned, bows, view, rotations):
-    """Give the weighted residuals (2 N,) and what they depend on, as far as boards do not share it.
+def weighted(residuals, by_point, by_params, roots, threshold, turned, bows, view, rotations):
+    """Give residuals (N, 2) weighted (2 N,) and what they depend on, as far as boards do not share it.
 
-    Beside the residuals: their Jacobian (2 N, P + 2) by the camera and the board's bend, and per view its product
-    (P + 2, 6) with the Jacobian by the pose, that Jacobian's square (6, 6) and its product with the residuals (6,).
+    Beside them: their Jacobian (2 N, P + 2) by the camera and the board's bend, and per view its product
+    (P + 2, 6) with the Jacobian by the pose, that Jacobian's square (6, 6) and its product with them (6,).
     `by_point` (3, 2, N) and `by_params` (P, 2, N) are the pixels' derivatives. A corner outside the model's domain
     counts nothing.
     """
-    count, shared, views = len(pixels), len(by_params) + 2, len(rotations)
-    residuals, jacobian = np.empty(2 * count), np.empty((2 * count, shared))
+    count, shared, views = len(residuals), len(by_params) + 2, len(rotations)
+    made, jacobian = np.empty(2 * count), np.empty((2 * count, shared))
     cross, local, gradient = np.zeros((views, shared, 6)), np.zeros((views, 6, 6)), np.zeros((views, 6))
     for n in range(count):
-        r0, r1 = pixels[n, 0] - seen[n, 0], pixels[n, 1] - seen[n, 1]
+        r0, r1 = residuals[n]
         total = r0 + r1
         for p in range(shared - 2):
             total += by_params[p, 0, n] + by_params[p, 1, n]
         if not np.isfinite(total):
-            residuals[2 * n : 2 * n + 2], jacobian[2 * n : 2 * n + 2] = 0.0, 0.0
+            made[2 * n : 2 * n + 2], jacobian[2 * n : 2 * n + 2] = 0.0, 0.0
             continue
         k = view[n]
         length = weighted_length(roots[n], r0, r1)
@@ -78,14 +78,14 @@ def weighted(pixels, by_point, by_params, seen, roots, threshold, turned, bows, 
             # x_c = exp(w) R x + t + v:  dx_c/dw = -[R x]_x, and a row vector times -[a]_x is a x row.
             d_pose = b * z - c * y, c * x - a * z, a * y - b * x, x, y, z
             r = w0 * r0 + w1 * r1
-            residuals[2 * n + i] = r
+            made[2 * n + i] = r
             add(gradient[k], r, d_pose)
             for q in range(6):
                 add(local[k, q], d_pose[q], d_pose)
             for p in range(shared):
                 if row[p] != 0.0:
                     add(cross[k, p], row[p], d_pose)
-    return residuals, jacobian, cross, local, gradient
+    return made, jacobian, cross, local, gradient
 
 
 @outer

@@ -12,7 +12,7 @@ from omnisight.calibrate.posing import posed
 from omnisight.calibrate.rays.drawing import placed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.spread import HUBER_SIGMAS, Spread
-from omnisight.calibrate.state import State
+from omnisight.calibrate.state import State, alike
 from omnisight.calibrate.trust.checks import FEWEST
 from omnisight.calibrate.views import BoardViews
 from omnisight.camera import Camera
@@ -176,7 +176,7 @@ def evaluate_camera(
         raise ValueError(f"threshold must be a positive length in px, got {threshold:g}")
     model = camera.model
     freedom = Freedom(np.zeros((len(model.param_names), 0)), warp=not flat and views.planar and len(views) >= FEWEST)
-    spread = Spread(np.tile(np.eye(2), (len(views.pixels), 1, 1)), 1.0, threshold)
+    spread = Spread(alike(len(views.pixels)), 1.0, threshold)
     start = placed(camera.model, views) if isinstance(camera, RayCamera) else posed(camera.model, views)
     state = refine(start, views, freedom=freedom, spread=spread, tolerance=TOLERANCE).state
     return Evaluation(camera, state, views, threshold)

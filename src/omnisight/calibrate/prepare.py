@@ -1,12 +1,11 @@
 """Having compiled code at hand before it is needed."""
 
-import numpy as np
-
 from omnisight.calibrate.posing import posed
 from omnisight.calibrate.refine import refine
 from omnisight.calibrate.views import BoardViews
 from omnisight.geometry import rotation as so3
 from omnisight.models.equidistant import Equidistant
+from omnisight.targets import Checkerboard
 
 
 def prepare() -> None:
@@ -15,7 +14,7 @@ def prepare() -> None:
     Takes seconds the first time, and tenths of one otherwise: for a thread of its own while pictures are looked at.
     """
     model = Equidistant.example()
-    board = np.stack([*np.meshgrid(np.arange(4.0), np.arange(3.0)), np.zeros((3, 4))], -1).reshape(-1, 3)
+    board = Checkerboard(4, 3).points
     poses = so3.exp([(0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.3, 0.0, 0.2)])
     views = BoardViews.of([(board, model.project_numpy(board @ pose.T + (-1.5, -1.0, 4.0))[0]) for pose in poses])
     refine(posed(model, views), views, iterations=1)

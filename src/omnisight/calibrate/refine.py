@@ -83,19 +83,17 @@ class Bundle:
         """Give the weighted residuals of the corners and what they depend on, as `_bundle_kernel.weighted` does."""
         points, turned = state.points(self.views)
         pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
-        lost = np.flatnonzero(~valid)
+        residuals, lost = pixels - self.views.pixels, np.flatnonzero(~valid)
         if len(lost):
-            pixels[lost] = held(state.model, points[lost])
+            residuals[lost] = held(state.model, points[lost]) - self.views.pixels[lost]
             # What is so far off costs the same wherever it is.
-            away = weighted_lengths(pixels[lost] - self.views.pixels[lost], self.spread.roots[lost], np.inf)
-            far = away > outside(self.views)
-            pixels[lost[far]] = np.nan
+            far = weighted_lengths(residuals[lost], self.spread.roots[lost], np.inf) > outside(self.views)
+            residuals[lost[far]] = np.nan
             near = lost[~far]
             d_point[near], d_params[near] = held_jacobians(state.model, points[near], d_params[valid])
-        seen, view, bows = self.views.pixels, self.views.view_of_row, self.views.bows
-        weights = self.spread.roots, self.spread.threshold
+        weights, view, bows = (self.spread.roots, self.spread.threshold), self.views.view_of_row, self.views.bows
         by_point, by_params = np.ascontiguousarray(d_point.T), np.ascontiguousarray(d_params.T)
-        return weighted(pixels, by_point, by_params, seen, *weights, turned, bows, view, state.rotations)
+        return weighted(residuals, by_point, by_params, *weights, turned, bows, view, state.rotations)
 
     def completed(self, corners: GroupedNormal, state: State) -> GroupedNormal:
         """Give the normal equations of what moves, what is known beforehand and walls among them."""

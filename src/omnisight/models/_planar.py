@@ -218,7 +218,7 @@ class RadialTangential(Radial):
     def radius_before_fold(self, radius: float) -> float:
         # The eigenvalues of the Jacobian, without decentring the radial part and its slope, are moved by at most
         # 6 |p| r (Weyl): mostly that alone tells that nothing folds.
-        least = min(least_value(1.0, i * self.k1, (2 * i - 1) * self.k2, radius**2) for i in (1, 3))
+        least = min(least_value(*terms, end=radius**2) for terms in ([1.0, self.k1, self.k2], self.growth()))
         if least > 6 * np.hypot(self.p1, self.p2) * radius:
             return radius
         return super().radius_before_fold(radius)
