@@ -1,4 +1,4 @@
-"""A camera: a model, the size of its pictures, and what is known of how it was calibrated."""
+"""A camera: a model, the size of its images, and what is known of how it was calibrated."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
-from omnisight.models._resized import resized
 
 Array = NDArray[np.float64]
 
 
-class Pictured:
-    """What has pictures of one size, in px: (width, height), (0, 0) where that is not known."""
+class HasImageSize:
+    """What has images of one size, in px: (width, height), (0, 0) where that is not known."""
 
     size: tuple[int, int]
 
@@ -37,22 +36,22 @@ class Pictured:
         return self.size[1]
 
     def in_image(self, pixels: ArrayLike) -> NDArray[np.bool_]:
-        """Say which pixels (..., 2) lie in the picture: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
+        """Say which pixels (..., 2) lie in the image: in [-0.5, width - 0.5) x [-0.5, height - 0.5)."""
         p = np.asarray(pixels, float)
         with np.errstate(invalid="ignore"):
             return np.all((p >= -0.5) & (p < np.array(self.size) - 0.5), axis=-1)
 
 
 @dataclass(frozen=True)
-class Camera(Pictured):
-    """A camera model with its picture.
+class Camera(HasImageSize):
+    """A camera model with its image.
 
     Attributes
     ----------
     model
         Bearings to pixels and back.
     size
-        (width, height) of the picture, px; (0, 0) where a file does not say.
+        (width, height) of the image, px; (0, 0) where a file does not say.
     theta_max
         The angle from the axis (radians) up to which corners were seen in calibration: past it the model extrapolates.
         None where it is not known.
@@ -79,7 +78,7 @@ class Camera(Pictured):
 
     @property
     def px_unit(self) -> float:
-        """What a px of a picture 1000 px wide is here, for limits: as much larger as the picture is, and no smaller."""
+        """What a px of an image 1000 px wide is here, for limits: as much larger as the image is, and no smaller."""
         return max(1.0, max(self.size) / 1000)
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
@@ -107,25 +106,25 @@ class Camera(Pictured):
         return angle_from_axis(bearings)
 
     def border(self, count: int = 64) -> Array:
-        """Give pixels (N, 2) around the picture's edge."""
+        """Give pixels (N, 2) around the image's edge."""
         t = np.linspace(0, 1, count, endpoint=False)
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) * (np.array(self.size) - 1.0)
         return np.concatenate([corners[i] + t[:, None] * (corners[i + 1] - corners[i]) for i in range(4)])
 
     def image_theta_max(self) -> float:
-        """Give the largest angle from the axis (radians) that the picture's edge shows."""
+        """Give the largest angle from the axis (radians) that the image's edge shows."""
         angles = angle_from_axis(self.model.unproject_numpy(self.border())[0])
         return float(np.nanmax(angles)) if np.isfinite(angles).any() else self.model.theta_max
 
     def scaled(self, factor: float) -> "Camera":
-        """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
+        """Give the camera of the image resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
         size = (round(self.width * factor), round(self.height * factor))
-        return dataclasses.replace(self, model=resized(self.model, factor), size=size, covariance=None)
+        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=None)
 
     def samples(self, theta_max: float | None = None, count: int = 41) -> tuple[Array, Array]:
-        """Give bearings (N, 3) and their pixels (N, 2) over the picture, up to an angle from the axis (radians).
+        """Give bearings (N, 3) and their pixels (N, 2) over the image, up to an angle from the axis (radians).
 
-        The angle is the calibrated cone unless told otherwise, or all of the picture where that is not known; what lies
+        The angle is the calibrated cone unless told otherwise, or all of the image where that is not known; what lies
         within `theta_min` is left out.
         """
         limit = theta_max or self.theta_max or self.model.theta_max

@@ -1,4 +1,4 @@
-"""A camera whose rays need not meet in a point: a model of rays, the size of its pictures, and what is known of it."""
+"""A camera whose rays need not meet in a point: a model of rays, the size of its images, and what is known of it."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,18 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.camera import Camera, Pictured
+from omnisight.camera import Camera, HasImageSize
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
-from omnisight.models._resized import resized
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.ray_model import RayModel
 from omnisight.optics.viewpoint import best_viewpoint
 
 Array = NDArray[np.float64]
 
-# Pixels along each side of the picture that a central camera is fitted to.
+# Pixels along each side of the image that a central camera is fitted to.
 SAMPLES = 33
 # And how many of them at least must see something.
 FEWEST = 16
@@ -29,8 +28,8 @@ UNITS = ("m", "squares")
 
 
 @dataclass(frozen=True)
-class RayCamera(Pictured):
-    """A non-central camera with its picture: what `Camera` is to a central one.
+class RayCamera(HasImageSize):
+    """A non-central camera with its image: what `Camera` is to a central one.
 
     Every pixel has a ray of its own, a place and a bearing, so that the distance of what is seen matters. There is no
     `unproject`: a bearing alone does not say what a pixel sees.
@@ -40,7 +39,7 @@ class RayCamera(Pictured):
     model
         Pixels to rays, and points to pixels.
     size
-        (width, height) of the picture, px; (0, 0) where it is not known.
+        (width, height) of the image, px; (0, 0) where it is not known.
     unit
         Of the model's lengths and of points: "m", or "squares" of a board whose size was not given.
     theta_max, theta_min
@@ -81,9 +80,9 @@ class RayCamera(Pictured):
         return self.model.project(points)
 
     def scaled(self, factor: float) -> "RayCamera":
-        """Give the camera of the picture resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
+        """Give the camera of the image resized by a factor; a pixel centre c goes to (c + 1/2) factor - 1/2."""
         size = (round(self.width * factor), round(self.height * factor))
-        return dataclasses.replace(self, model=resized(self.model, factor), size=size, covariance=None)
+        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=None)
 
     def points_at(self, pixels: ArrayLike, distance: float) -> tuple[Array, NDArray[np.bool_]]:
         """Give what pixels (..., 2) see at a distance from the frame's origin: points (..., 3), and which see any.
@@ -104,7 +103,7 @@ class RayCamera(Pictured):
 
         Its frame is this one's. That of a lens which looks into mirrors is not: it stands in the point nearest to all
         rays, from which the distance counts, and behind an odd number of mirrors its z is turned round, away from
-        where the lens looks. So a model of a lens fits it; but as the picture, it then has the world's left and right
+        where the lens looks. So a model of a lens fits it; but as the image, it then has the world's left and right
         exchanged, as every central camera calibrated through a mirror has.
 
         Parameters
@@ -117,7 +116,7 @@ class RayCamera(Pictured):
         Returns
         -------
         camera
-            Central, with the same pictures.
+            Central, with the same images.
         error
             By how much, px, the two differ at that distance at most.
 
@@ -130,7 +129,7 @@ class RayCamera(Pictured):
             raise ValueError(f"distance must be positive, got {distance!r}")
         if not all(self.size):
             raise ValueError(
-                "the size of the picture is not known: give the camera one, dataclasses.replace(camera, size=...)"
+                "the size of the image is not known: give the camera one, dataclasses.replace(camera, size=...)"
             )
         u, v = (np.linspace(0, side - 1, SAMPLES) for side in self.size)
         pixels = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
@@ -144,7 +143,7 @@ class RayCamera(Pictured):
         seen, valid = _met(rays, distance) if distance < np.inf else (rays.bearings, rays.valid)
         use &= valid
         if use.sum() < FEWEST:
-            raise ValueError(f"{use.sum()} of {use.size} pixels, all over the picture, see anything {distance:g} away")
+            raise ValueError(f"{use.sum()} of {use.size} pixels, all over the image, see anything {distance:g} away")
         cone = self.theta_min, self.theta_max
         if mirrored := len(mirrors) % 2 == 1:
             seen = seen * (1.0, 1.0, -1.0)

@@ -5,9 +5,10 @@ A model is found by its file. Adding a file adds it to the tests, the command li
 
 from omnisight.extensions import class_in, names_in
 from omnisight.models._parameter import Parameter, parameter
+from omnisight.models._projector import Projector
 from omnisight.models._protocol import CameraModel
 
-__all__ = ["CameraModel", "Parameter", "model_class", "model_names", "parameter"]
+__all__ = ["CameraModel", "Parameter", "Projector", "model_class", "model_names", "parameter"]
 
 
 def model_names() -> tuple[str, ...]:

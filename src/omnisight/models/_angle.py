@@ -8,7 +8,7 @@ import numpy as np
 from omnisight.models._central import Central, along_the_sphere, per_sine
 from omnisight.models._elementwise import angle_step, atan2, settled, sine_cosine, where
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 START_TERMS = 7
 COEFFICIENTS = "k1", "k2", "k3", "k4", "k5", "k6"

@@ -12,7 +12,7 @@ import numpy as np
 
 from omnisight.models._elementwise import inverse_step, span_of
 from omnisight.models._planar import Distorted
-from omnisight.models._protocol import Array, Partial
+from omnisight.models._projector import Array, Partial
 
 # Coefficients of f^0 ... f^3 on a span, from its four control values.
 TO_POWERS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6

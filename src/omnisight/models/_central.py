@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from omnisight.models._elementwise import FULL, distort, gain, undistort, ungain, where
 from omnisight.models._planar import Undistorted, first_positive_root, positive_roots
-from omnisight.models._protocol import FLAT, Array, CameraModel, Dip, Partial
+from omnisight.models._projector import Array, NearFold, Partial
+from omnisight.models._protocol import MIN_RELATIVE_GROWTH, CameraModel
 
 
 class Central(Undistorted, CameraModel):
@@ -66,19 +67,19 @@ class Central(Undistorted, CameraModel):
         return float(np.arctan2(h * r, c))
 
     @cached_property
-    def dips(self) -> list[Dip]:
+    def near_folds(self) -> list[NearFold]:
         terms = self.growth()
         slope = [i * term for i, term in enumerate(terms)][1:]
-        found: list[Dip] = []
+        found: list[NearFold] = []
         if all(term >= 0 for term in slope):
             return found
         for x in positive_roots(slope):
             growth = float(polyval(x, terms)) / terms[0]
-            if 0 < growth < FLAT and polyval(x, polyder(slope)) > 0 and x < first_positive_root(terms):
+            if 0 < growth < MIN_RELATIVE_GROWTH and polyval(x, polyder(slope)) > 0 and x < first_positive_root(terms):
                 moved = [self.with_params(self.params + one).growth() for one in np.eye(self.params.size)]
                 by_params = np.array(moved) - terms
                 by_params = (polyval(x, by_params.T) - growth * by_params[:, 0]) / terms[0]
-                found.append(Dip(self.growth_angle(x), growth, by_params))
+                found.append(NearFold(self.growth_angle(x), growth, by_params))
         return found
 
     # -- the protocol -----------------------------------------------------------------------------------------

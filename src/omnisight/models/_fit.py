@@ -38,9 +38,9 @@ def refine(
 ) -> tuple[Model, float]:
     """Refine a camera on bearings and pixels; give it and half its sum of squares (px^2).
 
-    A parameter of which something is known beforehand (`Parameter.spread`) is drawn to 0, by next to nothing.
+    A parameter of which something is known beforehand (`Parameter.prior_sigma`) is drawn to 0, by next to nothing.
     """
-    # What falls out of the domain costs as much as the whole picture, so that no step gains by losing points.
+    # What falls out of the domain costs as much as the whole image, so that no step gains by losing points.
     lost = float(np.ptp(pixels, axis=0).max()) + 1.0
 
     def difference(seen: Array) -> Array:
@@ -50,7 +50,7 @@ def refine(
         return np.where(np.isfinite(d), d, lost)
 
     # What is known of a parameter beforehand decides only what the pairs leave open.
-    prior = WEAK / start.spreads
+    prior = WEAK / start.prior_sigmas
     known = prior > 0
     by_prior = np.diag(prior)[known]
 

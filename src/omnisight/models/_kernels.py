@@ -82,7 +82,7 @@ FOLDER = cache_folder() / f"compiled-{sources(Path(__file__).parent, '*.py')}"
 
 @numba.njit(**OPTIONS)
 def _any_left(values: Any) -> Any:
-    # Asked first: the loop over what is left vectorises too, and would do all the work again under a mask.
+    # NonCentralityTest first: the loop over what is left vectorises too, and would do all the work again under a mask.
     left = 0
     for value in values:
         left += np.abs(value) == np.inf

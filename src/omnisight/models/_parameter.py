@@ -23,8 +23,8 @@ class Parameter:
         Bounds that every valid camera keeps.
     free
         Whether a calibration estimates it unless told otherwise.
-    spread
-        How far from 0 it is expected to be (a standard deviation), known before any picture; inf where nothing is.
+    prior_sigma
+        How far from 0 it is expected to be (a standard deviation), known before any image; inf where nothing is.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Parameter:
     low: float = -np.inf
     high: float = np.inf
     free: bool = True
-    spread: float = np.inf
+    prior_sigma: float = np.inf
 
 
 def parameter(
@@ -44,10 +44,10 @@ def parameter(
     high: float = np.inf,
     default: Any = dataclasses.MISSING,
     free: bool = True,
-    spread: float = np.inf,
+    prior_sigma: float = np.inf,
 ) -> Any:
     """Declare a parameter of a camera model (a dataclass field): its meaning, unit and bounds."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "free": free, "spread": spread}
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "free": free, "prior_sigma": prior_sigma}
     return dataclasses.field(default=default, metadata=metadata)
 
 

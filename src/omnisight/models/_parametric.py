@@ -59,9 +59,9 @@ class Parametric:
         return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
 
     @cached_property
-    def spreads(self) -> Array:
-        """How far from 0 each parameter (P,) is expected to be: `Parameter.spread`."""
-        return np.array([p.spread for p in self.parameters])
+    def prior_sigmas(self) -> Array:
+        """How far from 0 each parameter (P,) is expected to be: `Parameter.prior_sigma`."""
+        return np.array([p.prior_sigma for p in self.parameters])
 
     @cached_property
     def params(self) -> Array:
@@ -83,7 +83,9 @@ class Parametric:
             start = stop
         made = dataclasses.replace(self, **values)  # pyright: ignore[reportArgumentType]
         # What is known of the parameters stays the same: solvers ask at every step.
-        made.__dict__.update({name: getattr(self, name) for name in ("parameters", "param_names", "bounds", "spreads")})
+        made.__dict__.update(
+            {name: getattr(self, name) for name in ("parameters", "param_names", "bounds", "prior_sigmas")}
+        )
         return made
 
     def with_values(self, values: Mapping[str, float]) -> Self:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.models._elementwise import distort, distort_jacobian, first_steps, inverse_step, settled, where
-from omnisight.models._protocol import Array, Partial
+from omnisight.models._projector import Array, Partial
 
 # The inverse is singular where the plane folds over: the valid disc ends this share before it.
 FOLD_MARGIN = 1e-6

@@ -10,12 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.models._elementwise import FULL
-from omnisight.models._parametric import Parametric
+from omnisight.models._projector import Array, Projector
 from omnisight.models._threads import run
-
-Array = NDArray[np.float64]
-# A derivative at each of N points, (N,) or (K, N) of a tuple of K; or the same at all.
-Partial = Array | float
 
 
 class _KernelType:
@@ -37,29 +33,11 @@ class _KernelType:
         return self.made[cls]
 
 
-# An image nearly stops growing where it grows less than this share of what it does on the axis.
-FLAT = 0.05
+# The radius nearly stops increasing where its slope is below this share of the slope on the axis.
+MIN_RELATIVE_GROWTH = 0.05
 
 
-class Dip(NamedTuple):
-    """Where an image nearly stops growing, before it grows on.
-
-    Attributes
-    ----------
-    angle
-        From the axis, radians.
-    growth
-        By how much it still grows there, in parts of what it does on the axis.
-    by_params
-        (P,) the derivative of that.
-    """
-
-    angle: float
-    growth: float
-    by_params: Array
-
-
-class CameraModel(Parametric):
+class CameraModel(Projector):
     """A central camera: bearings to pixels and back.
 
     A subclass is a frozen dataclass whose fields, in order, are its parameters. It writes two elementwise functions,
@@ -94,34 +72,9 @@ class CameraModel(Parametric):
         return {}
 
     @property
-    def theta_max(self) -> float:
-        """The angle from the axis (radians) that bounds the valid cone."""
-        return np.pi
-
-    @property
-    def fold_angle(self) -> float:
-        """The angle from the axis (radians) at which the image folds over: `theta_max`, unless that ends it earlier."""
-        return self.theta_max
-
-    @property
     def rim(self) -> float:
         """The angle from the axis (radians) at which the domain ends: `theta_max`, or where the plane folds before."""
         return self.theta_max
-
-    @cached_property
-    def dips(self) -> list[Dip]:
-        """Where the image nearly stops growing, and then grows on: if it did stop, its domain would end there."""
-        return []
-
-    @property
-    def period(self) -> float | None:
-        """The width in px after which the picture repeats (360 degrees), if it does."""
-        return None
-
-    @classmethod
-    def example(cls) -> Self:
-        """Give a typical camera of this model, for tests and docs."""
-        raise NotImplementedError
 
     @classmethod
     def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from omnisight.models._elementwise import atan2, height, sine_cosine, unheight, where
 from omnisight.models._parameter import parameter
-from omnisight.models._protocol import Array, CameraModel
+from omnisight.models._projector import Array
+from omnisight.models._protocol import CameraModel
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 from omnisight.models._unrolled import Unrolled
 
 
 @dataclass(frozen=True)
 class Cylindrical(Unrolled):
-    """The picture on a cylinder around the y axis: u = fx atan2(x, z) + cx, v = fy y/hypot(x, z) + cy.
+    """The image on a cylinder around the y axis: u = fx atan2(x, z) + cx, v = fy y/hypot(x, z) + cy.
 
     Upright lines stay straight. Valid everywhere but straight up and down.
     """

@@ -6,7 +6,7 @@ from typing import Any, Self
 from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, sine_cosine, where
 from omnisight.models._parameter import parameter
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 
 class EquidistantProfile(Central):

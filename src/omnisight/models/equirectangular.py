@@ -1,4 +1,4 @@
-"""The equirectangular 360 picture."""
+"""The equirectangular 360 image."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.models._elementwise import atan2, sine_cosine, where
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 from omnisight.models._unrolled import Unrolled
 
 
@@ -14,7 +14,7 @@ from omnisight.models._unrolled import Unrolled
 class Equirectangular(Unrolled):
     """Longitude and latitude as they are: u = fx atan2(x, z) + cx, v = fy atan(y/hypot(x, z)) + cy.
 
-    Forward (z) is in the middle, right is to the right, down is below. A picture W x H of the whole sphere has
+    Forward (z) is in the middle, right is to the right, down is below. An image W x H of the whole sphere has
     fx = W/(2 pi), fy = H/pi, cx = (W - 1)/2, cy = (H - 1)/2: column W would be column 0. Valid everywhere.
     """
 

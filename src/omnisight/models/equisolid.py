@@ -9,14 +9,14 @@ from omnisight.models._central import Central
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
 class Equisolid(Central):
     """Equisolid-angle fisheye: r = 2 sin(theta/2). Valid for theta < 180 degrees.
 
-    Equal solid angles have equal areas in the picture: the projection of sky cameras.
+    Equal solid angles have equal areas in the image: the projection of sky cameras.
     """
 
     fx: float = parameter("focal length along x", unit="px")

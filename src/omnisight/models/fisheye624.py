@@ -6,7 +6,7 @@ from typing import Any, Self
 from omnisight.models._angle import AnglePolynomial
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Distorted, decentring_partials
-from omnisight.models._protocol import Array, Partial
+from omnisight.models._projector import Array, Partial
 
 
 class ThinPrism(Distorted):
@@ -66,18 +66,18 @@ class Fisheye624(ThinPrism, AnglePolynomial):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("coefficient of theta^3", spread=2.0)
-    k2: float = parameter("coefficient of theta^5", spread=2.0)
-    k3: float = parameter("coefficient of theta^7", spread=2.0)
-    k4: float = parameter("coefficient of theta^9", spread=2.0)
-    k5: float = parameter("coefficient of theta^11", spread=2.0)
-    k6: float = parameter("coefficient of theta^13", spread=2.0)
-    p1: float = parameter("tangential distortion", spread=0.02)
-    p2: float = parameter("tangential distortion", spread=0.02)
-    s1: float = parameter("thin-prism distortion in x", spread=0.02)
-    s2: float = parameter("thin-prism distortion in x", spread=0.02)
-    s3: float = parameter("thin-prism distortion in y", spread=0.02)
-    s4: float = parameter("thin-prism distortion in y", spread=0.02)
+    k1: float = parameter("coefficient of theta^3", prior_sigma=2.0)
+    k2: float = parameter("coefficient of theta^5", prior_sigma=2.0)
+    k3: float = parameter("coefficient of theta^7", prior_sigma=2.0)
+    k4: float = parameter("coefficient of theta^9", prior_sigma=2.0)
+    k5: float = parameter("coefficient of theta^11", prior_sigma=2.0)
+    k6: float = parameter("coefficient of theta^13", prior_sigma=2.0)
+    p1: float = parameter("tangential distortion", prior_sigma=0.02)
+    p2: float = parameter("tangential distortion", prior_sigma=0.02)
+    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02)
+    s2: float = parameter("thin-prism distortion in x", prior_sigma=0.02)
+    s3: float = parameter("thin-prism distortion in y", prior_sigma=0.02)
+    s4: float = parameter("thin-prism distortion in y", prior_sigma=0.02)
 
     @classmethod
     def example(cls) -> Self:

@@ -8,7 +8,7 @@ import numpy as np
 from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, sine_cosine, where
 from omnisight.models._parameter import parameter
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 from omnisight.models._unrolled import Unrolled
 
 

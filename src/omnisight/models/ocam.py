@@ -11,7 +11,7 @@ from omnisight.models._central import Central
 from omnisight.models._elementwise import radius_step, settled, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array, Partial
+from omnisight.models._projector import Array, Partial
 
 START_TERMS = 12
 # A polynomial that never folds would be followed to this many focal lengths from the centre.
@@ -51,7 +51,7 @@ class Ocam(Central):
 
     @cached_property
     def fold(self) -> float:
-        """The radius (px) where theta(r) stops growing and the picture folds over; inf if it never does."""
+        """The radius (px) where theta(r) stops growing and the image folds over; inf if it never does."""
         return first_positive_root(self.growth())
 
     def growth(self) -> list[float]:

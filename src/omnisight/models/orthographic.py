@@ -9,12 +9,12 @@ from omnisight.models._central import Central
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
 class Orthographic(Central):
-    """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, where the picture folds over."""
+    """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, where the image folds over."""
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
-from omnisight.models._protocol import Array, CameraModel
+from omnisight.models._projector import Array
+from omnisight.models._protocol import CameraModel
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Panini(CameraModel):
     With lon = atan2(x, z), t = y/hypot(x, z) and S = (d + 1)/(d + cos(lon)):
     u = fx S sin(lon) + cx,  v = fy S t + cy
 
-    Upright lines stay straight, and so do lines that run into the picture's middle. d = 0 is a perspective, d = 1 the
+    Upright lines stay straight, and so do lines that run into the image's middle. d = 0 is a perspective, d = 1 the
     classic Panini. Valid where cos(lon) > -d, and for d > 1 where cos(lon) > -1/d. Sharpless, Postle and German,
     Pannini: a new projection for rendering wide angle perspective images, CAe 2010.
     """
@@ -31,7 +32,7 @@ class Panini(CameraModel):
     d: float = parameter("distance of the eye behind the axis, in radii", low=0.0, default=1.0)
 
     def derived(self) -> dict[str, Any]:
-        # Just inside: at the limit itself the picture is infinitely wide, or folds over.
+        # Just inside: at the limit itself the image is infinitely wide, or folds over.
         limit = -self.d if self.d <= 1 else -1 / self.d
         return {"cos_min": limit + 1e-6, "cos_back": limit}
 

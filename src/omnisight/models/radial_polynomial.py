@@ -10,7 +10,7 @@ from omnisight.models._central import Central, per_sine
 from omnisight.models._elementwise import angle_step, atan2, settled, sine_cosine, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 # What magnifies so much more off the axis than on it is no lens: f would run to 0 and the others after it.
 STEEPEST = 4.0

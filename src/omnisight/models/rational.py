@@ -8,7 +8,7 @@ import numpy as np
 
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Rational, first_positive_root
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 from omnisight.models.pinhole import PinholeProfile
 
 # Times as fast as in the middle: what grows faster runs away.
@@ -33,14 +33,14 @@ class RationalPinhole(Rational, PinholeProfile):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("radial distortion, numerator", spread=1.0)
-    k2: float = parameter("radial distortion, numerator", spread=1.0)
-    p1: float = parameter("tangential distortion", spread=0.02)
-    p2: float = parameter("tangential distortion", spread=0.02)
-    k3: float = parameter("radial distortion, numerator", spread=1.0)
-    k4: float = parameter("radial distortion, denominator", spread=1.0)
-    k5: float = parameter("radial distortion, denominator", spread=1.0)
-    k6: float = parameter("radial distortion, denominator", spread=1.0)
+    k1: float = parameter("radial distortion, numerator", prior_sigma=1.0)
+    k2: float = parameter("radial distortion, numerator", prior_sigma=1.0)
+    p1: float = parameter("tangential distortion", prior_sigma=0.02)
+    p2: float = parameter("tangential distortion", prior_sigma=0.02)
+    k3: float = parameter("radial distortion, numerator", prior_sigma=1.0)
+    k4: float = parameter("radial distortion, denominator", prior_sigma=1.0)
+    k5: float = parameter("radial distortion, denominator", prior_sigma=1.0)
+    k6: float = parameter("radial distortion, denominator", prior_sigma=1.0)
 
     def radial_fold(self) -> float:
         # The denominator's own root lies beyond.

@@ -1,4 +1,4 @@
-"""The generic camera: splines along the radius and over the picture."""
+"""The generic camera: splines along the radius and over the image."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, bracketed_angle, settled, sine_cosine, span_of, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN, first_positive_root
-from omnisight.models._protocol import Array, Partial
+from omnisight.models._projector import Array, Partial
 
 # What a camera has unless told otherwise: spans of the radius, cells of the square along each side.
 SPANS, CELLS = 16, 5
@@ -154,7 +154,7 @@ class SplineProfile(Central):
 
 @dataclass(frozen=True)
 class Spline(BentPlane, SplineProfile):
-    """Generic camera of splines: any smooth profile, and any small smooth correction of the picture.
+    """Generic camera of splines: any smooth profile, and any small smooth correction of the image.
 
     r = theta S(theta) with S an even cubic B-spline of evenly spaced knots from 0 to reach, in px: there are as many
     spans as values in r, less two. Then on the plane (x, y) = r (cos phi, sin phi)
@@ -174,8 +174,8 @@ class Spline(BentPlane, SplineProfile):
     reach: float = parameter("angle of the last knot of S, radians", low=1e-3, high=np.pi, free=False)
     extent: float = parameter("half side of the square of the correction", unit="px", low=1e-3, free=False)
     r: tuple[float, ...] = parameter("control value of S, px per radian", unit="px", low=1e-3)
-    du: tuple[float, ...] = parameter("control value of the correction of u", unit="px", spread=1.0)
-    dv: tuple[float, ...] = parameter("control value of the correction of v", unit="px", spread=1.0)
+    du: tuple[float, ...] = parameter("control value of the correction of u", unit="px", prior_sigma=1.0)
+    dv: tuple[float, ...] = parameter("control value of the correction of v", unit="px", prior_sigma=1.0)
 
     def __post_init__(self) -> None:
         """Refuse what makes no spline."""

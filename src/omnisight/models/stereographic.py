@@ -6,7 +6,7 @@ from typing import Any, Self
 from omnisight.models._central import Central
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)

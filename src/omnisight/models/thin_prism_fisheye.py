@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Radial, decentring_partials
-from omnisight.models._protocol import Array, Partial
+from omnisight.models._projector import Array, Partial
 from omnisight.models.equidistant import EquidistantProfile
 
 
@@ -60,14 +60,14 @@ class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("coefficient of theta^3", spread=2.0)
-    k2: float = parameter("coefficient of theta^5", spread=2.0)
-    p1: float = parameter("tangential distortion", spread=0.02)
-    p2: float = parameter("tangential distortion", spread=0.02)
-    k3: float = parameter("coefficient of theta^7", spread=2.0)
-    k4: float = parameter("coefficient of theta^9", spread=2.0)
-    s1: float = parameter("thin-prism distortion in x", spread=0.02)
-    s2: float = parameter("thin-prism distortion in y", spread=0.02)
+    k1: float = parameter("coefficient of theta^3", prior_sigma=2.0)
+    k2: float = parameter("coefficient of theta^5", prior_sigma=2.0)
+    p1: float = parameter("tangential distortion", prior_sigma=0.02)
+    p2: float = parameter("tangential distortion", prior_sigma=0.02)
+    k3: float = parameter("coefficient of theta^7", prior_sigma=2.0)
+    k4: float = parameter("coefficient of theta^9", prior_sigma=2.0)
+    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02)
+    s2: float = parameter("thin-prism distortion in y", prior_sigma=0.02)
 
     @classmethod
     def example(cls) -> Self:

@@ -8,7 +8,7 @@ import numpy as np
 from omnisight.models._central import Central
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import FOLD_MARGIN
-from omnisight.models._protocol import Array
+from omnisight.models._projector import Array
 
 
 class UnifiedProfile(Central):
@@ -108,7 +108,7 @@ class Unified(UnifiedProfile):
     def from_ellipse(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
         """Make the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a.
 
-        A concave mirror also turns its picture by 180 degrees about the axis: negate fx and fy to have it so.
+        A concave mirror also turns its image by 180 degrees about the axis: negate fx and fy to have it so.
         """
         positive(a=a, c=c, focal=focal)
         if c >= a:
