@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from omnisight.cli._progress import Report
-from omnisight.targets import Board, BoardSearch, Checkerboard, parse_length
+from omnisight.targets import Board, Checkerboard, Detections, parse_length
 from omnisight.targets.target_file import load_board
 
 
@@ -29,31 +29,31 @@ def asked_board(pattern: str | None, square: str | None, target: Path | None) ->
 
 def search_boards(
     paths: Sequence[Path], board: Board | None, square: str | None, report: Report, *, apply_exif: bool, cache: bool
-) -> BoardSearch:
-    """Find a board in pictures and in the frames of clips that say most, with progress.
+) -> Detections:
+    """Find a board in images and in the frames of clips that say most, with progress.
 
-    `square` is that of a board yet unknown. A clip that gives no frames stays as a picture that cannot be read.
+    `square` is that of a board yet unknown. A clip that gives no frames stays as an image that cannot be read.
     """
-    from omnisight.calibrate.clip import choose_frames
-    from omnisight.images import CLIPS, UnreadableImage
-    from omnisight.targets import PictureDetection, find_boards
+    from omnisight.calibration.frame_selection import choose_frames
+    from omnisight.images import VIDEO_EXTENSIONS, UnreadableImage
+    from omnisight.targets import ImageDetection, detect_boards
 
     shots: list[Path] = []
     remarks: dict[Path, str] = {}
-    lost: list[PictureDetection] = []
+    lost: list[ImageDetection] = []
     for path in paths:
-        if path.suffix.lower() not in CLIPS:
+        if path.suffix.lower() not in VIDEO_EXTENSIONS:
             shots.append(path)
             continue
         looking = partial(report, f"look through {path.name}")
         try:
             chosen = choose_frames(path, board, apply_exif=apply_exif, cache=cache, progress=looking)
         except UnreadableImage as error:
-            lost.append(PictureDetection(path, note=str(error)))
+            lost.append(ImageDetection(path, note=str(error)))
         else:
             shots += chosen.paths
             remarks[chosen.paths[0]] = chosen.note
-    search = find_boards(
+    search = detect_boards(
         shots,
         board,
         square=None if square is None else parse_length(square),
@@ -61,5 +61,5 @@ def search_boards(
         cache=cache,
         progress=lambda done, all_: report("find boards", done, all_),
     )
-    pictures = [p.with_remark(remarks[p.path]) if p.path in remarks else p for p in search.pictures]
-    return replace(search, pictures=pictures + lost)
+    pictures = [p.with_remark(remarks[p.path]) if p.path in remarks else p for p in search.images]
+    return replace(search, images=pictures + lost)

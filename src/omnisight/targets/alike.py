@@ -1,4 +1,4 @@
-"""Pictures that show what another one showed: a copy, or the next frame of a film."""
+"""Images that show what another one showed: a copy, or the next frame of a film."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from .detection import Detection
 
 SAME_PX = 0.5
-"""Boards that moved by less are the same picture, saved again."""
+"""Boards that moved by less are the same image, saved again."""
 
 NEAR = 0.005
-"""Boards none of whose points moved by more, over the picture's diagonal, say hardly anything new."""
+"""Boards none of whose points moved by more, over the image's diagonal, say hardly anything new."""
 
 _COMMON = 0.8
 """Share of the points of either board that both must show."""
 
 
 def repetitions(pictures: Sequence[Sequence[Detection]], size: tuple[int, int]) -> dict[int, tuple[int, float]]:
-    """Give the pictures that repeat an earlier one.
+    """Give the images that repeat an earlier one.
 
     Parameters
     ----------
-    pictures : sequence of sequence of Detection
+    images : sequence of sequence of Detection
         The boards seen in each.
     size : (int, int)
         Width and height of all, px.
@@ -31,7 +31,7 @@ def repetitions(pictures: Sequence[Sequence[Detection]], size: tuple[int, int]) 
     Returns
     -------
     dict
-        For a picture that repeats: which earlier one, that itself repeats none, and the farthest (px) that a point
+        For an image that repeats: which earlier one, that itself repeats none, and the farthest (px) that a point
         moved between them.
     """
     limit = max(NEAR * float(np.hypot(*size)), SAME_PX)
@@ -45,16 +45,16 @@ def repetitions(pictures: Sequence[Sequence[Detection]], size: tuple[int, int]) 
 
 
 def repetition_note(other: str, moved: float) -> str:
-    """Say that a picture repeats another one."""
+    """Say that an image repeats another one."""
     return f"the same as {other}" if moved < SAME_PX else f"hardly differs from {other} (by {moved:.1f} px)"
 
 
 def repetitions_note(count: int, all_: int, farthest: float) -> str:
-    """Say how many pictures repeat another one, and what to do."""
+    """Say how many images repeat another one, and what to do."""
     return (
-        f"{count} of {all_} pictures with a board repeat another one (no corner moved by more than {farthest:.1f} px):"
+        f"{count} of {all_} images with a board repeat another one (no corner moved by more than {farthest:.1f} px):"
         " they add next to nothing, and make the camera look surer than it is; move and tilt the board between"
-        " pictures, or give the film itself, of which the frames that say most are taken"
+        " images, or give the film itself, of which the frames that say most are taken"
     )
 
 

@@ -1,4 +1,4 @@
-"""Dark spots in a picture that may be discs, whatever ellipse a lens makes of them."""
+"""Dark spots in an image that may be discs, whatever ellipse a lens makes of them."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scipy.spatial import KDTree
 Array = NDArray[np.float64]
 
 _LARGEST = 2.0
-"""Megapixels that a larger picture is reduced to: discs that then are too small are too small to measure well."""
+"""Megapixels that a larger image is reduced to: discs that then are too small are too small to measure well."""
 
 _WINDOWS = (1 / 30, 1 / 10, 1 / 3)
-"""Sides of the windows whose mean brightness is the threshold, over the picture's shorter side."""
+"""Sides of the windows whose mean brightness is the threshold, over the image's shorter side."""
 
 _DARKER = 6.0
 """Gray levels that a spot must be darker than the mean around it."""
@@ -28,7 +28,7 @@ _CONVEX = 0.85
 """Least area of an outline over that of its hull; pixels make a small disc's a little jagged."""
 
 _MOST = 4000
-"""How many outlines are looked at, the longest first: a noisy picture has a hundred thousand."""
+"""How many outlines are looked at, the longest first: a noisy image has a hundred thousand."""
 
 _UNEVEN = (0.05, 0.25)
 """How far an outline may be off the ellipse of its moments: standard deviation over the radius, plus px."""
@@ -53,7 +53,7 @@ class Blobs(NamedTuple):
 
 
 def find_blobs(gray: NDArray[np.uint8]) -> Blobs:
-    """Find dark ellipses of any size in a gray picture (H, W)."""
+    """Find dark ellipses of any size in a gray image (H, W)."""
     import cv2
 
     scale = min(1.0, (_LARGEST * 1e6 / max(gray.size, 1)) ** 0.5)

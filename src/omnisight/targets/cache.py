@@ -1,6 +1,6 @@
-"""Remembers detections between runs, by the content of the picture file.
+"""Remembers detections between runs, by the content of the image file.
 
-One small JSON file per picture in the user's cache folder. The key covers the file's bytes, the board and the
+One small JSON file per image in the user's cache folder. The key covers the file's bytes, the board and the
 detector's version, so no entry ever goes stale; one that cannot be read is as good as none.
 """
 

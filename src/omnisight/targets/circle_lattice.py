@@ -2,7 +2,7 @@
 
 The disc nearest to another is a diagonal step away, and so are three more, each a quarter turn on: the grid is a square
 lattice that stands on its corner. A disc's ellipse says what the lens makes of a circle there, so quarter turns and
-equal distances can be told in every picture, however flat the ellipse.
+equal distances can be told in every image, however flat the ellipse.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def places(cells: Cells, empty: Cells, columns: int, rows: int, *, mirrored: boo
     """Give the likeliest places of a lattice on an asymmetric grid.
 
     With x and y in spacings, the discs are where x + y is even in the rectangle of 2 columns by rows. Turned by half,
-    that is itself if the rows are even in number; mirrored top to bottom, if they are odd. So a picture of the latter
+    that is itself if the rows are even in number; mirrored top to bottom, if they are odd. So an image of the latter
     does not tell whether it is a mirror image, and is taken as none.
 
     Parameters
@@ -153,7 +153,7 @@ def places(cells: Cells, empty: Cells, columns: int, rows: int, *, mirrored: boo
         Where paper is seen, but no disc.
     columns, rows : int
     mirrored : bool
-        Whether the picture is taken as a mirror image.
+        Whether the image is taken as a mirror image.
 
     Returns
     -------

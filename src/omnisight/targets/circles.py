@@ -24,7 +24,7 @@ _AGAINST = 0.04
 """Part of the board's discs that may speak against its place, such as one that a hand covers; or one disc."""
 
 _EXPLAINED = 0.8
-"""Share of the picture's variation around a disc that a blurred ellipse must explain."""
+"""Share of the image's variation around a disc that a blurred ellipse must explain."""
 
 _FAINTEST = 0.25
 """Least contrast of a disc, over the median."""
@@ -36,18 +36,18 @@ _OUTLINE = 64
 """Corners of the polygon that stands for a circle."""
 
 _MARGIN = 2.0
-"""Distance in px from a disc to the picture's edge, at least: one that is cut has its middle elsewhere."""
+"""Distance in px from a disc to the image's edge, at least: one that is cut has its middle elsewhere."""
 
 
 def detect_circles(gray: NDArray[np.uint8], board: CircleGrid) -> list[Detection]:
     """Find an asymmetric grid of circles, dark on bright or bright on dark.
 
-    Found is the middle of the ellipse that a disc makes, not the picture of the disc's middle: `circle_shift` gives
+    Found is the middle of the ellipse that a disc makes, not the image of the disc's middle: `circle_shift` gives
     the difference, once the camera is known. Part of a board is enough where what is around it tells which part.
 
     With an odd number of rows, a grid and its mirror image are the same but for a turn: the step to the next row is
     taken to be clockwise of the step to the next column. With an even number a mirror image is told, and ids are
-    right in it; but the board looks the same upside-down, and the turn that begins nearer the top left of the picture
+    right in it; but the board looks the same upside-down, and the turn that begins nearer the top left of the image
     is taken.
 
     Parameters
@@ -72,9 +72,9 @@ def detect_circles(gray: NDArray[np.uint8], board: CircleGrid) -> list[Detection
 
 
 def circle_shift(project: Callable[[Array], Array], points: Array, radius: float) -> Array:
-    """Give how far the middle of a disc's picture is from the picture of the disc's middle.
+    """Give how far the middle of a disc's image is from the image of the disc's middle.
 
-    What is found of a disc is the centroid of the area that it covers in the picture. Where scale changes across the
+    What is found of a disc is the centroid of the area that it covers in the image. Where scale changes across the
     disc, by perspective or by the lens, that is not where its middle is seen.
 
     Parameters
@@ -121,7 +121,7 @@ def _placed(gray: NDArray[np.uint8], lattice: Lattice, blobs: Blobs, board: Circ
 def _canonical(ids: NDArray[np.int64], board: CircleGrid) -> tuple[int, ...]:
     """Give the ids of a lattice's discs, in the lattice's order, or what half a turn of the board makes of them.
 
-    The lesser of the two where the board is its own half turn: one key for places that no picture can tell apart.
+    The lesser of the two where the board is its own half turn: one key for places that no image can tell apart.
     """
     turns = [ids]
     if board.symmetric:
@@ -193,6 +193,6 @@ def _map(pixels: Array, points: Array, targets: Array, board: CircleGrid, *, lea
 
 
 def _inside(gray: NDArray[np.uint8], pixels: Array, matrices: Array) -> NDArray[np.bool_]:
-    """Say which ellipses are all in the picture."""
+    """Say which ellipses are all in the image."""
     reach = np.linalg.norm(matrices, axis=2) + _MARGIN
     return ((pixels - reach > 0) & (pixels + reach < np.array(gray.shape[::-1]) - 1)).all(axis=1)

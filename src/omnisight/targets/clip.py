@@ -104,7 +104,7 @@ def look_through(
         If no frame can be decoded.
     """
     asked = None if board is None or isinstance(board, Checkerboard) else board
-    window = max(round(clip.rate * WHILE_S), -(-(clip.declared or 0) // MOST_LOOKS), 1)
+    window = max(round(clip.frame_rate * WHILE_S), -(-(clip.declared_frames or 0) // MOST_LOOKS), 1)
     workers = min(8, os.cpu_count() or 1)
     pending: deque[Future[tuple[int, tuple[Grid, ...], tuple[Detection, ...], float]]] = deque()
     done: list[tuple[int, tuple[Grid, ...], tuple[Detection, ...], float]] = []
@@ -131,7 +131,7 @@ def look_through(
                     break
             before, small_before = gray, small
             if progress is not None:
-                progress(count, max(clip.declared or 0, count))
+                progress(count, max(clip.declared_frames or 0, count))
         if best is not None:
             look(best)
         done += [future.result() for future in pending]

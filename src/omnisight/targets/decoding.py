@@ -1,4 +1,4 @@
-"""Square markers in a picture, decoded by OpenCV at several scales, and which of them belong to one board."""
+"""Square markers in an image, decoded by OpenCV at several scales, and which of them belong to one board."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from omnisight.targets.boards._markers import dictionary_named
 Array = NDArray[np.float64]
 
 _QUICK = 1.2
-"""Megapixels that a larger picture is reduced to at first."""
+"""Megapixels that a larger image is reduced to at first."""
 
 _MOST = 2.5
-"""Megapixels that a small picture is enlarged to at most."""
+"""Megapixels that a small image is enlarged to at most."""
 
 _SMALLEST = 0.015
-"""Least perimeter of a marker over the picture's longer side."""
+"""Least perimeter of a marker over the image's longer side."""
 
 _SAMPLES = 4
-"""So many parts of a picture each way, a quarter of that long and wide each, are looked at for how many squares it has:
-a sixteenth of the picture."""
+"""So many parts of an image each way, a quarter of that long and wide each, are looked at for how many squares it has:
+a sixteenth of the image."""
 
 _MOST_SQUARES = 40
 """Squares in that sixteenth past which the smaller ones are left out of the search: OpenCV compares each with each, so
-that a picture of bricks or tiles would take a minute."""
+that an image of bricks or tiles would take a minute."""
 
 _BEYOND = 1.2
 """How much larger than those that are left out a square must be: they are not all of one size."""
@@ -49,7 +49,7 @@ class Markers(NamedTuple):
 def decode(
     gray: NDArray[np.uint8], dictionary: str, count: int, border: int, enough: Callable[[Markers], bool]
 ) -> Markers:
-    """Find the first `count` markers of a dictionary in a picture, or in its mirror image.
+    """Find the first `count` markers of a dictionary in an image, or in its mirror image.
 
     Parameters
     ----------
@@ -89,9 +89,9 @@ def decode(
 
 
 def _least_perimeter(gray: NDArray[Any], count: int) -> float:
-    """Give the least perimeter of a square worth looking at, over the picture's longer side.
+    """Give the least perimeter of a square worth looking at, over the image's longer side.
 
-    It is `_SMALLEST`, unless a picture is full of squares: then so much that few enough are left, besides those of a
+    It is `_SMALLEST`, unless an image is full of squares: then so much that few enough are left, besides those of a
     board of `count` markers, as many squares between them, and what is in the markers.
     """
     import cv2
@@ -132,10 +132,10 @@ def _with_mirrored(name: str, count: int) -> Any:
 
 
 def _scaled(gray: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
-    """Give the picture at several scales, the one that most likely decodes first.
+    """Give the image at several scales, the one that most likely decodes first.
 
     Slightly blurred: noise and jagged edges cost more markers than sharpness wins. Two dark squares that touch at a
-    corner, as all do on an AprilGrid, come apart only where pixels are many: so small pictures are enlarged.
+    corner, as all do on an AprilGrid, come apart only where pixels are many: so small images are enlarged.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""What a detector found in one picture."""
+"""What a detector found in one image."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """Board points seen in one picture; part of a board is a detection too.
+    """Board points seen in one image; part of a board is a detection too.
 
     Attributes
     ----------

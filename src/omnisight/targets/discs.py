@@ -1,4 +1,4 @@
-"""Where the middle of a disc's picture is: a blurred ellipse fitted to the pixels, and how sure that is."""
+"""Where the middle of a disc's image is: a blurred ellipse fitted to the pixels, and how sure that is."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Disc(NamedTuple):
 
 
 def fit_discs(gray: NDArray[Any], pixels: Array, matrices: Array, clear: float) -> Crossings:
-    """Fit a blurred ellipse, under light that may change across, to the picture around each disc.
+    """Fit a blurred ellipse, under light that may change across, to the image around each disc.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def fit_discs(gray: NDArray[Any], pixels: Array, matrices: Array, clear: float) 
     Returns
     -------
     Crossings
-        Of the middles of the ellipses, which are not the pictures of the discs' middles: see `circle_shift` beside
+        Of the middles of the ellipses, which are not the images of the discs' middles: see `circle_shift` beside
         this. The amplitude is half the contrast, positive where the disc is brighter than what is around it.
     """
     count = len(pixels)
@@ -77,7 +77,7 @@ def fit_discs(gray: NDArray[Any], pixels: Array, matrices: Array, clear: float) 
 
 
 def _fit(gray: NDArray[Any], pixel: Array, matrix: Array, clear: float) -> _Disc | None:
-    """Fit one disc by Gauss and Newton; None if it is too small, not in the picture, in plain gray, or no disc."""
+    """Fit one disc by Gauss and Newton; None if it is too small, not in the image, in plain gray, or no disc."""
     if not (np.isfinite(pixel).all() and np.isfinite(matrix).all()):
         return None
     turn, axes, _ = np.linalg.svd(matrix)

@@ -1,4 +1,4 @@
-"""Finds the board in many pictures: learns which one it is, skips what cannot be read, and says why."""
+"""Finds the board in many images: learns which one it is, skips what cannot be read, and says why."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .alike import repetition_note, repetitions, repetitions_note
 from .boards import Board
 from .boards.checkerboard import Checkerboard
 from .detection import Detection
-from .given import GivenTarget
+from .given import PointTarget
 from .grids.grid import Grid
 from .handed import is_mirrored
 from .look import Look, look_at
@@ -27,8 +27,8 @@ _RIM_PX = 2.0
 
 
 @dataclass(frozen=True)
-class PictureDetection:
-    """What one picture file gave.
+class ImageDetection:
+    """What one image file gave.
 
     Attributes
     ----------
@@ -42,10 +42,10 @@ class PictureDetection:
     remark : str
         The part of `note` that is not about the boards.
     sharpness : float
-        Laplacian energy over contrast energy on the board (on the picture where there is none): higher is
+        Laplacian energy over contrast energy on the board (on the image where there is none): higher is
         sharper, to be compared within one set; NaN where `size` is None.
     exposure : float
-        Gray level of the board's white (of the brightest quarter of the picture where there is none): 255 is
+        Gray level of the board's white (of the brightest quarter of the image where there is none): 255 is
         overexposed; NaN where `size` is None.
     blur : float
         Standard deviation in px of the blur across the board's edges; NaN where it was not measured.
@@ -60,11 +60,11 @@ class PictureDetection:
     exposure: float = float("nan")
     blur: float = float("nan")
 
-    def with_remark(self, remark: str) -> PictureDetection:
+    def with_remark(self, remark: str) -> ImageDetection:
         """Give it with something more to know."""
         return replace(self, note=_joined(self.note, remark), remark=_joined(self.remark, remark))
 
-    def with_boards(self, boards: Sequence[Detection], board: Board) -> PictureDetection:
+    def with_boards(self, boards: Sequence[Detection], board: Board) -> ImageDetection:
         """Give it with other detections of the board."""
         return replace(self, boards=tuple(boards), note=_joined(_boards_note(boards, board), self.remark))
 
@@ -75,42 +75,42 @@ class PictureDetection:
 
 
 @dataclass(frozen=True)
-class BoardSearch:
-    """What a set of pictures gave.
+class Detections:
+    """What a set of images gave.
 
     Attributes
     ----------
-    board : Board, GivenTarget or None
-        The one that was asked for, or that the pictures agree on; None if they show none. A target that is only given
+    board : Board, PointTarget or None
+        The one that was asked for, or that the images agree on; None if they show none. A target that is only given
         came with its corners.
-    pictures : list of PictureDetection
+    images : list of ImageDetection
         One for each path, in the order given.
     hint : str or None
-        Said where the pictures show another board than the one that was asked for.
+        Said where the images show another board than the one that was asked for.
     field : ImageField or None
         Where the lens or mirror shows anything.
     notes : tuple of str
-        What the user should know of the set: sizes that differ, pictures that repeat others, a mirror.
+        What the user should know of the set: sizes that differ, images that repeat others, a mirror.
     """
 
-    board: Board | GivenTarget | None
-    pictures: list[PictureDetection] = field(default_factory=list[PictureDetection])
+    board: Board | PointTarget | None
+    images: list[ImageDetection] = field(default_factory=list[ImageDetection])
     hint: str | None = None
     field: ImageField | None = None
     notes: tuple[str, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pictures that are used, px; (0, 0) if none could be read."""
-        return next((picture.size for picture in self.pictures if picture.size is not None), (0, 0))
+        """Width and height of the images that are used, px; (0, 0) if none could be read."""
+        return next((picture.size for picture in self.images if picture.size is not None), (0, 0))
 
     @property
-    def found(self) -> list[PictureDetection]:
-        """The pictures that show the board."""
-        return [picture for picture in self.pictures if picture.boards]
+    def found(self) -> list[ImageDetection]:
+        """The images that show the board."""
+        return [picture for picture in self.images if picture.boards]
 
 
-def find_boards(
+def detect_boards(
     paths: Iterable[str | Path],
     board: Board | None = None,
     *,
@@ -118,24 +118,24 @@ def find_boards(
     apply_exif: bool = False,
     cache: bool = True,
     progress: Callable[[int, int], None] | None = None,
-) -> BoardSearch:
-    """Find a board in each picture.
+) -> Detections:
+    """Find a board in each image.
 
-    Pictures of another size than most of those with a board are another camera's: they are left out, with a note.
+    Images of another size than most of those with a board are another camera's: they are left out, with a note.
 
     Parameters
     ----------
     paths : iterable of str or Path
     board : Board, optional
-        Without one a checkerboard is looked for, of the size that most pictures agree on.
+        Without one a checkerboard is looked for, of the size that most images agree on.
     square : float, optional
         Side in metres of such a checkerboard's squares.
     apply_exif : bool
-        Turn pictures upright by their EXIF orientation first.
+        Turn images upright by their EXIF orientation first.
     cache : bool
         Take detections from earlier runs, and keep these for later ones.
     progress : callable, optional
-        Called with (pictures done, pictures in all) after each.
+        Called with (images done, images in all) after each.
     """
     paths = [Path(path) for path in paths]
 
@@ -168,7 +168,7 @@ def find_boards(
         notes.append(note)
     if not apply_exif and (turned := [path for path, look in seen if look.orientation != 1]):
         orientation = next(look.orientation for path, look in seen if path == turned[0])
-        note = f"EXIF orientation {orientation} ignored, here and in the other pictures: the sensor does not turn"
+        note = f"EXIF orientation {orientation} ignored, here and in the other images: the sensor does not turn"
         first = paths.index(turned[0])
         pictures[first] = pictures[first].with_remark(note)
     if size is not None:
@@ -177,11 +177,11 @@ def find_boards(
     if board is not None:
         notes += _mirrored(pictures, board)
     hint = _hint([look for _, look in kept], pictures, board, agreed) if isinstance(board, Checkerboard) else None
-    return BoardSearch(board, pictures, hint, shown, tuple(notes))
+    return Detections(board, pictures, hint, shown, tuple(notes))
 
 
-def _repeating(pictures: list[PictureDetection], size: tuple[int, int]) -> tuple[list[PictureDetection], list[str]]:
-    """Say it where pictures show what another one showed; also what to say of the set."""
+def _repeating(pictures: list[ImageDetection], size: tuple[int, int]) -> tuple[list[ImageDetection], list[str]]:
+    """Say it where images show what another one showed; also what to say of the set."""
     repeated = repetitions([picture.boards for picture in pictures], size)
     if not repeated:
         return pictures, []
@@ -192,7 +192,7 @@ def _repeating(pictures: list[PictureDetection], size: tuple[int, int]) -> tuple
     return said, [repetitions_note(len(repeated), found, max(moved for _, moved in repeated.values()))]
 
 
-def _mirrored(pictures: Sequence[PictureDetection], board: Board) -> list[str]:
+def _mirrored(pictures: Sequence[ImageDetection], board: Board) -> list[str]:
     """Say it where markers are read in a mirror image."""
     names = [p.path.name for p in pictures if any(is_mirrored(d, board) for d in p.boards)]
     if not names:
@@ -200,7 +200,7 @@ def _mirrored(pictures: Sequence[PictureDetection], board: Board) -> list[str]:
     found = sum(bool(picture.boards) for picture in pictures)
     which = "all" if len(names) == found else f"{len(names)} of {found}"
     return [
-        f"the markers match only when mirrored in {which} pictures with a board ({', '.join(names[:3])}"
+        f"the markers match only when mirrored in {which} images with a board ({', '.join(names[:3])}"
         f"{', ...' if len(names) > 3 else ''}): a webcam's mirror mode? Turn it off; a camera that looks into a mirror"
         " does see it so"
     ]
@@ -208,11 +208,11 @@ def _mirrored(pictures: Sequence[PictureDetection], board: Board) -> list[str]:
 
 def _picture(
     path: Path, look: Look | UnreadableImage, board: Board | None, size: tuple[int, int] | None
-) -> PictureDetection:
+) -> ImageDetection:
     if isinstance(look, UnreadableImage):
-        return PictureDetection(path, note=str(look))
+        return ImageDetection(path, note=str(look))
     if size is not None and look.size != size:
-        return PictureDetection(path, note=misfit(look.size, size))
+        return ImageDetection(path, note=misfit(look.size, size))
     placed = [replace(detection, board=board) for detection in look.boards]  # remembered without it
     used: list[Grid] = []
     if isinstance(board, Checkerboard):
@@ -221,7 +221,7 @@ def _picture(
             if detection is not None:
                 placed.append(detection)
                 used.append(grid)
-    return PictureDetection(
+    return ImageDetection(
         path,
         look.size,
         tuple(placed),
@@ -232,7 +232,7 @@ def _picture(
     )
 
 
-def _flagged(picture: PictureDetection, shown: ImageField | None) -> PictureDetection:
+def _flagged(picture: ImageDetection, shown: ImageField | None) -> ImageDetection:
     """Say it where corners lie outside of what the lens shows."""
     if shown is None or not picture.boards:
         return picture
@@ -251,7 +251,7 @@ def _note(look: Look, placed: Sequence[Detection], board: Board | None) -> str:
 
 
 def _boards_note(placed: Sequence[Detection], board: Board) -> str:
-    """Say what is unusual about the boards found in a picture."""
+    """Say what is unusual about the boards found in an image."""
     notes = [f"{len(placed)} boards"] if len(placed) > 1 else []
     notes += [f"{len(d)} of {board.size} corners" for d in placed if len(d) < board.size]
     if not all(d.located for d in placed):
@@ -266,11 +266,11 @@ def _joined(*notes: str) -> str:
 
 def _hint(
     looks: Sequence[Look],
-    pictures: Sequence[PictureDetection],
+    pictures: Sequence[ImageDetection],
     board: Checkerboard,
     agreed: tuple[int, int] | None,
 ) -> str | None:
-    """Say that pictures show another board than the given one, if more of them do than not."""
+    """Say that images show another board than the given one, if more of them do than not."""
     if agreed is None or sorted(agreed) == sorted((board.columns, board.rows)):
         return None
     count = sum(any(pattern_of(grid) == agreed for grid in look.grids) for look in looks)
@@ -281,6 +281,6 @@ def _hint(
     squares = sorted((board.columns - 1, board.rows - 1)) == sorted(agreed)
     reason = f"{board} squares have {columns}x{rows} inner corners" if squares else "did you count squares?"
     return (
-        f"found a {columns}x{rows} grid of inner corners in {count}/{len(looks)} pictures "
+        f"found a {columns}x{rows} grid of inner corners in {count}/{len(looks)} images "
         f"but the board asked for is {board} ({reason}). Use --pattern {columns}x{rows}."
     )

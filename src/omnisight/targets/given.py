@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class GivenTarget:
+class PointTarget:
     """Points that came with corners that something else found: of a board, or of several in one rigid body.
 
     Attributes

@@ -9,10 +9,10 @@ from .detection import Detection
 
 
 def is_mirrored(detection: Detection, board: Board) -> bool:
-    """Say whether a board's points lie in the picture as in a mirror.
+    """Say whether a board's points lie in the image as in a mirror.
 
-    Triangles of neighbouring points tell it, each for itself: a lens may bend the board around the picture's middle.
-    Of a board without markers the numbering follows from the picture, so it never seems mirrored.
+    Triangles of neighbouring points tell it, each for itself: a lens may bend the board around the image's middle.
+    Of a board without markers the numbering follows from the image, so it never seems mirrored.
     """
     from scipy.spatial import Delaunay, QhullError
 

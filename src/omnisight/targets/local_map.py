@@ -1,4 +1,4 @@
-"""The map from a board to the picture, near one point: no lens is assumed, only that it bends smoothly."""
+"""The map from a board to the image, near one point: no lens is assumed, only that it bends smoothly."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def local_map(
     Parameters
     ----------
     board, pixels : (M, 2) arrays
-        The anchors, on the board and in the picture.
+        The anchors, on the board and in the image.
     weights : (M,) array
         How much each is to be trusted: an inverse variance, of any scale near 1.
     targets : (N, 2) array
@@ -80,7 +80,7 @@ def local_map(
     spread = normal[:, 1:3, 1:3] - normal[:, 1:3, :1] * normal[:, :1, 1:3]
     known = np.linalg.eigvalsh(spread)[:, 0] > _FLAT
     normal += np.diag([1e-9, 1e-9, 1e-9, _TAME, _TAME, _TAME])
-    # About the mean, so that holding terms at zero does not depend on where the picture's origin is.
+    # About the mean, so that holding terms at zero does not depend on where the image's origin is.
     seen = pixels[nearest]
     mean = (weight[..., None] * seen).sum(axis=1)
     terms = np.linalg.solve(normal, np.swapaxes(weighted, 1, 2) @ (seen - mean[:, None]))

@@ -1,4 +1,4 @@
-"""What one picture file shows, whichever board is asked for; remembered between runs."""
+"""What one image file shows, whichever board is asked for; remembered between runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import decode_image, exif_orientation, read_bytes, shrunk, to_gray8
+from omnisight.images import decode_image, exif_orientation, read_bytes, downsample, to_gray8
 
 from .boards import Board
 from .boards.checkerboard import Checkerboard
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What was seen in a picture.
+    """What was seen in an image.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Look:
     key : str
         Digest of the file's content and of how it was read.
     small : (h, w) array of uint8 or None
-        The picture averaged down, if it was asked for and had to be read.
+        The image averaged down, if it was asked for and had to be read.
     """
 
     size: tuple[int, int]
@@ -56,7 +56,7 @@ class Look:
 
 
 def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool, keep: bool = False) -> Look:
-    """Read a picture file and find what it shows; `keep` it small, if it has to be read.
+    """Read an image file and find what it shows; `keep` it small, if it has to be read.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def look_at(path: Path, board: Board | None, *, apply_exif: bool, cache: bool, k
         if cache:
             save_entry(key, _to_entry(look))
         if keep:
-            look = replace(look, small=shrunk(gray))
+            look = replace(look, small=downsample(gray))
     return look
 
 
@@ -91,7 +91,7 @@ def _look(gray: NDArray[np.uint8], asked: Board | None, orientation: int, key: s
 
 
 def look_in(gray: NDArray[np.uint8], asked: Board | None) -> tuple[tuple[Grid, ...], tuple[Detection, ...]]:
-    """Give the checkerboard grids of any size in a picture or, where another board is asked for, where that is."""
+    """Give the checkerboard grids of any size in an image or, where another board is asked for, where that is."""
     return (tuple(find_grids(gray)), ()) if asked is None else ((), tuple(asked.detect(gray)))
 
 

@@ -25,10 +25,10 @@ _LEAST_MARKERS = 2
 _LEAST_POINTS = 4
 
 _EXPLAINED = 0.6
-"""Share of the picture's variation around a point that two crossing edges must explain."""
+"""Share of the image's variation around a point that two crossing edges must explain."""
 
 _VAGUE = 0.4
-"""Standard deviation in px above which a point is worth nothing, such as one whose window the picture's edge cuts."""
+"""Standard deviation in px above which a point is worth nothing, such as one whose window the image's edge cuts."""
 
 _FAINTEST = 0.2
 """Least contrast of a point, over the median of those that are sure."""
@@ -38,7 +38,7 @@ _MOVED = 0.5
 around: so it is never taken for this one."""
 
 _MARGIN = 4.0
-"""Distance in px from the picture's edge within which nothing is measured: blur and sharpening go wrong there."""
+"""Distance in px from the image's edge within which nothing is measured: blur and sharpening go wrong there."""
 
 _SEARCH = 0.3
 """Distance, over that to the next point, at which a point is looked for that was not where it was expected."""
@@ -64,7 +64,7 @@ _ROUNDS = 12
 def detect_charuco(gray: NDArray[np.uint8], board: Charuco) -> list[Detection]:
     """Find a ChArUco board.
 
-    Where the picture is a mirror image, as a camera sees a board in a mirror, so are the points: ids are right, and
+    Where the image is a mirror image, as a camera sees a board in a mirror, so are the points: ids are right, and
     the step to the next row is anticlockwise of the step to the next column. Where the markers are those of the other
     layout, or of a board with columns and rows swapped, that board is found: the note of the detection says so, and
     ids are those of the board that was asked for.

@@ -17,14 +17,14 @@ _LEAST_OPEN = 0.4
 """Part of a board's corners that a grid must have if it ends for no reason that is seen, as behind a hand."""
 
 _LEAST_ENDED = 0.15
-"""The same for a grid that ends everywhere at the board's margin or the picture's."""
+"""The same for a grid that ends everywhere at the board's margin or the image's."""
 
 _FILLED = 0.9
 """Part of a grid's corners that must be there to take its size for a board's."""
 
 
 def detect_checkerboards(gray: NDArray[np.uint8], board: Checkerboard) -> list[Detection]:
-    """Find a checkerboard, each time it is seen in a picture (H, W) of uint8, the one with most corners first.
+    """Find a checkerboard, each time it is seen in an image (H, W) of uint8, the one with most corners first.
 
     Every corner agrees with its neighbours and has the colours of one; the others are left out, so a result may hold
     part of the board. A grid that goes on beyond the board's size is another board.
@@ -32,7 +32,7 @@ def detect_checkerboards(gray: NDArray[np.uint8], board: Checkerboard) -> list[D
     Raises
     ------
     ValueError
-        If `gray` is not an 8-bit gray picture.
+        If `gray` is not an 8-bit gray image.
     """
     placed = [place(grid, board) for grid in find_grids(gray)]
     return [detection for detection in placed if detection is not None]
@@ -48,7 +48,7 @@ def place(grid: Grid, board: Checkerboard) -> Detection | None:
 
     Turned so that it fits and its colours agree; of the places that are left, the ends of the grid decide: where it
     ends at the board's margin, so does the board. Of two turns of a symmetric board the one that starts nearest the
-    top left of the picture is taken, which another picture or camera may see elsewhere.
+    top left of the image is taken, which another image or camera may see elsewhere.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def _detection(grid: Grid, row: int, column: int, board: Checkerboard) -> Detect
 def _canonical(ids: NDArray[np.int64], board: Checkerboard) -> tuple[int, ...]:
     """Give the ids of a grid's corners, in the grid's own order, or what a turn of the board onto itself makes of them.
 
-    The least of these: one key for all places that no picture can tell apart.
+    The least of these: one key for all places that no image can tell apart.
     """
     turns = [ids]
     if board.symmetric:
@@ -122,7 +122,7 @@ def _canonical(ids: NDArray[np.int64], board: Checkerboard) -> tuple[int, ...]:
 
 
 def agreed_pattern(pictures: Sequence[Sequence[Grid]]) -> tuple[int, int] | None:
-    """Give the (columns, rows), columns >= rows, of the board that most pictures show; None if none shows any.
+    """Give the (columns, rows), columns >= rows, of the board that most images show; None if none shows any.
 
     Grids that end at a margin all around count before others; without any of either, the largest grid is taken.
     """

@@ -1,4 +1,4 @@
-"""What the lens or the mirror shows in a set of pictures: the same in all, so it is learned from some of them."""
+"""What the lens or the mirror shows in a set of images: the same in all, so it is learned from some of them."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import ImageField, estimate_field, read_image, shrunk, to_gray8
+from omnisight.images import ImageField, estimate_image_field, read_image, downsample, to_gray8
 from omnisight.images.ellipse import Ellipse
 
 from .cache import cache_key, load_entry, save_entry
 from .look import Look
 
 _ENOUGH = 16
-"""Pictures that tell it."""
+"""Images that tell it."""
 
 
 def telling(count: int) -> NDArray[np.intp]:
-    """Choose the pictures, of so many, that the field is learned from."""
+    """Choose the images, of so many, that the field is learned from."""
     return np.unique(np.linspace(0, count - 1, min(_ENOUGH, count)).round().astype(np.intp))
 
 
 def shown_field(paths: Sequence[Path], looks: Sequence[Look], *, apply_exif: bool, cache: bool) -> ImageField | None:
-    """Give the image circle or the mirror's borders; None without pictures.
+    """Give the image circle or the mirror's borders; None without images.
 
     Parameters
     ----------
     paths : sequence of Path
-        Pictures of one camera and one size.
+        Images of one camera and one size.
     looks : sequence of Look
-        What was seen in each; the picture is read again where it did not keep it.
+        What was seen in each; the image is read again where it did not keep it.
     apply_exif, cache : bool
-        As in `find_boards`.
+        As in `detect_boards`.
     """
     if not looks:
         return None
@@ -43,7 +43,7 @@ def shown_field(paths: Sequence[Path], looks: Sequence[Look], *, apply_exif: boo
     entry = load_entry(key) if cache else None
     field = None if entry is None else _from_entry(entry)
     if field is None:
-        field = estimate_field(_small(path, look, apply_exif) for path, look in zip(paths, looks, strict=True))
+        field = estimate_image_field(_small(path, look, apply_exif) for path, look in zip(paths, looks, strict=True))
         field = field.resized(looks[0].size)
         if cache:
             save_entry(key, asdict(field))
@@ -51,7 +51,7 @@ def shown_field(paths: Sequence[Path], looks: Sequence[Look], *, apply_exif: boo
 
 
 def _small(path: Path, look: Look, apply_exif: bool) -> NDArray[np.uint8]:
-    return shrunk(to_gray8(read_image(path, apply_exif=apply_exif))) if look.small is None else look.small
+    return downsample(to_gray8(read_image(path, apply_exif=apply_exif))) if look.small is None else look.small
 
 
 def _from_entry(entry: dict[str, Any]) -> ImageField | None:

@@ -1,4 +1,4 @@
-"""Pictures of several sizes: which of them are one camera's, and what the others may be."""
+"""Images of several sizes: which of them are one camera's, and what the others may be."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ Size = tuple[int, int]
 
 _PARTS = {2: "half", 3: "a third", 4: "a quarter"}
 _NAMED = 5
-"""Pictures of a size that are named."""
+"""Images of a size that are named."""
 
 
 def used_size(seen: Sequence[tuple[Size, bool]]) -> Size | None:
-    """Give the size that most pictures with a board have; None without pictures.
+    """Give the size that most images with a board have; None without images.
 
     Parameters
     ----------
     seen : sequence of ((int, int), bool)
-        Width and height in px of each picture, and whether any board is in it.
+        Width and height in px of each image, and whether any board is in it.
     """
     counts: dict[Size, tuple[int, int, int]] = {}
     for size, shows in seen:
@@ -27,7 +27,7 @@ def used_size(seen: Sequence[tuple[Size, bool]]) -> Size | None:
 
 
 def misfit(size: Size, used: Size) -> str:
-    """Say what a picture of another size than the others may be, and what to do."""
+    """Say what an image of another size than the others may be, and what to do."""
     said = f"{_text(size)} where others have {_text(used)}: left out"
     if size == used[::-1]:
         return f"{said}; rotated 90 degrees? Give it as the sensor read it, not turned on saving or by --apply-exif"
@@ -38,7 +38,7 @@ def misfit(size: Size, used: Size) -> str:
 
 
 def sizes_note(named: Sequence[tuple[str, Size]], used: Size) -> str | None:
-    """Say which sizes there are, with counts and names; None if all pictures, each (name, size), have one size."""
+    """Say which sizes there are, with counts and names; None if all images, each (name, size), have one size."""
     by_size: dict[Size, list[str]] = {}
     for name, size in named:
         by_size.setdefault(size, []).append(name)
@@ -50,7 +50,7 @@ def sizes_note(named: Sequence[tuple[str, Size]], used: Size) -> str | None:
         names = by_size[size]
         part = f"{len(names)} of {_text(size)} ({', '.join(names[:_NAMED])}{', ...' if len(names) > _NAMED else ''})"
         parts.append(f"{part}, rotated 90 degrees?" if size == used[::-1] else part)
-    said = f"pictures have {len(by_size)} sizes: {'; '.join(parts)}"
+    said = f"images have {len(by_size)} sizes: {'; '.join(parts)}"
     ways = [f"{_text(size)} is {part}: resize them" for size in others if (part := _part(size, used))]
     return ". ".join([said, *ways, "Another size is another camera: calibrate it apart"])
 

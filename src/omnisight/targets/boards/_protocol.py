@@ -69,7 +69,7 @@ class Board(ABC):
 
     @abstractmethod
     def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
-        """Find all boards of this kind in a gray picture (H, W) of uint8, the one with most points first."""
+        """Find all boards of this kind in a gray image (H, W) of uint8, the one with most points first."""
 
     @property
     @abstractmethod
@@ -108,7 +108,7 @@ class Board(ABC):
         return None
 
     def offset(self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Give how far (N, 2), px, what `measure` finds is from the point's picture; `project` maps (N, 3) to px."""
+        """Give how far (N, 2), px, what `measure` finds is from the point's image; `project` maps (N, 3) to px."""
         return np.zeros((self.size, 2))
 
     @property

@@ -91,7 +91,7 @@ class AprilGrid(Board):
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Corners of the tags (4 x tags, 3) in metres, numbered as in the picture above; y is zero or negative."""
+        """Corners of the tags (4 x tags, 3) in metres, numbered as in the image above; y is zero or negative."""
         j, i = np.mgrid[: 2 * self.rows, : 2 * self.columns]
         x, y = (n // 2 * self.pitch + n % 2 * self.tag for n in (i.ravel(), j.ravel()))
         return np.stack([x, 0.0 - y, np.zeros(x.size)], axis=1)

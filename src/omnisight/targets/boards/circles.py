@@ -27,7 +27,7 @@ class CircleGrid(Board):
     """A grid of black discs as OpenCV's `CALIB_CB_ASYMMETRIC_GRID` has it; found are their middles.
 
     Disc `row * columns + column` lies at x = (2 column + row mod 2) spacing, y = row spacing: 4x11 is OpenCV's
-    `Size(4, 11)`. A disc's middle is not where the middle of its picture is, more so in a wide lens and near its rim,
+    `Size(4, 11)`. A disc's middle is not where the middle of its image is, more so in a wide lens and near its rim,
     so a board with corners measures better.
 
     Attributes
@@ -113,7 +113,7 @@ class CircleGrid(Board):
         steps: NDArray[np.float64],
         bends: NDArray[np.float64],
     ) -> Crossings:
-        """Measure the middles of the discs' pictures as `Board.measure` says; `circle_shift` leads to the discs'."""
+        """Measure the middles of the discs' images as `Board.measure` says; `circle_shift` leads to the discs'."""
         from omnisight.targets.discs import fit_discs
 
         radius = (self.diameter or self.spacing) / 2

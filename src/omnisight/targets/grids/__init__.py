@@ -1,1 +1,1 @@
-"""Grids of corners in a picture: found, checked and measured, whatever they are printed on."""
+"""Grids of corners in an image: found, checked and measured, whatever they are printed on."""

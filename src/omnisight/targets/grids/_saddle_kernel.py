@@ -10,7 +10,7 @@ from omnisight.compiled import outer
 
 @outer
 def sample_rings(image, pixels, circle):
-    """Give the brightness (N, S) of a float picture around N whole pixels at S places (S, 2), bilinearly."""
+    """Give the brightness (N, S) of a float image around N whole pixels at S places (S, 2), bilinearly."""
     rings = np.empty((len(pixels), len(circle)), np.float32)
     for n in range(len(pixels)):
         for s in range(len(circle)):

@@ -1,6 +1,6 @@
 """Where two edges cross, to a few hundredths of a pixel, and how sure that is.
 
-The picture around a corner is fitted by what a camera makes of one: two edges, straight or gently bent, the product of
+The image around a corner is fitted by what a camera makes of one: two edges, straight or gently bent, the product of
 their signs blurred by a Gaussian, under light that may change across.
 """
 
@@ -50,7 +50,7 @@ class Crossings(NamedTuple):
     blur : (N,) array
         Standard deviation of the blur, px.
     explained : (N,) array
-        Share of the picture's variation in the window that the model explains, 0 to 1.
+        Share of the image's variation in the window that the model explains, 0 to 1.
     """
 
     pixels: Array
@@ -61,7 +61,7 @@ class Crossings(NamedTuple):
 
 
 def fit_crossings(gray: NDArray[Any], pixels: Array, steps: Array, bends: Array, *, rough: bool = False) -> Crossings:
-    """Fit the crossing of two blurred edges to the picture around each corner.
+    """Fit the crossing of two blurred edges to the image around each corner.
 
     Parameters
     ----------

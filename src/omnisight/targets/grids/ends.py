@@ -1,4 +1,4 @@
-"""How a grid of corners ends on each side: at the board's margin, at the picture's, or where nobody can see."""
+"""How a grid of corners ends on each side: at the board's margin, at the image's, or where nobody can see."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FASTEST = 0.35
 """Part by which squares may shrink from one line to the next for the place of the next edge to be foretold."""
 
 _BORDER = 1.0
-"""Px from the picture's edge within which nothing is found."""
+"""Px from the image's edge within which nothing is found."""
 
 
 def side_ends(

@@ -1,4 +1,4 @@
-"""What the picture says about a lattice: where its corners are, and whether they are corners at all."""
+"""What the image says about a lattice: where its corners are, and whether they are corners at all."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def cropped(found: Measured) -> Measured:
 def trimmed(gray: NDArray[np.uint8], found: Measured) -> Measured:
     """Cut off outer lines of which less than half is there, the emptiest first.
 
-    Places that nobody could see, outside of the picture or of what the lens shows of it, do not count.
+    Places that nobody could see, outside of the image or of what the lens shows of it, do not count.
     """
     there = np.isfinite(found.pixels[..., 0])
     if not there.any():
@@ -228,7 +228,7 @@ def _outer(there: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
 
 
 def hidden(gray: NDArray[np.uint8], found: Measured) -> NDArray[np.bool_]:
-    """Say which missing corners (rows, columns) lie where nothing is to be seen: off the picture, or all dark there."""
+    """Say which missing corners (rows, columns) lie where nothing is to be seen: off the image, or all dark there."""
     lattice = found.pixels
     place = lattice
     for _ in range(3):  # a line with few corners left is continued from one predicted corner to the next

@@ -1,4 +1,4 @@
-"""A grid of checkerboard corners found in a picture, before anyone knows which board it is."""
+"""A grid of checkerboard corners found in an image, before anyone knows which board it is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Grid:
     """Corners of one checkerboard, or of a part of it.
 
     The step to the next row is clockwise of the step to the next column as seen, x right and y down: one handedness
-    for all pictures. A mirror in the light path mirrors every picture of a camera alike, so all get one board frame.
+    for all images. A mirror in the light path mirrors every image of a camera alike, so all get one board frame.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Grid:
         Whether the square between the first two corners of the first two rows is a dark one.
     ends : tuple of 4 str
         How it ends past the first row, last row, first column and last column: 'margin' where the squares end and
-        paper follows, 'cut' where the picture or what the lens shows of it ends, 'open' where that is not to be seen.
+        paper follows, 'cut' where the image or what the lens shows of it ends, 'open' where that is not to be seen.
     contrast, white : float
         Between bright and dark squares, and of the bright ones, in gray levels.
     blur : float
@@ -76,6 +76,6 @@ class Grid:
         )
 
     def enlarged(self, factor: float) -> Grid:
-        """Give it for the same picture, so many times as large."""
+        """Give it for the same image, so many times as large."""
         pixels = (self.pixels + 0.5) * factor - 0.5
         return replace(self, pixels=pixels, covariance=self.covariance * factor**2, blur=self.blur * factor)

@@ -1,4 +1,4 @@
-"""Grids of corners in the picture: local steps, and what neighbours predict.
+"""Grids of corners in the image: local steps, and what neighbours predict.
 
 A lattice is an array (rows, columns, 2) of pixels, NaN where a corner is missing. Nothing here assumes that
 straight lines stay straight, only that a lens or a mirror bends them smoothly.
@@ -85,7 +85,7 @@ def shifted(lattice: NDArray[np.float64], i: int, j: int) -> NDArray[np.float64]
 
 def _reduced(reduce: Callable[..., Any], stack: NDArray[np.float64]) -> NDArray[np.float64]:
     """Apply a NaN-skipping reduction along axis 0; NaN, without numpy's warning, where there is only NaN."""
-    # Not warnings.catch_warnings: it changes the whole process, and pictures are searched in threads.
+    # Not warnings.catch_warnings: it changes the whole process, and images are searched in threads.
     empty = ~np.isfinite(stack).any(axis=0)
     return np.where(empty, np.nan, reduce(np.where(empty, 0.0, stack), axis=0))
 

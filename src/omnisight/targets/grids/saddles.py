@@ -1,4 +1,4 @@
-"""Points of a picture around which dark, bright, dark, bright follow each other: corners of a checkerboard, maybe."""
+"""Points of an image around which dark, bright, dark, bright follow each other: corners of a checkerboard, maybe."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _SAMPLES = 32
 """Radius in px and number of samples of the ring around a saddle point."""
 
 _TILES = 6
-"""The picture is looked at in so many parts across and down, each with its own texture and noise."""
+"""The image is looked at in so many parts across and down, each with its own texture and noise."""
 
 _NOISE = 6.0
-"""The same over the median in that part of the picture, most of which is no corner."""
+"""The same over the median in that part of the image, most of which is no corner."""
 
 _STRONGEST = 250
 """How many saddle points are kept in each part, the strongest first."""
@@ -48,7 +48,7 @@ class Saddles(NamedTuple):
     amplitude : (N,) array
         Half the contrast, in gray levels.
     smooth : (H, W) array of float32
-        The smoothed picture that they were found in.
+        The smoothed image that they were found in.
     """
 
     pixels: NDArray[np.float64]
@@ -59,7 +59,7 @@ class Saddles(NamedTuple):
 
 
 def find_saddles(gray: NDArray[Any], *, fine: bool = False) -> Saddles:
-    """Find the points of an (H, W) picture around which dark, bright, dark, bright follow each other.
+    """Find the points of an (H, W) image around which dark, bright, dark, bright follow each other.
 
     Looked at less smoothed and more closely where `fine`: squares of a few pixels need that, and noise forbids it.
     """

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 
 def bilinear(image: NDArray[Any], pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Interpolate an (H, W) picture at pixels (..., 2); outside, the nearest edge is taken; NaN at NaN.
+    """Interpolate an (H, W) image at pixels (..., 2); outside, the nearest edge is taken; NaN at NaN.
 
-    Unlike OpenCV's remap it takes any picture width and does not round positions to 1/32 px.
+    Unlike OpenCV's remap it takes any image width and does not round positions to 1/32 px.
     """
     last = np.array(image.shape[::-1]) - 1
     at = np.clip(pixels, 0, last)

@@ -1,4 +1,4 @@
-"""Finds all grids of checkerboard corners in a picture of any lens or mirror."""
+"""Finds all grids of checkerboard corners in an image of any lens or mirror."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DETECTOR_VERSION = 2
 """Raise it whenever detections change, for they are cached by it."""
 
 _COARSE_PIXELS = 2_500_000
-"""Corners are searched in a picture of at most this size, and measured in the full one."""
+"""Corners are searched in an image of at most this size, and measured in the full one."""
 
 _LEVELS = ((1.0, False), (0.5, False), (0.25, False), (1.0, True))
 """Scales of the search, and whether to look closely: most boards; blurred, overexposed or large ones; tiny ones."""
@@ -32,7 +32,7 @@ _SMALLEST = 9
 """Corners that a grid must have, in three rows and three columns at least."""
 
 _SHARP = 3.0
-"""Blur in px above which a corner is measured in a smaller picture: its windows go a few times as far."""
+"""Blur in px above which a corner is measured in a smaller image: its windows go a few times as far."""
 
 _TRIED = 8
 """How many of the largest grids of one scale are looked at closely."""
@@ -54,10 +54,10 @@ def find_grids(gray: NDArray[np.uint8]) -> list[Grid]:
     Raises
     ------
     ValueError
-        If `gray` is not an 8-bit gray picture.
+        If `gray` is not an 8-bit gray image.
     """
     if gray.ndim != 2 or gray.dtype != np.uint8:
-        raise ValueError(f"expected a gray picture (H, W) of uint8, got shape {gray.shape} of {gray.dtype}")
+        raise ValueError(f"expected a gray image (H, W) of uint8, got shape {gray.shape} of {gray.dtype}")
     pictures = _pyramid(gray)
     grids: list[Grid] = []
     for lattice in _candidates(gray):
@@ -73,7 +73,7 @@ def find_grids(gray: NDArray[np.uint8]) -> list[Grid]:
 
 
 def _candidates(gray: NDArray[np.uint8]) -> list[Lattice]:
-    """Give lattices of saddle points in the picture's pixels, the largest first."""
+    """Give lattices of saddle points in the image's pixels, the largest first."""
     import cv2
 
     found: list[Lattice] = []
@@ -93,7 +93,7 @@ def _candidates(gray: NDArray[np.uint8]) -> list[Lattice]:
 
 
 def _pyramid(gray: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-    """Give the picture and its halves, down to the size that is searched."""
+    """Give the image and its halves, down to the size that is searched."""
     import cv2
 
     pictures = [gray]
@@ -104,7 +104,7 @@ def _pyramid(gray: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def _measured(pictures: list[NDArray[np.uint8]], lattice: Lattice) -> Grid | None:
-    """Measure a lattice in the largest of the pictures in which its edges are sharp enough for the windows.
+    """Measure a lattice in the largest of the images in which its edges are sharp enough for the windows.
 
     It is completed in the smallest.
     """
