@@ -15,14 +15,14 @@ from benchmarks.boards_detectors import DETECTORS
 
 PARTS = ("check", "rendered", "real", "times")
 ROOT = Path(__file__).resolve().parent.parent
-TITLES = {"rendered": "Rendered pictures", "real": "Real pictures", "times": "Times"}
+TITLES = {"rendered": "Rendered images", "real": "Real images", "times": "Times"}
 TABLES = {"rendered": boards_rendered.table, "real": boards_real.table, "times": boards_times.table}
 ABOUT = {
     "rendered": "Recall and precision by corners within 2 px of a visible true one. An id of ours that is wrong counts"
     " as wrong, except where it says itself that the place on a cut board is open. NEES is e^T C^-1 e / 2, its mean"
     " and its median over that of chi-square: 1 is a covariance that keeps its word. Milliseconds are medians of one"
     " thread. OpenCV is told the pattern and finds whole boards only.",
-    "real": "Wrong: more than 2 px from the fit of the picture's pose by the camera that our corners calibrate. rms: of"
+    "real": "Wrong: more than 2 px from the fit of the image's pose by the camera that our corners calibrate. rms: of"
     " a mei model by plain least squares on the corners that both found, their number in brackets. Ours is told no"
     " pattern.",
     "times": "Two threads, the process warm.",
@@ -33,12 +33,12 @@ def main(arguments: list[str] | None = None) -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.boards", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all unless given")
-    parser.add_argument("--only", default="", help="cells of the rendered pictures (base, mix, blur, ...), or sets")
-    parser.add_argument("--quick", action="store_true", help="fewer rendered pictures, and times up to 5 MP")
-    parser.add_argument("--ours", action="store_true", help="rendered pictures by our detector alone")
+    parser.add_argument("--only", default="", help="cells of the rendered images (base, mix, blur, ...), or sets")
+    parser.add_argument("--quick", action="store_true", help="fewer rendered images, and times up to 5 MP")
+    parser.add_argument("--ours", action="store_true", help="rendered images by our detector alone")
     parser.add_argument("--json", type=Path, help="write all figures to this file")
-    parser.add_argument("--report", type=Path, help="write a page with pictures into this folder")
-    parser.add_argument("--worst", type=Path, help="write the rendered pictures that ours finds worst into this folder")
+    parser.add_argument("--report", type=Path, help="write a page with images into this folder")
+    parser.add_argument("--worst", type=Path, help="write the rendered images that ours finds worst into this folder")
     parser.add_argument("--docs", type=Path, help="only write the results page of the docs, from this JSON file")
     chosen = parser.parse_args(arguments)
     if chosen.docs:
@@ -84,7 +84,7 @@ def _show(part: str, figures: dict[str, Any]) -> None:
 
 
 def write_docs(figures: dict[str, Any]) -> None:
-    """Write docs/detection-results.md, which the page on detection includes, and its pictures."""
+    """Write docs/detection-results.md, which the page on detection includes, and its images."""
     lines = ["# Results", "", f"OpenCV {figures['opencv']}, two cores. {figures.get('check', '').capitalize()}", ""]
     for part, table in TABLES.items():
         if part in figures:

@@ -30,7 +30,7 @@ def run() -> str:
 
 
 def _edges(light: np.ndarray, lens: Lens, pose: Pose, axis: int) -> np.ndarray:
-    """Compare rows of the picture with the edges along the board's x (axis 0) or y (axis 1)."""
+    """Compare rows of the image with the edges along the board's x (axis 0) or y (axis 1)."""
     errors = []
     t = np.linspace(-NEAR, NEAR, 201)
     for j in range(BOARD.rows - axis):

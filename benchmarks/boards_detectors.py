@@ -101,7 +101,7 @@ def _whole(corners: NDArray[np.float32]) -> Found:
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What of a picture was found.
+    """What of an image was found.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def score(
 
 
 def summary(scores: Iterable[Score]) -> dict[str, float]:
-    """Sum up the scores of many pictures."""
+    """Sum up the scores of many images."""
     scores = list(scores)
     errors = np.concatenate([s.errors for s in scores] or [np.zeros((0, 2))])
     nees = np.concatenate([s.nees for s in scores] or [np.zeros(0)])
@@ -177,7 +177,7 @@ def summary(scores: Iterable[Score]) -> dict[str, float]:
     seconds = [s.seconds for s in scores]
     squared = (errors**2).sum(1)
     return {
-        "pictures": len(scores),
+        "images": len(scores),
         "found": sum(s.right > 0 for s in scores),
         "recall": len(errors) / max(visible, 1),
         "precision": len(errors) / reported if reported else float("nan"),

@@ -1,8 +1,8 @@
-"""Boards in real pictures: what the detectors find in sets of the data folder, how fast, and how well it calibrates.
+"""Boards in real images: what the detectors find in sets of the data folder, how fast, and how well it calibrates.
 
 The variable OMNISIGHT_DATA says where the sets are; those that are not there are left out. Ours is told nothing of the
 board. A calibration on our corners says which corners, of whichever detector, are wrong: more than 2 px from where the
-robust fit of their picture predicts.
+robust fit of their image predicts.
 """
 
 import os
@@ -18,20 +18,21 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.boards_detectors import DETECTORS, NEAR, Found, classic, nothing, sector_based
-from omnisight.calibrate import BoardViews, calibrate_camera
-from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.pose import plane_poses
-from omnisight.calibrate.refine import State, refine
+from omnisight.calibration.board_pose import linear_board_poses
+from omnisight.calibration.bundle_adjustment import State, refine
+from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.images import read_image, to_gray8
 from omnisight.models import CameraModel
-from omnisight.targets import Checkerboard, find_boards
+from omnisight.pipeline.central import calibrate_camera
+from omnisight.targets import Checkerboard, detect_boards
+from omnisight.targets.observations import Observations
 
 DATA = Path(os.environ.get("OMNISIGHT_DATA", Path(__file__).resolve().parent.parent.parent / "shared/data"))
 
 
 @dataclass(frozen=True)
 class PictureSet:
-    """Pictures of one camera; columns and rows of the board are told to OpenCV alone."""
+    """Images of one camera; columns and rows of the board are told to OpenCV alone."""
 
     files: str
     columns: int
@@ -59,7 +60,7 @@ PEERS = {"OpenCV classic": classic, "OpenCV SB": sector_based}
 
 @dataclass(eq=False)
 class SetResult:
-    """What a set gave: by detector its corners in each picture, which of them are wrong, and figures."""
+    """What a set gave: by detector its corners in each image, which of them are wrong, and figures."""
 
     name: str
     paths: list[Path]
@@ -75,9 +76,9 @@ def measure(only: Iterable[str] = ()) -> list[SetResult]:
     only = tuple(only)
     chosen = {name: s for name, s in SETS.items() if s.paths and (not only or name.startswith(only))}
     if not chosen:
-        raise SystemExit(f"no set of pictures found in {DATA}; OMNISIGHT_DATA says where they are")
+        raise SystemExit(f"no set of images found in {DATA}; OMNISIGHT_DATA says where they are")
     first = next(iter(chosen.values()))
-    find_boards(first.paths[:2], Checkerboard(first.columns, first.rows), cache=False)  # compiled and warm
+    detect_boards(first.paths[:2], Checkerboard(first.columns, first.rows), cache=False)  # compiled and warm
     return [run_set(name, pictures) for name, pictures in chosen.items()]
 
 
@@ -86,21 +87,21 @@ def run_set(name: str, pictures: PictureSet) -> SetResult:
     found, seconds = {}, {}
     cv2.setNumThreads(2)
     begun = time.perf_counter()
-    search = find_boards(paths, None, cache=False)
+    search = detect_boards(paths, None, cache=False)
     seconds["omnisight"] = time.perf_counter() - begun
     notes = [] if search.hint is None else [search.hint]
     seen = search.board
     if not isinstance(seen, Checkerboard) or {seen.columns, seen.rows} != {board.columns, board.rows}:
         notes.append(f"takes the board for one of {seen}")
-        search = find_boards(paths, board, cache=False)
+        search = detect_boards(paths, board, cache=False)
     else:
         board = seen
     found["omnisight"] = [
-        nothing() if d is None else Found(d.ids, d.pixels, d.covariance) for d in (p.detection for p in search.pictures)
+        nothing() if d is None else Found(d.ids, d.pixels, d.covariance) for d in (p.detection for p in search.images)
     ]
-    extra = sum(max(len(p.boards) - 1, 0) for p in search.pictures)
+    extra = sum(max(len(p.boards) - 1, 0) for p in search.images)
     if extra:
-        notes.append(f"{extra} more boards seen in pictures that show one")
+        notes.append(f"{extra} more boards seen in images that show one")
     for peer in PEERS:
         found[peer], seconds[peer] = _timed(peer, paths, Checkerboard(pictures.columns, pictures.rows))
     result = SetResult(name, paths, board, found, notes=notes)
@@ -108,7 +109,7 @@ def run_set(name: str, pictures: PictureSet) -> SetResult:
     _judge(result, size, Checkerboard(pictures.columns, pictures.rows))
     for detector, each in found.items():
         result.figures[detector] = {
-            "pictures": len(paths),
+            "images": len(paths),
             "boards": sum(len(f) > 0 for f in each),
             "corners": sum(map(len, each)),
             "wrong": int(sum(w.sum() for w in result.wrong[detector])),
@@ -121,7 +122,7 @@ def run_set(name: str, pictures: PictureSet) -> SetResult:
 
 
 def _timed(peer: str, paths: list[Path], board: Checkerboard) -> tuple[list[Found], float]:
-    """Run a peer over pictures both by two threads of its own and over a pool of two; its faster time counts."""
+    """Run a peer over images both by two threads of its own and over a pool of two; its faster time counts."""
 
     def one(path: Path) -> Found:
         return DETECTORS[peer](to_gray8(read_image(path)), board)
@@ -145,7 +146,7 @@ def _judge(result: SetResult, size: tuple[int, int], theirs: Checkerboard) -> No
     for name, each in result.found.items():
         result.wrong[name] = [np.zeros(len(f), bool) for f in each]
     try:
-        views = BoardViews.of([(result.board.points[f.ids], f.pixels) for _, f in mine])
+        views = Observations.of([(result.board.points[f.ids], f.pixels) for _, f in mine])
         camera = calibrate_camera(views, size)
     except ValueError as error:
         result.notes.append(f"no referee: {error}")
@@ -160,12 +161,12 @@ def _judge(result: SetResult, size: tuple[int, int], theirs: Checkerboard) -> No
 
 def _misfits(model: CameraModel, points: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Say which corners lie more than 2 px from the robust fit of their board's pose, the camera being known."""
-    view = BoardViews.of([(points, pixels)])
-    rotations, translations = plane_poses(view, model.unproject(pixels)[0])
+    view = Observations.of([(points, pixels)])
+    rotations, translations = linear_board_poses(view, model.unproject(pixels)[0])
     if not np.isfinite(rotations).all():
         return np.ones(len(pixels), bool)
     state = State(model, rotations, translations)
-    return refine(state, view, freedom=Freedom.none(model)).state.lengths(view) > NEAR
+    return refine(state, view, freedom=FreeParameters.none(model)).state.lengths(view) > NEAR
 
 
 def _common(result: SetResult, peer: str, size: tuple[int, int]) -> tuple[float, float, int, int]:
@@ -181,7 +182,7 @@ def _common(result: SetResult, peer: str, size: tuple[int, int]) -> tuple[float,
             mine.append((points, a.pixels[near]))
             theirs.append((points, b.pixels[nearest[near]]))
     try:
-        fits = [calibrate_camera(BoardViews.of(v), size, model="mei", loss="squared").rms for v in (mine, theirs)]
+        fits = [calibrate_camera(Observations.of(v), size, model="mei", loss="squared").rms for v in (mine, theirs)]
     except ValueError:
         return float("nan"), float("nan"), len(mine), sum(len(p) for p, _ in mine)
     return fits[0], fits[1], len(mine), sum(len(p) for p, _ in mine)
@@ -209,7 +210,7 @@ def table(rows: dict[str, dict[str, object]]) -> str:
 
 
 def hardest(result: SetResult) -> int:
-    """Give the picture that the peers find least of; among several the one whose board is least sharp."""
+    """Give the image that the peers find least of; among several the one whose board is least sharp."""
 
     def ease(i: int) -> tuple[int, float]:
         peers = sum(len(result.found[p][i]) - int(result.wrong[p][i].sum()) for p in PEERS)

@@ -1,4 +1,4 @@
-"""Boards in rendered pictures: how much of them the detectors find, and how well, as the pictures get worse.
+"""Boards in rendered images: how much of them the detectors find, and how well, as the images get worse.
 
 One factor is varied at a time from a base of 1 px blur and 2 % noise; the hard mix draws all of them at random.
 Each cell holds five poses for each of five cameras.
@@ -37,7 +37,7 @@ MIXED = 60
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One picture's scores, and what was found, by detector."""
+    """One image's scores, and what was found, by detector."""
 
     cell: str
     shot: Shot
@@ -46,7 +46,7 @@ class Result:
 
 
 def cells(only: Iterable[str] = (), *, quick: bool = False) -> dict[str, list[Shot]]:
-    """Give the pictures of each cell; `only` names factors, "base" and "mix"; quick takes two poses per camera."""
+    """Give the images of each cell; `only` names factors, "base" and "mix"; quick takes two poses per camera."""
     only = set(only)
     if unknown := only - {"base", "mix", *FACTORS}:
         raise ValueError(f"unknown cells {', '.join(sorted(unknown))}; there are base, mix, {', '.join(FACTORS)}")
@@ -80,14 +80,14 @@ def _mixed(count: int) -> Iterator[Shot]:
 
 
 def measure(only: Iterable[str] = (), *, quick: bool = False, names: Iterable[str] = tuple(DETECTORS)) -> list[Result]:
-    """Run the detectors over the pictures, two processes of one thread each."""
+    """Run the detectors over the images, two processes of one thread each."""
     names = tuple(names)
     jobs = [(cell, shot, names) for cell, shots in cells(only, quick=quick).items() for shot in shots]
     results: list[Result] = []
     with ProcessPoolExecutor(2, mp.get_context("spawn"), _prepare, (names,)) as pool:
         for result in pool.map(judge, jobs, chunksize=2):
             results.append(result)
-            print(f"\r{len(results)} of {len(jobs)} pictures", end="", file=sys.stderr, flush=True)
+            print(f"\r{len(results)} of {len(jobs)} images", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return results
 
@@ -101,7 +101,7 @@ def _prepare(names: tuple[str, ...]) -> None:
 
 
 def judge(job: tuple[str, Shot, tuple[str, ...]]) -> Result:
-    """Take a picture and judge what the detectors find in it."""
+    """Take an image and judge what the detectors find in it."""
     cell, shot, names = job
     scene = shoot(shot)
     found = {name: timed(name, scene.image, BOARD) for name in names}
@@ -165,7 +165,7 @@ def _number(value: float, form: str) -> str:
 
 
 def worst(results: list[Result], name: str = "omnisight", count: int = 40) -> list[Result]:
-    """Give the pictures in which a detector misses or errs most, the worst first."""
+    """Give the images in which a detector misses or errs most, the worst first."""
 
     def loss(result: Result) -> float:
         s = result.scores[name]

@@ -72,7 +72,7 @@ def draw_result(result: Result) -> Bytes:
 
 
 def write_worst(results: list[Result], folder: Path, count: int = 40) -> list[str]:
-    """Write the pictures in which ours misses or errs most, with all corners drawn; give a line on each."""
+    """Write the images in which ours misses or errs most, with all corners drawn; give a line on each."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = []
     for i, result in enumerate(worst(results, count=count)):
@@ -91,7 +91,7 @@ def counts(result: Result) -> str:
 def page(
     tables: Mapping[str, str], rendered: list[Result], real: list[SetResult], title: str = "Finding checkerboards"
 ) -> str:
-    """Give a page (HTML) with tables (Markdown, by title) and pictures; all it shows is within it."""
+    """Give a page (HTML) with tables (Markdown, by title) and images; all it shows is within it."""
     parts = [
         f"<h1>{title}</h1>",
         "<p>omnisight: green circles. OpenCV classic: red +. OpenCV SB: blue x. Truth: yellow.</p>",
@@ -99,7 +99,7 @@ def page(
     for name, table in tables.items():
         parts += [f"<h2>{html.escape(name)}</h2>", _html_table(table)]
     if real:
-        parts.append("<h2>The hardest picture of each set</h2>")
+        parts.append("<h2>The hardest image of each set</h2>")
     for result in real:
         i = hardest(result)
         found = {name: each[i] for name, each in result.found.items()}
@@ -107,13 +107,13 @@ def page(
         gray = to_gray8(read_image(result.paths[i]))
         parts.append(_figure(draw(gray, found), f"{result.name}, {result.paths[i].name}. Corners by {caption}"))
     if rendered:
-        parts.append("<h2>Rendered pictures, one of each cell</h2>")
+        parts.append("<h2>Rendered images, one of each cell</h2>")
         first: dict[str, Result] = {}
         for result in rendered:
             if result.shot.lens == "fisheye 180" and result.cell not in first and result.shot.place > 0.3:
                 first[result.cell] = result
         parts += [_figure(draw_result(r), f"{cell}. {counts(r)}", 560) for cell, r in first.items()]
-        parts.append("<h2>Rendered pictures that ours finds worst</h2>")
+        parts.append("<h2>Rendered images that ours finds worst</h2>")
         parts += [_figure(draw_result(r), f"{r.cell}. {counts(r)}. {r.shot}", 560) for r in worst(rendered, count=12)]
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
@@ -138,7 +138,7 @@ def _html_table(table: str) -> str:
 
 
 def assets(folder: Path, redistributable: Mapping[str, Path]) -> None:
-    """Draw the pictures of the docs: rendered ones, and boards of sets whose licence lets them be shown."""
+    """Draw the images of the docs: rendered ones, and boards of sets whose licence lets them be shown."""
     from benchmarks.boards_detectors import DETECTORS, timed
     from benchmarks.boards_scene import BOARD
     from omnisight.targets import Checkerboard

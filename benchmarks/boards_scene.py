@@ -1,4 +1,4 @@
-"""Pictures of a 9x6 board whose corners are known, through cameras of all kinds, and how they are spoilt.
+"""Images of a 9x6 board whose corners are known, through cameras of all kinds, and how they are spoilt.
 
 A pixel is the mean light over its square. Pixels that an edge crosses are sampled 6x6 times at exact intersections of
 ray and board, each sample being averaged over its own width, so that an edge along the pixel grid is right too.
@@ -25,7 +25,7 @@ BOARD = Checkerboard(9, 6)
 PAPER_MARGIN = 0.6  # of white paper around the squares, in squares
 INK, PAPER, DARK = 35.0, 190.0, 6.0
 SAMPLES = 6
-BORDER = 3.0  # a visible corner's quarter-squares are this far (px) inside the picture
+BORDER = 3.0  # a visible corner's quarter-squares are this far (px) inside the image
 PIXELS_AT_ONCE = 60_000
 TRIES = 150
 
@@ -40,7 +40,7 @@ class Lens:
 
 
 def lenses(scale: float = 1.0) -> dict[str, Lens]:
-    """Give the cameras, for pictures of 1000x800 px times a scale."""
+    """Give the cameras, for images of 1000x800 px times a scale."""
     s = scale
 
     def lens(name: str, near: float, far: float, *params: float) -> Lens:
@@ -61,7 +61,7 @@ LENSES = lenses()
 
 @dataclass(frozen=True)
 class Shot:
-    """What a picture shows and how it is spoilt.
+    """What an image shows and how it is spoilt.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Shot:
     jpeg
         Quality; 0 for none.
     light
-        Factor of brightness from one side of the picture to the other.
+        Factor of brightness from one side of the image to the other.
     visible
         Part of the corners that is visible.
     """
@@ -101,7 +101,7 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A picture (H, W) of uint8, the true corners (54, 2), and which of them are visible."""
+    """An image (H, W) of uint8, the true corners (54, 2), and which of them are visible."""
 
     image: NDArray[np.uint8]
     corners: Array
@@ -109,7 +109,7 @@ class Scene:
 
 
 def shoot(shot: Shot, lens: Lens | None = None) -> Scene:
-    """Take the picture; the same shot gives the same picture."""
+    """Take the image; the same shot gives the same image."""
     lens = lens or LENSES[shot.lens]
     place = zlib.crc32(repr((shot.lens, shot.place, shot.tilt, shot.square, shot.seed)).encode())
     rng, noise = np.random.default_rng(place), np.random.default_rng(zlib.crc32(repr(astuple(shot)).encode()))
@@ -181,7 +181,7 @@ def _middle() -> Array:
 
 
 def visible_corners(lens: Lens, pose: Pose) -> NDArray[np.bool_]:
-    """Say which corners (54,) have their four neighbouring quarter-squares in the picture and in the field."""
+    """Say which corners (54,) have their four neighbouring quarter-squares in the image and in the field."""
     ends = np.array([(0, 0), (-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)])
     points = pose @ (BOARD.points[:, None] + np.pad(ends, ((0, 0), (0, 1))))
     pixels, valid = lens.camera.project(points)
@@ -270,7 +270,7 @@ def _field(lens: Lens) -> Array:
 
 
 def _slope(size: tuple[int, int], factor: float, direction: float) -> Array:
-    """Give a linear ramp of light over the picture, brightest 1.2 times."""
+    """Give a linear ramp of light over the image, brightest 1.2 times."""
     v, u = np.mgrid[: size[1], : size[0]].astype(float)
     along = (u - size[0] / 2) * np.cos(direction) + (v - size[1] / 2) * np.sin(direction)
     along = (along - along.min()) / np.ptp(along)

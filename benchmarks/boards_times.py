@@ -1,4 +1,4 @@
-"""How long the detectors take in large pictures, and in pictures that show no board at all."""
+"""How long the detectors take in large images, and in images that show no board at all."""
 
 import multiprocessing as mp
 import time
@@ -17,7 +17,7 @@ PATIENCE = 60.0  # seconds
 
 
 def measure(sizes: tuple[int, ...] = tuple(SIZES)) -> dict[str, dict[str, float]]:
-    """Give seconds by picture and detector; infinity past a minute."""
+    """Give seconds by image and detector; infinity past a minute."""
     rows: dict[str, dict[str, float]] = {}
     for megapixels in sizes:
         for kind in ("board", "black", "white", "noise"):

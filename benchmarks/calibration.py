@@ -5,15 +5,15 @@ import numpy as np
 
 import omnisight as om
 from benchmarks.race import Race, race
-from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.refine import refine
-from omnisight.calibrate.state import State
+from omnisight.calibration.bundle_adjustment import refine
+from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.state import State
 from omnisight.geometry.rotation import exp
 
 SIZE = (1032, 778)
 
 
-def boards(count: int = 15) -> tuple[om.BoardViews, om.CameraModel, np.ndarray, np.ndarray]:
+def boards(count: int = 15) -> tuple[om.Observations, om.CameraModel, np.ndarray, np.ndarray]:
     """Project boards of 8x6 corners through a Mei camera, with 0.2 px of noise."""
     rng = np.random.default_rng(1)
     camera = om.model_class("mei")(700.0, 699.0, 543.0, 378.0, 1.2, -0.1, 0.03, 3e-4, -2e-4)
@@ -28,14 +28,14 @@ def boards(count: int = 15) -> tuple[om.BoardViews, om.CameraModel, np.ndarray, 
             views.append((points, pixels + 0.2 * rng.normal(size=pixels.shape)))
             rotations.append(rotation)
             translations.append(translation)
-    return om.BoardViews.of(views), camera, np.array(rotations), np.array(translations)
+    return om.Observations.of(views), camera, np.array(rotations), np.array(translations)
 
 
 def run() -> list[Race]:
     views, truth, rotations, translations = boards()
     rough = truth.with_params(np.array([640.0, 640.0, 515.5, 388.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     start = State(rough, rotations @ exp([0.02, -0.02, 0.01]), translations * 1.03)
-    freedom = Freedom.of(truth, free=["skew"])
+    freedom = FreeParameters.of(truth, free=["skew"])
     objects = [views.points[g][None] for g in views.groups]
     images = [views.pixels[g][None] for g in views.groups]
 

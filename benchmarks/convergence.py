@@ -20,18 +20,18 @@ import numpy as np
 
 from benchmarks.convergence_real import table as real_table
 from benchmarks.convergence_scenes import AXES, BOARDS, LENSES, SIZE, Array, Cell, Scene, scene
-from omnisight.calibrate.candidates import Candidate
-from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise
-from omnisight.calibrate.refine import Bundle, refine
-from omnisight.calibrate.spread import Spread
-from omnisight.calibrate.starts import OCAM_DEGREES, starts_of
-from omnisight.calibrate.state import State
-from omnisight.calibrate.views import BoardViews
+from omnisight.calibration.bundle_adjustment import Bundle, refine
+from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.initial_camera import estimate_initial_camera
+from omnisight.calibration.model_starts import OCAM_DEGREES, model_starts
+from omnisight.calibration.residual_weights import ResidualWeights
+from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel, model_class, model_names
 from omnisight.models._central import Central
 from omnisight.models.ocam import Ocam
+from omnisight.targets.observations import Observations
 
 # Not the spline: its knots follow from the corners, so that two starts are two problems.
 MODELS = tuple(name for name in model_names() if issubclass(model_class(name), Central) and name != "spline")
@@ -85,18 +85,18 @@ def matrix(*, quick: bool) -> Iterator[Cell]:
                     yield Cell(fov, lens, axis, boards, noise, outliers, views)
 
 
-def cost(state: State, views: BoardViews, threshold: float) -> Array:
+def cost(state: State, views: Observations, threshold: float) -> Array:
     """Give the robust cost of each corner."""
     inside = np.minimum(lengths := state.lengths(views), threshold)
     return inside * (lengths - 0.5 * inside)
 
 
-def fitted(name: str, start: State, views: BoardViews) -> State:
+def fitted(name: str, start: State, views: Observations) -> State:
     """Refine as a calibration with no flags does."""
-    return Candidate.fit(name, start, views, Freedom.of(start.model), loss="huber").state
+    return Candidate.fit(name, start, views, FreeParameters.of(start.model), loss="huber").state
 
 
-def compared(state: State, views: BoardViews, spread: Spread) -> State:
+def compared(state: State, views: Observations, spread: ResidualWeights) -> State:
     """Bring a result to the bottom of the cost that it is compared by: a few steps, too few to go anywhere else."""
     return refine(state, views, spread=spread, iterations=30).state
 
@@ -128,25 +128,25 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
     """Calibrate one cell as every model that can represent it."""
     made = scene(cell)
     begun = time.perf_counter()
-    start = initialise(made.views, SIZE)
+    start = estimate_initial_camera(made.views, SIZE)
     shared = time.perf_counter() - begun
     runs: list[Run] = []
     for key, true_start in from_truth(made, models).items():
         best = fitted(key, true_start, made.views)
         # Where a corner begins to count as doubtful follows from the residuals: one threshold, to compare.
-        spread = Spread.of(best, made.views)
+        spread = ResidualWeights.of(best, made.views)
         best, threshold = compared(best, made.views, spread), spread.threshold
         unit = float(cost(best, made.views, threshold)[made.clean].sum())
         # What calibrate_camera does with a model's name; a polynomial's other degrees are left out.
         begun = time.perf_counter()
-        started = dict(starts_of(key.split()[0], start, made.views))
+        started = dict(model_starts(key.split()[0], start, made.views))
         if key not in started:
             runs.append(Run(cell, key, np.inf, np.nan, (shared, 0.0)))
             continue
         found = fitted(key, started[key], made.views)
         own = time.perf_counter() - begun
         found = compared(found, made.views, spread)
-        minimised = Bundle(made.views, Freedom.of(best.model), spread).cost
+        minimised = Bundle(made.views, FreeParameters.of(best.model), spread).cost
         above = minimised(found) - minimised(best)
         count = 0.5 * float(made.clean.sum())
         apart = float(np.sqrt(max(unit + above, 0.0) / count) - np.sqrt(unit / count))

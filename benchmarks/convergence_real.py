@@ -5,22 +5,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.solvers_corners import corner_sets
-from omnisight.calibrate import BoardViews
-from omnisight.calibrate.candidates import Candidate
-from omnisight.calibrate.choice import AUTO
-from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise
-from omnisight.calibrate.posing import posed
-from omnisight.calibrate.spread import Spread
-from omnisight.calibrate.starts import starts_of
-from omnisight.calibrate.state import State
+from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.initial_camera import estimate_initial_camera
+from omnisight.calibration.model_selection import AUTO
+from omnisight.calibration.model_starts import model_starts
+from omnisight.calibration.resection import resect
+from omnisight.calibration.residual_weights import ResidualWeights
+from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
+from omnisight.targets.observations import Observations
 
 RESTARTS = 4
 
 
-def restarts(found: State, views: BoardViews, size: tuple[int, int], rng: np.random.Generator) -> Iterator[State]:
-    """Give states away from the one found: all of it shaken, and a camera that knew half of the pictures."""
+def restarts(found: State, views: Observations, size: tuple[int, int], rng: np.random.Generator) -> Iterator[State]:
+    """Give states away from the one found: all of it shaken, and a camera that knew half of the images."""
     for _ in range(RESTARTS):
         params = found.model.params.copy()
         names = found.model.param_names
@@ -36,8 +36,8 @@ def restarts(found: State, views: BoardViews, size: tuple[int, int], rng: np.ran
         moved = found.translations * (1 + rng.normal(0, 0.05, (len(views), 1)))
         yield State(found.model.with_params(params), shaken, moved)
     half = np.arange(len(views))[:: 2 if len(views) > 7 else 1]
-    start = posed(initialise(views.subset(half), size).model, views)
-    yield from (state for name, state in starts_of(found.model.name, start, views))
+    start = resect(estimate_initial_camera(views.subset(half), size).model, views)
+    yield from (state for name, state in model_starts(found.model.name, start, views))
 
 
 def table() -> str:
@@ -45,16 +45,16 @@ def table() -> str:
     lines = ["| set | model | rms, px | restarts | better by, of the good corners' cost |", "|---|---|---|---|---|"]
     for name, views, size in ((corners.name, corners.views, corners.size) for corners in corner_sets()):
         rng = np.random.default_rng(0)
-        start = initialise(views, size)
-        for key, begun in (found for model in AUTO if model != "spline" for found in starts_of(model, start, views)):
-            found = Candidate.fit(key, begun, views, Freedom.of(begun.model), loss="huber")
-            spread = Spread.of(found.state, views)
-            good = ~spread.doubtful(found.state, views)
+        start = estimate_initial_camera(views, size)
+        for key, begun in (found for model in AUTO if model != "spline" for found in model_starts(model, start, views)):
+            found = Candidate.fit(key, begun, views, FreeParameters.of(begun.model), loss="huber")
+            spread = ResidualWeights.of(found.state, views)
+            good = ~spread.outliers(found.state, views)
             unit = float((0.5 * found.state.lengths(views)[good] ** 2).sum())
             others = list[float]()
             for state in restarts(found.state, views, size, rng):
                 if state.model.params.shape == begun.model.params.shape:
-                    other = Candidate.fit(key, state, views, Freedom.of(state.model), loss="huber").state
+                    other = Candidate.fit(key, state, views, FreeParameters.of(state.model), loss="huber").state
                     others.append(_cost(other, views, spread.threshold))
             better = (_cost(found.state, views, spread.threshold) - min(others)) / unit
             equal = sum(o <= _cost(found.state, views, spread.threshold) + 1e-3 * unit for o in others)
@@ -63,7 +63,7 @@ def table() -> str:
     return "\n" + "\n".join(lines)
 
 
-def _cost(state: State, views: BoardViews, threshold: float) -> float:
+def _cost(state: State, views: Observations, threshold: float) -> float:
     lengths = state.lengths(views)
     inside = np.minimum(lengths, threshold)
     return float((inside * (lengths - 0.5 * inside)).sum())

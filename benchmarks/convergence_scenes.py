@@ -10,22 +10,22 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate import BoardViews
-from omnisight.calibrate.state import State
+from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
 from omnisight.models.ocam import Ocam
 from omnisight.targets import Checkerboard
+from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
 SIZE = (1280, 960)
-RIM = 470.0  # px from the axis to the edge of the picture's circle
-ASIDE = 0.2 * SIZE[0]  # px, of an axis far from the picture's middle
+RIM = 470.0  # px from the axis to the edge of the image's circle
+ASIDE = 0.2 * SIZE[0]  # px, of an axis far from the image's middle
 BOARD = Checkerboard(9, 6)
-FEWEST = 12  # corners of a board in a picture
-MOST = 0.9  # part of a board's corners that a usual picture shows, if the board can be held so
+FEWEST = 12  # corners of a board in an image
+MOST = 0.9  # part of a board's corners that a usual image shows, if the board can be held so
 TRIES = 300
 KB = {"k1": 0.02, "k2": -0.006, "k3": 0.001, "k4": -0.0002}
 BROWN = {"k1": -0.12, "k2": 0.03, "p1": 1e-3, "p2": -5e-4, "k3": 0.0}
@@ -115,7 +115,7 @@ class Scene:
         (M, 3) bearings over the part of the camera's cone where boards are, to fit other models over.
     """
 
-    views: BoardViews
+    views: Observations
     state: State
     clean: NDArray[np.bool_]
     cone: Array
@@ -195,7 +195,7 @@ def scene(cell: Cell) -> Scene:
         views.append((points, np.where(good[:, None], pixels + rng.normal(0, 1, pixels.shape) * cell.noise, anywhere)))
         clean.append(good)
     state = State(model, np.array(rotations), np.array(translations))
-    return Scene(BoardViews.of(views), state, np.concatenate(clean), cone_of(reach[0], reach[1]))
+    return Scene(Observations.of(views), state, np.concatenate(clean), cone_of(reach[0], reach[1]))
 
 
 def _held(
@@ -203,7 +203,7 @@ def _held(
 ) -> tuple[Array, Array]:
     """Hold a board towards a direction, tilted by 20 to 40 degrees; give its rotation and where its middle is.
 
-    `loose`, from 0 to 1, how far it may be from its place: an axis far from the picture's middle hides some places.
+    `loose`, from 0 to 1, how far it may be from its place: an axis far from the image's middle hides some places.
     """
     half = np.radians(cell.fov / 2)
     far = (6.0, 12.0) if cell.fov > 70 else (12.0, 20.0)

@@ -1,7 +1,7 @@
 """Calibrating from lines: how its errors grow with noise, and fall with the number of lines.
 
 `python -m benchmarks.lines [trials]` prints the first tables of docs/guide/lines.md; with `rendered` in place of the
-number how true calibrations of rendered pictures are, with `real` how lines compare with boards on real pictures, with
+number how true calibrations of rendered images are, with `real` how lines compare with boards on real images, with
 `shapes` what real cameras take from the scale.
 """
 
@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from benchmarks import lines_real, lines_rendered
-from omnisight.calibrate.lines import Chains, apart, bearing_deviation, calibrate_lines
+from omnisight.calibration.lines import Chains, apart, bearing_deviation, calibrate_lines
 from omnisight.models.unified import Unified
 
 SIZE = (1280, 1024)

@@ -1,6 +1,6 @@
-"""Calibrating from lines on real pictures, against the board calibration of the same camera.
+"""Calibrating from lines on real images, against the board calibration of the same camera.
 
-`python -m benchmarks.lines real [sets]`; the variable OMNISIGHT_DATA says where the pictures are.
+`python -m benchmarks.lines real [sets]`; the variable OMNISIGHT_DATA says where the images are.
 """
 
 import os
@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate import BoardViews, Calibration, calibrate_camera
-from omnisight.calibrate.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_arcs
-from omnisight.calibrate.lines.scale import shape_doubt
+from omnisight.calibration.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_arcs
+from omnisight.calibration.lines.scale import shape_doubt
 from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.geometry import rotation as so3
-from omnisight.images import estimate_field, read_image, to_gray8
-from omnisight.targets import Checkerboard, Detection, find_boards
+from omnisight.images import estimate_image_field, read_image, to_gray8
+from omnisight.pipeline.central import Calibration, calibrate_camera
+from omnisight.targets import Checkerboard, Detection, detect_boards
+from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ FILES = (
     "with_calibration/ocam_test_fisheye/calib_results_fisheye.txt",
     "with_calibration/ocam_matsuren/calib_results_0.txt",
 )
-# Pictures whose edges are traced, evenly out of a set.
+# Images whose edges are traced, evenly out of a set.
 PICTURES = 8
 STEP = 12  # px between the pixels that are compared
 
@@ -66,7 +67,7 @@ class Compared:
 
 
 def compare(found: LinesCalibration, board: Calibration) -> Compared:
-    """Compare at the pixels of the picture that both the lines and the boards reach."""
+    """Compare at the pixels of the image that both the lines and the boards reach."""
     camera = found.camera
     size = np.array(camera.size)
     pixels = np.stack(np.meshgrid(*(np.arange(STEP / 2, n, STEP) for n in size)), -1).reshape(-1, 2)
@@ -99,7 +100,7 @@ def measure(name: str) -> Iterator[tuple[str, LinesCalibration, Compared]]:
     yield "rows of corners", found, compare(found, truth)
     few = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, PICTURES).round().astype(int))]
     grays = [to_gray8(read_image(path)) for path in few]
-    field = estimate_field(grays)
+    field = estimate_image_field(grays)
     arcs = [(arc, i) for i, gray in enumerate(grays) for arc in find_arcs(gray, field)]
     centre = None if field.outer is None else np.array(field.outer.centre)
     found = calibrate_lines(Chains.of([a for a, _ in arcs], [i for _, i in arcs]), size, centre=centre)
@@ -157,17 +158,17 @@ def report_shapes(only: list[str]) -> None:
 
 
 def on_boards(name: str, model: str) -> tuple[Calibration, list[tuple[int, Detection]], list[Path]]:
-    """Calibrate a set by its boards; give their detections by picture, and the pictures, too."""
+    """Calibrate a set by its boards; give their detections by image, and the images, too."""
     pattern, board = SETS[name]
     paths = sorted(DATA.glob(pattern))
-    seen = [(i, p.detection) for i, p in enumerate(find_boards(paths, board).pictures) if p.detection is not None]
-    views = BoardViews.of([(board.points[d.ids], d.pixels) for _, d in seen])
+    seen = [(i, p.detection) for i, p in enumerate(detect_boards(paths, board).images) if p.detection is not None]
+    views = Observations.of([(board.points[d.ids], d.pixels) for _, d in seen])
     return calibrate_camera(views, read_image(paths[0]).shape[1::-1], model=model), seen, paths
 
 
 def report(only: list[str]) -> None:
     """Print the table."""
-    print("| pictures | lines from | lines | rms px | difference deg | worst deg | stated deg | board deg | ratio |")
+    print("| images | lines from | lines | rms px | difference deg | worst deg | stated deg | board deg | ratio |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name in SETS:
         if (only and not name.startswith(tuple(only))) or not list(DATA.glob(SETS[name][0])):

@@ -1,4 +1,4 @@
-"""Calibrating from lines on rendered pictures, whose cameras are known exactly.
+"""Calibrating from lines on rendered images, whose cameras are known exactly.
 
 `python -m benchmarks.lines rendered [tuning|test] [name ...]`. The cameras named tuning are those that constants may be
 chosen by; those named test are looked at when all is chosen.
@@ -11,18 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.lines import Chains, LinesCalibration, apart, calibrate_lines, find_arcs
+from omnisight.calibration.lines import Chains, LinesCalibration, apart, calibrate_lines, find_arcs
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
-from omnisight.images import estimate_field, to_gray8
+from omnisight.images import estimate_image_field, to_gray8
 from omnisight.models import CameraModel
 from omnisight.models.double_sphere import DoubleSphere
 from omnisight.models.equidistant import Equidistant
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.radial_polynomial import RadialPolynomial
 from omnisight.models.unified import Unified
-from omnisight.simulate import Renderer, scene_named
+from omnisight.simulation import Renderer, scene_named
 
 Bytes = NDArray[np.uint8]
 
@@ -44,7 +44,7 @@ class Subject:
     half
         tuning or test.
     model, size
-        The truth, and its pictures' (width, height).
+        The truth, and its images' (width, height).
     theta_deg
         From which angle to which it sees, degrees from the axis.
     sensor
@@ -64,7 +64,7 @@ class Subject:
         return self.theta_deg[0] > 0
 
     def pictures(self, scene: str, count: int, seed: int) -> list[Bytes]:
-        """Take gray pictures (H, W) of a scene from different places, turned at random."""
+        """Take gray images (H, W) of a scene from different places, turned at random."""
         rng = np.random.default_rng(seed)
         place = scene_named(scene, seed % 2)
         low, high = np.array(place.free)
@@ -83,7 +83,7 @@ class Subject:
         return grays
 
     def framed(self, gray: Bytes) -> Bytes:
-        """Put a ring before the picture's rim (H, W), not quite around the principal point, as that of real ones."""
+        """Put a ring before the image's rim (H, W), not quite around the principal point, as that of real ones."""
         if self.theta_deg[1] >= 180:
             return gray
         values, theta = self.model.to_dict(), np.radians(self.theta_deg[1])
@@ -218,7 +218,7 @@ class Outcome:
 
 def trace(grays: Sequence[Bytes]) -> tuple[Chains, NDArray[np.float64] | None]:
     """Trace edges as `omnisight calibrate-lines` does; give the middle of the border, too."""
-    field = estimate_field(grays)
+    field = estimate_image_field(grays)
     arcs = [(arc, i) for i, gray in enumerate(grays) for arc in find_arcs(gray, field)]
     middle = None if field.outer is None else np.array(field.outer.centre)
     return Chains.of([a for a, _ in arcs], [i for _, i in arcs]), middle
@@ -246,7 +246,7 @@ def attempt(subject: Subject, grays: Sequence[Bytes]) -> Outcome | str:
 
 
 def runs(half: str, only: Sequence[str] = ()) -> Iterator[tuple[Subject, str, int, int]]:
-    """Give each camera of a half with two scenes, seen in one picture and in three, and the seed of their places."""
+    """Give each camera of a half with two scenes, seen in one image and in three, and the seed of their places."""
     for i, subject in enumerate(s for s in SUBJECTS if s.half == half):
         if not only or subject.name.startswith(tuple(only)):
             for j, count in enumerate(COUNTS):
@@ -258,11 +258,11 @@ def report(arguments: Sequence[str]) -> None:
     halves = [half for half in ("tuning", "test") if half in arguments] or ["tuning", "test"]
     only = [name for name in arguments if name not in halves]
     for half in halves:
-        print(f"\n**{half}**\n\n| camera | scene | pictures | lines | difference deg | stated deg | ratio |")
+        print(f"\n**{half}**\n\n| camera | scene | images | lines | difference deg | stated deg | ratio |")
         print("|---|---|---|---|---|---|---|")
         outcomes: list[Outcome] = []
         for subject, scene, count, seed in runs(half, only):
-            got = attempt(subject, subject.pictures(scene, count, seed))
+            got = attempt(subject, subject.images(scene, count, seed))
             about = f"| {subject.name} | {scene} | {count} |"
             if isinstance(got, str):
                 print(f"{about} refused: {got} | | | |", flush=True)

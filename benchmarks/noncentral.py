@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import omnisight as om
-from omnisight.calibrate.rays import calibrate_rays
+from omnisight.pipeline.noncentral import calibrate_rays
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from noncentral import SIZE, in_focus, moving_pupil, off_by, off_focus, shown, sphere

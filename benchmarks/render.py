@@ -3,7 +3,7 @@
 import time
 
 from benchmarks.race import Race
-from omnisight.simulate import Renderer, fisheye_setup, scene_named
+from omnisight.simulation import Renderer, fisheye_setup, scene_named
 
 RUNS = 7
 LIMIT = 1.0  # seconds
@@ -26,6 +26,6 @@ def run() -> list[Race]:
 
     room = f"of the room, {width}x{height}, fisheye"
     return [
-        best(f"picture {room}, 4 rays per pixel", "__call__"),
+        best(f"image {room}, 4 rays per pixel", "__call__"),
         best(f"depth, normals, instances {room}", "truth"),
     ]

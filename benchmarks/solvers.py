@@ -15,13 +15,13 @@ import numpy as np
 
 import omnisight as om
 from benchmarks.solvers_corners import Corners, corner_sets
-from omnisight.calibrate.freedom import Freedom
-from omnisight.calibrate.initialise import initialise
-from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
-from omnisight.calibrate.posing import repose
-from omnisight.calibrate.refine import refine
-from omnisight.calibrate.restart import restart
-from omnisight.calibrate.state import State
+from omnisight.calibration.bundle_adjustment import refine
+from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.initial_camera import estimate_initial_camera
+from omnisight.calibration.multistart import multistart_refit
+from omnisight.calibration.ocamcalib import calibrate_ocamcalib
+from omnisight.calibration.resection import reresect
+from omnisight.calibration.state import State
 from omnisight.models.ocam import Ocam
 
 # So strict that peers stop for no other reason than that they have arrived: at 200 and 1e-8 some stop early.
@@ -72,25 +72,25 @@ class Row:
     note: str = ""
 
 
-Solve = Callable[[om.BoardViews, tuple[int, int]], Solved]
+Solve = Callable[[om.Observations, tuple[int, int]], Solved]
 
 
 def ours(name: str, loss: str = "squared") -> Solve:
-    def solve(views: om.BoardViews, size: tuple[int, int]) -> Solved:
-        start = initialise(views, size)
+    def solve(views: om.Observations, size: tuple[int, int]) -> Solved:
+        start = estimate_initial_camera(views, size)
         if name == "ocam":
             begun = replace(start, model=next(Ocam.starts_of_degrees(start.points(views)[0], views.pixels, [DEGREE])))
         else:
-            begun = restart(start, om.model_class(name), views)
+            begun = multistart_refit(start, om.model_class(name), views)
         assert begun is not None
         # cv2.omnidir estimates the skew.
-        freedom = Freedom.of(begun.model, free=("skew",) if name == "mei" else ())
+        freedom = FreeParameters.of(begun.model, free=("skew",) if name == "mei" else ())
         return Solved(refine(begun, views, freedom=freedom, loss=loss).state, range(len(views)))
 
     return solve
 
 
-def omnidir(views: om.BoardViews, size: tuple[int, int]) -> Solved:
+def omnidir(views: om.Observations, size: tuple[int, int]) -> Solved:
     objects, images = _lists(views)
     _, k, xi, d, turns, shifts, kept = cv2.omnidir.calibrate(objects, images, size, None, None, None, 0, CRITERIA)
     k1, k2, p1, p2 = d.ravel()
@@ -98,7 +98,7 @@ def omnidir(views: om.BoardViews, size: tuple[int, int]) -> Solved:
     return Solved(_state(model, turns, shifts), [int(i) for i in kept.ravel()])
 
 
-def fisheye(views: om.BoardViews, size: tuple[int, int]) -> Solved:
+def fisheye(views: om.Observations, size: tuple[int, int]) -> Solved:
     objects, images = _lists(views)
     flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
     _, k, d, turns, shifts = cv2.fisheye.calibrate(objects, images, size, None, None, flags=flags, criteria=CRITERIA)
@@ -107,7 +107,7 @@ def fisheye(views: om.BoardViews, size: tuple[int, int]) -> Solved:
     return Solved(_state(model, turns, shifts), range(len(views)))
 
 
-def ocamcalib(views: om.BoardViews, size: tuple[int, int]) -> Solved:
+def ocamcalib(views: om.Observations, size: tuple[int, int]) -> Solved:
     return Solved(calibrate_ocamcalib(views, size, degree=DEGREE).state, range(len(views)))
 
 
@@ -151,7 +151,7 @@ def _of(corners: Corners, model: str) -> Iterator[Row]:
 def on_the_views_of(peer: Solve, own: Solve) -> Solve:
     """Give a solver that leaves out whatever views the peer does."""
 
-    def solve(views: om.BoardViews, size: tuple[int, int]) -> Solved:
+    def solve(views: om.Observations, size: tuple[int, int]) -> Solved:
         kept = peer(views, size).kept
         return Solved(own(views.subset(np.array(kept)), size).state, kept)
 
@@ -187,12 +187,12 @@ def _held_out(corners: Corners, solve: Solve, hint: State, tests: Sequence[np.nd
         camera = solve(corners.views.subset(train), corners.size).state.model
         seen = corners.views.subset(test)
         # Every board begins where its bearings put it, or where our calibration on all views has it, whichever fits.
-        begun = repose(State(camera, hint.rotations[test], hint.translations[test]), seen)
-        lengths.append(refine(begun, seen, freedom=Freedom.none(camera), loss="squared").state.lengths(seen))
+        begun = reresect(State(camera, hint.rotations[test], hint.translations[test]), seen)
+        lengths.append(refine(begun, seen, freedom=FreeParameters.none(camera), loss="squared").state.lengths(seen))
     return _rms(lengths)
 
 
-def _lists(views: om.BoardViews) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def _lists(views: om.Observations) -> tuple[list[np.ndarray], list[np.ndarray]]:
     return [views.points[g][None] for g in views.groups], [views.pixels[g][None] for g in views.groups]
 
 

@@ -28,10 +28,10 @@ CONTRIB = {
 
 @dataclass(frozen=True)
 class Corners:
-    """A set of views with the (width, height) of its pictures; `folds` more rounds of holding out, 0 for none."""
+    """A set of views with the (width, height) of its images; `folds` more rounds of holding out, 0 for none."""
 
     name: str
-    views: om.BoardViews
+    views: om.Observations
     size: tuple[int, int]
     folds: int = 0
 
@@ -53,4 +53,4 @@ def read(
 ) -> Corners:
     """Read a file of corners; lengths are in squares."""
     search = om.read_corners([path], size=size, which=which)
-    return Corners(name, om.BoardViews.of_search(search), search.size, folds)
+    return Corners(name, om.Observations.of_search(search), search.size, folds)

@@ -1,11 +1,11 @@
 """Is the verdict right? `python -m benchmarks.verdict [--seeds 9] [--part all|tuned|aside] [--workers 1]`.
 
-Sets of pictures as people take them (benchmarks/verdict_scenes.py), good and bad, of cameras that are known. Each is
+Sets of images as people take them (benchmarks/verdict_scenes.py), good and bad, of cameras that are known. Each is
 calibrated with no flags; what the verdict says is set beside how far the camera is from the true one, over the part of
-the field where it claims to hold and over all that the pictures show, both turned to fit. The thresholds of
+the field where it claims to hold and over all that the images show, both turned to fit. The thresholds of
 calibrate/trust/checks.py rest on the even seeds; the odd ones were kept aside as a test.
 
-Lengths are in px of a picture 1000 px wide, as the verdict's are. A case's text, as printed, runs it alone:
+Lengths are in px of an image 1000 px wide, as the verdict's are. A case's text, as printed, runs it alone:
 `--only "bent board/3"`.
 """
 
@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.convergence_scenes import SIZE, Array
-from benchmarks.verdict_scenes import KINDS, Case, Truth, scene
-from omnisight.calibrate import Calibration, calibrate_camera
-from omnisight.calibrate.trust.compare import turned_difference
-from omnisight.calibrate.trust.evidence import Level
-from omnisight.calibrate.trust.uncertainty import Uncertainty
+from benchmarks.verdict_scenes import KINDS, Case, GroundTruth, scene
 from omnisight.geometry import rotation as so3
+from omnisight.pipeline.central import Calibration, calibrate_camera
+from omnisight.quality.aligned_difference import rotation_aligned_difference
+from omnisight.quality.evidence import Level
+from omnisight.quality.uncertainty import Uncertainty
 
 # What a camera is off by where it sees nothing of what the true one does, px.
 LOST = 100.0
@@ -92,7 +92,7 @@ def run(case: Case) -> Run:
         return judged(case, session.noise, truth, found, seconds)
 
 
-def judged(case: Case, noise: float, truth: Truth, found: Calibration, seconds: float = 0.0) -> Run:
+def judged(case: Case, noise: float, truth: GroundTruth, found: Calibration, seconds: float = 0.0) -> Run:
     """Compare a calibration with the truth."""
     bearings, pixels = truth.field()
     theirs, valid = found.camera.unproject(pixels)
@@ -116,7 +116,7 @@ def _error(found: Calibration, bearings: Array, pixels: Array) -> Error:
     camera = found.camera
     if not len(bearings):
         return Error(LOST, LOST, 180.0, 180.0, np.inf, np.nan)
-    off = np.linalg.norm(turned_difference(camera.model, bearings, pixels), axis=1)
+    off = np.linalg.norm(rotation_aligned_difference(camera.model, bearings, pixels), axis=1)
     off = np.minimum(np.nan_to_num(off, nan=LOST), LOST) / camera.px_unit
     theirs, _ = camera.unproject(pixels)
     known = np.isfinite(theirs).all(1)

@@ -1,4 +1,4 @@
-"""Pictures as people take them, good and bad, of cameras that are known: what a verdict has to tell apart.
+"""Images as people take them, good and bad, of cameras that are known: what a verdict has to tell apart.
 
 Each kind of set is a clean one with something changed. The unit of length is a square of the board.
 """
@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.convergence_scenes import LENSES, MIRRORS, SIZE, Lens
-from omnisight.calibrate import BoardViews
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis, cap, polar
 from omnisight.images import ImageField
 from omnisight.images.ellipse import Ellipse
 from omnisight.models import CameraModel, model_class
 from omnisight.targets import Checkerboard
+from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
 BOARDS = (Checkerboard(7, 5), Checkerboard(9, 6), Checkerboard(11, 8))
-# Px from the axis to the rim: of an image circle within the picture, and of one around it.
+# Px from the axis to the rim: of an image circle within the image, and of one around it.
 INSIDE, AROUND = 470.0, 800.0
 FEWEST, TRIES = 12, 200
 # Of the bearings that are asked about over the field.
@@ -34,11 +34,11 @@ WAVES = 1.7
 
 @dataclass(frozen=True)
 class Session:
-    """How a set of pictures was taken.
+    """How a set of images was taken.
 
     Attributes
     ----------
-    pictures, noise
+    images, noise
         How many, and the standard deviation of a corner's coordinate, px.
     reach
         Part of the field, from its middle, in which boards are held.
@@ -61,9 +61,9 @@ class Session:
     sway
         Degrees a board turns, at random, while the rows are read.
     drift, zoom
-        Random and steady change of the focal length between the pictures, relative.
+        Random and steady change of the focal length between the images, relative.
     repeats
-        How often each picture is taken again.
+        How often each image is taken again.
     model
         What to calibrate.
     """
@@ -103,12 +103,12 @@ KINDS: dict[str, Callable[[np.random.Generator], Mapping[str, Any]]] = {
         "drift": 0.0002,
     },
     "noisy": lambda rng: {"noise": rng.uniform(0.3, 1.0)},
-    "few": lambda rng: {"pictures": int(rng.integers(3, 8))},
+    "few": lambda rng: {"images": int(rng.integers(3, 8))},
     "middle only": lambda rng: {"reach": rng.uniform(0.25, 0.6)},
     "one side": lambda rng: {"sector": (rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 0.9))},
     "parallel": lambda rng: {"tilt": None},
     "little tilt": lambda rng: {"tilt": (0.0, rng.uniform(3.0, 10.0))},
-    "copies": lambda rng: {"pictures": int(rng.integers(1, 5)), "repeats": int(rng.integers(4, 8))},
+    "copies": lambda rng: {"images": int(rng.integers(1, 5)), "repeats": int(rng.integers(4, 8))},
     "tiny boards": lambda rng: {"share": (0.04, 0.1)},
     "bent board": lambda rng: {"bend": tuple(rng.normal(0, 0.01, 2)), "twist": rng.normal(0, 0.005)},
     "stretched print": lambda rng: {"stretch": _sign(rng) * rng.uniform(0.003, 0.02)},
@@ -123,7 +123,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Mapping[str, Any]]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """One set of pictures: its text seeds all that is random in it."""
+    """One set of images: its text seeds all that is random in it."""
 
     kind: str
     seed: int
@@ -133,7 +133,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Truth:
+class GroundTruth:
     """A camera that is known.
 
     Attributes
@@ -180,7 +180,7 @@ class Truth:
 
     @property
     def circle(self) -> ImageField | None:
-        """Where the pictures show anything; None where the lens fills them."""
+        """Where the images show anything; None where the lens fills them."""
         rim, _ = self.model.project_numpy(polar(np.full(2, self.half), np.array([0.0, np.pi])))
         radius = float(np.ptp(rim[:, 0])) / 2
         if radius > INSIDE + 1:
@@ -194,14 +194,14 @@ class Truth:
         return ImageField(SIZE, Ellipse(centre, (radius, radius), 0.0), hole)
 
     def field(self) -> tuple[Array, Array]:
-        """Give bearings (N, 3) over all that the pictures show, and where a far point there is seen (N, 2)."""
+        """Give bearings (N, 3) over all that the images show, and where a far point there is seen (N, 2)."""
         bearings = cap(self.half, RINGS)
         pixels, shown = replace(self, pupil=0.0).project(bearings)
         return bearings[shown], pixels[shown]
 
 
-def scene(case: Case) -> tuple[Session, Truth, BoardViews]:
-    """Make the pictures of a case; the same case always gives the same."""
+def scene(case: Case) -> tuple[Session, GroundTruth, Observations]:
+    """Make the images of a case; the same case always gives the same."""
     rng = np.random.default_rng(zlib.crc32(str(case).encode()))
     usual = Session(int(rng.integers(15, 26)), float(np.exp(rng.uniform(np.log(0.05), np.log(0.3)))))
     session = replace(usual, **KINDS[case.kind](rng))
@@ -210,7 +210,7 @@ def scene(case: Case) -> tuple[Session, Truth, BoardViews]:
     return session, truth, pictures(session, truth, board, rng)
 
 
-def camera(session: Session, rng: np.random.Generator) -> Truth:
+def camera(session: Session, rng: np.random.Generator) -> GroundTruth:
     """Draw a lens from 60 to 200 degrees or, of every five, a mirror."""
     rim = AROUND if rng.random() < 0.5 else INSIDE
     fov = int(rng.choice([fov for fov in LENSES if fov <= 200]))
@@ -226,11 +226,11 @@ def camera(session: Session, rng: np.random.Generator) -> Truth:
     model = _scaled(lens, float(half), rim, rng)
     wave = tuple(session.wave * rng.dirichlet((1.0, 1.0, 1.0)))
     phases = tuple(rng.uniform(0, 2 * np.pi, 3))
-    return Truth(f"{name} {fov}", model, np.radians(lens.blind_deg), float(half), session.pupil, wave, phases)
+    return GroundTruth(f"{name} {fov}", model, np.radians(lens.blind_deg), float(half), session.pupil, wave, phases)
 
 
 def _scaled(lens: Lens, half: float, rim: float, rng: np.random.Generator) -> CameraModel:
-    """Give a lens whose rim is so many px from its axis, the axis near the picture's middle."""
+    """Give a lens whose rim is so many px from its axis, the axis near the image's middle."""
     plain = {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0, **lens.shape}
     radius = model_class(lens.model).from_dict(plain).project_numpy(np.array([[np.sin(half), 0.0, np.cos(half)]]))[0]
     focal = rim / float(radius[0, 0])
@@ -239,18 +239,18 @@ def _scaled(lens: Lens, half: float, rim: float, rng: np.random.Generator) -> Ca
     return model_class(lens.model).from_dict(found)
 
 
-def pictures(session: Session, truth: Truth, board: Checkerboard, rng: np.random.Generator) -> BoardViews:
+def pictures(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.random.Generator) -> Observations:
     """Hold the board, see it, and measure it as badly as the session has it."""
     points = board.points - board.points.mean(0)
     print_ = points * (1 + session.stretch, 1.0, 1.0)
     across, down = points[:, 0] / np.ptp(points[:, 0]) * 2, points[:, 1] / np.ptp(points[:, 1]) * 2
     off = session.bend[0] * (1 - across**2) + session.bend[1] * (1 - down**2) + session.twist * across * down
     print_[:, 2] = off * np.ptp(points[:, 0])
-    focus = 1 + session.drift * rng.normal(size=session.pictures)
-    focus += session.zoom * (np.arange(session.pictures) / max(session.pictures - 1, 1) - 0.5)
-    slipped = set(rng.permutation(session.pictures)[: session.slipped].tolist())
+    focus = 1 + session.drift * rng.normal(size=session.images)
+    focus += session.zoom * (np.arange(session.images) / max(session.images - 1, 1) - 0.5)
+    slipped = set(rng.permutation(session.images)[: session.slipped].tolist())
     views, names = list[tuple[Array, Array]](), list[str]()
-    for i in range(session.pictures):
+    for i in range(session.images):
         pixels, use = _seen(session, truth, print_, i, float(focus[i]), rng)
         ids = np.flatnonzero(use)
         whole = points
@@ -264,20 +264,20 @@ def pictures(session: Session, truth: Truth, board: Checkerboard, rng: np.random
             measured[bad] += rng.uniform(-40, 40, (int(bad.sum()), 2))
             views.append((whole[ids], measured))
             names.append(f"{i}.{k}")
-    return BoardViews.of(views, names)
+    return Observations.of(views, names)
 
 
 def _seen(
-    session: Session, truth: Truth, board: Array, i: int, focus: float, rng: np.random.Generator
+    session: Session, truth: GroundTruth, board: Array, i: int, focus: float, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Hold a board where it is seen; give its pixels (n, 2) and which of them are in the picture."""
+    """Hold a board where it is seen; give its pixels (n, 2) and which of them are in the image."""
     width = float(np.ptp(board[:, 0]))
     for attempt in range(TRIES):
         loose = attempt / TRIES
         angle = min(rng.uniform(*session.share) * 2 * truth.half, np.radians(75.0))
         distance = width / 2 / np.tan(angle / 2)
         last = max(session.reach * truth.half - 0.35 * angle, 0.05)
-        theta = truth.blind + (last - truth.blind) * np.sqrt((i + rng.uniform(0, 1)) / session.pictures)
+        theta = truth.blind + (last - truth.blind) * np.sqrt((i + rng.uniform(0, 1)) / session.images)
         phi = 2.4 * i + rng.uniform(-0.4, 0.4) * (1 + 5 * loose)
         if session.sector is not None:
             phi = session.sector[0] + rng.uniform(-1, 1) * session.sector[1]

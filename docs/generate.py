@@ -20,7 +20,7 @@ MARK = re.compile(r"^\{\{ *(\w+) *(.*?) *\}\}$", re.MULTILINE)
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pictures that are drawn at every build."""
+    """Add the images that are drawn at every build."""
     from mkdocs.structure.files import File
 
     for name, content in {**curves(), **view_pictures()}.items():
@@ -115,7 +115,7 @@ def matrix() -> str:
 
 def candidates() -> str:
     """Give the models that `--model auto` fits."""
-    from omnisight.calibrate.choice import AUTO, NARROW_AUTO
+    from omnisight.calibration.model_selection import AUTO, NARROW_AUTO
 
     def linked(names: tuple[str, ...]) -> str:
         return ", ".join(f"[{name}](@/reference/models.md#{name})" for name in names)
@@ -169,7 +169,7 @@ def members(module: str) -> str:
 
 
 def picture(path: str, said: str) -> str:
-    """Show a picture of docs/, if it has been drawn, with what it shows below it."""
+    """Show an image of docs/, if it has been drawn, with what it shows below it."""
     return f"![{said}](@/{path})\n*{said}*" if path in PRESENT else ""
 
 
@@ -205,14 +205,14 @@ def curves() -> dict[str, str]:
 
 def view_pictures() -> dict[str, bytes]:
     """Draw every kind of view of a rendered room."""
-    from omnisight.simulate import fisheye_setup, mirror_setup
-    from omnisight.views.targets import CUBE_FACES, cube_rotation
+    from omnisight.simulation import fisheye_setup, mirror_setup
+    from omnisight.views.view_cameras import CUBE_FACES, cube_rotation
 
     fisheye, mirror = fisheye_setup(), mirror_setup()
     lens, room = fisheye.camera, fisheye.renderer()().image
     bowl, bowl_room = mirror.camera, mirror.renderer()().image
     level, upright = om.look(pitch=8), om.look(up="back")
-    drawn: dict[str, Any] = {"fisheye_picture": room, "mirror_picture": bowl_room}
+    drawn: dict[str, Any] = {"fisheye_image": room, "mirror_image": bowl_room}
     for name, target in {
         "perspective": om.perspective(100, (640, 400)),
         "panini": om.panini(165, (640, 360)),

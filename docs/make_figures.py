@@ -8,11 +8,11 @@ from omnisight.cli._design_draw import draw_design
 from omnisight.cli._section import Section, legend, paper
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
-from omnisight.optics import Catadioptric, Orthographic, Placed
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
 from omnisight.optics.caustic import caustic
-from omnisight.optics.design.mirror import design_mirror
-from omnisight.optics.design.order import Order
-from omnisight.optics.design.performance import performance
+from omnisight.optics.design.mirror_design import design_mirror
+from omnisight.optics.design.specification import MirrorSpecification
+from omnisight.optics.design.performance import evaluate_design
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.report.axes import Axes
 from omnisight.report.markup import Markup, element, together
@@ -81,7 +81,7 @@ def _lens_alone(section: Section) -> Markup:
 
 def _mirror(section: Section, mirror: Conic, distance: float, count: int = 16) -> Markup:
     """Draw rays over a mirror, back to where they seem to come from, and the caustic that they touch there."""
-    system = Catadioptric(Pinhole(FOCAL, FOCAL, 0.0, 0.0), (Placed(mirror, tz=distance),))
+    system = Catadioptric(Pinhole(FOCAL, FOCAL, 0.0, 0.0), (PlacedMirror(mirror, tz=distance),))
     edge = FOCAL * mirror.rim / (distance + float(mirror.sag(mirror.rim))) * (1 - 1e-9)
     radii = np.linspace(0.06, 1, count) * edge
     radii = np.concatenate([-radii[::-1], radii])
@@ -143,7 +143,7 @@ def _hyperbola(section: Section) -> Markup:
     edge = FOCAL * RIM / (distance + float(mirror.sag(RIM))) * (1 - 1e-9)
     near, chord = distance + mirror.foci[0], mirror.latus_rectum / 2
     return together(
-        _traced(section, Catadioptric(lens, (Placed(mirror, tz=distance),)), edge, near, parallel=False),
+        _traced(section, Catadioptric(lens, (PlacedMirror(mirror, tz=distance),)), edge, near, parallel=False),
         _surface(section, mirror, distance),
         section.line([(-chord, near), (chord, near)], "angle"),
         section.camera(20, 12),
@@ -159,10 +159,10 @@ def _hyperbola(section: Section) -> Markup:
 
 def _parabola(section: Section) -> Markup:
     mirror, distance = Conic.parabola(2 * 19.8, RIM), A + C
-    lens = Orthographic(1.0, 1.0, 0.0, 0.0)
+    lens = Telecentric(1.0, 1.0, 0.0, 0.0)
     near, chord = distance + mirror.foci[0], mirror.latus_rectum / 2
     return together(
-        _traced(section, Catadioptric(lens, (Placed(mirror, tz=distance),)), RIM * (1 - 1e-9), near, parallel=True),
+        _traced(section, Catadioptric(lens, (PlacedMirror(mirror, tz=distance),)), RIM * (1 - 1e-9), near, parallel=True),
         _surface(section, mirror, distance),
         section.line([(-chord, near), (chord, near)], "angle"),
         section.camera(2 * RIM, 2 * RIM),
@@ -232,9 +232,9 @@ def model() -> str:
 
 
 def table() -> str:
-    """The radius of the picture by the angle: traced, and as Table 1 has it, corrected and as printed."""
+    """The radius of the image by the angle: traced, and as Table 1 has it, corrected and as printed."""
     mirror, distance = Conic.hyperbola(A, C, RIM), A + C
-    system = Catadioptric(Pinhole(FOCAL, FOCAL, 0.0, 0.0), (Placed(mirror, tz=distance),))
+    system = Catadioptric(Pinhole(FOCAL, FOCAL, 0.0, 0.0), (PlacedMirror(mirror, tz=distance),))
     edge = FOCAL * RIM / (distance + float(mirror.sag(RIM))) * (1 - 1e-9)
     radii = np.linspace(0, edge, 19)
     bearings = system.rays(np.stack([radii, 0 * radii], -1)).bearings
@@ -247,13 +247,13 @@ def table() -> str:
     def radius(xi: float) -> np.ndarray:
         return np.sin(theta) / (np.cos(theta) + xi)
 
-    # Scaled to the traced picture on the axis, where r = f theta/(1 + xi).
+    # Scaled to the traced image on the axis, where r = f theta/(1 + xi).
     on_axis = corrected.fx / (1 + corrected.xi)
     axes = Axes(
         (0.0, float(np.degrees(theta[-1]))),
         (0.0, 1.55 * edge),
         "angle from the mirror's axis, degrees",
-        "radius of the picture, px",
+        "radius of the image, px",
         (62.0, 16.0, 836.0, 400.0),
     )
     lines = [
@@ -274,15 +274,15 @@ def table() -> str:
         element("text", lines[2][1], x=116.0, y=82.0, class_="on"),
         width=860.0,
         height=444.0,
-        said="The radius of the picture of a hyperbolic mirror by the angle: rays lie on the corrected curve.",
+        said="The radius of the image of a hyperbolic mirror by the angle: rays lie on the corrected curve.",
     )
 
 
 def design() -> str:
     """What `omnisight design mirror` draws."""
-    order = Order("hyperbolic", float(np.radians(20)), float(np.radians(60)), (1280, 960), 3.75e-6)
+    order = MirrorSpecification("hyperbolic", float(np.radians(20)), float(np.radians(60)), (1280, 960), 3.75e-6)
     made = design_mirror(order)
-    return draw_design(made, performance(made))
+    return draw_design(made, evaluate_design(made))
 
 
 if __name__ == "__main__":

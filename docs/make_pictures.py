@@ -1,4 +1,4 @@
-"""Draws the pictures of the README and the documentation, from rendered scenes only: the same at every run."""
+"""Draws the images of the README and the documentation, from rendered scenes only: the same at every run."""
 
 import tempfile
 from pathlib import Path
@@ -7,14 +7,14 @@ import numpy as np
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
-from omnisight.simulate import BOARD, BoardInScene, Renderer, Setup, Truth, fisheye_setup, mirror_setup, scene_named
+from omnisight.simulation import DEMO_BOARD, BoardInScene, Renderer, CameraSetup, GroundTruth, fisheye_setup, mirror_setup, scene_named
 
 ASSETS = Path(__file__).parent / "assets"
 GAP = 10
 
 
 def main() -> None:
-    """Draw all pictures."""
+    """Draw all images."""
     ASSETS.mkdir(exist_ok=True)
     om.write_image(ASSETS / "hero.jpg", hero())
     om.write_image(ASSETS / "mirror.jpg", mirror())
@@ -23,7 +23,7 @@ def main() -> None:
 
 
 def hero() -> np.ndarray:
-    """A fisheye picture beside views of it: the board laid flat, the window, and half of the room around."""
+    """A fisheye image beside views of it: the board laid flat, the window, and half of the room around."""
     setup = fisheye_setup(1440)
     picture = shoot(setup, held(yaw=-37, pitch=-20, turn=(0.25, 0.45, -0.16), distance=0.8))
 
@@ -39,7 +39,7 @@ def hero() -> np.ndarray:
 
 
 def mirror() -> np.ndarray:
-    """The picture of a mirror, and all that is around it on a cylinder."""
+    """The image of a mirror, and all that is around it on a cylinder."""
     setup = mirror_setup(1440)
     picture = shoot(setup)
     around = om.cylinder(1240, elevation=(-55, 18))
@@ -50,7 +50,7 @@ def mirror() -> np.ndarray:
 
 
 def next_picture() -> np.ndarray:
-    """Where to hold the board next, after seven pictures with it on the right."""
+    """Where to hold the board next, after seven images with it on the right."""
     from omnisight.cli.calibrate import calibrate
     from omnisight.cli.next import next as propose
 
@@ -58,7 +58,7 @@ def next_picture() -> np.ndarray:
     render = setup.renderer(samples=2)
     yaws, pitches = (8, 25, 40, 55, 30, 15, 45), (5, -25, 10, -5, 30, -10, -30)
     with tempfile.TemporaryDirectory() as place:
-        folder = f"{place}/pictures"
+        folder = f"{place}/images"
         Path(folder).mkdir()
         for i, (yaw, pitch) in enumerate(zip(yaws, pitches, strict=True)):
             lean = 0.6 * np.cos(i), 0.6 * np.sin(i), 0.3 * i
@@ -71,7 +71,7 @@ def next_picture() -> np.ndarray:
 
 
 def rendered() -> np.ndarray:
-    """Show the room and the street through a fisheye, a mirror camera and all around, and the truth of two pictures."""
+    """Show the room and the street through a fisheye, a mirror camera and all around, and the truth of two images."""
     fisheye, mirror = fisheye_setup(960), mirror_setup(960)
     rows = []
     truths = []
@@ -92,25 +92,25 @@ def rendered() -> np.ndarray:
 
 
 def disc(image: np.ndarray) -> np.ndarray:
-    """Cut the middle of a picture 4:3 to a square."""
+    """Cut the middle of an image 4:3 to a square."""
     side = image.shape[0]
     left = (image.shape[1] - side) // 2
     return shrunk(image[:, left : left + side], 552)
 
 
-def depths(truth: Truth) -> np.ndarray:
+def depths(truth: GroundTruth) -> np.ndarray:
     """Show distance: the nearer the brighter."""
     with np.errstate(invalid="ignore"):
         near = np.clip(2.0 / truth.depth, 0, 1) ** 0.6
     return np.repeat(np.nan_to_num(255 * near).astype(np.uint8)[..., None], 3, -1)
 
 
-def normals(truth: Truth) -> np.ndarray:
+def normals(truth: GroundTruth) -> np.ndarray:
     """Show normals as colours."""
     return np.nan_to_num(127.5 * (truth.normals + 1)).astype(np.uint8)
 
 
-def instances(truth: Truth) -> np.ndarray:
+def instances(truth: GroundTruth) -> np.ndarray:
     """Show each thing in a colour of its own."""
     tones = np.random.default_rng(2).integers(40, 255, (truth.instances.max() + 1, 3)).astype(np.uint8)
     tones[0] = 0
@@ -124,8 +124,8 @@ def write_small(path: Path, image: np.ndarray, quality: int) -> None:
     cv2.imwrite(str(path), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
-def shoot(setup: Setup, *boards: BoardInScene) -> np.ndarray:
-    """Take a picture with many rays and little noise."""
+def shoot(setup: CameraSetup, *boards: BoardInScene) -> np.ndarray:
+    """Take an image with many rays and little noise."""
     return setup.renderer(samples=3)(boards, noise=0.6).image
 
 
@@ -133,24 +133,24 @@ def held(yaw: float, pitch: float, turn: tuple[float, float, float], distance: f
     """Hold the board in a direction (degrees), turned from facing the camera by a rotation vector."""
     facing = om.look(yaw, pitch).T
     rotation = facing @ exp(turn)
-    return BoardInScene(BOARD, om.Pose(rotation, facing[:, 2] * distance - rotation @ BOARD.points.mean(0)))
+    return BoardInScene(DEMO_BOARD, om.Pose(rotation, facing[:, 2] * distance - rotation @ DEMO_BOARD.points.mean(0)))
 
 
 def shrunk(image: np.ndarray, height: int) -> np.ndarray:
-    """Shrink a picture to a height."""
+    """Shrink an image to a height."""
     import cv2
 
     return cv2.resize(image, (round(image.shape[1] * height / image.shape[0]), height), interpolation=cv2.INTER_AREA)
 
 
 def beside(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Join two pictures side by side."""
+    """Join two images side by side."""
     height = min(len(left), len(right))
     return np.hstack([left[:height], np.zeros((height, GAP, 3), np.uint8), right[:height]])
 
 
 def below(top: np.ndarray, bottom: np.ndarray) -> np.ndarray:
-    """Join two pictures one above the other."""
+    """Join two images one above the other."""
     return np.vstack([top, np.zeros((GAP, top.shape[1], 3), np.uint8), bottom])
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import omnisight as om
-from omnisight.simulate import fisheye_setup
+from omnisight.simulation import fisheye_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 om.save(fisheye_setup().camera, folder / "fisheye.json")
@@ -28,7 +28,7 @@ print(f"there and back: {np.abs(back - np.array(pixels)[valid]).max():.1e} px")
 points = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 0.0], [1.0, 0.0, -0.05], [0.0, 0.0, -1.0]])
 seen, valid = camera.project(points)
 for point, pixel, known in zip(points, seen, valid, strict=True):
-    print(f"point {point} is seen at {pixel.round(2)}, in the picture: {camera.in_image(pixel)}, valid: {known}")
+    print(f"point {point} is seen at {pixel.round(2)}, in the image: {camera.in_image(pixel)}, valid: {known}")
 
 one, other = bearings[0], bearings[1]
 print(f"angle between the first two: {np.degrees(np.arccos(one @ other)):.2f} degrees")

@@ -1,16 +1,16 @@
-"""Turns one fisheye picture into views: each is a camera, and the same call makes them all."""
+"""Turns one fisheye image into views: each is a camera, and the same call makes them all."""
 
 import sys
 import tempfile
 from pathlib import Path
 
 import omnisight as om
-from omnisight.simulate import fisheye_setup
+from omnisight.simulation import fisheye_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 setup = fisheye_setup()
-camera, picture = setup.camera, setup.renderer()().image  # or om.load("camera.json"), om.read_image("picture.jpg")
-om.write_image(folder / "picture.jpg", picture)
+camera, picture = setup.camera, setup.renderer()().image  # or om.load("camera.json"), om.read_image("image.jpg")
+om.write_image(folder / "image.jpg", picture)
 
 # What to show, and where to look: degrees to the right and up.
 views = {

@@ -1,17 +1,17 @@
-"""Unrolls the picture of a mirror that sees all around, and looks out of it in one direction."""
+"""Unrolls the image of a mirror that sees all around, and looks out of it in one direction."""
 
 import sys
 import tempfile
 from pathlib import Path
 
 import omnisight as om
-from omnisight.simulate import mirror_setup
+from omnisight.simulation import mirror_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 setup = mirror_setup(960)
 camera, picture = setup.camera, setup.renderer()().image
 
-# The picture's middle is straight down, so the world's up is at the camera's back. One mirror exchanges left and right:
+# The image's middle is straight down, so the world's up is at the camera's back. One mirror exchanges left and right:
 # a calibrated camera (fx > 0) needs flip=True. This one is the true camera, whose fx < 0 says so already.
 flip = camera.model.to_dict()["fx"] > 0
 print(f"{camera.model.name}, xi = {camera.model.to_dict()['xi']}; flip = {flip}")

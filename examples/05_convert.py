@@ -9,7 +9,7 @@ import numpy as np
 import omnisight as om
 from omnisight.conversion import convert_model
 from omnisight.formats import FormatError, format_named, format_names
-from omnisight.simulate import fisheye_setup
+from omnisight.simulation import fisheye_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 setup = fisheye_setup()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import omnisight as om
-from omnisight.simulate import fisheye_setup
+from omnisight.simulation import fisheye_setup
 
 FRAMES = 60
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())

@@ -1,4 +1,4 @@
-"""Makes cameras of mirrors from the mirrors' own dimensions, before any picture is taken."""
+"""Makes cameras of mirrors from the mirrors' own dimensions, before any image is taken."""
 
 import sys
 import tempfile

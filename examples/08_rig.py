@@ -1,4 +1,4 @@
-"""Photographs a room with two fisheyes back to back, and with five cameras in a ring, and joins the pictures."""
+"""Photographs a room with two fisheyes back to back, and with five cameras in a ring, and joins the images."""
 
 import sys
 import tempfile
@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 import omnisight as om
-from omnisight.rig import back_to_back, ladybug
-from omnisight.simulate import Renderer
+from omnisight.simulation import Renderer
+from omnisight.simulation.example_rigs import back_to_back, ladybug
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 sphere = om.sphere(1600)
@@ -28,7 +28,7 @@ for head, rig in {"pair": back_to_back(640), "ring": ladybug(640)}.items():
         weight += nearer
     om.write_image(folder / f"{head}.jpg", (joined / np.maximum(weight, 1e-9)).astype(np.uint8))
 
-    # A row of a sphere's picture stands for less of it the nearer it is to a pole.
+    # A row of a sphere's image stands for less of it the nearer it is to a pole.
     share = np.cos(np.linspace(-np.pi / 2, np.pi / 2, sphere.height))
     seen = ((weight[..., 0] > 0).mean(1) * share).sum() / share.sum()
     print(f"{head}: {', '.join(rig.names)} see {100 * seen:.1f} % of the sphere; written to {folder}")

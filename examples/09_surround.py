@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 import omnisight as om
-from omnisight.rig import surround_car
-from omnisight.simulate import Renderer, scene_named
+from omnisight.simulation import Renderer, scene_named
+from omnisight.simulation.example_rigs import surround_car
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 rig = surround_car(640)

@@ -7,7 +7,7 @@ import numpy as np
 
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
-from omnisight.simulate import BoardInScene, fisheye_setup
+from omnisight.simulation import BoardInScene, fisheye_setup
 from omnisight.targets import Checkerboard
 
 BOARD = Checkerboard(9, 6, 0.04)

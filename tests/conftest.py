@@ -15,7 +15,7 @@ def pytest_xdist_auto_num_workers(config):
 
 @pytest.fixture
 def data():
-    """Give the folder of a set of real pictures by its name; the test skips where the set is not there."""
+    """Give the folder of a set of real images by its name; the test skips where the set is not there."""
     base = ROOT / os.environ.get("OMNISIGHT_DATA", "../shared/data")
 
     def folder(name):
@@ -29,7 +29,7 @@ def data():
 
 @pytest.fixture
 def fresh_detections(tmp_path_factory, monkeypatch):
-    """Keep what is found in pictures for this run alone, in all of its processes: another may find otherwise."""
+    """Keep what is found in images for this run alone, in all of its processes: another may find otherwise."""
     folder = tmp_path_factory.getbasetemp()
     folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: folder / "found")

@@ -1,4 +1,4 @@
-"""Pictures of checkerboards through an equidistant fisheye, drawn sample by sample, and where their corners are."""
+"""Images of checkerboards through an equidistant fisheye, drawn sample by sample, and where their corners are."""
 
 from functools import cache
 
@@ -54,7 +54,7 @@ def rays():
 
 
 def scene(*shown, sees=np.pi):
-    """Give a picture of boards, each (board, pose, whether its first square is dark), by a lens that `sees` so far."""
+    """Give an image of boards, each (board, pose, whether its first square is dark), by a lens that `sees` so far."""
     light = np.full((SIZE[1] * FINE, SIZE[0] * FINE), WALL, np.float32)
     for board, (rotation, position), dark in shown:
         edge = np.array([[x, y, 0] for x in np.linspace(-2, board.columns + 1, 20) for y in (-2, 2, board.rows + 1)])
@@ -81,7 +81,7 @@ def scene(*shown, sees=np.pi):
 
 @cache
 def shot(view, columns=9, rows=6, *, dark=True):
-    """Give a picture of one board in one of the poses, read-only, and its true corners."""
+    """Give an image of one board in one of the poses, read-only, and its true corners."""
     board = Checkerboard(columns, rows)
     placed = pose(board, *view)
     picture = scene((board, placed, dark))

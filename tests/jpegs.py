@@ -6,7 +6,7 @@ import cv2
 
 
 def jpeg(image, orientation=None, order="<"):
-    """Encode a gray or RGB picture, without EXIF if it has no orientation; `order` is that of the EXIF's bytes."""
+    """Encode a gray or RGB image, without EXIF if it has no orientation; `order` is that of the EXIF's bytes."""
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
     if orientation is None:
         return data

@@ -4,15 +4,16 @@ from functools import cache
 
 import numpy as np
 
-from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.geometry import rotation as so3
 from omnisight.models import model_class
+from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets import Checkerboard
+from omnisight.targets.observations import Observations
 
 BOARD = Checkerboard(9, 6)
 SIZE = (960, 960)
 CENTRE = (481.3, 476.2)
-RIM = 470.0  # px from the centre to the edge of the picture's circle
+RIM = 470.0  # px from the centre to the edge of the image's circle
 NOISE = 0.2
 # The length of a residual has two coordinates, each with the noise.
 NOISE_RMS = NOISE * np.sqrt(2)
@@ -50,7 +51,7 @@ def facing(direction):
 def shoot(model, fov, rng, count=8, noise=NOISE, tilt=(0.35, 0.7), size=None):
     """Pose boards towards directions spread over the cone, tilted, and see their corners with noise.
 
-    A board stays inside the cone; with a size, corners outside the picture are left out.
+    A board stays inside the cone; with a size, corners outside the image are left out.
     """
     middle = BOARD.points.mean(0)
     half = np.radians(fov / 2)
@@ -96,9 +97,11 @@ def bearing_error(camera, truth, theta_max):
 def calibrated(fov, seed=0, count=8, noise=NOISE, **options):
     truth = lens(fov)
     views = shoot(truth, fov, np.random.default_rng(seed), count, noise)
-    return truth, calibrate_camera(BoardViews.of(views), SIZE, **options)
+    return truth, calibrate_camera(Observations.of(views), SIZE, **options)
 
 
 def shown(pictures, **options):
-    """Calibrate on the first pictures of a fisheye of 180 degrees."""
-    return calibrate_camera(BoardViews.of(shoot(lens(180), 180, np.random.default_rng(0))[:pictures]), SIZE, **options)
+    """Calibrate on the first images of a fisheye of 180 degrees."""
+    return calibrate_camera(
+        Observations.of(shoot(lens(180), 180, np.random.default_rng(0))[:pictures]), SIZE, **options
+    )

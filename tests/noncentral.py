@@ -11,11 +11,11 @@ from omnisight.models.equisolid import Equisolid
 from omnisight.models.pinhole import Pinhole
 from omnisight.optics import Catadioptric
 from omnisight.optics.mirrors.conic import Conic
-from omnisight.optics.placed import Placed
+from omnisight.optics.placed_mirror import PlacedMirror
 
 SIZE = (1280, 1024)
 BOARD = om.Checkerboard(9, 6, 0.03)
-# From what a mirror sees (z away from the lens, in the middle of the picture back at it) to the frame of its lens.
+# From what a mirror sees (z away from the lens, in the middle of the image back at it) to the frame of its lens.
 TURN = np.diag([-1.0, 1.0, -1.0])
 
 
@@ -85,7 +85,7 @@ def moving_pupil():
 
 def _before(mirror, distance, focal):
     lens = Pinhole(fx=focal, fy=focal, cx=640.3, cy=511.2)
-    return Mirror(Catadioptric(lens, (Placed(mirror, tz=distance),)))
+    return Mirror(Catadioptric(lens, (PlacedMirror(mirror, tz=distance),)))
 
 
 def shown(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), distance=(0.12, 0.6)):
@@ -111,7 +111,7 @@ def shown(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), distance=(0.12
             views.append((BOARD.points[use], seen))
             points.append(there[use])
     assert len(views) == count
-    return om.BoardViews.of(views), np.concatenate(points)
+    return om.Observations.of(views), np.concatenate(points)
 
 
 def _facing(away, rng):

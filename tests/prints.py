@@ -69,7 +69,7 @@ def projector(lens, placed):
 
 
 def render(board, lens, placed, *, noise=0.02, mirrored=False, seed=0):
-    """Give the picture and the true places of the board's points."""
+    """Give the image and the true places of the board's points."""
     paper, (left, top), scale = texture(board)
     rotation, position = (a.astype(np.float32) for a in placed)
     # Rays are only traced where the paper is seen.

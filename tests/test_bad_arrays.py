@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lenses import SIZE, lens, shoot
-from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.camera import Camera
+from omnisight.pipeline.central import calibrate_camera
+from omnisight.targets.observations import Observations
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +26,8 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_nan_inf_int_float32_wrong_shape_arrays_any_usual_shape_is_taken(views, shape):
-    expected = BoardViews.of(views)
-    found = BoardViews.of([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
+    expected = Observations.of(views)
+    found = Observations.of([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
     assert np.array_equal(found.points, expected.points)
     assert np.array_equal(found.pixels, expected.pixels)
     assert found.groups == expected.groups
@@ -35,21 +36,21 @@ def test_nan_inf_int_float32_wrong_shape_arrays_any_usual_shape_is_taken(views, 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16, np.int16, np.int64, np.uint16, object])
 def test_nan_inf_int_float32_wrong_shape_arrays_any_real_type_is_taken(views, dtype):
     x, p = (a.round().astype(dtype) for a in views[0])
-    found = BoardViews.of([(x, p)])
+    found = Observations.of([(x, p)])
     assert found.points.dtype == found.pixels.dtype == np.float64
     assert np.array_equal(found.pixels, p.astype(float))
 
 
 def test_nan_inf_int_float32_wrong_shape_arrays_points_on_a_plane_need_no_z(views):
-    flat = BoardViews.of([(x[:, :2], p) for x, p in views])
-    assert np.array_equal(flat.points, BoardViews.of(views).points)
-    assert np.array_equal(BoardViews.of([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
+    flat = Observations.of([(x[:, :2], p) for x, p in views])
+    assert np.array_equal(flat.points, Observations.of(views).points)
+    assert np.array_equal(Observations.of([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
 
 
 def test_nan_inf_int_float32_wrong_shape_arrays_as_opencv_has_them_give_the_same_camera(views):
-    plain = calibrate_camera(BoardViews.of(views), SIZE, model="equisolid", flat=True)
+    plain = calibrate_camera(Observations.of(views), SIZE, model="equisolid", flat=True)
     opencv = [(x[:, None].astype(np.float32), p[:, None]) for x, p in views]
-    found = calibrate_camera(BoardViews.of(opencv), SIZE, model="equisolid", flat=True)
+    found = calibrate_camera(Observations.of(opencv), SIZE, model="equisolid", flat=True)
     assert np.array_equal(found.camera.model.params, plain.camera.model.params)
 
 
@@ -59,7 +60,7 @@ def test_nan_inf_int_float32_wrong_shape_arrays_as_opencv_has_them_give_the_same
 )
 def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_shape_that_came_and_the_one_needed(points, pixels):
     with pytest.raises(ValueError, match=r"a\.png: needs points \(n, 3\) or \(n, 2\) and pixels \(n, 2\), got") as said:
-        BoardViews.of([(np.zeros(points), np.zeros(pixels))], ["a.png"])
+        Observations.of([(np.zeros(points), np.zeros(pixels))], ["a.png"])
     assert f"got {points} and {pixels}" in str(said.value)
 
 
@@ -69,7 +70,7 @@ def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_corner_that_is_no_numbe
     spoiled = [[x.astype(object), p.astype(object)] for x, p in views]
     spoiled[1][which][5, 0] = bad
     with pytest.raises(ValueError, match=r"left\.png: a corner is not a finite number: row 5, point \[") as said:
-        BoardViews.of(spoiled, ["right.png", "left.png", "top.png", "bottom.png"])
+        Observations.of(spoiled, ["right.png", "left.png", "top.png", "bottom.png"])
     assert str(float("nan" if bad is None else bad)) in str(said.value)
     assert "leave out corners that were not seen" in str(said.value)
 
@@ -78,16 +79,16 @@ def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_corner_that_is_no_numbe
 def test_nan_inf_int_float32_wrong_shape_arrays_of_no_covariance_are_refused_by_row(views, wrong):
     points, pixels = views[0]
     certain = np.zeros((len(points), 2, 2))
-    assert BoardViews.of([(points, pixels, certain)], ["a.png"]).covariance.shape == certain.shape
+    assert Observations.of([(points, pixels, certain)], ["a.png"]).covariance.shape == certain.shape
     certain[7] = wrong
     with pytest.raises(ValueError, match=r"a\.png: row 7: .* is no covariance"):
-        BoardViews.of([(points, pixels, certain)], ["a.png"])
+        Observations.of([(points, pixels, certain)], ["a.png"])
 
 
 @pytest.mark.parametrize("values", [[[1, 2], [3]], [["a", "b"]], "text", [[1 + 2j, 0]]])
 def test_nan_inf_int_float32_wrong_shape_arrays_of_no_numbers_are_refused_by_name(values):
     with pytest.raises(ValueError, match=r"a\.png: needs arrays of numbers"):
-        BoardViews.of([(np.zeros((2, 3)), values)], ["a.png"])
+        Observations.of([(np.zeros((2, 3)), values)], ["a.png"])
 
 
 def test_points_outside_the_valid_cone_are_nan_masked_and_counted():

@@ -72,7 +72,7 @@ def test_a_picture_wider_than_the_lens_shows_all_of_the_lens():
     assert camera.image_theta_max() == camera.model.theta_max
 
 
-# -- another size of the same picture ---------------------------------------------------------------------------
+# -- another size of the same image ---------------------------------------------------------------------------
 
 
 @every_model
@@ -93,7 +93,7 @@ def test_scaling_there_and_back_is_the_same_camera(camera):
 
 
 def test_scaling_is_what_resizing_a_picture_does():
-    # A bright spot drawn where a point is seen is, in the picture at half the size, where the scaled camera sees it.
+    # A bright spot drawn where a point is seen is, in the image at half the size, where the scaled camera sees it.
     camera = Camera(Pinhole(fx=300.0, fy=300.0, cx=160.0, cy=119.5), (320, 240))
     point = np.array([0.21, -0.13, 1.0])
     at, _ = camera.project(point)

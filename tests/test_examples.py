@@ -14,7 +14,7 @@ EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 # What each must have written and said.
 EXPECTED = {
     "01_bearings": ({"fisheye.json"}, "valid: True"),
-    "02_calibrate": ({"camera.json"}, "8 of 8 pictures"),
+    "02_calibrate": ({"camera.json"}, "8 of 8 images"),
     "03_panorama": ({"ahead.jpg", "panini.jpg", "sphere.jpg", "cylinder.jpg"}, "sphere: 1600x800"),
     "04_mirror": ({"mirror.jpg", "cylinder.jpg", "front.jpg", "planet.jpg"}, "flip = False"),
     "05_convert": ({"fisheye.native.json"}, "kannala_brandt as ocam"),

@@ -146,7 +146,7 @@ def test_yaw_turns_about_the_worlds_vertical_however_the_view_is_pitched():
 
 
 def test_up_at_the_back_makes_a_camera_that_looks_down_look_ahead():
-    # The picture's middle is the nadir, the picture's top is ahead.
+    # The image's middle is the nadir, the image's top is ahead.
     np.testing.assert_allclose(seen(FORWARD, up="back"), DOWN, atol=1e-15)
     np.testing.assert_allclose(seen(UP, up="back"), FORWARD, atol=1e-15)
     np.testing.assert_allclose(seen(RIGHT, up="back"), RIGHT, atol=1e-15)
@@ -154,7 +154,7 @@ def test_up_at_the_back_makes_a_camera_that_looks_down_look_ahead():
 
 
 def test_up_in_front_makes_a_camera_that_looks_up_look_ahead():
-    # The picture's middle is the zenith; seen from below, left and right change places.
+    # The image's middle is the zenith; seen from below, left and right change places.
     np.testing.assert_allclose(seen(FORWARD, up="front"), UP, atol=1e-15)
     np.testing.assert_allclose(seen(UP, up="front"), FORWARD, atol=1e-15)
     np.testing.assert_allclose(seen(RIGHT, up="front"), LEFT, atol=1e-15)

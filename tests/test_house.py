@@ -65,8 +65,8 @@ def test_no_file_is_long(folder):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """Give a folder with cameras and pictures where `omnisight demo` leaves them."""
-    from omnisight.simulate import fisheye_setup, mirror_setup
+    """Give a folder with cameras and images where `omnisight demo` leaves them."""
+    from omnisight.simulation import fisheye_setup, mirror_setup
 
     folder = tmp_path_factory.mktemp("pages")
     for name, setup in (("fisheye", fisheye_setup(480)), ("mirror", mirror_setup(360))):

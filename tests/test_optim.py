@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from omnisight.optim.dense import least_squares
-from omnisight.optim.levenberg_marquardt import minimise
+from omnisight.geometry import rotation as so3
+from omnisight.optim.gauss_newton import NormalEquations, gauss_newton, gauss_newton_batch
+from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import Huber, robust_sigma
 from omnisight.optim.schur import GroupedNormal
 
@@ -53,21 +54,21 @@ def decay_slope(x):
 
 
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (0.0, 0.0), (5.0, -7.0)])
-def test_rosenbrocks_valley_is_followed_to_its_end(start):
-    found = least_squares(rosenbrock, rosenbrock_slope, np.array(start))
+def test_rosenbrock_minimum_is_found(start):
+    found = gauss_newton(rosenbrock_slope, np.array(start))
     assert found.converged
     np.testing.assert_allclose(found.state, [1, 1], atol=1e-8)
     assert found.cost < 1e-16
 
 
-def test_powells_singular_minimum_is_approached():
-    found = least_squares(powell, powell_slope, np.array([3.0, -1.0, 0.0, 1.0]), iterations=200)
+def test_powell_singular_minimum_is_approached():
+    found = gauss_newton(powell_slope, np.array([3.0, -1.0, 0.0, 1.0]), max_iterations=200)
     assert found.cost < 1e-15
     np.testing.assert_allclose(found.state, 0, atol=1e-3)
 
 
-def test_a_curve_fit_is_scipys():
-    found = least_squares(decay, decay_slope, np.array([1.0, 0.1, 0.0]))
+def test_curve_fit_agrees_with_scipy():
+    found = gauss_newton(decay_slope, np.array([1.0, 0.1, 0.0]))
     truth = scipy.optimize.least_squares(decay, [1.0, 0.1, 0.0], xtol=1e-14, ftol=1e-14, gtol=1e-14)
     assert found.converged
     np.testing.assert_allclose(found.state, truth.x, rtol=1e-6)
@@ -85,75 +86,156 @@ def test_a_curve_fit_is_scipys():
 class TestBounds:
     start = np.array([1.0, 0.1, 0.9])
 
-    def test_they_are_kept(self, low, high):
-        found = least_squares(decay, decay_slope, self.start, low=low, high=high)
+    def test_bounds_are_respected(self, low, high):
+        found = gauss_newton(decay_slope, self.start, bounds=(low, high))
         assert (low <= found.state).all()
         assert (found.state <= high).all()
         assert found.cost < 0.5 * (decay(self.start) ** 2).sum()
 
-    def test_the_best_within_them_is_found(self, low, high):
-        found = least_squares(decay, decay_slope, self.start, low=low, high=high, iterations=1000)
+    def test_constrained_minimum_agrees_with_scipy(self, low, high):
+        found = gauss_newton(decay_slope, self.start, bounds=(low, high), max_iterations=1000)
         truth = scipy.optimize.least_squares(decay, self.start, bounds=(low, high), xtol=1e-14, ftol=1e-14)
         assert found.cost == pytest.approx(truth.cost, rel=1e-4)
 
 
-def test_what_is_not_free_stays():
+def test_a_parameter_with_equal_bounds_is_fixed():
     start = np.array([1.0, 0.5, 0.4])
-    found = least_squares(decay, decay_slope, start, free=np.array([True, False, True]))
+    found = gauss_newton(
+        decay_slope, start, bounds=(np.array([-np.inf, 0.5, -np.inf]), np.array([np.inf, 0.5, np.inf]))
+    )
     assert found.state[1] == 0.5
     design = np.stack([np.exp(-0.5 * T), np.ones_like(T)], -1)
     np.testing.assert_allclose(found.state[[0, 2]], np.linalg.lstsq(design, SEEN, rcond=None)[0], rtol=1e-6)
     np.testing.assert_array_equal(start, [1.0, 0.5, 0.4])
 
 
-def test_a_parameter_that_nothing_depends_on_stays():
+def test_a_parameter_without_influence_keeps_its_value():
     def wide(x):
         r, slope = rosenbrock_slope(x[:2])
         return r, np.column_stack([slope, np.zeros(2)])
 
-    found = least_squares(lambda x: rosenbrock(x[:2]), wide, np.array([-1.2, 1.0, 42.0]))
+    found = gauss_newton(wide, np.array([-1.2, 1.0, 42.0]))
     np.testing.assert_allclose(found.state, [1, 1, 42], atol=1e-8)
 
 
-def test_parameters_that_say_the_same_share_the_step():
+def test_a_singular_system_is_solved():
     # Only the sum matters: singular, and still solved.
     def slope(x):
         return np.array([x[0] + x[1] - 3, 2 * (x[0] + x[1] - 3)]), np.array([[1.0, 1.0], [2.0, 2.0]])
 
-    found = least_squares(lambda x: slope(x)[0], slope, np.zeros(2))
+    found = gauss_newton(slope, np.zeros(2))
     assert found.state.sum() == pytest.approx(3, abs=1e-6)
 
 
-def test_a_start_that_is_not_possible_is_told():
-    found = least_squares(lambda x: np.array([np.nan]), lambda x: (x, np.eye(1)), np.zeros(1))
+def test_an_impossible_initial_state_is_reported():
+    found = gauss_newton(lambda x: (x * np.nan, np.eye(1)), np.zeros(1))
     assert not found.converged
     assert found.cost == np.inf
     assert found.iterations == 0
-    assert found.reason == "the start is not possible"
+    assert found.reason == "the cost of the initial state is not finite"
 
 
-def test_steps_into_the_impossible_are_taken_back():
+def test_steps_to_an_impossible_state_are_rejected():
     # log x past the edge at 0: the first full step from 5 would leave the domain.
     def r(x):
         return np.log(x) + 3 if x[0] > 0 else np.array([np.nan])
 
-    found = least_squares(r, lambda x: (r(x), np.diag(1 / x)), np.array([5.0]))
+    found = gauss_newton(lambda x: (r(x), np.diag(1 / x)), np.array([5.0]))
     assert found.converged
     assert found.state[0] == pytest.approx(np.exp(-3))
 
 
-def test_iterations_that_run_out_are_told():
-    found = least_squares(rosenbrock, rosenbrock_slope, np.array([-1.2, 1.0]), iterations=3)
+def test_running_out_of_iterations_is_reported():
+    found = gauss_newton(rosenbrock_slope, np.array([-1.2, 1.0]), max_iterations=3)
     assert not found.converged
     assert found.iterations == 3
-    assert found.reason == "3 iterations were not enough"
+    assert found.reason == "not converged after 3 iterations"
     assert found.cost < 0.5 * (rosenbrock([-1.2, 1.0]) ** 2).sum()
 
 
-def test_a_start_at_the_minimum_stays_there():
-    found = least_squares(rosenbrock, rosenbrock_slope, np.ones(2))
+def test_a_start_at_the_minimum_is_kept():
+    found = gauss_newton(rosenbrock_slope, np.ones(2))
     assert found.converged
     np.testing.assert_array_equal(found.state, [1, 1])
+
+
+def rotation_residuals(rotation, before, after):
+    """Return the residuals of R a - b and their Jacobian by a rotation vector applied from the left."""
+    turned = before @ rotation.T
+    return (turned - after).ravel(), -so3.hat(turned).reshape(-1, 3)
+
+
+def test_a_rotation_is_estimated_with_a_retraction():
+    rng = np.random.default_rng(4)
+    before, truth = rng.normal(size=(20, 3)), so3.exp([0.4, -1.1, 0.3])
+    after = before @ truth.T
+    found = gauss_newton(
+        lambda r: rotation_residuals(r, before, after), np.eye(3), retract=lambda r, step: so3.exp(step) @ r
+    )
+    assert found.converged
+    np.testing.assert_allclose(found.state, truth, atol=1e-9)
+    np.testing.assert_allclose(found.hessian, sum(np.eye(3) * (p @ p) - np.outer(p, p) for p in after), rtol=1e-9)
+
+
+def test_a_batch_solves_each_problem_as_if_it_were_alone():
+    rng = np.random.default_rng(5)
+    seen = SEEN + 0.05 * rng.normal(size=(7, T.size))
+    starts = np.array([1.0, 0.1, 0.0]) + 0.3 * rng.uniform(size=(7, 3))
+    starts[4] = np.nan  # an impossible start affects no other problem
+    sizes = []
+
+    def linearize(x, problems):
+        sizes.append(len(problems))
+        e = np.exp(-x[:, 1:2] * T)
+        jacobian = np.stack([e, -x[:, :1] * T * e, np.ones_like(e)], -1)
+        return NormalEquations.of(x[:, :1] * e + x[:, 2:] - seen[problems], jacobian)
+
+    found = gauss_newton_batch(linearize, starts)
+    assert sizes[0] == 7
+    assert sizes[-1] < 6  # converged problems are dropped
+    for i in range(7):
+        alone = gauss_newton(lambda x, i=i: (decay(x) + SEEN - seen[i], decay_slope(x)[1]), starts[i])
+        assert found.converged[i] == alone.converged == (i != 4)
+        np.testing.assert_allclose(found.state[i], alone.state, rtol=1e-9)
+        np.testing.assert_allclose(found.cost[i], alone.cost, rtol=1e-9)
+        np.testing.assert_allclose(found.hessian[i], alone.hessian, rtol=1e-7)
+
+
+def test_a_batch_of_poses_is_a_tuple_of_arrays():
+    rng = np.random.default_rng(6)
+    points = rng.normal(size=(4, 12, 3))
+    rotations, translations = so3.exp(rng.normal(size=(4, 3))), rng.normal(size=(4, 3))
+    target = points @ np.swapaxes(rotations, 1, 2) + translations[:, None]
+
+    def linearize(state, problems):
+        turned = points[problems] @ np.swapaxes(state[0], 1, 2)
+        residuals = turned + state[1][:, None] - target[problems]
+        jacobian = np.concatenate([-so3.hat(turned), np.broadcast_to(np.eye(3), (*turned.shape, 3))], -1)
+        return NormalEquations.of(residuals.reshape(len(problems), -1), jacobian.reshape(len(problems), -1, 6))
+
+    start = np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3))
+    found = gauss_newton_batch(
+        linearize, start, retract=lambda state, step: (so3.exp(step[:, :3]) @ state[0], state[1] + step[:, 3:])
+    )
+    assert found.converged.all()
+    np.testing.assert_allclose(found.state[0], rotations, atol=1e-8)
+    np.testing.assert_allclose(found.state[1], translations, atol=1e-8)
+    np.testing.assert_array_equal(start[1], 0)
+
+
+def test_weights_give_the_weighted_minimum():
+    weights = np.linspace(0.1, 2.0, T.size)
+    found = gauss_newton(lambda x: single(NormalEquations.of(*batched(decay_slope(x)), weights)), np.array([1, 0.1, 0]))
+    truth = scipy.optimize.least_squares(lambda x: np.sqrt(weights) * decay(x), [1, 0.1, 0], xtol=1e-14, ftol=1e-14)
+    np.testing.assert_allclose(found.state, truth.x, rtol=1e-6)
+
+
+def batched(linearization):
+    return tuple(values[None] for values in linearization)
+
+
+def single(normal):
+    return NormalEquations(*(values[0] for values in normal))
 
 
 class Descent:
@@ -167,7 +249,7 @@ class Descent:
     def cost(self, state):
         return 0.5 * state["x"] ** 2
 
-    def linearise(self, state):
+    def linearize(self, state):
         return Descent(state["x"])
 
     def solve(self, damping):
@@ -180,18 +262,18 @@ class Descent:
         return {"x": state["x"] + step[0]}
 
 
-def test_any_problem_that_linearises_itself_is_minimised_and_can_be_watched():
+def test_states_need_not_be_vectors_and_progress_is_reported():
     seen = []
-    found = minimise(Descent(0), {"x": 7.0}, watch=lambda i, cost: seen.append((i, cost)))
+    found = minimize(Descent(0), {"x": 7.0}, watch=lambda i, cost: seen.append((i, cost)))
     assert found.converged
     assert abs(found.state["x"]) < 1e-3
     assert [i for i, _ in seen] == list(range(1, len(seen) + 1))
     assert [cost for _, cost in seen] == sorted((cost for _, cost in seen), reverse=True)
 
 
-def test_no_state_is_moved_along_a_step_that_is_none():
+def test_a_step_that_is_not_finite_is_not_taken():
     class Unsolved(Descent):
-        def linearise(self, state):
+        def linearize(self, state):
             return Unsolved(state["x"])
 
         def solve(self, damping):
@@ -201,20 +283,20 @@ def test_no_state_is_moved_along_a_step_that_is_none():
             assert np.isfinite(step).all()
             return super().move(state, step)
 
-    assert abs(minimise(Unsolved(0), {"x": 7.0}).state["x"]) < 1e-3
+    assert abs(minimize(Unsolved(0), {"x": 7.0}).state["x"]) < 1e-3
 
 
-def test_normal_equations_that_are_known_are_not_asked_for_again():
+def test_known_normal_equations_are_not_computed_again():
     class Counted(Descent):
         asked = 0
 
-        def linearise(self, state):
+        def linearize(self, state):
             Counted.asked += 1
-            return super().linearise(state)
+            return super().linearize(state)
 
-    plain = minimise(Counted(0), {"x": 7.0})
+    plain = minimize(Counted(0), {"x": 7.0})
     asked, Counted.asked = Counted.asked, 0
-    known = minimise(Counted(0), {"x": 7.0}, first=Descent(7.0))
+    known = minimize(Counted(0), {"x": 7.0}, first=Descent(7.0))
     assert Counted.asked == asked - 1
     assert known.state == plain.state
 
@@ -237,27 +319,27 @@ def grouped(counts=(4, 6, 5), shared=3, local=2):
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3, 10.0])
-def test_the_schur_complement_solves_the_whole_system(damping):
+def test_schur_complement_solves_the_full_system(damping):
     normal, dense, r = grouped()
     hessian = dense.T @ dense
     expected = np.linalg.solve(hessian + damping * np.diag(np.diagonal(hessian)), -dense.T @ r)
     np.testing.assert_allclose(normal.solve(damping), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_the_predicted_fall_is_that_of_the_linearised_cost():
+def test_predicted_decrease_is_that_of_the_linearized_cost():
     normal, dense, r = grouped()
     step = np.random.default_rng(0).normal(size=dense.shape[1])
     expected = 0.5 * r @ r - 0.5 * ((r + dense @ step) ** 2).sum()
     assert normal.decrease(step) == pytest.approx(expected, rel=1e-10)
 
 
-def test_the_covariance_of_the_shared_is_the_block_of_the_inverse():
+def test_shared_covariance_is_the_block_of_the_inverse():
     normal, dense, _ = grouped()
     expected = np.linalg.inv(dense.T @ dense)[:3, :3]
     np.testing.assert_allclose(normal.shared_covariance(), expected, rtol=1e-9)
 
 
-def test_nothing_shared_and_nothing_local_are_problems_too():
+def test_a_problem_without_shared_parameters_is_solved():
     normal, dense, r = grouped(shared=0)
     np.testing.assert_allclose(normal.solve(0.0), np.linalg.lstsq(dense, -r, rcond=None)[0], atol=1e-10)
 
@@ -265,7 +347,7 @@ def test_nothing_shared_and_nothing_local_are_problems_too():
 # -- losses -----------------------------------------------------------------------------------------------------
 
 
-def test_hubers_loss_is_quadratic_then_linear():
+def test_huber_loss_is_quadratic_then_linear():
     loss = Huber(2.0)
     assert loss.cost(np.array([1.0])) == pytest.approx(0.5)
     assert loss.cost(np.array([2.0])) == pytest.approx(2.0)
@@ -280,14 +362,14 @@ def test_an_infinite_threshold_is_least_squares():
     assert Huber().cost(np.array([])) == 0
 
 
-def test_the_weight_is_the_slope_of_the_cost_over_the_length():
+def test_huber_weight_is_the_cost_derivative_over_the_length():
     loss = Huber(1.5)
     for length in (0.3, 1.4, 1.6, 20.0):
         slope = (loss.cost(np.array([length + 1e-6])) - loss.cost(np.array([length - 1e-6]))) / 2e-6
         assert loss.weight(np.array([length]))[0] == pytest.approx(slope / length, rel=1e-6)
 
 
-def test_robust_sigma_is_that_of_the_inliers():
+def test_robust_sigma_ignores_outliers():
     rng = np.random.default_rng(2)
     length = np.linalg.norm(0.3 * rng.normal(size=(20000, 2)), axis=1)
     length[:2000] = 1e4

@@ -79,7 +79,7 @@ def test_a_central_camera_of_another_model():
 
 
 def test_a_mirror_in_its_focus_is_the_unified_model_at_every_distance():
-    """From its viewpoint, and as in its picture: z to where the mirror looks, left and right exchanged."""
+    """From its viewpoint, and as in its image: z to where the mirror looks, left and right exchanged."""
     camera = om.RayCamera(in_focus().system, SIZE)
     lens, turned = in_focus().system.lens, np.array([1.0, 1.0, -1.0])
     for distance in (0.2, np.inf):
@@ -109,9 +109,9 @@ def test_a_distance_that_is_none_is_refused(distance):
 
 
 def test_what_no_central_camera_can_be_made_of_says_why():
-    with pytest.raises(ValueError, match="1089 pixels, all over the picture, see anything 1e-09 away"):
+    with pytest.raises(ValueError, match="1089 pixels, all over the image, see anything 1e-09 away"):
         CAMERA.central(1e-9)
-    with pytest.raises(ValueError, match="size of the picture is not known"):
+    with pytest.raises(ValueError, match="size of the image is not known"):
         dataclasses.replace(CAMERA, size=(0, 0)).central(1.0)
 
 

@@ -11,7 +11,8 @@ from omnisight.formats import FormatError, load_all
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import cap
 from omnisight.optics.models.axial import Axial
-from omnisight.rig import Rig, back_to_back, ladybug, surround_car
+from omnisight.rig import Rig
+from omnisight.simulation.example_rigs import back_to_back, ladybug, surround_car
 
 HEADS = [pytest.param(make(), id=make.__name__) for make in (back_to_back, ladybug, surround_car)]
 every_head = pytest.mark.parametrize("rig", HEADS)
@@ -23,7 +24,7 @@ LENS = om.Camera(om.model_class("kannala_brandt").example(), (960, 962))
 def pair():
     """Give a central camera and one of rays, the second turned to the right and a metre away."""
     rays = om.RayCamera(Axial.example(), (960, 962), theta_max=1.2)
-    return Rig.of({"left": (LENS, Pose()), "right": (rays, Pose(om.look(yaw=90), np.array([0.0, 0.0, -1.0])))})
+    return Rig.from_sensors({"left": (LENS, Pose()), "right": (rays, Pose(om.look(yaw=90), np.array([0.0, 0.0, -1.0])))})
 
 
 @every_head
@@ -56,7 +57,7 @@ def test_every_camera_stands_where_its_rays_begin(rig):
 
 def test_two_fisheyes_see_the_whole_sphere_and_share_a_belt():
     rig = back_to_back()
-    seen = rig.sees(FAR)
+    seen = rig.in_view(FAR)
     assert seen.any(0).all()
     angle = np.degrees(np.arccos(FAR[:, 2] / 1000))
     np.testing.assert_array_equal(seen[0], angle <= 100)
@@ -66,14 +67,14 @@ def test_two_fisheyes_see_the_whole_sphere_and_share_a_belt():
 def test_a_ring_of_five_sees_all_but_the_poles():
     rig = ladybug()
     assert len(rig) == 5
-    seen = rig.sees(FAR)
+    seen = rig.in_view(FAR)
     assert seen.any(0)[np.abs(ELEVATION) < 72].all()
     assert not seen.any(0)[np.abs(ELEVATION) > 80].any()
     assert (seen.sum(0)[np.abs(ELEVATION) < 30] <= 2).all()
     # Of every seam two cameras see both sides.
     for k in range(5):
         seam = 1000 * om.look(yaw=72 * k + 36).T @ (0.0, 0.0, 1.0)
-        assert np.flatnonzero(rig.sees(seam)).tolist() == sorted((k, (k + 1) % 5))
+        assert np.flatnonzero(rig.in_view(seam)).tolist() == sorted((k, (k + 1) % 5))
 
 
 def test_a_car_sees_the_ground_and_the_horizon_all_around():
@@ -81,11 +82,11 @@ def test_a_car_sees_the_ground_and_the_horizon_all_around():
     x, z = (g.ravel() for g in np.meshgrid(np.linspace(-6, 6, 25), np.linspace(-7, 7, 29)))
     ground = np.stack([x, 0 * x, z], -1)
     outside = (np.abs(x) > 1.2) | (np.abs(z) > 2.4)
-    assert rig.sees(ground)[:, outside].any(0).all()
-    assert rig.sees(FAR)[:, np.abs(ELEVATION) < 15].any(0).all()
+    assert rig.in_view(ground)[:, outside].any(0).all()
+    assert rig.in_view(FAR)[:, np.abs(ELEVATION) < 15].any(0).all()
     # Each corner of the car is seen by the two cameras beside it.
     for name, corner in (("right", (3.0, 0.0, 4.0)), ("left", (-3.0, 0.0, 4.0))):
-        assert {"front", name} <= {rig.names[k] for k in np.flatnonzero(rig.sees(corner))}
+        assert {"front", name} <= {rig.names[k] for k in np.flatnonzero(rig.in_view(corner))}
 
 
 def test_a_camera_of_rays_rides_along():
@@ -93,14 +94,14 @@ def test_a_camera_of_rays_rides_along():
     pixels, valid = rig.project([[0.0, 0.0, 2.0], [5.0, 0.0, 0.0]])
     assert pixels.shape == (2, 2, 2)
     assert valid.shape == (2, 2)
-    assert rig.sees([5.0, 0.0, 0.0]).tolist() == [True, True]
-    assert rig.sees([0.3, 0.0, 2.0]).tolist() == [True, False]
+    assert rig.in_view([5.0, 0.0, 0.0]).tolist() == [True, True]
+    assert rig.in_view([0.3, 0.0, 2.0]).tolist() == [True, False]
 
 
 def test_any_leading_shape_is_kept():
     pixels, valid = pair().project(np.ones((3, 4, 3)))
     assert (pixels.shape, valid.shape) == ((2, 3, 4, 2), (2, 3, 4))
-    assert pair().sees(np.ones((0, 3))).shape == (2, 0)
+    assert pair().in_view(np.ones((0, 3))).shape == (2, 0)
     assert pair().rays("left", np.ones((2, 5, 2))).bearings.shape == (2, 5, 3)
 
 
@@ -113,7 +114,7 @@ def test_scaled_keeps_the_rays(rig):
 
 
 def test_part_keeps_order_and_names():
-    some = ladybug().part([3, "cam1"])
+    some = ladybug().subset([3, "cam1"])
     assert some.names == ("cam3", "cam1")
     np.testing.assert_array_equal(some.sensor_from_rig[1].rotation, ladybug().sensor_from_rig[1].rotation)
     np.testing.assert_array_equal(some.rays(0, [3.0, 4.0]).origins, ladybug().rays(3, [3.0, 4.0]).origins)
@@ -123,7 +124,7 @@ def test_what_does_not_fit_together_is_refused():
     with pytest.raises(ValueError, match="as many cameras as poses and names, got 1, 0 and 1"):
         Rig((LENS,), (), ("a",))
     with pytest.raises(ValueError, match="needs a camera, got none"):
-        Rig.of({})
+        Rig.from_sensors({})
     with pytest.raises(ValueError, match="must differ, got a, a"):
         Rig((LENS, LENS), (Pose(), Pose()), ("a", "a"))
     with pytest.raises(ValueError, match="no camera 'up'; the rig has left, right"):

@@ -1,11 +1,11 @@
-"""Calibrate any camera that sees more than a pinhole can, and turn its pictures into views."""
+"""Calibrate any camera that sees more than a pinhole can, and turn its images into views."""
 
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from omnisight.calibrate import BoardViews, Calibration, calibrate_camera, calibrate_pictures, evaluate_camera
+    from omnisight.calibration.evaluation import evaluate_camera
     from omnisight.camera import Camera
     from omnisight.corners import read_corners
     from omnisight.formats import load, load_rig, save, save_rig
@@ -13,9 +13,12 @@ if TYPE_CHECKING:
     from omnisight.geometry.rotation import look
     from omnisight.images import read_image, write_image
     from omnisight.models import CameraModel, model_class, model_names
+    from omnisight.pipeline.central import Calibration, calibrate_camera
+    from omnisight.pipeline.pictures import calibrate_pictures
     from omnisight.ray_camera import RayCamera
     from omnisight.rig import Rig
-    from omnisight.targets import Checkerboard, Detection, find_boards
+    from omnisight.targets import Checkerboard, Detection, detect_boards
+    from omnisight.targets.observations import Observations
     from omnisight.views import (
         Remapper,
         cube_face,
@@ -31,7 +34,10 @@ if TYPE_CHECKING:
 
 # Where each name lives: imported when it is first used, so that a fresh process starts fast.
 _HOME = {
-    "calibrate": ("BoardViews", "Calibration", "calibrate_camera", "calibrate_pictures", "evaluate_camera"),
+    "calibration.evaluation": ("evaluate_camera",),
+    "pipeline.central": ("Calibration", "calibrate_camera"),
+    "pipeline.pictures": ("calibrate_pictures",),
+    "targets.observations": ("Observations",),
     "camera": ("Camera",),
     "corners": ("read_corners",),
     "formats": ("load", "load_rig", "save", "save_rig"),
@@ -41,7 +47,7 @@ _HOME = {
     "models": ("CameraModel", "model_class", "model_names"),
     "ray_camera": ("RayCamera",),
     "rig": ("Rig",),
-    "targets": ("Checkerboard", "Detection", "find_boards"),
+    "targets": ("Checkerboard", "Detection", "detect_boards"),
     "views": (
         *("Remapper", "cube_face", "cylinder", "fisheye", "mercator"),
         *("panini", "perspective", "planet", "remap", "sphere"),
@@ -50,12 +56,12 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "BoardViews",
     "Calibration",
     "Camera",
     "CameraModel",
     "Checkerboard",
     "Detection",
+    "Observations",
     "Pose",
     "RayCamera",
     "Remapper",
@@ -64,8 +70,8 @@ __all__ = [
     "calibrate_pictures",
     "cube_face",
     "cylinder",
+    "detect_boards",
     "evaluate_camera",
-    "find_boards",
     "fisheye",
     "load",
     "load_rig",

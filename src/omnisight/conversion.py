@@ -22,7 +22,7 @@ class Conversion:
     camera
         The fitted camera.
     theta_max
-        The cone (radians from the axis) that the fit was made over: the calibrated one, or the whole picture.
+        The cone (radians from the axis) that the fit was made over: the calibrated one, or the whole image.
     max_px, rms_px, mean_px
         Distance of the pixels of equal bearings over that cone; inf where the fitted camera has none.
     max_deg, rms_deg
@@ -45,7 +45,7 @@ class Conversion:
 
 
 AGREES_PX = 0.5
-ENOUGH, DENSER = 100, 161  # samples, and how many across the picture where that is too few
+ENOUGH, DENSER = 100, 161  # samples, and how many across the image where that is too few
 NARROWEST = np.radians(5.0)  # cone that is still worth a fit
 HALVINGS = 8  # of the cone, to a third of a degree
 
@@ -69,12 +69,12 @@ def convert_model(camera: Camera, model: str, *, theta_max: float | None = None)
     """
     cls = model_class(model)
     if camera.width < 1 or camera.height < 1:
-        raise ValueError("the camera's file does not say how large its pictures are, so there is nothing to fit over")
+        raise ValueError("the camera's file does not say how large its images are, so there is nothing to fit over")
     bearings, pixels = camera.samples(theta_max)
-    if len(bearings) < ENOUGH:  # of a narrow cone in a wide picture
+    if len(bearings) < ENOUGH:  # of a narrow cone in a wide image
         bearings, pixels = camera.samples(theta_max, DENSER)
     if len(bearings) < 20:
-        raise ValueError("the camera sees almost nothing of its picture inside that cone")
+        raise ValueError("the camera sees almost nothing of its image inside that cone")
     try:
         fitted = camera.model if cls is type(camera.model) else cls.fit(bearings, pixels)
     except np.linalg.LinAlgError as error:

@@ -1,4 +1,4 @@
-"""Pictures, folders and the program, for the tests of the command line."""
+"""Images, folders and the program, for the tests of the command line."""
 
 import shutil
 
@@ -13,7 +13,7 @@ from omnisight.images import write_image
 
 @pytest.fixture(scope="session")
 def shots(tmp_path_factory):
-    """Six pictures of a board through a fisheye, and the cache that every test of this file shares."""
+    """Six images of a board through a fisheye, and the cache that every test of this file shares."""
     folder = tmp_path_factory.mktemp("shots")
     for i, view in enumerate(POSES):
         write_image(folder / f"{i + 1}.png", shot(view)[0])
@@ -35,7 +35,7 @@ def environment(shared_cache, monkeypatch):
 
 @pytest.fixture
 def folder(shots, tmp_path):
-    """Give a folder of the pictures that a test may spoil."""
+    """Give a folder of the images that a test may spoil."""
     return shutil.copytree(shots, tmp_path / "shots")
 
 

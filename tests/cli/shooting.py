@@ -30,7 +30,7 @@ def seen(count, seed=0):
 
 
 def lines_of(out):
-    """Give the table's lines by picture."""
+    """Give the table's lines by image."""
     lines = [line for line in out.splitlines() if line.split()[1:2] in (["yes"], ["no"])]
     return {line.split()[0]: line for line in lines}
 
@@ -47,12 +47,12 @@ def raising(error):
 
 
 def spoil(path, how):
-    """Put something else in the place of a picture."""
+    """Put something else in the place of an image."""
     good = read_image(path)
     path.unlink()
     match how:
         case "text":
-            path.with_suffix(".jpg").write_text("I am no picture")
+            path.with_suffix(".jpg").write_text("I am no image")
         case "empty":
             path.with_suffix(".jpg").write_bytes(b"")
         case "truncated":

@@ -34,7 +34,7 @@ def test_read_only_cache_costs_no_run(run, shots, tmp_path, monkeypatch):
     monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: tmp_path / "file" / "cache")
     status, out, err = run("detect", shots / "1.png", "--pattern", "9x6", "-o", tmp_path / "drawn")
     assert (status, err) == (0, "")
-    assert "9x6: 1 of 1 pictures" in out
+    assert "9x6: 1 of 1 images" in out
 
 
 def test_read_only_folder_for_drawings_is_told_by_name(run, shots, tmp_path):
@@ -63,4 +63,4 @@ def test_paths_with_a_line_break_or_dash_are_files_like_any(run, shots, tmp_path
         (tmp_path / name).write_bytes((shots / "1.png").read_bytes())
     status, out, err = run("detect", tmp_path, "--pattern", "9x6", "-o", tmp_path / "drawn")
     assert (status, err) == (0, "")
-    assert "9x6: 3 of 3 pictures" in out
+    assert "9x6: 3 of 3 images" in out

@@ -1,4 +1,4 @@
-"""omnisight calibrate: pictures that are none, or odd ones."""
+"""omnisight calibrate: images that are none, or odd ones."""
 
 import json
 
@@ -39,8 +39,8 @@ def test_what_is_not_there_is_told_by_its_name(refuses, tmp_path, path):
         ("truncated", "truncated JPEG (no end-of-image marker)"),
         ("black", "no 9x6 board found"),
         ("damaged", "damaged PNG (checksum of chunk b'IDAT'"),
-        ("HEIC", "3.jpg: a HEIC or AVIF picture, which is not read: export it as JPEG or PNG"),
-        ("LFS", "3.jpg: a Git LFS pointer, not the picture itself: run git lfs pull"),
+        ("HEIC", "3.jpg: a HEIC or AVIF image, which is not read: export it as JPEG or PNG"),
+        ("LFS", "3.jpg: a Git LFS pointer, not the image itself: run git lfs pull"),
     ],
 )
 def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, how, note):
@@ -50,7 +50,7 @@ def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, 
     (line,) = [line for line in out.splitlines() if line.startswith("3.")]
     assert line.split()[1] == "-"
     assert note in line
-    assert "5 of 6 pictures" in out
+    assert "5 of 6 images" in out
 
 
 def test_a_camera_comes_of_the_good_pictures(run, folder):
@@ -58,7 +58,7 @@ def test_a_camera_comes_of_the_good_pictures(run, folder):
     spoil(folder / "3.png", "black")
     status, out, err = run("calibrate", folder, *QUICK)
     assert (status, err) == (0, "")
-    assert "4 of 6 pictures" in out
+    assert "4 of 6 images" in out
     for name, note in (("2.jpg", "2.jpg: truncated JPEG"), ("3.png", "no 9x6 board found")):
         assert lines_of(out)[name].split()[1] == "no"
         assert note in lines_of(out)[name]
@@ -68,7 +68,7 @@ def test_too_few_good_pictures_are_told_with_the_bad_ones(refuses, folder):
     for i, how in enumerate(("text", "empty", "truncated", "black")):
         spoil(folder / f"{i + 1}.png", how)
     said = refuses("calibrate", folder, *QUICK)
-    assert "the 9x6 board was found in 2 of 6 pictures" in said
+    assert "the 9x6 board was found in 2 of 6 images" in said
     assert "3 is the least" in said
     for note in ("1.jpg: not an image", "2.jpg: empty file", "3.jpg: truncated JPEG", "4.png: no 9x6 board"):
         assert note in said
@@ -84,7 +84,7 @@ def test_force_calibrates_from_fewer(run, shots, tmp_path, number):
 
 
 def kind(folder, i, how):
-    """Write picture number i again in another kind of file."""
+    """Write image number i again in another kind of file."""
     path = folder / f"{i}.png"
     good = read_image(path)
     path.unlink()
@@ -117,7 +117,7 @@ def test_every_kind_of_picture_is_taken(run, folder, how):
         kind(folder, i, how)
     status, out, err = run("detect", folder, "--pattern", "9x6", "--json")
     assert (status, err) == (0, "")
-    pictures = json.loads(out)["pictures"]
+    pictures = json.loads(out)["images"]
     assert [len(picture["boards"]) for picture in pictures] == [1] * 6
     if how == "RGBA":
         assert "of 54 corners" in pictures[1]["note"]  # what is transparent is not looked at
@@ -132,7 +132,7 @@ def test_a_turned_picture_is_taken_as_the_sensor_read_it_with_one_warning(run, f
         path.unlink()
     status, out, _ = run("calibrate", folder, *QUICK)
     assert status == 0
-    assert "6 of 6 pictures" in out
+    assert "6 of 6 images" in out
     assert "EXIF orientation 6 ignored" in lines_of(out)["2.jpg"]
     assert out.count("EXIF") == 1
 
@@ -141,7 +141,7 @@ def test_turned_pictures_are_turned_on_request(run, folder):
     first = folder / "1.png"
     first.with_suffix(".jpg").write_bytes(jpeg(read_image(first), orientation=6))
     first.unlink()
-    (picture, *others) = json.loads(run("detect", folder, "--json", "--apply-exif")[1])["pictures"]
+    (picture, *others) = json.loads(run("detect", folder, "--json", "--apply-exif")[1])["images"]
     assert picture["note"].startswith("480x640 where others have 640x480: left out; rotated 90 degrees?")
     assert "as the sensor read it, not turned on saving or by --apply-exif" in picture["note"]
     assert all(other["boards"] for other in others)
@@ -152,4 +152,4 @@ def test_turned_pictures_are_turned_on_request(run, folder):
     status, out, _ = run("calibrate", folder, *QUICK, "--apply-exif", "--json")
     assert status == 0
     assert json.loads(out)["camera"]["size"] == [480, 640]
-    assert not any(picture["note"].count("EXIF") for picture in json.loads(out)["pictures"])
+    assert not any(picture["note"].count("EXIF") for picture in json.loads(out)["images"])

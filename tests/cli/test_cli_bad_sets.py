@@ -1,4 +1,4 @@
-"""Pictures that are good one by one, and bad as a set: sizes, copies, motion, too few, parallel."""
+"""Images that are good one by one, and bad as a set: sizes, copies, motion, too few, parallel."""
 
 import json
 import shutil
@@ -14,7 +14,7 @@ from drawn import POSES, scene, shot
 from omnisight.cli._standouts import standouts
 from omnisight.images import ImageField, read_image, write_image
 from omnisight.images.ellipse import Ellipse
-from omnisight.targets import find_boards
+from omnisight.targets import detect_boards
 
 
 def detected(run, *arguments):
@@ -33,8 +33,8 @@ def test_mixed_resolutions_use_the_largest_group_and_name_the_rest_with_sizes_an
     write_image(folder / "4.png", read_image(folder / "4.png")[:, :600])
     status, out, err = run("calibrate", folder, *QUICK)
     assert (status, err) == (0, "")
-    assert "3 of 6 pictures" in out
-    assert "note: pictures have 3 sizes: 3 of 640x480, which are used; 2 of 320x240 (5.png, 6.png); 1 of 600x480" in out
+    assert "3 of 6 images" in out
+    assert "note: images have 3 sizes: 3 of 640x480, which are used; 2 of 320x240 (5.png, 6.png); 1 of 600x480" in out
     table = lines_of(out)
     for name in ("5.png", "6.png"):
         assert table[name].split()[1] == "no"
@@ -48,12 +48,10 @@ def test_mixed_resolutions_of_a_whole_ratio_are_offered_as_resized(run, folder):
     write_image(folder / "4.png", np.repeat(np.repeat(read_image(folder / "4.png"), 2, 0), 2, 1))
     said = detected(run, folder)
     (note,) = said["notes"]
-    assert note.startswith(
-        "pictures have 3 sizes: 3 of 640x480, which are used; 2 of 320x240 (5.png, 6.png); 1 of 1280x"
-    )
+    assert note.startswith("images have 3 sizes: 3 of 640x480, which are used; 2 of 320x240 (5.png, 6.png); 1 of 1280x")
     assert "320x240 is half of 640x480: resize them" in note
     assert "1280x960 is twice 640x480: resize them" in note
-    assert [len(p["boards"]) for p in said["pictures"]] == [1, 1, 1, 0, 0, 0]
+    assert [len(p["boards"]) for p in said["images"]] == [1, 1, 1, 0, 0, 0]
     status, out, _ = run("detect", folder, "-o", folder.parent / "drawn")
     assert status == 0
     assert f"note: {note}" in out
@@ -64,7 +62,7 @@ def test_mixed_resolutions_that_leave_too_few_are_refused_with_the_sizes(refuses
         (folder / f"{i}.png").unlink()
     write_image(folder / "5.png", read_image(folder / "5.png")[::2, ::2])
     said = refuses("calibrate", folder, *QUICK)
-    assert "the 9x6 board was found in 1 of 2 pictures" in said
+    assert "the 9x6 board was found in 1 of 2 images" in said
     assert "5.png: 320x240 where others have 640x480: left out; half of 640x480" in said
 
 
@@ -75,7 +73,7 @@ def test_portrait_and_landscape_set_is_told_as_rotated(run, folder):
     (note,) = said["notes"]
     assert "4 of 640x480, which are used; 2 of 480x640 (2.png, 4.png), rotated 90 degrees?" in note
     for i in (1, 3):
-        assert "480x640 where others have 640x480: left out; rotated 90 degrees?" in said["pictures"][i]["note"]
+        assert "480x640 where others have 640x480: left out; rotated 90 degrees?" in said["images"][i]["note"]
 
 
 def test_duplicates_are_named_and_counted(run, folder):
@@ -86,9 +84,9 @@ def test_duplicates_are_named_and_counted(run, folder):
     table = lines_of(out)
     assert "the same as 1.png" in table["7.png"]
     assert "the same as 2.png" in table["8.jpg"]
-    assert "Pictures that repeat another one: 2 (1.png = 7.png, 2.png = 8.jpg)" in out
-    assert "move the board between pictures" in out
-    assert "note: 2 of 8 pictures with a board repeat another one" in out
+    assert "Images that repeat another one: 2 (1.png = 7.png, 2.png = 8.jpg)" in out
+    assert "move the board between images" in out
+    assert "note: 2 of 8 images with a board repeat another one" in out
 
 
 def test_video_near_duplicates_are_counted_with_how_far_they_moved(run, tmp_path):
@@ -98,28 +96,28 @@ def test_video_near_duplicates_are_counted_with_how_far_they_moved(run, tmp_path
     write_image(tmp_path / "other.png", shot(POSES[3])[0])
     said = detected(run, tmp_path)
     (note,) = said["notes"]
-    assert note.startswith("2 of 5 pictures with a board repeat another one (no corner moved by more than ")
+    assert note.startswith("2 of 5 images with a board repeat another one (no corner moved by more than ")
     assert 2 < float(note.split("more than ")[1].split(" px")[0]) < 4
-    assert "move and tilt the board between pictures, or give the film itself" in note
-    assert "hardly differs from frame0.png (by 2.2 px)" in said["pictures"][1]["note"]
-    assert said["pictures"][2]["note"] == ""
-    assert "hardly differs from frame2.png" in said["pictures"][3]["note"]
+    assert "move and tilt the board between images, or give the film itself" in note
+    assert "hardly differs from frame0.png (by 2.2 px)" in said["images"][1]["note"]
+    assert said["images"][2]["note"] == ""
+    assert "hardly differs from frame2.png" in said["images"][3]["note"]
 
 
 def test_blurred_or_moving_pictures_are_told_with_their_blur_and_how_to_leave_them_out(run, folder):
     write_image(folder / "3.png", cv2.GaussianBlur(read_image(folder / "3.png"), (0, 0), 3.0))
-    found = detected(run, folder)["pictures"]
+    found = detected(run, folder)["images"]
     assert found[2]["blur"] > 2.5 > 1.0 > found[0]["blur"]
     status, out, _ = run("detect", folder, "--pattern", "9x6", "-o", folder.parent / "drawn")
     assert status == 0
     assert [line.split()[0] for line in out.splitlines() if line.split()[-1:] == ["blurred"]] == ["3.png"]
-    search = find_boards([folder / f"{i}.png" for i in range(1, 7)], BOARD)
+    search = detect_boards([folder / f"{i}.png" for i in range(1, 7)], BOARD)
     said = standouts(search, [f"{i}.png" for i in range(1, 7)], [0.05, 0.06, 0.9, 0.05, None, 0.05])
     assert said is not None
     assert said.startswith(
-        "pictures that stand out from the others' median rms of 0.05 px: 3.png (rms 0.90 px, blurred: "
+        "images that stand out from the others' median rms of 0.05 px: 3.png (rms 0.90 px, blurred: "
     )
-    assert f"blurred: {search.pictures[2].blur:.1f} px across its edges where others have 0.7 px" in said
+    assert f"blurred: {search.images[2].blur:.1f} px across its edges where others have 0.7 px" in said
     assert said.endswith("look at them with --draw; to leave them out: --drop 3.png")
     assert standouts(search, [f"{i}.png" for i in range(1, 7)], [0.05, 0.06, 0.05, 0.05, None, 0.05]) is None
 
@@ -127,7 +125,7 @@ def test_blurred_or_moving_pictures_are_told_with_their_blur_and_how_to_leave_th
 def test_corners_outside_the_image_circle_are_flagged_with_their_count(run, folder, monkeypatch):
     circle = ImageField((640, 480), Ellipse((320.0, 240.0), (150.0, 150.0), 0.0))
     monkeypatch.setattr("omnisight.targets.find.shown_field", lambda *_, **__: circle)
-    for picture in detected(run, folder)["pictures"]:
+    for picture in detected(run, folder)["images"]:
         outside = len(picture["boards"][0]["outside"])
         assert (f"{outside} corners outside of what the lens shows" in picture["note"]) is (outside > 0)
     assert outside > 20
@@ -136,15 +134,15 @@ def test_corners_outside_the_image_circle_are_flagged_with_their_count(run, fold
 @pytest.mark.parametrize("number", [1, 2])
 def test_too_few_views_are_refused_with_the_number_and_the_least(refuses, shots, number):
     said = refuses("calibrate", *(shots / f"{i + 1}.png" for i in range(number)), *QUICK)
-    assert f"the 9x6 board was found in {number} of {number} pictures; 3 is the least and 10 to 20 are good" in said
+    assert f"the 9x6 board was found in {number} of {number} images; 3 is the least and 10 to 20 are good" in said
 
 
 def test_too_few_views_that_differ_are_refused_with_the_copies(refuses, shots, tmp_path):
     for name in "abc":
         shutil.copy(shots / "2.png", tmp_path / f"{name}.png")
     said = refuses("calibrate", tmp_path, *QUICK)
-    assert "3 pictures with a board, but only 1 that differ (a.png = b.png, a.png = c.png): 3 is the least" in said
-    assert "move and tilt the board between pictures (--force calibrates all the same)" in said
+    assert "3 images with a board, but only 1 that differ (a.png = b.png, a.png = c.png): 3 is the least" in said
+    assert "move and tilt the board between images (--force calibrates all the same)" in said
 
 
 def test_too_few_views_name_the_parameters_they_leave_open(run, shots):
@@ -160,7 +158,7 @@ def test_blurred_pictures_that_stand_out_are_named_with_the_option_that_leaves_t
     blurred = cv2.GaussianBlur(read_image(path), (0, 0), 3.0)
     write_image(path, np.random.default_rng(0).normal(blurred, 25).clip(0, 255).astype(np.uint8))
     _, out, _ = run("calibrate", folder, *QUICK)
-    (note,) = [line for line in out.splitlines() if line.startswith("note: pictures that stand out")]
+    (note,) = [line for line in out.splitlines() if line.startswith("note: images that stand out")]
     assert "3.png (rms " in note
     assert "blurred: " in note
     assert note.endswith("--drop 3.png")
@@ -183,5 +181,5 @@ def test_calibration_applied_at_another_size_is_refused_with_both_sizes_and_the_
     small = Path(camera_file).with_name("small.png")
     write_image(small, read_image(shots / "1.png")[::2, ::2])
     said = refuses("view", small, "--camera", camera_file, "-o", small.with_name("view.png"))
-    assert "small.png: the picture is 320x240, the camera 640x480: the same shape, 0.5 times as large" in said
+    assert "small.png: the image is 320x240, the camera 640x480: the same shape, 0.5 times as large" in said
     assert "scale the camera (--scale-camera)" in said

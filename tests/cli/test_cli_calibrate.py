@@ -16,7 +16,7 @@ from omnisight.images import read_image, write_image
 def test_a_calibration_needs_no_options_and_prints_a_line_per_picture(run, shots, tmp_path):
     status, out, err = run("calibrate", shots, "--square", "30mm", "-o", tmp_path / "camera.json")
     assert (status, err) == (0, "")
-    assert out.split()[:7] == ["picture", "found", "corners", "rms", "px", "worst", "px"]
+    assert out.split()[:7] == ["image", "found", "corners", "rms", "px", "worst", "px"]
     table = lines_of(out)
     assert sorted(table) == sorted(path.name for path in shots.iterdir())
     for line in table.values():
@@ -25,7 +25,7 @@ def test_a_calibration_needs_no_options_and_prints_a_line_per_picture(run, shots
         assert 40 <= int(corners) <= 54
         assert 0 < float(rms) < float(worst) < 0.5
     assert f"written: {tmp_path / 'camera.json'}" in out
-    assert "6 of 6 pictures" in out
+    assert "6 of 6 images" in out
     found = load(tmp_path / "camera.json")
     assert found.size == SIZE
     assert found.provenance["pattern"] == "9x6"
@@ -48,26 +48,26 @@ def test_the_native_file_says_what_it_holds(run, shots, tmp_path):
     assert set(stored["params"]) == {"fx", "fy", "cx", "cy"}
     assert "x right, y down, z forward" in stored["convention"]
     assert stored["provenance"]["target"]["square"] is None
-    assert stored["calibration"]["pictures"] == 6
+    assert stored["calibration"]["images"] == 6
 
 
 def test_json_is_one_object_and_nothing_else(run, folder):
-    (folder / "7.jpg").write_text("not a picture")
+    (folder / "7.jpg").write_text("not an image")
     write_image(folder / "8.png", np.zeros(SIZE[::-1], np.uint8))
     status, out, err = run("calibrate", folder, "--pattern", "9x6", "--json")
     assert (status, err) == (0, "")
     result = json.loads(out)
     assert set(result) >= {
-        *("pictures", "pattern", "model", "rms", "mean", "held_out_rms"),
+        *("images", "pattern", "model", "rms", "mean", "held_out_rms"),
         *("candidates", "seconds", "camera", "warnings", "reason"),
     }
-    assert [picture["name"] for picture in result["pictures"]] == visible(folder)
-    for picture in result["pictures"]:
+    assert [picture["name"] for picture in result["images"]] == visible(folder)
+    for picture in result["images"]:
         assert set(picture) == {"name", "found", "corners", "rms", "worst", "note"}
         assert picture["found"] is (int(picture["name"][0]) <= 6)
         assert (picture["rms"] is None) is (picture["worst"] is None) is (not picture["found"])
-    assert result["pictures"][6]["note"] == "7.jpg: not an image (starts with b'not a')"
-    assert result["pictures"][7]["note"] == "no 9x6 board found"
+    assert result["images"][6]["note"] == "7.jpg: not an image (starts with b'not a')"
+    assert result["images"][7]["note"] == "no 9x6 board found"
     assert result["pattern"] == "9x6"
     assert 0 < result["mean"] < result["rms"] < 0.3
     assert {"model", "corners", "rms", "held_out_rms", "parameters", "mean"} == set(result["candidates"][0])
@@ -122,8 +122,8 @@ def test_pictures_of_one_name_in_two_folders_are_told_apart(run, shots, tmp_path
         for i, number in enumerate(numbers):
             shutil.copy(shots / f"{number}.png", tmp_path / name / f"{i}.png")
     status, out, _ = run("calibrate", tmp_path / "left", tmp_path / "right", *QUICK, "--json")
-    apart = json.loads(out)["pictures"]
-    together = json.loads(run("calibrate", shots, *QUICK, "--json")[1])["pictures"]
+    apart = json.loads(out)["images"]
+    together = json.loads(run("calibrate", shots, *QUICK, "--json")[1])["images"]
     assert status == 0
     assert [p["corners"] for p in apart] == [p["corners"] for p in together]
     np.testing.assert_allclose([p["rms"] for p in apart], [p["rms"] for p in together], rtol=1e-6)
@@ -136,7 +136,7 @@ def test_a_dropped_picture_is_left_out_and_an_unknown_one_is_told_with_those_the
     assert status == 0
     assert sorted(lines_of(out)) == [name for name in visible(shots) if name not in ("2.png", "5.png")]
     said = refuses("calibrate", shots, *QUICK, "--drop", "nine.png")
-    assert "--drop: there is no picture nine.png; there are 1.png, 2.png" in said
+    assert "--drop: there is no image nine.png; there are 1.png, 2.png" in said
 
 
 def test_the_original_method_tells_its_steps_beside_ours_and_its_camera_is_written(run, shots, tmp_path):
@@ -186,7 +186,7 @@ def test_a_report_that_could_not_be_written_is_refused_before_the_work(refuses, 
 def test_a_picture_is_never_written_over(refuses, folder, option):
     picture = folder / "1.png"
     before = picture.read_bytes()
-    assert "is one of the pictures and would be lost" in refuses("calibrate", folder, *QUICK, option, picture)
+    assert "is one of the images and would be lost" in refuses("calibrate", folder, *QUICK, option, picture)
     assert picture.read_bytes() == before
 
 
@@ -197,4 +197,4 @@ def test_camera_and_report_need_two_files(refuses, shots, tmp_path):
 
 def test_dropping_all_pictures_is_told_so(refuses, shots):
     drops = [word for name in visible(shots) for word in ("--drop", name)]
-    assert "--drop leaves no picture" in refuses("calibrate", shots, *QUICK, *drops)
+    assert "--drop leaves no image" in refuses("calibrate", shots, *QUICK, *drops)

@@ -9,7 +9,7 @@ from shooting import visible
 from omnisight.formats import load
 from omnisight.images import read_image, write_image
 from omnisight.models.unified import Unified
-from omnisight.simulate import mirror_setup
+from omnisight.simulation import mirror_setup
 
 TRUTH = Unified(300.0, 300.0, 652.0, 498.0, 1.0)
 
@@ -23,7 +23,7 @@ def room(tmp_path_factory):
 
 @pytest.fixture
 def drawn(tmp_path):
-    """Give a picture and a file of ten lines through a parabolic mirror."""
+    """Give an image and a file of ten lines through a parabolic mirror."""
     rng = np.random.default_rng(0)
     lines = []
     while len(lines) < 10:
@@ -52,7 +52,7 @@ def test_one_picture_of_a_room_calibrates_a_mirror(run, room, tmp_path):
     assert (deviation[:5] > 0).all()
     assert deviation[5] == 0
     assert 1.0 < camera.theta_max < np.radians(112)
-    assert camera.provenance["pictures"] == ["room.png"]
+    assert camera.provenance["images"] == ["room.png"]
     assert camera.model.to_dict()["xi"] == pytest.approx(0.97, abs=max(4 * deviation[4], 0.02))
     assert visible(tmp_path / "drawn") == ["room.png"]
     sheet = read_image(tmp_path / "drawn" / "room.png").astype(int)
@@ -83,14 +83,14 @@ def test_what_cannot_work_is_refused_in_one_line(refuses, drawn):
     assert "there is no folder" in refuses("calibrate-lines", blank, "-o", drawn / "none" / "c.json")
     assert "unknown camera model" in refuses("calibrate-lines", blank, "--model", "nonsense")
     (drawn / "bad.json").write_text('{"other.png": []}')
-    assert "names other.png, which is none of the pictures" in refuses(
+    assert "names other.png, which is none of the images" in refuses(
         "calibrate-lines", blank, "--lines", drawn / "bad.json"
     )
     write_image(drawn / "mask.png", np.zeros((5, 5), np.uint8))
-    assert "mask.png: is 5 x 5 px, the pictures 1280 x 1024" in refuses(
+    assert "mask.png: is 5 x 5 px, the images 1280 x 1024" in refuses(
         "calibrate-lines", blank, "--mask", drawn / "mask.png"
     )
     write_image(drawn / "small.png", np.zeros((50, 50), np.uint8))
-    assert "pictures of one camera have one size" in refuses(
+    assert "images of one camera have one size" in refuses(
         "calibrate-lines", blank, drawn / "small.png", "--lines", lines
     )

@@ -25,10 +25,10 @@ def test_a_file_of_corners_is_calibrated_like_pictures(run, corners, tmp_path):
     assert (status, err) == (0, "")
     lines = out.splitlines()
     assert [line.split()[0] for line in lines[1:9]] == [f"shots-{k}" for k in range(1, 9)]
-    assert "8 of 8 pictures, 432 corners" in out
+    assert "8 of 8 images, 432 corners" in out
     assert "second look" not in out
     assert " s to read the corners" in out
-    assert "drawn (8 on a bare sheet: their pictures do not lie beside the corners)" in out
+    assert "drawn (8 on a bare sheet: their images do not lie beside the corners)" in out
     camera = load(tmp_path / "camera.json")
     assert camera.size == SIZE
     assert camera.provenance["target"] == {"target": "points", "points": 54, "flat": True}
@@ -42,7 +42,7 @@ def test_json_and_drop_know_the_views(run, corners):
     status, out, _ = run("calibrate", corners, *QUICK, "--json", "--drop", "shots-2")
     assert status == 0
     result = json.loads(out)
-    assert [row["name"] for row in result["pictures"]] == [f"shots-{k}" for k in (1, 3, 4, 5, 6, 7, 8)]
+    assert [row["name"] for row in result["images"]] == [f"shots-{k}" for k in (1, 3, 4, 5, 6, 7, 8)]
     assert result["pattern"] == "54 points"
 
 
@@ -63,7 +63,7 @@ def test_what_detect_prints_is_calibrated(run, shots, tmp_path):
     status, again, err = run("calibrate", tmp_path / "corners.json", *QUICK, "--json")
     assert (status, err) == (0, "")
     plain = json.loads(run("calibrate", shots, "--pattern", "9x6", *QUICK, "--json")[1])
-    assert [row["name"] for row in json.loads(again)["pictures"]] == [row["name"] for row in plain["pictures"]]
+    assert [row["name"] for row in json.loads(again)["images"]] == [row["name"] for row in plain["images"]]
     assert json.loads(again)["rms"] == pytest.approx(plain["rms"], abs=0.1)
 
 
@@ -75,14 +75,14 @@ def test_a_second_look_is_for_pictures(run, corners):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("few views", "2 of 2 pictures have corners enough; 3 is the least, 10 to 20 are good"),
+        ("few views", "2 of 2 images have corners enough; 3 is the least, 10 to 20 are good"),
         ("no size", "give --image-size, such as 1280x800 (corners reach"),
         ("a size that is none", "--image-size must be WIDTHxHEIGHT in px, such as 1280x720, got 'big'"),
-        ("a size with pictures", "--image-size is for files of corners; pictures say how large they are"),
-        ("a camera with pictures", "--which is for files of corners of several cameras"),
+        ("a size with images", "--image-size is for files of corners; images say how large they are"),
+        ("a camera with images", "--which is for files of corners of several cameras"),
         (
             "text",
-            "notes.txt: neither a picture nor corners of a known format (begins with 'Call Bob'); known are: babel",
+            "notes.txt: neither an image nor corners of a known format (begins with 'Call Bob'); known are: babel",
         ),
         ("its own output", "would be lost"),
     ],
@@ -95,9 +95,9 @@ def test_what_cannot_work_is_said(given, said, refuses, corners, shots, tmp_path
         case "no size" | "a size that is none":
             np.savez(corners, corners=seen(4), pattern=(9, 6))
             command += [] if given == "no size" else ["--image-size", "big"]
-        case "a size with pictures":
+        case "a size with images":
             command = [shots, "--image-size", "640x480"]
-        case "a camera with pictures":
+        case "a camera with images":
             command = [shots, "--which", "left"]
         case "text":
             (tmp_path / "notes.txt").write_text("Call Bob")

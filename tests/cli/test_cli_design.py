@@ -38,7 +38,7 @@ def test_a_mirror_is_told_with_all_that_is_needed_to_make_it(design, tmp_path):
         "viewpoint   7.858 mm above the vertex, single",
         "field       from 20.0 degrees above the horizon to 78.2 below it, 360 around",
         "blind       11.8 degrees around straight down, 33 px: the camera itself",
-        "picture     941 px across, 98 percent of the shorter side; sensor 1280x960 px of 3.75 um",
+        "image     941 px across, 98 percent of the shorter side; sensor 1280x960 px of 3.75 um",
         "model       unified, xi 0.96997, gamma 314.35 px",
         "tilted 1°",
         "for things 1 m away",
@@ -89,7 +89,7 @@ def test_the_camera_file_is_that_of_the_design(design, tmp_path, kind):
     assert (camera.model.name, camera.model.fx < 0 < camera.model.fy) == ("unified", True)
     assert np.degrees(camera.theta_max) == pytest.approx(110)
     assert 5 < np.degrees(camera.theta_min) < 20
-    # The rim is on the picture's circle, and the horizon, ahead, is above the middle in an upright view of it.
+    # The rim is on the image's circle, and the horizon, ahead, is above the middle in an upright view of it.
     (pixel,), _ = camera.project([[np.sin(camera.theta_max), 0, np.cos(camera.theta_max)]])
     assert abs(pixel[0] - 639.5) == pytest.approx(0.98 * 480, rel=1e-9)
 
@@ -98,7 +98,7 @@ def test_the_camera_file_is_that_of_the_design(design, tmp_path, kind):
 def test_a_design_without_a_viewpoint_is_written_with_its_lens_and_mirror(design, tmp_path, kind):
     status, out, err = design("--kind", kind, *WITHIN.get(kind, FIELD), "--camera", "camera.json")
     assert (status, err) == (0, "")
-    assert "written     camera.json; rendered pictures: omnisight simulate room --camera camera.json" in out
+    assert "written     camera.json; rendered images: omnisight simulate room --camera camera.json" in out
     camera = load(tmp_path / "camera.json")
     assert (type(camera), camera.model.name, camera.size) == (om.RayCamera, "catadioptric", (1280, 960))
     # Angles are from the lens' axis, up into the mirror: the rim shows 20 degrees above the horizon.
@@ -110,7 +110,7 @@ def test_a_design_without_a_viewpoint_is_written_with_its_lens_and_mirror(design
 
 
 def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
-    """A picture that shows each direction's elevation in red and azimuth in green, through the camera file and view."""
+    """An image that shows each direction's elevation in red and azimuth in green, through the camera file and view."""
     assert design(*FIELD, "--sensor", "640x480", "--camera", "camera.json")[0] == 0
     camera = load(tmp_path / "camera.json")
     u, v = np.meshgrid(np.arange(640), np.arange(480))
@@ -118,9 +118,9 @@ def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
     elevation = np.degrees(np.arctan2(-bearings[..., 2], np.hypot(bearings[..., 0], bearings[..., 1])))
     picture = np.zeros((480, 640, 3), np.uint8)
     picture[..., 0] = np.where(valid, np.clip(128 + 2 * np.nan_to_num(elevation), 0, 255), 0)
-    om.write_image(tmp_path / "picture.png", picture)
+    om.write_image(tmp_path / "image.png", picture)
     view = ("--to", "cylinder", "--up", "back", "--elevation=-40:15", "-o", "around.png")
-    status, _, err = run("view", "picture.png", "--camera", "camera.json", *view)
+    status, _, err = run("view", "image.png", "--camera", "camera.json", *view)
     assert (status, err) == (0, "")
     around = om.read_image(tmp_path / "around.png")[..., 0].astype(float)
     top, bottom = around[2].mean(), around[-3].mean()

@@ -24,7 +24,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def charucos(tmp_path_factory):
-    """Six pictures of a board of markers through a fisheye."""
+    """Six images of a board of markers through a fisheye."""
     folder = tmp_path_factory.mktemp("charucos")
     views = ((0, 0, 0.2), (30, 70, 0.16), (45, 180, 0.14), (40, 300, 0.17), (50, 0, 0.15), (20, 220, 0.12))
     for i, (angle, azimuth, distance) in enumerate(views):
@@ -44,7 +44,7 @@ def test_every_picture_has_a_line_and_the_set_a_summary(run, shots):
     for i in range(1, 7):
         assert line_of(out, f"{i}.png").split()[1] == "1"
         assert int(line_of(out, f"{i}.png").split()[2]) > 50
-    assert "9x6: 6 of 6 pictures, " in out
+    assert "9x6: 6 of 6 images, " in out
     assert "corners\n" in out
     assert out.rstrip().endswith("drawn: omnisight-detect")
 
@@ -57,7 +57,7 @@ def test_the_pattern_need_not_be_told(run, shots):
 def test_a_wrong_pattern_is_answered_with_the_right_one(run, shots):
     status, out, _ = run("detect", shots, "--pattern", "10x7")
     assert status == 0
-    assert "10x7: 0 of 6 pictures, 0 corners" in out
+    assert "10x7: 0 of 6 images, 0 corners" in out
     assert "10x7 squares have 9x6 inner corners). Use --pattern 9x6." in out
     assert "no 10x7 board found, but one of 9x6" in line_of(out, "3.png")
 
@@ -102,8 +102,8 @@ def test_json_is_one_object_and_nothing_is_drawn(run, shots, elsewhere):
     assert said["pattern"] == "9x6"
     assert said["target"] == {"target": "checkerboard", "columns": 9, "rows": 6} | said["target"]
     assert said["hint"] is None
-    assert [p["name"] for p in said["pictures"]] == [f"{i}.png" for i in range(1, 7)]
-    for i, picture in enumerate(said["pictures"]):
+    assert [p["name"] for p in said["images"]] == [f"{i}.png" for i in range(1, 7)]
+    for i, picture in enumerate(said["images"]):
         assert picture["size"] == list(SIZE)
         assert picture["sharpness"] > 0
         assert isinstance(picture["note"], str)
@@ -126,16 +126,16 @@ def test_json_draws_where_it_is_told(run, shots, elsewhere):
 
 
 def test_pictures_that_cannot_be_read_are_named_with_the_reason(run, folder, elsewhere):
-    (folder / "2.png").write_text("I am no picture")
+    (folder / "2.png").write_text("I am no image")
     (folder / "3.png").write_bytes(b"")
     status, out, _ = run("detect", folder, "--pattern", "9x6")
     assert status == 0
     assert "not an image" in line_of(out, "2.png")
     assert "empty file" in line_of(out, "3.png")
-    assert "9x6: 4 of 6 pictures" in out
+    assert "9x6: 4 of 6 images" in out
     assert visible(elsewhere / "omnisight-detect") == ["1.png", "4.png", "5.png", "6.png"]
     said = json.loads(run("detect", folder, "--json")[1])
-    bad = said["pictures"][1]
+    bad = said["images"][1]
     assert (bad["size"], bad["boards"], bad["sharpness"], bad["exposure"]) == (None, [], None, None)
 
 
@@ -148,16 +148,16 @@ def test_pictures_without_a_board_are_an_answer_too(run, tmp_path):
     assert line_of(out, "0.png").split()[1] == "-"
     status, out, _ = run("detect", tmp_path, "--pattern", "9x6")
     assert status == 0
-    assert "9x6: 0 of 2 pictures, 0 corners" in out
+    assert "9x6: 0 of 2 images, 0 corners" in out
     said = json.loads(run("detect", tmp_path, "--json")[1])
     assert said["pattern"] is None
-    assert [p["boards"] for p in said["pictures"]] == [[], []]
+    assert [p["boards"] for p in said["images"]] == [[], []]
 
 
 def test_pictures_of_which_none_can_be_read_are_refused_with_the_reason(refuses, tmp_path):
     (tmp_path / "a.png").write_text("no")
     said = refuses("detect", tmp_path / "a.png")
-    assert "none of the pictures can be read" in said
+    assert "none of the images can be read" in said
     assert "a.png: not an image" in said
 
 
@@ -189,14 +189,14 @@ def test_there_must_be_pictures_and_known_options(run, refuses, shots, tmp_path)
     assert run("detect")[0] == 2
     assert run("detect", shots, "--colour")[0] == 2
     said = refuses("detect", shots, "-o", shots)
-    assert "is one of the pictures and would be lost" in said
+    assert "is one of the images and would be lost" in said
 
 
 def test_a_target_that_was_made_is_the_board_that_is_found(run, refuses, shots, elsewhere):
     assert run("target", "make", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
     said = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
     assert said["target"]["square"] == "24mm"
-    assert all(len(p["boards"]) == 1 for p in said["pictures"])
+    assert all(len(p["boards"]) == 1 for p in said["images"])
     status, out, _ = run(
         "calibrate", shots, "--target", "board.json", "--model", "equidistant", "-o", "camera.json", "--json"
     )
@@ -213,12 +213,12 @@ def test_a_board_with_markers_is_found_by_its_file(run, charucos):
     assert run("target", "make", *made)[0] == 0
     status, out, _ = run("detect", charucos, "--target", "charuco.json")
     assert status == 0
-    assert "charuco 9x6: 6 of 6 pictures" in out
+    assert "charuco 9x6: 6 of 6 images" in out
     assert "no checkerboard" not in out
     status, out, _ = run("detect", charucos, "--target", "charuco.json", "--json")
     said = json.loads(out)
     assert (said["pattern"], said["target"]["target"]) == ("9x6", "charuco")
-    assert all(p["boards"][0]["located"] for p in said["pictures"])
+    assert all(p["boards"][0]["located"] for p in said["images"])
 
 
 def test_pictures_of_a_board_with_markers_give_a_camera(run, charucos, elsewhere):

@@ -30,8 +30,8 @@ def test_json_holds_every_figure(run, corners, camera_file):
     assert (status, err) == (0, "")
     found = json.loads(out)
     assert (found["camera"], found["model"], found["threshold"]) == ("camera.json", "equidistant", 1.5)
-    assert [row["name"] for row in found["pictures"]] == [f"other-{k}" for k in range(1, 6)]
-    assert found["all"]["corners"] == 270 == sum(row["corners"] for row in found["pictures"])
+    assert [row["name"] for row in found["images"]] == [f"other-{k}" for k in range(1, 6)]
+    assert found["all"]["corners"] == 270 == sum(row["corners"] for row in found["images"])
     # The noise of 0.1 px a coordinate, less what the poses take up.
     assert found["all"]["rms"] == pytest.approx(0.1 * np.sqrt(2), rel=0.12)
     assert set(found["all"]) == {"corners", "rms", "mean", "median", "wrms", "worst"}
@@ -77,16 +77,16 @@ def test_a_camera_of_another_format_is_judged(name, run, corners, tmp_path):
 def test_residuals_are_drawn(run, corners, camera_file, tmp_path):
     status, out, _ = run("evaluate", camera_file, corners, "--draw", tmp_path / "drawn")
     assert status == 0
-    assert "(5 on a bare sheet: their pictures do not lie beside the corners)" in out
+    assert "(5 on a bare sheet: their images do not lie beside the corners)" in out
     assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == [f"other-{k}.png" for k in range(1, 6)]
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("another size", "camera.json: for pictures of 640x480; these are 800x600: give pictures as the camera took"),
+        ("another size", "camera.json: for images of 640x480; these are 800x600: give images as the camera took"),
         ("no camera", "nowhere.json: No such file or directory"),
-        ("no board", "no board in 1 pictures: does --pattern count inner corners"),
+        ("no board", "no board in 1 images: does --pattern count inner corners"),
         ("a threshold", "threshold must be a positive length in px, got -1"),
         ("a size", "--image-size is for files of corners"),
     ],

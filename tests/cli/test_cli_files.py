@@ -120,7 +120,7 @@ def test_a_conversion_that_cannot_be_says_why(refuses, camera_file, tmp_path, op
 def test_a_camera_without_a_size_cannot_be_fitted(refuses, tmp_path):
     path = save(Camera(TRUTH.model, (0, 0)), tmp_path / "c.json").path
     said = refuses("convert", path, "--to", "native", "--model", "mei", "-o", tmp_path / "d.json")
-    assert "does not say how large its pictures are" in said
+    assert "does not say how large its images are" in said
 
 
 def test_convert_names_its_file_beside_the_camera(run, camera_file):

@@ -23,7 +23,7 @@ def calibrated(tmp_path):
 def test_it_says_where_how_far_and_how_tilted(run, shots, calibrated):
     status, out, err = run("next", shots, "--camera", calibrated)
     assert (status, err) == (0, "")
-    assert "6 of 6 pictures show the 9x6 board" in out
+    assert "6 of 6 images show the 9x6 board" in out
     assert re.search(r"^least sure: \d+\.\d+ px at \d+ degrees \w+", out, re.MULTILINE)
     gains = re.findall(r"^(\d)\. worst uncertainty (\d+\.\d+) px .* -> (\d+\.\d+) px", out, re.MULTILINE)
     assert [number for number, _, _ in gains] == ["1", "2", "3"]
@@ -38,15 +38,15 @@ def test_it_says_where_how_far_and_how_tilted(run, shots, calibrated):
     for tilt in tilts:
         told = r"(30|45) degrees, its (upper|lower|left|right) edge towards the camera|not at all: it faces the camera"
         assert re.fullmatch(told, tilt)
-    # A lens with four numbers is known well from six pictures.
-    assert "more pictures will hardly help" in out
+    # A lens with four numbers is known well from six images.
+    assert "more images will hardly help" in out
 
 
 def test_json_is_one_object_with_poses(run, shots, calibrated):
     status, out, err = run("next", shots, "--camera", calibrated, "--count", 2, "--json")
     assert (status, err) == (0, "")
     said = json.loads(out)
-    assert said["pictures"] == 6
+    assert said["images"] == 6
     assert said["board"]["square"] == "30mm"
     assert said["worst"]["px"] >= said["worst_calibrated"]["px"] > 0
     assert len(said["next"]) == 2
@@ -101,11 +101,11 @@ def test_a_camera_without_a_board_leaves_it_to_the_pictures(run, shots, camera_f
 def test_another_camera_is_refused(refuses, shots, tmp_path):
     other = save(replace(TRUTH, size=(1280, 960)), tmp_path / "other.json").path
     said = refuses("next", shots, "--camera", other)
-    assert "the pictures are 640x480, the camera 1280x960" in said
+    assert "the images are 640x480, the camera 1280x960" in said
     narrow = save(
         replace(TRUTH, model=TRUTH.model.with_params([9.0, 900.0, 10.0, 10.0])), tmp_path / "narrow.json"
     ).path
-    assert "does not explain these pictures" in refuses("next", shots, "--camera", narrow)
+    assert "does not explain these images" in refuses("next", shots, "--camera", narrow)
 
 
 def test_a_size_that_the_file_does_not_say_is_that_of_the_pictures(run, shots, tmp_path):
@@ -123,8 +123,8 @@ def test_a_board_in_the_file_that_is_none_is_refused(refuses, shots, tmp_path, t
 
 def test_what_cannot_work_is_said_before_the_work(refuses, folder, calibrated, tmp_path):
     assert "--count is 0" in refuses("next", folder, "--camera", calibrated, "--count", 0)
-    assert "holds the pictures" in refuses("next", folder, "--camera", calibrated, "-o", folder / "next.png")
-    assert "is one of the pictures" in refuses("next", folder, "--camera", calibrated, "-o", folder / "1.png")
+    assert "holds the images" in refuses("next", folder, "--camera", calibrated, "-o", folder / "next.png")
+    assert "is one of the images" in refuses("next", folder, "--camera", calibrated, "-o", folder / "1.png")
     assert "no folder" in refuses("next", folder, "--camera", calibrated, "-o", tmp_path / "none" / "next.png")
     assert ".png or .jpg" in refuses("next", folder, "--camera", calibrated, "-o", tmp_path / "next.txt")
 
@@ -134,7 +134,7 @@ def test_pictures_without_a_board_are_refused(refuses, calibrated, tmp_path):
     empty.mkdir()
     write_image(empty / "1.png", np.full(SIZE[::-1], 90, np.uint8))
     said = refuses("next", empty, "--camera", calibrated)
-    assert "found in none of 1 pictures" in said
+    assert "found in none of 1 images" in said
     assert "1.png" in said
 
 
@@ -145,14 +145,14 @@ def corners(tmp_path):
 
 
 def test_corners_are_taken_in_place_of_pictures(run, corners, camera_file, tmp_path):
-    drawn = tmp_path / "next.png"  # beside the corners: nothing there is taken for a picture
+    drawn = tmp_path / "next.png"  # beside the corners: nothing there is taken for an image
     status, out, err = run("next", corners, "--camera", camera_file, "-o", drawn)
     assert (status, err) == (0, "")
-    assert "6 of 6 pictures show the 9x6 board, 324 corners" in out
+    assert "6 of 6 images show the 9x6 board, 324 corners" in out
     gains = re.findall(r"^\d\. worst uncertainty (\d+\.\d+) px .* -> (\d+\.\d+) px", out, re.MULTILINE)
     assert len(gains) == 3
     assert all(float(after) < float(before) for before, after in gains)
-    # The frame that it is drawn over is empty: as high as a picture, and grey where there is nothing.
+    # The frame that it is drawn over is empty: as high as an image, and grey where there is nothing.
     image = read_image(drawn)
     assert image.shape[0] == 1500 * SIZE[1] // SIZE[0]
     assert image.shape[1] > 1500
@@ -242,7 +242,7 @@ def test_of_a_solid_body_it_is_asked_what_to_hold_up(run, refuses, of_a_cube, ca
     assert "give --pattern, such as 9x6, or --target" in said
     status, out, _ = run("next", of_a_cube, "--camera", calibrated, "--count", 1)
     assert status == 0
-    assert "5 of 5 pictures show 102 points of a solid body" in out
+    assert "5 of 5 images show 102 points of a solid body" in out
 
 
 def test_of_points_that_are_no_grid_a_board_as_large_is_held(run, camera_file, tmp_path):
@@ -259,10 +259,10 @@ def test_of_points_that_are_no_grid_a_board_as_large_is_held(run, camera_file, t
     ("given", "said"),
     [
         ("no size", "give --image-size, such as 1280x800 (corners reach"),
-        ("a size with pictures", "--image-size is for files of corners; pictures say how large they are"),
-        ("a camera with pictures", "--which is for files of corners of several cameras"),
-        ("a drawing over a picture beside", "is one of the pictures and would be lost"),
-        ("too few", "none of 2 pictures has corners enough"),
+        ("a size with images", "--image-size is for files of corners; images say how large they are"),
+        ("a camera with images", "--which is for files of corners of several cameras"),
+        ("a drawing over an image beside", "is one of the images and would be lost"),
+        ("too few", "none of 2 images has corners enough"),
         ("a board of another unit", " is in squares is not known: give --pattern, such as 9x6, instead"),
     ],
 )
@@ -271,9 +271,9 @@ def test_what_is_wrong_with_corners_is_said(given, said, refuses, corners, shots
     match given:
         case "no size":
             np.savez(corners, corners=seen(4), pattern=(9, 6))
-        case "a size with pictures":
+        case "a size with images":
             command = [shots, "--image-size", "640x480"]
-        case "a camera with pictures":
+        case "a camera with images":
             command = [shots, "--which", "left"]
         case "a board of another unit":
             np.savez(corners, imgpoints=seen(6), objpoints=BOARD.points, image_size=SIZE)

@@ -1,4 +1,4 @@
-"""omnisight calibrate: the board that is asked for, and the one in the pictures."""
+"""omnisight calibrate: the board that is asked for, and the one in the images."""
 
 import json
 
@@ -16,7 +16,7 @@ def test_columns_and_rows_may_be_exchanged(run, shots):
         for p in ("9x6", "6x9")
     )
     assert swapped["rms"] == pytest.approx(straight["rms"], rel=1e-3)
-    assert all(picture["found"] for picture in swapped["pictures"])
+    assert all(picture["found"] for picture in swapped["images"])
 
 
 @pytest.mark.parametrize(
@@ -25,8 +25,8 @@ def test_columns_and_rows_may_be_exchanged(run, shots):
 )
 def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern, reason):
     said = refuses("calibrate", shots, "--pattern", pattern)
-    assert f"the {pattern} board was found in 0 of 6 pictures" in said
-    assert f"found a 9x6 grid of inner corners in 6/6 pictures but the board asked for is {pattern} ({reason})" in said
+    assert f"the {pattern} board was found in 0 of 6 images" in said
+    assert f"found a 9x6 grid of inner corners in 6/6 images but the board asked for is {pattern} ({reason})" in said
     assert "Use --pattern 9x6." in said
 
 
@@ -45,8 +45,8 @@ def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern,
     ],
 )
 def test_an_option_that_cannot_be_is_told_before_any_picture_is_read(refuses, shots, monkeypatch, options, said):
-    monkeypatch.setattr("omnisight.images.read.read_bytes", raising(AssertionError("a picture was read")))
-    monkeypatch.setattr("omnisight.targets.look.read_bytes", raising(AssertionError("a picture was read")))
+    monkeypatch.setattr("omnisight.images.read.read_bytes", raising(AssertionError("an image was read")))
+    monkeypatch.setattr("omnisight.targets.look.read_bytes", raising(AssertionError("an image was read")))
     assert said in refuses("calibrate", shots, *options)
 
 
@@ -60,11 +60,9 @@ def test_an_unknown_loss_is_told_with_those_there_are(run, shots):
 def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
-    assert "no checkerboard found in 3 pictures, so its size is unknown: give --pattern" in refuses(
-        "calibrate", tmp_path
-    )
+    assert "no checkerboard found in 3 images, so its size is unknown: give --pattern" in refuses("calibrate", tmp_path)
     said = refuses("calibrate", tmp_path, "--pattern", "9x6")
-    assert "the 9x6 board was found in 0 of 3 pictures: does --pattern count inner corners" in said
+    assert "the 9x6 board was found in 0 of 3 images: does --pattern count inner corners" in said
     assert "0.png: no 9x6 board found" in said
 
 

@@ -1,4 +1,4 @@
-"""omnisight calibrate: where pictures lie and results go."""
+"""omnisight calibrate: where images lie and results go."""
 
 import glob
 import shutil
@@ -16,15 +16,15 @@ def test_paths_may_be_named_as_people_name_them(run, shots, tmp_path, name):
     out = place / f"{name}.json"
     status, said, _ = run("calibrate", place, *QUICK, "-o", out, "--draw", place / "drawn")
     assert status == 0
-    assert "6 of 6 pictures" in said
+    assert "6 of 6 images" in said
     assert load(out).size == SIZE
     assert f"1 {name}.png" in visible(place / "drawn")
-    assert "4 of 4 pictures" in run("calibrate", f"{glob.escape(str(place))}/[2-5].png", *QUICK)[1]
+    assert "4 of 4 images" in run("calibrate", f"{glob.escape(str(place))}/[2-5].png", *QUICK)[1]
 
 
 @pytest.mark.parametrize("where", ["no folder", "under a file", "a folder itself"])
 def test_an_output_that_cannot_be_written_is_told_before_any_work(refuses, shots, tmp_path, monkeypatch, where):
-    monkeypatch.setattr("omnisight.targets.find_boards", raising(AssertionError("work was begun")))
+    monkeypatch.setattr("omnisight.targets.detect_boards", raising(AssertionError("work was begun")))
     (tmp_path / "file").write_text("")
     output = {
         "no folder": tmp_path / "missing" / "c.json",
@@ -37,7 +37,7 @@ def test_an_output_that_cannot_be_written_is_told_before_any_work(refuses, shots
 
 
 def test_a_folder_that_takes_no_file_is_told_before_any_work(refuses, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.targets.find_boards", raising(AssertionError("work was begun")))
+    monkeypatch.setattr("omnisight.targets.detect_boards", raising(AssertionError("work was begun")))
     monkeypatch.setattr("tempfile.TemporaryFile", raising(PermissionError(13, "Permission denied")))
     said = refuses("calibrate", shots, *QUICK, "-o", tmp_path / "c.json")
     assert f"{tmp_path / 'c.json'}: cannot be written: Permission denied ({tmp_path})" in said

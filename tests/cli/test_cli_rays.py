@@ -11,7 +11,7 @@ import omnisight as om
 from omnisight.images import write_image
 from omnisight.optics import Catadioptric
 from omnisight.optics.models.axial import Axial
-from omnisight.rig import back_to_back
+from omnisight.simulation.example_rigs import back_to_back
 
 CAMERA = om.RayCamera(Axial.example(), (960, 962), theta_max=1.5, covariance=np.eye(10) * 1e-6)
 MIRROR = om.RayCamera(Catadioptric.example(), SIZE)
@@ -30,7 +30,7 @@ def test_axial_writes_a_camera_of_rays(run, shots, tmp_path):
     assert "0.2 m away is off by" in out
     found = om.load(tmp_path / "camera.json")
     # All that is printed is of the camera that is written, the central one is beside it.
-    assert re.search(r"^axial .* px on pictures it was not calibrated on", out, re.MULTILINE)
+    assert re.search(r"^axial .* px on images it was not calibrated on", out, re.MULTILINE)
     assert re.search(r"^central: \w+", out, re.MULTILINE)
     assert f"rms {found.calibration['rms']:.3f} px" in out
     assert isinstance(found, om.RayCamera)
@@ -89,10 +89,10 @@ def test_inspect_takes_lens_and_mirror(run, tmp_path):
 
 
 def test_convert_and_view_ask_for_a_distance(run, rays_file, tmp_path):
-    write_image(tmp_path / "picture.png", np.full((962, 960), 90, np.uint8))
+    write_image(tmp_path / "image.png", np.full((962, 960), 90, np.uint8))
     for command in (
         ("convert", rays_file, "--to", "opencv"),
-        ("view", tmp_path / "picture.png", "--camera", rays_file, "-o", tmp_path / "view.png"),
+        ("view", tmp_path / "image.png", "--camera", rays_file, "-o", tmp_path / "view.png"),
     ):
         status, _, err = run(*command)
         assert status == 2
@@ -106,7 +106,7 @@ def test_convert_takes_a_mirror_too(run, tmp_path):
     status, out, err = run(*command)
     assert (status, err) == (0, "")
     assert "central     spline, at most 0.00" in out
-    assert "left and right are exchanged as in the picture" in out
+    assert "left and right are exchanged as in the image" in out
     assert om.load(tmp_path / "central.json").provenance["central_of"]["mirrored"]
 
 
@@ -123,8 +123,8 @@ def test_convert_writes_the_central_camera_of_a_distance(run, rays_file, tmp_pat
 
 
 def test_view_shows_what_is_at_a_distance(run, rays_file, tmp_path):
-    write_image(tmp_path / "picture.png", np.full((962, 960), 90, np.uint8))
-    command = "view", tmp_path / "picture.png", "--camera", rays_file, "-o", tmp_path / "view.png"
+    write_image(tmp_path / "image.png", np.full((962, 960), 90, np.uint8))
+    command = "view", tmp_path / "image.png", "--camera", rays_file, "-o", tmp_path / "view.png"
     assert run(*command, "--distance", "1m", "--size", "64x48")[0] == 0
     assert om.read_image(tmp_path / "view.png").shape[:2] == (48, 64)
 
@@ -156,8 +156,8 @@ def test_lengths_in_squares_are_given_so(run, tmp_path):
 
 def test_view_and_next_take_the_name_of_a_camera_of_a_rig(run, tmp_path, shots):
     om.save_rig(back_to_back(480), tmp_path / "rig.json")
-    write_image(tmp_path / "picture.png", np.full((480, 480), 90, np.uint8))
-    command = "view", tmp_path / "picture.png", "--camera", tmp_path / "rig.json", "-o", tmp_path / "view.png"
+    write_image(tmp_path / "image.png", np.full((480, 480), 90, np.uint8))
+    command = "view", tmp_path / "image.png", "--camera", tmp_path / "rig.json", "-o", tmp_path / "view.png"
     status, _, err = run(*command, "--size", "64x48")
     assert status == 2
     assert "holds 2 cameras: front, back; say which one: --name front" in err
@@ -174,7 +174,7 @@ def test_view_and_next_take_the_name_of_a_camera_of_a_rig(run, tmp_path, shots):
         (MIRROR, ("--method", "ocamcalib"), "--start others"),
         (om.Camera(CAMERA.model.lens, SIZE), (), "a central camera (kannala_brandt), which needs no start"),
         (MIRROR, ("--pattern", "9x6"), "its lengths are in metres, the board's are not: give the side of a square"),
-        (om.RayCamera(MIRROR.model, (9, 9)), ("--pattern", "9x6"), "for pictures of 9x9; these are 640x480"),
+        (om.RayCamera(MIRROR.model, (9, 9)), ("--pattern", "9x6"), "for images of 9x9; these are 640x480"),
     ],
 )
 def test_a_start_that_does_not_fit_is_refused(run, shots, tmp_path, camera, more, said):
@@ -195,7 +195,7 @@ def test_a_start_is_refined(run, shots, camera_file, tmp_path):
     assert said["rms"] == found.calibration["rms"]
     assert said["held_out_rms"] == found.calibration["held_out_rms"] < 0.5
     assert said["central"]["held_out_rms"] == found.calibration["central_held_out_rms"]
-    squares = [picture["corners"] * picture["rms"] ** 2 for picture in said["pictures"]]
+    squares = [picture["corners"] * picture["rms"] ** 2 for picture in said["images"]]
     assert np.sqrt(sum(squares) / found.calibration["corners"]) == pytest.approx(said["rms"])
     assert abs(found.model.pupil[0]) < 0.05
 

@@ -12,8 +12,8 @@ from omnisight.images import read_image
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
-from omnisight.simulate import Renderer, scene_named
-from omnisight.simulate.trajectory import read_trajectory
+from omnisight.simulation import Renderer, scene_named
+from omnisight.simulation.trajectory import read_trajectory
 
 SMALL = om.fisheye(64, 180)
 
@@ -25,7 +25,7 @@ def small(tmp_path):
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """A data set of three pictures of the lines."""
+    """A data set of three images of the lines."""
     from omnisight import cli
 
     place = tmp_path_factory.mktemp("set")
@@ -145,7 +145,7 @@ def test_a_camera_that_leaves_the_room_is_told(run, small, tmp_path):
     status, out, err = run(*common, "-o", tmp_path / "out", "--json")
     assert status == 0
     (note,) = json.loads(out)["notes"]
-    assert "1 of 2 pictures" in note
+    assert "1 of 2 images" in note
     assert "000001 at (0.00, 0.00, 3.50) m, by 'hall'" in note
     assert note in err
 

@@ -1,4 +1,4 @@
-"""omnisight detect and calibrate: clips in the place of pictures, and beside them."""
+"""omnisight detect and calibrate: clips in the place of images, and beside them."""
 
 import json
 import re
@@ -20,7 +20,7 @@ def shot(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def frames_in_the_cache(environment, shared_cache, monkeypatch):
-    monkeypatch.setattr("omnisight.calibrate.clip.cache_folder", lambda: shared_cache)
+    monkeypatch.setattr("omnisight.calibration.frame_selection.cache_folder", lambda: shared_cache)
 
 
 def test_detect_takes_a_clip_and_says_what_it_chose(run, shot, tmp_path):
@@ -32,7 +32,7 @@ def test_detect_takes_a_clip_and_says_what_it_chose(run, shot, tmp_path):
     lines = [line.split() for line in out.splitlines() if line.startswith("carried-")]
     assert len(lines) == chosen
     assert all(boards == "1" and int(corners) > 40 for _, boards, corners, *_ in lines)
-    assert f"9x6: {chosen} of {chosen} pictures" in out
+    assert f"9x6: {chosen} of {chosen} images" in out
     assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == [name for name, *_ in lines]
 
 
@@ -42,23 +42,23 @@ def test_a_clip_is_calibrated_as_pictures_are(run, shot, tmp_path):
     assert "with a board" in out
     camera = load(tmp_path / "camera.json")
     assert bearing_error(camera, SETUP.camera, np.radians(80)) < 0.1
-    assert all(name.startswith("carried-") for name in camera.provenance["pictures"])
+    assert all(name.startswith("carried-") for name in camera.provenance["images"])
 
 
 def test_clips_and_pictures_of_one_size_go_together(run, shot, tmp_path):
     picture = SETUP.renderer(samples=1)(SETUP.boards(1, BOARD, seed=9)).image
-    write_image(tmp_path / "picture.png", picture)
-    status, out, err = run("calibrate", tmp_path / "picture.png", shot, "--model", "kannala_brandt", "--json")
+    write_image(tmp_path / "image.png", picture)
+    status, out, err = run("calibrate", tmp_path / "image.png", shot, "--model", "kannala_brandt", "--json")
     assert (status, err) == (0, "")
-    names = [entry["name"] for entry in json.loads(out)["pictures"]]
-    assert "picture.png" in names
+    names = [entry["name"] for entry in json.loads(out)["images"]]
+    assert "image.png" in names
     assert sum(name.startswith("carried-") for name in names) == len(names) - 1
     write_image(tmp_path / "small.png", picture[::2, ::2].copy())
     status, out, err = run("detect", tmp_path / "small.png", shot, "--json")
     assert (status, err) == (0, "")
-    (small, *_) = (entry for entry in json.loads(out)["pictures"] if entry["name"] == "small.png")
+    (small, *_) = (entry for entry in json.loads(out)["images"] if entry["name"] == "small.png")
     assert "left out; half of" in small["note"]
-    assert any(note.startswith("pictures have 2 sizes") for note in json.loads(out)["notes"])
+    assert any(note.startswith("images have 2 sizes") for note in json.loads(out)["notes"])
 
 
 def test_a_bad_clip_among_good_ones_is_left_out_with_its_reason(run, shot, tmp_path):

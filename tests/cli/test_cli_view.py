@@ -84,9 +84,9 @@ def test_a_bad_picture_does_not_stop_the_others(run, folder, camera_file, tmp_pa
     status, _, err = run("view", folder, "--camera", camera_file, "--size", "160x120", "-o", out)
     assert status == 2
     assert visible(out) == ["2.png", "4.png", "5.png", "6.png"]
-    assert err.startswith("omnisight: 2 of 6 pictures were left out")
+    assert err.startswith("omnisight: 2 of 6 images were left out")
     assert "1.jpg: truncated JPEG" in err
-    assert "3.png: the picture is 100x100, the camera 640x480" in err
+    assert "3.png: the image is 100x100, the camera 640x480" in err
 
 
 def test_mask_and_camera_of_a_view(run, photo, camera_file, tmp_path):
@@ -103,7 +103,7 @@ def test_mask_and_camera_of_a_view(run, photo, camera_file, tmp_path):
     turn = np.array(written.provenance["target_from_source"])
     np.testing.assert_allclose(turn, omnisight.look(yaw=30))
     assert np.array_equal(shown > 0, omnisight.Remapper(TRUTH, written, turn).mask)
-    # The view is a picture of a camera: it can be looked into again.
+    # The view is an image of a camera: it can be looked into again.
     status, _, _ = run("view", tmp_path / "v.png", "--camera", camera, "--fov", "60", "-o", tmp_path / "again.png")
     assert status == 0
 
@@ -119,7 +119,7 @@ def test_a_resized_picture_needs_a_scaled_camera(run, refuses, photo, camera_fil
     write_image(half, cv2.resize(read_image(photo), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
     small, large = tmp_path / "small.png", tmp_path / "large.png"
     said = refuses("view", half, "--camera", camera_file, "-o", small)
-    assert "half.png: the picture is 320x240, the camera 640x480: the same shape, 0.5 times as large" in said
+    assert "half.png: the image is 320x240, the camera 640x480: the same shape, 0.5 times as large" in said
     assert "--scale-camera" in said
     assert not small.exists()
     options = ("--camera", camera_file, "--size", "200x150", "--fov", "70")
@@ -134,7 +134,7 @@ def test_a_turned_picture_is_told_as_such(refuses, photo, camera_file, tmp_path)
         turned = tmp_path / "turned.png"
         write_image(turned, np.ascontiguousarray(np.rot90(read_image(photo))))
         said = refuses("view", turned, "--camera", camera_file, *options, "-o", tmp_path / "v.png")
-        assert "turned.png: the picture is 480x640, the camera 640x480: turned by 90 degrees" in said
+        assert "turned.png: the image is 480x640, the camera 640x480: turned by 90 degrees" in said
         assert "EXIF" in said
 
 
@@ -217,20 +217,20 @@ def test_pictures_are_never_written_over(refuses, folder, camera_file, tmp_path,
         "drawings": ("calibrate", folder, *QUICK, "--draw", folder),
     }[command]
     said = refuses(*arguments)
-    assert f"{folder / '1.png'}: is one of the pictures and would be lost" in said
+    assert f"{folder / '1.png'}: is one of the images and would be lost" in said
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
 def test_drawings_go_to_a_folder_not_to_a_pictures_name(refuses, shots, tmp_path):
     said = refuses("detect", shots, "-o", tmp_path / "found.png")
-    assert f"{tmp_path / 'found.png'}: is a picture's name; name a folder" in said
+    assert f"{tmp_path / 'found.png'}: is an image's name; name a folder" in said
     assert not (tmp_path / "found.png").exists()
 
 
 def test_several_pictures_cannot_go_to_one_file(refuses, shots, camera_file, tmp_path):
     (tmp_path / "v.png").write_text("mine")
     said = refuses("view", shots, "--camera", camera_file, "-o", tmp_path / "v.png")
-    assert f"{tmp_path / 'v.png'}: is a file; 6 pictures go to a folder" in said
+    assert f"{tmp_path / 'v.png'}: is a file; 6 images go to a folder" in said
     assert (tmp_path / "v.png").read_text() == "mine"
 
 
@@ -270,12 +270,12 @@ def test_a_damaged_camera_file_is_told_by_name(refuses, photo, tmp_path, how, co
     assert visible(tmp_path) == ["camera.json"]
 
 
-@pytest.mark.parametrize("what", ["missing", "folder", "picture"])
+@pytest.mark.parametrize("what", ["missing", "folder", "image"])
 def test_what_is_no_camera_file_is_told_by_name(refuses, photo, tmp_path, what):
-    path = {"missing": tmp_path / "no.json", "folder": tmp_path, "picture": photo}[what]
+    path = {"missing": tmp_path / "no.json", "folder": tmp_path, "image": photo}[what]
     said = refuses("view", photo, "--camera", path, "-o", tmp_path / "v.png")
     assert str(path) in said
-    expected = {"missing": "No such file", "folder": "is a folder", "picture": "no calibration file that is known"}
+    expected = {"missing": "No such file", "folder": "is a folder", "image": "no calibration file that is known"}
     assert expected[what] in said
 
 

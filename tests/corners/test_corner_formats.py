@@ -67,7 +67,7 @@ def native(folder):
         {"name": n, "size": SIZE, "boards": [{"ids": [*range(54)], "pixels": p.tolist()}]}
         for n, (_, p) in zip(NAMES, VIEWS, strict=True)
     ]
-    data = {"format": "omnisight-corners", "target": BOARD.to_dict(), "pictures": pictures}
+    data = {"format": "omnisight-corners", "target": BOARD.to_dict(), "images": pictures}
     (folder / "corners.json").write_text(json.dumps(data))
     return [folder / "corners.json"], {}
 
@@ -157,7 +157,7 @@ def test_a_damaged_file_is_refused_in_a_sentence(name, tmp_path):
     whole = file.read_bytes()
     for part in np.linspace(0, 0.97, 14):
         file.write_bytes(whole[: int(part * len(whole))])
-        # A text that is cut between two pictures is whole.
+        # A text that is cut between two images is whole.
         with contextlib.suppress(FormatError):
             read_corners([file, *rest], **options)
 
@@ -200,7 +200,7 @@ def test_several_boards_are_one_body(tmp_path):
     )
     search = read_corners([tmp_path / "cube.mat"])
     expected = np.concatenate([BOARD.points, BOARD.points @ side[:, :3].T + side[:, 3]])
-    (seen,) = search.pictures[0].boards
+    (seen,) = search.images[0].boards
     order = np.argsort(seen.ids)
     np.testing.assert_allclose(search.board.points[seen.ids[order]], expected, atol=1e-9)
     assert str(search.board) == "108 points of a solid body"
@@ -213,7 +213,7 @@ def test_several_boards_are_one_body(tmp_path):
     head = f"filename: a.png\nwidth: {SIZE[0]}\nheight: {SIZE[1]}\nnum_corners: {2 * count}\nencoding: ascii\n"
     (tmp_path / "a.orpc").write_text(head + rows)
     metric = read_corners([tmp_path / "a.orpc"])
-    np.testing.assert_allclose(metric.board.points[metric.pictures[0].boards[0].ids], 0.01 * expected, atol=1e-9)
+    np.testing.assert_allclose(metric.board.points[metric.images[0].boards[0].ids], 0.01 * expected, atol=1e-9)
 
 
 def test_mrcal_levels_say_how_sure_a_corner_is(tmp_path):
@@ -221,14 +221,14 @@ def test_mrcal_levels_say_how_sure_a_corner_is(tmp_path):
     rows = [f"a.png {x!r} {y!r} {level}" for (x, y), level in zip(VIEWS[0][1].tolist(), levels, strict=False)]
     (tmp_path / "c.vnl").write_text("\n".join(["# filename x y level", *rows]))
     search = read_corners([tmp_path / "c.vnl"], board=BOARD, size=SIZE)
-    (seen,) = search.pictures[0].boards
+    (seen,) = search.images[0].boards
     assert search.notes == ("corners that are no numbers, or at 0, 0, left out as not seen: 13",)
     sigma = np.sqrt(seen.covariance[:, 0, 0])
     np.testing.assert_allclose(sigma / sigma[0], np.array([1, 2, 4, 0] * 14)[seen.ids])
     weights = {" 0": " 1", " 1": " 0.5", " 2": " 0.25", " -": " -1"}
     weights = "\n".join(row[:-2] + weights[row[-2:]] for row in rows)
     (tmp_path / "w.vnl").write_text("# filename x y weight\n" + weights)
-    (again,) = read_corners([tmp_path / "w.vnl"], board=BOARD, size=SIZE).pictures[0].boards
+    (again,) = read_corners([tmp_path / "w.vnl"], board=BOARD, size=SIZE).images[0].boards
     np.testing.assert_allclose(again.covariance, seen.covariance)
 
 
@@ -240,7 +240,7 @@ def test_mrcal_levels_say_how_sure_a_corner_is(tmp_path):
         ("orpc without its dsc", r"needs one \.dsc beside it, .* has none"),
         ("orpc of another dsc", r"point 53 of board 0 is not in the \.dsc: is that of another target"),
         ("orpc cut off", r"num_corners is 54, but 50 follow: is the file cut off"),
-        ("npz of objects", r"neither a picture nor corners of a known format"),
+        ("npz of objects", r"neither an image nor corners of a known format"),
         ("npz without a board", r"no objpoints in it, and no pattern: give --pattern, such as 9x6"),
         ("mat 7.3", r"a \.mat of version 7\.3 \(HDF5\) is not read: save it with -v7"),
         ("mat of no such point", r"says point 55 of board 1; there are 1 boards with 54 points"),
@@ -294,19 +294,19 @@ def test_babelcalib_files_are_read_as_scipy_reads_them(data):
     assert search.size == (1280, 800)
     truth = scipy.io.loadmat(folder / "train.mat", squeeze_me=True, struct_as_record=False)
     step = 0.75  # cm
-    for picture, corners in zip(search.pictures, truth["corners"], strict=True):
+    for picture, corners in zip(search.images, truth["corners"], strict=True):
         (seen,) = picture.boards
         order = np.lexsort(seen.pixels.T)
         theirs = corners.x.T - 1
         np.testing.assert_allclose(seen.pixels[order], theirs[np.lexsort(theirs.T)], atol=1e-9)
         points = truth["boards"].X.T[corners.cspond[0].astype(int) - 1][np.lexsort(theirs.T)] / step
         np.testing.assert_allclose(search.board.points[seen.ids[order], :2], points, atol=1e-9)
-    # The same corners as the detector wrote them, picture by picture, from 0, with the points in metres.
+    # The same corners as the detector wrote them, image by image, from 0, with the points in metres.
     files = sorted(folder.glob("*.orpc"))
     metric = read_corners(files)
-    assert [picture.path.suffix for picture in metric.pictures] == [".png"] * len(files)
-    theirs = {len(d): (search.board.points[d.ids], d.pixels) for p in search.pictures for d in p.boards}
-    for picture in metric.pictures:
+    assert [picture.path.suffix for picture in metric.images] == [".png"] * len(files)
+    theirs = {len(d): (search.board.points[d.ids], d.pixels) for p in search.images for d in p.boards}
+    for picture in metric.images:
         (seen,) = picture.boards
         points, pixels = theirs[len(seen)]
         order, other = np.lexsort(seen.pixels.T), np.lexsort(pixels.T)
@@ -321,6 +321,6 @@ def test_opencv_contrib_corners_are_read_as_opencv_reads_them(data):
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
     node = storage.getNode("imagePoints2")
     assert len(search.found) == node.size() == 39
-    for k, picture in enumerate(search.pictures):
+    for k, picture in enumerate(search.images):
         theirs = node.at(k).mat().reshape(-1, 2)
         np.testing.assert_allclose(picture.boards[0].pixels, theirs, atol=1e-6)

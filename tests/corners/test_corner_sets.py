@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from lenses import BOARD, bearing_error, lens, shoot
-from omnisight.calibrate import BoardViews, calibrate_camera, calibrate_pictures
 from omnisight.corners import read_corners
 from omnisight.formats import FormatError
 from omnisight.images import write_image
+from omnisight.pipeline.central import calibrate_camera
+from omnisight.pipeline.pictures import calibrate_pictures
 from omnisight.targets import Checkerboard
+from omnisight.targets.observations import Observations
 
 SIZE = (960, 962)
 TRUTH = lens(180)
@@ -18,7 +20,7 @@ TRUTH = lens(180)
 
 @pytest.fixture
 def views():
-    """Give what a test may spoil: points and pixels of eight pictures."""
+    """Give what a test may spoil: points and pixels of eight images."""
     made = shoot(TRUTH, 180, np.random.default_rng(5), count=8, noise=0.02)
     return [[points.copy(), pixels.copy()] for points, pixels in made]
 
@@ -49,7 +51,7 @@ def test_whole_views_are_calibrated_as_in_python(views, read):
     search = read(views)
     assert (len(search.found), search.notes) == (8, ())
     ours = calibrate_pictures(search, model="equisolid", flat=True).calibration
-    plain = calibrate_camera(BoardViews.of(views), SIZE, model="equisolid", flat=True)
+    plain = calibrate_camera(Observations.of(views), SIZE, model="equisolid", flat=True)
     assert ours.rms == pytest.approx(plain.rms, abs=1e-6)
     np.testing.assert_allclose(ours.camera.model.params, plain.camera.model.params, atol=1e-3)
 
@@ -115,7 +117,7 @@ def in_microns(views, rng):
         (repeated, 8, "corners listed twice, counted once: 160"),
         (missing, 8, r"corners that are no numbers, or at 0, 0, left out as not seen: \d+$"),
         (marked(0), 8, r"corners that are no numbers, or at 0, 0, left out as not seen: \d+$"),
-        (marked(-1), 8, r"corners outside of the picture, left out as not seen: \d+$"),
+        (marked(-1), 8, r"corners outside of the image, left out as not seen: \d+$"),
         (few, 6, ""),
         (in_line, 7, ""),
         (exchanged, 7, r"show the board from its other side: 1 of 8 \(v-4\); are x and y, .* exchanged\? Left out"),
@@ -139,7 +141,7 @@ def test_a_view_that_is_left_out_says_why(views, read):
     few(views, np.random.default_rng(0))
     in_line(views[4:], None)
     exchanged(views, None)
-    notes = [picture.note for picture in read(views).pictures]
+    notes = [picture.note for picture in read(views).images]
     assert notes[0] == "4 corners, 6 are the least: left out"
     assert notes[4] == "all corners on one line: left out"
     assert notes[3] == "shows the board from its other side: left out"
@@ -159,8 +161,8 @@ def test_pixels_that_count_from_one_move_the_centre_and_nothing_else(views, read
 @pytest.mark.parametrize(
     ("size", "said"),
     [
-        (None, r"does not say how large the pictures are, .* give --image-size, such as 1280x800 \(corners reach \d+"),
-        ((480, 480), r"\d+% of them outside of pictures of 480x480: give the --image-size of the pictures that"),
+        (None, r"does not say how large the images are, .* give --image-size, such as 1280x800 \(corners reach \d+"),
+        ((480, 480), r"\d+% of them outside of images of 480x480: give the --image-size of the images that"),
     ],
 )
 def test_a_size_that_cannot_be_is_refused(size, said, views, read):
@@ -183,9 +185,9 @@ def test_the_size_comes_from_pictures_beside_the_file(views, tmp_path):
     search = read_corners([tmp_path / "v.npz"])
     assert search.size == SIZE
     assert len(search.found) == 7
-    assert "pictures have 2 sizes" in search.notes[0]
-    assert search.pictures[7].note.startswith("6x4 where others have 960x962")
-    assert search.pictures[0].path == tmp_path / "0.png"
+    assert "images have 2 sizes" in search.notes[0]
+    assert search.images[7].note.startswith("6x4 where others have 960x962")
+    assert search.images[0].path == tmp_path / "0.png"
 
 
 def test_a_name_leads_out_of_no_folder(views, tmp_path):
@@ -194,8 +196,8 @@ def test_a_name_leads_out_of_no_folder(views, tmp_path):
     names = ["../a.png", "/etc/hosts", "x\x1b[2Jy", *"abcde"]
     np.savez(tmp_path / "in" / "v.npz", corners=[p for _, p in views], pattern=(9, 6), files=names)
     search = read_corners([tmp_path / "in" / "v.npz"], size=SIZE)
-    assert [p.path.parent for p in search.pictures] == [tmp_path / "in"] * 8
-    assert search.pictures[2].path.name == "x?[2Jy"
+    assert [p.path.parent for p in search.images] == [tmp_path / "in"] * 8
+    assert search.images[2].path.name == "x?[2Jy"
 
 
 def test_files_of_one_camera_are_read_together(views, tmp_path):
@@ -203,5 +205,5 @@ def test_files_of_one_camera_are_read_together(views, tmp_path):
         pixels = [p for _, p in views[4 * k : 4 * k + 4]]
         np.savez(tmp_path / f"part{k}.npz", corners=pixels, pattern=(9, 6), image_size=SIZE)
     search = read_corners([tmp_path / "part0.npz", tmp_path / "part1.npz"])
-    assert [p.path.name for p in search.pictures][3:5] == ["part0-4", "part1-1"]
+    assert [p.path.name for p in search.images][3:5] == ["part0-4", "part1-1"]
     assert len(search.board.points) == len(Checkerboard(9, 6).points) == len(BOARD.points)

@@ -188,7 +188,7 @@ c n0 N1 x1 y2 X3 Y4 t0
 
 
 def test_hugin_fisheye_with_a_b_c_bends_as_panotools_says(get):
-    camera = get(PTO)  # both pictures are by one camera
+    camera = get(PTO)  # both images are by one camera
     assert camera.size == (2000, 3000)
     focal, radius = 1000 / np.radians(110.5 / 2), 1000.0
     theta, phi = np.arctan2(np.hypot(*POINTS.T[:2]), POINTS[:, 2]), np.arctan2(POINTS[:, 1], POINTS[:, 0])
@@ -218,11 +218,11 @@ def test_hugin_the_angle_of_view_reaches_the_sides(kind, r, get):
 
 def test_hugin_what_is_none_of_ours_is_said(get):
     line = 'i w800 h600 f0 v80 a0 b0 c0.01 d0 e0 g0 t0 r0 p0 y0 n"x.png"'
-    with pytest.raises(FormatError, match=r"picture 0: f0 with a = 0, b = 0, c = 0\.01 is none of our models"):
+    with pytest.raises(FormatError, match=r"image 0: f0 with a = 0, b = 0, c = 0\.01 is none of our models"):
         get(line)
     with pytest.raises(FormatError, match="a shear"):
         get(line.replace("g0", "g3"))
-    with pytest.raises(FormatError, match=r"v=7 refers to no picture"):
+    with pytest.raises(FormatError, match=r"v=7 refers to no image"):
         get(line.replace("v80", "v=7"))
     with pytest.raises(FormatError, match=r"no projection f1 of ours"):
         get(line.replace("f0", "f1"))

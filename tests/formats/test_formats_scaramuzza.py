@@ -161,7 +161,7 @@ def test_signs_that_are_another_tools_are_refused(get):
 
 def test_camodocal_a_centre_as_row_column_is_refused(get):
     swapped = CAMODOCAL.replace("cx: 400.75", "cx: 300.25").replace("cy: 300.25", "cy: 400.75", 1)
-    with pytest.raises(FormatError, match=r"centre \(300.25, 400.75\) of a 800 x 600 picture seems to be row, column"):
+    with pytest.raises(FormatError, match=r"centre \(300.25, 400.75\) of a 800 x 600 image seems to be row, column"):
         get(swapped)
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from omnisight.images import ImageField, collect_images, estimate_field, read_image, to_gray8
+from omnisight.images import ImageField, collect_images, estimate_image_field, read_image, to_gray8
 from omnisight.images.ellipse import Ellipse
 
 SIZE = (1152, 864)  # 1 MP
@@ -25,8 +25,8 @@ def grid(size=SIZE):
     return np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), axis=-1).astype(float)
 
 
-def expose(rng, picture, noise=2.0):
-    return np.clip(np.rint(picture + rng.normal(0, noise, picture.shape)), 0, 255).astype(np.uint8)
+def expose(rng, image, noise=2.0):
+    return np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
 
 
 def shoot(rng, outer, inner=None, soft=1.5, vignetting=0.4, stray=0.0, noise=2.0, size=SIZE):
@@ -44,7 +44,7 @@ def shoot(rng, outer, inner=None, soft=1.5, vignetting=0.4, stray=0.0, noise=2.0
 
 
 def error(found, truth):
-    """Give the greatest distance in px between two borders, along those parts that lie in the picture."""
+    """Give the greatest distance in px between two borders, along those parts that lie in the image."""
     at = truth.outline(720)
     at = at[((at >= 0) & (at <= np.array(SIZE) - 1)).all(axis=1)]
     return np.abs(found.level(at) - 1).max() * truth.radius
@@ -67,7 +67,7 @@ CIRCLES = {
 @pytest.mark.parametrize("name", CIRCLES)
 def test_finds_the_border_of_a_rendered_lens_to_half_a_pixel(name):
     rng = np.random.default_rng(len(name))
-    field = estimate_field([shoot(rng, **CIRCLES[name])])
+    field = estimate_image_field([shoot(rng, **CIRCLES[name])])
     assert field.size == SIZE
     assert field.outer is not None
     assert field.inner is None
@@ -79,7 +79,7 @@ def test_finds_the_border_of_a_rendered_lens_to_half_a_pixel(name):
 def test_finds_both_borders_of_a_rendered_mirror(count):
     rng = np.random.default_rng(count)
     outer, inner = Ellipse((580.3, 430.6), (390.4, 390.4)), Ellipse((584.3, 427.6), (80.2, 80.2))
-    field = estimate_field([shoot(rng, outer, inner) for _ in range(count)])
+    field = estimate_image_field([shoot(rng, outer, inner) for _ in range(count)])
     assert error(field.outer, outer) < 0.4
     assert error(field.inner, inner) < 0.4
     assert field.describe() == "mirror between radius 80 and 390 px around (580, 431)"
@@ -88,23 +88,23 @@ def test_finds_both_borders_of_a_rendered_mirror(count):
 def test_one_flare_does_not_move_the_border():
     rng = np.random.default_rng(3)
     outer = CIRCLES["whole"]["outer"]
-    pictures = [shoot(rng, outer) for _ in range(4)]
-    pictures[2][:400, 700:] = 255
-    assert error(estimate_field(iter(pictures)).outer, outer) < 0.3
+    images = [shoot(rng, outer) for _ in range(4)]
+    images[2][:400, 700:] = 255
+    assert error(estimate_image_field(iter(images)).outer, outer) < 0.3
 
 
 def test_large_pictures_are_measured_in_their_own_pixels():
     rng = np.random.default_rng(5)
     outer = CIRCLES["cut above and below"]["outer"]
     large = shoot(rng, outer).repeat(3, axis=0).repeat(3, axis=1)
-    field = estimate_field([large])
+    field = estimate_image_field([large])
     assert field.size == (3 * SIZE[0], 3 * SIZE[1])
     assert field.outer.centre == pytest.approx((3 * 560.2 + 1, 3 * 440.7 + 1), abs=1)
     assert field.outer.axes == pytest.approx((3 * 520.3, 3 * 520.3), abs=1)
 
 
 def filled(rng):
-    """Give pictures of lenses that show no border, by name."""
+    """Give images of lenses that show no border, by name."""
     w, h = SIZE
     from_middle = grid() - np.array(SIZE) / 2
     radius = np.hypot(*from_middle.T).T
@@ -134,29 +134,29 @@ def filled(rng):
 
 def test_finds_no_border_where_the_lens_fills_the_picture():
     rng = np.random.default_rng(1)
-    found = {name: estimate_field([expose(rng, picture[::2, ::2])]) for name, picture in filled(rng).items()}
+    found = {name: estimate_image_field([expose(rng, image[::2, ::2])]) for name, image in filled(rng).items()}
     assert {name: field.outer for name, field in found.items() if field.outer is not None} == {}
-    assert found["scene"].describe() == "no border seen: the lens fills the picture"
+    assert found["scene"].describe() == "no border seen: the lens fills the image"
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 900), (16, 16), (33, 40), (2000, 33)])
 def test_small_and_narrow_pictures_have_no_border(shape):
-    picture = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
-    assert estimate_field([picture]) == ImageField(shape[::-1])
+    image = np.random.default_rng(0).integers(0, 256, shape, np.uint8)
+    assert estimate_image_field([image]) == ImageField(shape[::-1])
 
 
 @pytest.mark.parametrize(
-    ("pictures", "message"),
+    ("images", "message"),
     [
-        ([], "at least one picture"),
+        ([], "at least one image"),
         ([np.zeros((40, 40), np.uint8), np.zeros((40, 50), np.uint8)], "one size, got 40 x 40 and 50 x 40"),
         ([np.zeros((40, 40, 3), np.uint8)], r"shape \(40, 40, 3\)"),
         ([np.zeros((40, 40), np.float32)], "float32"),
     ],
 )
-def test_says_what_is_wrong_with_the_pictures(pictures, message):
+def test_says_what_is_wrong_with_the_pictures(images, message):
     with pytest.raises(ValueError, match=message):
-        estimate_field(pictures)
+        estimate_image_field(images)
 
 
 def test_contains_what_lies_between_the_borders():
@@ -173,7 +173,7 @@ def test_contains_what_lies_between_the_borders():
 def test_a_soft_rim_still_shows_something():
     rng = np.random.default_rng(0)
     outer = Ellipse((580.3, 430.6), (380.4, 380.4))
-    sharp, soft = (estimate_field([shoot(rng, outer, soft=width) for _ in range(3)]) for width in (1.0, 6.0))
+    sharp, soft = (estimate_image_field([shoot(rng, outer, soft=width) for _ in range(3)]) for width in (1.0, 6.0))
     assert sharp.outer_fade < 4
     assert 6 < soft.outer_fade < 18
     dim = outer.outline() + 4 * (outer.outline() - outer.centre) / 380.4
@@ -187,9 +187,9 @@ def test_says_which_sides_cut_the_circle():
         return ImageField((200, 100), Ellipse((u, v), (a, b))).describe()
 
     assert said(100, 50, 45, 45) == "image circle of radius 45 px around (100, 50)"
-    assert said(100, 50, 60, 60).endswith(", cut by the picture above and below")
-    assert said(50, 50, 60, 60).endswith(", cut by the picture above, below and left")
-    assert said(100, 50, 120, 120).endswith(", cut by the picture on all sides")
+    assert said(100, 50, 60, 60).endswith(", cut by the image above and below")
+    assert said(50, 50, 60, 60).endswith(", cut by the image above, below and left")
+    assert said(100, 50, 120, 120).endswith(", cut by the image on all sides")
     assert said(100, 50, 60, 40) == "image ellipse of half-axes 60 and 40 px around (100, 50)"
 
 
@@ -221,17 +221,17 @@ REAL = [
 def test_real_lenses_and_mirrors(data, folder, names, corners, centre, axes, hole):
     paths = collect_images([data(folder) / names])
     corners = np.load(data("corners") / f"{corners}.npz")["corners"].reshape(-1, 2)
-    pictures = [to_gray8(read_image(path)) for path in paths]
-    field = estimate_field(pictures)
+    images = [to_gray8(read_image(path)) for path in paths]
+    field = estimate_image_field(images)
     assert (field.outer is None, field.inner is None) == (centre is None, hole is None)
     if centre is not None:
         assert field.outer.centre == pytest.approx(centre, abs=4)
         assert field.outer.axes == pytest.approx(axes, abs=4)
     if hole is not None:
         assert field.inner.radius == pytest.approx(hole, abs=3)
-    # Not one corner may be lost, nor to a picture taken by itself.
+    # Not one corner may be lost, nor to an image taken by itself.
     corners = corners[np.isfinite(corners).all(axis=-1)]
-    for found in [field, *(estimate_field([picture]) for picture in pictures[::2])]:
+    for found in [field, *(estimate_image_field([image]) for image in images[::2])]:
         assert found.contains(corners).all()
 
 
@@ -240,12 +240,12 @@ def test_corners_in_a_soft_rim_are_kept(data):
     folder = data("babelcalib_ov_plane")
     views = loadmat(folder / "train.mat", squeeze_me=True, struct_as_record=False)["corners"]
     corners = np.concatenate([view.x.T - 1 for view in views])
-    pictures = [to_gray8(read_image(path)) for path in collect_images([folder / "*.png"])]
-    field = estimate_field(pictures)
+    images = [to_gray8(read_image(path)) for path in collect_images([folder / "*.png"])]
+    field = estimate_image_field(images)
     assert field.outer.centre == pytest.approx((658, 394), abs=5)
     assert field.outer.radius == pytest.approx(467, abs=5)
     assert field.contains(corners).all()
-    assert all(estimate_field([picture]).contains(corners).mean() > 0.999 for picture in pictures)
+    assert all(estimate_image_field([image]).contains(corners).mean() > 0.999 for image in images)
 
 
 @pytest.mark.slow
@@ -253,7 +253,7 @@ def test_real_borders_agree_with_masks_drawn_by_hand(data):
     for path in collect_images([data("line_images_unizar") / "*.jpg"]):
         mask = read_image(path.with_suffix(".pbm")) > 0
         mask = mask == mask[mask.shape[0] // 4, mask.shape[1] // 2]  # true where the lens shows something
-        field = estimate_field([to_gray8(read_image(path))])
+        field = estimate_image_field([to_gray8(read_image(path))])
         inside = field.contains(grid(mask.shape[::-1]))
         # The masks were drawn a few pixels within the borders.
         assert (inside & mask).sum() > 0.998 * mask.sum(), path.name

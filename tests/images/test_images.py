@@ -1,4 +1,4 @@
-"""Picture files: what is written is read, what is bad is named, and what a set holds is found."""
+"""Image files: what is written is read, what is bad is named, and what a set holds is found."""
 
 import contextlib
 import os
@@ -120,7 +120,7 @@ def test_no_exif_is_upright():
         ("x", GRADIENT, "cannot write extension ''"),
         ("x.jpg", GRADIENT.astype(np.uint16), "8 bits per channel"),
         ("x.jpg", np.zeros((4, 4, 4), np.uint8), "no transparency"),
-        ("x.pgm", COLOURS, "gray pictures only"),
+        ("x.pgm", COLOURS, "gray images only"),
         ("x.png", GRADIENT.astype(float), "uint8 or uint16, got float64"),
         ("x.png", np.zeros((4, 4, 2), np.uint8), r"got shape \(4, 4, 2\)"),
     ],

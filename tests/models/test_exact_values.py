@@ -203,7 +203,7 @@ def test_pixels_are_those_of_the_equations(model):
     pixels, valid, d_point, _ = model.project_with_jacobians(bearings)
     assert valid.all()
     truth = np.array([exact(model, bearing) for bearing in bearings])
-    # What the picture makes of the last digit of the bearing is no one's fault; far behind, of that of its cosine.
+    # What the image makes of the last digit of the bearing is no one's fault; far behind, of that of its cosine.
     x, _, z = bearings.T
     sine = np.where(z < 0, np.abs(x) / np.hypot(x, z), 1)
     digits = 4e-16 * np.abs(d_point).max(axis=2) / sine[:, None]
@@ -268,7 +268,7 @@ def test_a_hyperbolic_mirror_traced(a, c):
 @pytest.mark.parametrize(("a", "c"), [(30.0, 12.0), (1.0, 0.9)])
 def test_an_elliptical_mirror_traced(a, c):
     # A concave mirror: light crosses the focus at the origin before it is reflected to the pinhole at (0, 0, 2c). The
-    # picture is upside down, u counts against x and v against y.
+    # image is upside down, u counts against x and v against y.
     model, b2 = Unified.from_ellipse(a, c, focal=700.0, centre=(511.5, 383.5)), a * a - c * c
     slopes = []
     bearings = BEARINGS[BEARINGS[:, 2] + model.xi > 0.05]

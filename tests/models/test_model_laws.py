@@ -64,7 +64,7 @@ def test_valid_is_one_domain_around_the_axis(model):
 
 @every_camera
 def test_two_bearings_have_two_pixels(model):
-    # Along each azimuth the picture never turns back: the pixels' path keeps going outward.
+    # Along each azimuth the image never turns back: the pixels' path keeps going outward.
     share = np.linspace(0.001, 0.999, 300)[:, None]
     *_, d_point, _ = model.project_with_jacobians(direction(share * rim(model), AZIMUTHS))
     bearings = direction(share * rim(model), AZIMUTHS)
@@ -165,7 +165,7 @@ def test_compiled_and_plain_agree(model):
     plain, plain_valid = model.project_numpy(bearings)
     np.testing.assert_array_equal(valid, plain_valid)
     differentiated, _, d_point, _ = model.project_with_jacobians(bearings)
-    # Where the picture goes to infinity, what a change of the bearing by 1e-10 rad makes in it.
+    # Where the image goes to infinity, what a change of the bearing by 1e-10 rad makes in it.
     rounding = 1e-10 + 1e-10 * np.abs(d_point).max(axis=2)
     assert (np.abs(pixels - plain) < rounding).all()
     assert (np.abs(pixels - differentiated) < rounding).all()

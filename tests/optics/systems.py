@@ -5,13 +5,13 @@ import pytest
 
 from omnisight.models.equidistant import Equidistant
 from omnisight.models.pinhole import Pinhole
-from omnisight.optics import Catadioptric, Orthographic, Placed, mirror_class, mirror_names
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror, mirror_class, mirror_names
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
 
 PINHOLE = Pinhole(fx=1300.0, fy=1310.0, cx=639.5, cy=479.5, skew=0.4)
 FISHEYE = Equidistant(fx=700.0, fy=700.0, cx=639.5, cy=479.5)
-TELECENTRIC = Orthographic(fx=9800.0, fy=9810.0, cx=639.5, cy=479.5)
+TELECENTRIC = Telecentric(fx=9800.0, fy=9810.0, cx=639.5, cy=479.5)
 BALL, HYPERBOLA = Conic.sphere(0.04), Conic.hyperbola(0.028, 0.0385, 0.035)
 FLAT = Conic(0.2, 1.2, 0.12, hole=0.02)
 
@@ -27,27 +27,27 @@ SYSTEMS = {
     f"{name}-{where}": Catadioptric(PINHOLE, (placed,))
     for name, mirror in SINGLE.items()
     for where, placed in (
-        ("on-axis", Placed(mirror, tz=0.12)),
-        ("decentred", Placed(mirror, 0.15, -0.1, 0.005, -0.004, 0.12)),
-        ("oblique", Placed(mirror, 0.5, 0.4, 0.01, -0.004, 0.12)),
+        ("on-axis", PlacedMirror(mirror, tz=0.12)),
+        ("decentred", PlacedMirror(mirror, 0.15, -0.1, 0.005, -0.004, 0.12)),
+        ("oblique", PlacedMirror(mirror, 0.5, 0.4, 0.01, -0.004, 0.12)),
     )
 } | {
-    "telecentric-parabola": Catadioptric(TELECENTRIC, (Placed(Conic.parabola(0.06, 0.04), tz=0.1),)),
-    "telecentric-ball": Catadioptric(TELECENTRIC, (Placed(BALL, 0.1, -0.2, 0.004, 0.0, 0.1),)),
-    "fisheye-hyperbola": Catadioptric(FISHEYE, (Placed(HYPERBOLA, 0.02, 0.0, 0.0, 0.001, 0.03),)),
-    "folded": Catadioptric(PINHOLE, (Placed(Conic.sphere(0.05, 0.02), tz=0.1), Placed(FLAT, np.pi, tz=0.01))),
+    "telecentric-parabola": Catadioptric(TELECENTRIC, (PlacedMirror(Conic.parabola(0.06, 0.04), tz=0.1),)),
+    "telecentric-ball": Catadioptric(TELECENTRIC, (PlacedMirror(BALL, 0.1, -0.2, 0.004, 0.0, 0.1),)),
+    "fisheye-hyperbola": Catadioptric(FISHEYE, (PlacedMirror(HYPERBOLA, 0.02, 0.0, 0.0, 0.001, 0.03),)),
+    "folded": Catadioptric(PINHOLE, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1), PlacedMirror(FLAT, np.pi, tz=0.01))),
     "folded-decentred": Catadioptric(
         PINHOLE,
         (
-            Placed(Conic.sphere(0.05, 0.02), 0.02, 0.01, 0.001, 0.001, 0.1),
-            Placed(FLAT, np.pi + 0.03, 0.02, 0.001, 0.0, 0.01),
+            PlacedMirror(Conic.sphere(0.05, 0.02), 0.02, 0.01, 0.001, 0.001, 0.1),
+            PlacedMirror(FLAT, np.pi + 0.03, 0.02, 0.001, 0.0, 0.01),
         ),
     ),
     "periscope": Catadioptric(
-        PINHOLE, (Placed(Plane(0.04), np.pi / 4, tz=0.1), Placed(HYPERBOLA, -np.pi / 2, 0.0, 0.0, 0.08, 0.1))
+        PINHOLE, (PlacedMirror(Plane(0.04), np.pi / 4, tz=0.1), PlacedMirror(HYPERBOLA, -np.pi / 2, 0.0, 0.0, 0.08, 0.1))
     ),
     "telecentric-folded": Catadioptric(
-        TELECENTRIC, (Placed(Conic.sphere(0.05, 0.02), tz=0.1), Placed(FLAT, np.pi, tz=0.01))
+        TELECENTRIC, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1), PlacedMirror(FLAT, np.pi, tz=0.01))
     ),
 }
 every_system = pytest.mark.parametrize("system", [pytest.param(s, id=name) for name, s in SYSTEMS.items()])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from systems import BALL, FISHEYE, HYPERBOLA, PINHOLE, SYSTEMS, every_system, seen, within
 
-from omnisight.optics import Catadioptric, Orthographic, Placed
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
 
@@ -14,7 +14,7 @@ from omnisight.optics.mirrors.plane import Plane
 @every_system
 @pytest.mark.parametrize(("near", "far"), [(1e-4, 1e-2), (0.03, 10.0), (1e3, 1e6)])
 def test_every_point_of_the_field_is_found_at_its_pixel(system, near, far):
-    if isinstance(system.lens, Orthographic):
+    if isinstance(system.lens, Telecentric):
         far = min(far, 1e4)  # of parallel rays a pixel is a place: rounding of the point alone moves it
     points, pixels = seen(system, near, far)
     assert len(points) > 80
@@ -37,7 +37,7 @@ def test_the_ray_of_a_points_pixel_goes_through_the_point(system):
 def test_a_mirror_of_every_kind_is_found_by_the_lens_whether_convex_or_not():
     # Concave mirrors may show a point more than once; what is found is a place where it is shown.
     for mirror in (Conic.sphere(-0.3, 0.05), Conic.parabola(-0.2, 0.05), Conic.ellipse(0.1, 0.06, 0.05)):
-        system = Catadioptric(PINHOLE, (Placed(mirror, 0.1, -0.05, 0.002, 0.001, 0.12),))
+        system = Catadioptric(PINHOLE, (PlacedMirror(mirror, 0.1, -0.05, 0.002, 0.001, 0.12),))
         points, _ = seen(system, 0.1, 10.0)
         pixels, valid = system.project(points)
         assert valid.all()
@@ -56,7 +56,7 @@ def test_light_is_reflected_by_the_law(system):
     corners, valid = system.reflection_points(points)
     assert valid.all()
     assert corners.shape == (len(points), len(system.mirrors), 3)
-    start = corners[:, 0] * [1, 1, 0] if isinstance(system.lens, Orthographic) else np.zeros_like(points)
+    start = corners[:, 0] * [1, 1, 0] if isinstance(system.lens, Telecentric) else np.zeros_like(points)
     path = [start, *corners.transpose(1, 0, 2), points]
     for placed, before, at, after in zip(system.mirrors, path[:-2], path[1:-1], path[2:], strict=True):
         pose = placed.lens_from_mirror
@@ -88,7 +88,7 @@ def test_the_path_of_light_is_stationary(system):
         for p, at, w in zip(system.mirrors, local, way, strict=True):
             xy = at[:, :2] + h * w
             path.append(p.lens_from_mirror @ np.column_stack([xy, p.mirror.sag(np.hypot(*xy.T))]))
-        total = path[0][:, 2] if isinstance(system.lens, Orthographic) else np.linalg.norm(path[0], axis=-1)
+        total = path[0][:, 2] if isinstance(system.lens, Telecentric) else np.linalg.norm(path[0], axis=-1)
         for a, b in zip(path, [*path[1:], points], strict=True):
             total = total + np.linalg.norm(b - a, axis=-1)
         return total
@@ -101,7 +101,7 @@ def test_the_path_of_light_is_stationary(system):
 
 @pytest.mark.parametrize("lens", [PINHOLE, FISHEYE])
 def test_a_plane_mirror_shows_what_a_lens_behind_it_would_see(lens):
-    placed = Placed(Plane(rim=0.3), 0.3, -0.2, 0.01, 0.02, 0.4)
+    placed = PlacedMirror(Plane(rim=0.3), 0.3, -0.2, 0.01, 0.02, 0.4)
     system = Catadioptric(lens, (placed,))
     points, _ = seen(system, 0.01, 10.0)
     mirrored = (placed.lens_from_mirror.inverse() @ points) * [1, 1, -1]
@@ -134,7 +134,7 @@ def test_a_ball_answers_alhazens_problem():
 
 def test_a_lens_in_the_focus_of_a_hyperbola_sees_from_the_other():
     inner, outer = HYPERBOLA.foci
-    system = Catadioptric(PINHOLE, (Placed(HYPERBOLA, tz=-outer),))
+    system = Catadioptric(PINHOLE, (PlacedMirror(HYPERBOLA, tz=-outer),))
     rays = system.rays(np.random.default_rng(0).uniform([400, 240], [880, 720], (500, 2)))
     viewpoint = np.array([0, 0, inner - outer])
     off = np.cross(viewpoint - rays.origins, rays.bearings)

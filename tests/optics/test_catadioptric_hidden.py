@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from systems import BALL, FISHEYE, FLAT, HYPERBOLA, PINHOLE, SYSTEMS, seen
 
-from omnisight.optics import Catadioptric, Placed
+from omnisight.optics import Catadioptric, PlacedMirror
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
 
 
 def test_what_a_mirror_cannot_show_is_not_valid():
-    system = Catadioptric(PINHOLE, (Placed(BALL, tz=0.12),))
+    system = Catadioptric(PINHOLE, (PlacedMirror(BALL, tz=0.12),))
     hidden = {
         "straight behind it": [0.0, 0.0, 1.0],
         "behind it, beside the axis": [0.1, 0.0, 1.0],
@@ -27,7 +27,7 @@ def test_what_a_mirror_cannot_show_is_not_valid():
 
 def test_what_is_shown_is_what_some_pixel_sees():
     # Directions all around a mirror: those that `project` shows fill the cone of the rays through its rim, and no more.
-    system = Catadioptric(FISHEYE, (Placed(Conic.parabola(0.06, 0.04), tz=0.05),))
+    system = Catadioptric(FISHEYE, (PlacedMirror(Conic.parabola(0.06, 0.04), tz=0.05),))
     rim = system.mirrors[0].lens_from_mirror @ np.array([0.04, 0.0, system.mirrors[0].mirror.sag(0.04)])
     ray = system.rays(FISHEYE.project(rim * [1 - 1e-9, 1, 1])[0])
     limit = np.arctan2(ray.bearings[0], ray.bearings[2])
@@ -52,7 +52,7 @@ def test_what_is_said_to_be_hidden_is_not_found_from_elsewhere(name, monkeypatch
 
 
 def test_every_ray_that_is_valid_has_a_place_and_a_bearing():
-    # All of a ball's picture, its very limb included, and pixels that are none.
+    # All of a ball's image, its very limb included, and pixels that are none.
     system = SYSTEMS["ball-oblique"]
     placed = system.mirrors[0]
     phi = np.linspace(0, 2 * np.pi, 600)
@@ -66,8 +66,8 @@ def test_every_ray_that_is_valid_has_a_place_and_a_bearing():
 
 
 def test_a_smaller_rim_shows_less_and_nothing_else():
-    wide = Catadioptric(PINHOLE, (Placed(HYPERBOLA, tz=0.09),))
-    narrow = Catadioptric(PINHOLE, (Placed(Conic(HYPERBOLA.radius, HYPERBOLA.eccentricity, 0.02, 0.005), tz=0.09),))
+    wide = Catadioptric(PINHOLE, (PlacedMirror(HYPERBOLA, tz=0.09),))
+    narrow = Catadioptric(PINHOLE, (PlacedMirror(Conic(HYPERBOLA.radius, HYPERBOLA.eccentricity, 0.02, 0.005), tz=0.09),))
     points, pixels = seen(wide)
     corners, _ = wide.reflection_points(points)
     rho = np.hypot(corners[:, 0, 0], corners[:, 0, 1])
@@ -77,9 +77,9 @@ def test_a_smaller_rim_shows_less_and_nothing_else():
 
 
 def test_a_lens_behind_a_mirror_without_a_hole_sees_nothing():
-    small = Placed(Conic.sphere(0.05, 0.02), tz=0.1)
-    pierced = Catadioptric(PINHOLE, (small, Placed(FLAT, np.pi, tz=0.01)))
-    solid = Catadioptric(PINHOLE, (small, Placed(Conic(FLAT.radius, FLAT.eccentricity, FLAT.rim), np.pi, tz=0.01)))
+    small = PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1)
+    pierced = Catadioptric(PINHOLE, (small, PlacedMirror(FLAT, np.pi, tz=0.01)))
+    solid = Catadioptric(PINHOLE, (small, PlacedMirror(Conic(FLAT.radius, FLAT.eccentricity, FLAT.rim), np.pi, tz=0.01)))
     points, pixels = seen(pierced)
     assert not solid.project(points)[1].any()
     assert not solid.rays(pixels).valid.any()
@@ -89,7 +89,7 @@ def test_a_lens_behind_a_mirror_without_a_hole_sees_nothing():
 def test_the_first_mirror_hides_what_is_behind_it_from_the_second(rim):
     # Two planes face to face: light at the slope s from the axis meets them at s D, s (2 D - d) and passes the first
     # at s (3 D - 2 d).
-    system = Catadioptric(PINHOLE, (Placed(Plane(rim), tz=0.1), Placed(Plane(0.2, 0.015), np.pi, tz=0.01)))
+    system = Catadioptric(PINHOLE, (PlacedMirror(Plane(rim), tz=0.1), PlacedMirror(Plane(0.2, 0.015), np.pi, tz=0.01)))
     slope = np.linspace(0.01, 0.45, 300)
     pixels, _ = PINHOLE.project(np.stack([slope, 0 * slope, slope * 0 + 1], -1))
     expected = (0.1 * slope <= rim) & (0.19 * slope >= 0.015) & (0.28 * slope > rim)
@@ -102,12 +102,12 @@ def test_the_first_mirror_hides_what_is_behind_it_from_the_second(rim):
 
 def test_the_wall_of_a_bowl_hides():
     # Of a deep bowl: light that would leave through its wall does not.
-    deep = Catadioptric(FISHEYE, (Placed(Conic.sphere(-0.1, 0.0999), tx=0.05, tz=0.06),))
-    shallow = Catadioptric(FISHEYE, (Placed(Conic.sphere(-0.1, 0.05), tx=0.05, tz=0.06),))
+    deep = Catadioptric(FISHEYE, (PlacedMirror(Conic.sphere(-0.1, 0.0999), tx=0.05, tz=0.06),))
+    shallow = Catadioptric(FISHEYE, (PlacedMirror(Conic.sphere(-0.1, 0.05), tx=0.05, tz=0.06),))
     points, pixels = seen(shallow, 1.0, 2.0)
     held = deep.rays(pixels).valid
     assert 0 < held.sum() < len(held)
     assert deep.project(points[held])[1].all()
-    # Where the deep one shows such a point after all, it is elsewhere in the picture.
+    # Where the deep one shows such a point after all, it is elsewhere in the image.
     found, valid = deep.project(points[~held])
     assert (np.abs(found - pixels[~held])[valid].max(-1) > 100).all()

@@ -7,7 +7,7 @@ from systems import BALL, PINHOLE, SYSTEMS, every_system, few_systems, seen, wit
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.models.ocam import Ocam
-from omnisight.optics import Catadioptric, Orthographic, Placed
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
 from omnisight.optics.mirrors.asphere import Asphere
 
 # -- derivatives ------------------------------------------------------------------------------------------------
@@ -93,7 +93,7 @@ def test_a_dictionary_holds_all_of_a_system(system):
 
 def test_a_dictionary_tells_a_lens_and_a_mirror_with_coefficients_apart():
     lens = Ocam.example()
-    system = Catadioptric(lens, (Placed(Asphere(18.0, -1.5, (900.0, -4e5, 1e3), rim=0.03), tz=0.1),))
+    system = Catadioptric(lens, (PlacedMirror(Asphere(18.0, -1.5, (900.0, -4e5, 1e3), rim=0.03), tz=0.1),))
     assert Catadioptric.from_dict(system.to_dict()) == system
 
 
@@ -118,21 +118,21 @@ def test_a_dictionary_that_is_no_system_is_refused(change, says):
 def test_a_dictionary_without_a_mirror_is_refused():
     with pytest.raises(ValueError, match="missing lens, mirror"):
         Catadioptric.from_dict({"fx": 1.0})
-    with pytest.raises(ValueError, match="mirrors must be one or more Placed mirrors"):
+    with pytest.raises(ValueError, match="mirrors must be one or more PlacedMirror mirrors"):
         Catadioptric(PINHOLE, ())
-    with pytest.raises(ValueError, match="mirrors must be one or more Placed mirrors"):
+    with pytest.raises(ValueError, match="mirrors must be one or more PlacedMirror mirrors"):
         Catadioptric(PINHOLE, (BALL,))
 
 
 def test_a_pose_places_a_mirror_of_revolution():
     pose = Pose(so3.exp([0.4, -0.7, 0.3]), np.array([0.1, 0.2, 0.3]))
-    placed = Placed.at(BALL, pose)
+    placed = PlacedMirror.at(BALL, pose)
     ours = placed.lens_from_mirror
     np.testing.assert_allclose(ours.rotation[:, 2], pose.rotation[:, 2], atol=1e-15)  # the axis; its turn is nothing
     np.testing.assert_allclose(ours.rotation @ ours.rotation.T, np.eye(3), atol=1e-15)
     np.testing.assert_array_equal(ours.translation, pose.translation)
     np.testing.assert_allclose(
-        so3.exp([0.4, 0, 0]) @ so3.exp([0, 0.3, 0]), Placed(BALL, 0.4, 0.3).lens_from_mirror.rotation
+        so3.exp([0.4, 0, 0]) @ so3.exp([0, 0.3, 0]), PlacedMirror(BALL, 0.4, 0.3).lens_from_mirror.rotation
     )
 
 
@@ -153,7 +153,7 @@ def test_points_and_pixels_come_in_any_shape(lead):
 
 
 def test_a_telecentric_lens_is_one_affine_map():
-    lens = Orthographic.example()
+    lens = Telecentric.example()
     pixels = np.array([[0.0, 0.0], [511.2, 384.9], [1000.0, 3.0]])
     rays = lens.rays(pixels)
     np.testing.assert_array_equal(rays.bearings, [[0, 0, 1]] * 3)

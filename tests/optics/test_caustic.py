@@ -7,14 +7,14 @@ import pytest
 from omnisight.geometry.rays import Rays
 from omnisight.models.mei import Mei
 from omnisight.models.pinhole import Pinhole
-from omnisight.optics import Catadioptric, Orthographic, Placed
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
 from omnisight.optics.caustic import caustic
-from omnisight.optics.congruence import congruence
+from omnisight.optics.ray_jacobians import ray_jacobians
 from omnisight.optics.mirrors.asphere import Asphere
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
 
-TELECENTRIC = Orthographic(1e4, 1e4, 0.0, 0.0)
+TELECENTRIC = Telecentric(1e4, 1e4, 0.0, 0.0)
 LENS = Pinhole(1000.0, 1000.0, 0.0, 0.0)
 PHI = np.linspace(0.1, 6.2, 7)
 PIXELS = np.linspace(15, 250, 9)[:, None, None] * np.stack([np.cos(PHI), np.sin(PHI)], -1)
@@ -40,7 +40,7 @@ def outwards(camera, pixels):
     ],
 )
 def test_the_caustic_of_a_central_camera_is_its_viewpoint(lens, mirror, z, focus):
-    found = caustic(Catadioptric(lens, (Placed(mirror, tz=z),)), PIXELS)
+    found = caustic(Catadioptric(lens, (PlacedMirror(mirror, tz=z),)), PIXELS)
     seen = np.isfinite(found.along).all(-1)
     assert seen.mean() > 0.6
     for sheet in (found.tangential, found.sagittal):
@@ -50,10 +50,10 @@ def test_the_caustic_of_a_central_camera_is_its_viewpoint(lens, mirror, z, focus
 def test_the_caustic_of_a_tilted_central_camera_is_its_viewpoint_too():
     """A lens in the focus may look askew at the mirror."""
     mirror = Conic.hyperbola(0.028, 0.0385, 0.06)
-    askew = Placed(mirror, tilt_x=0.1)
+    askew = PlacedMirror(mirror, tilt_x=0.1)
     axis = askew.lens_from_mirror.rotation[:, 2]
     at = 0.0665 * axis  # the lens stays in the far focus
-    found = caustic(Catadioptric(LENS, (Placed(mirror, 0.1, 0.0, *at),)), PIXELS)
+    found = caustic(Catadioptric(LENS, (PlacedMirror(mirror, 0.1, 0.0, *at),)), PIXELS)
     seen = np.isfinite(found.along).all(-1)
     assert seen.mean() > 0.6
     for sheet in (found.tangential, found.sagittal):
@@ -64,7 +64,7 @@ def test_the_caustic_of_a_tilted_central_camera_is_its_viewpoint_too():
 def test_parallel_rays_on_a_sphere_make_a_nephroid(sign, reach):
     """x = R (3 sin a - sin 3a)/4, z = R (3 cos a - cos 3a)/4 from the centre; on the axis at R/(2 cos a)."""
     radius, z = 0.04 * sign, 0.3
-    system = Catadioptric(TELECENTRIC, (Placed(Conic.sphere(radius, reach), tz=z),))
+    system = Catadioptric(TELECENTRIC, (PlacedMirror(Conic.sphere(radius, reach), tz=z),))
     pixels = np.linspace(1, 0.99e4 * reach, 60)[:, None] * np.array([[0.6, 0.8]])
     tangential, sagittal = outwards(system, pixels)
     a = np.arcsin(np.linalg.norm(pixels, axis=1) / 1e4 / abs(radius))
@@ -77,7 +77,7 @@ def test_parallel_rays_on_a_sphere_make_a_nephroid(sign, reach):
 
 
 def test_the_cusp_lies_half_a_radius_behind_the_vertex():
-    system = Catadioptric(TELECENTRIC, (Placed(Conic.sphere(0.04, 0.03), tz=0.3),))
+    system = Catadioptric(TELECENTRIC, (PlacedMirror(Conic.sphere(0.04, 0.03), tz=0.3),))
     for sheet in outwards(system, np.array([[1e-6, 0.0]])):
         np.testing.assert_allclose(sheet, [[0, 0.32]], atol=1e-13)
 
@@ -103,7 +103,7 @@ def test_the_caustic_of_a_circle_and_a_lens_near_it_is_known():
         cross = [dp[0] * r[1] - dp[1] * r[0], dr[0] * r[1] - dr[1] * r[0]]
         return p - cross[0] / cross[1] * r
 
-    system = Catadioptric(LENS, (Placed(Conic.sphere(0.04, 0.04), tz=0.07),))
+    system = Catadioptric(LENS, (PlacedMirror(Conic.sphere(0.04, 0.04), tz=0.07),))
     for angle in ("0.05", "0.3", "0.7", "1.1"):
         a = mpmath.mpf(angle)
         p, _ = ray(a)
@@ -135,7 +135,7 @@ def test_the_sheets_obey_coddingtons_equations(mirror):
     z = 0.09
     rho = np.linspace(0.1, 0.9, 9) * mirror.rim
     height = z + mirror.sag(rho)
-    system = Catadioptric(LENS, (Placed(mirror, tz=z),))
+    system = Catadioptric(LENS, (PlacedMirror(mirror, tz=z),))
     pixels = np.stack([1000 * rho / height, 0 * rho], -1)
     found = caustic(system, pixels)
     h = 1e-5 * mirror.rim
@@ -151,7 +151,7 @@ def test_the_sheets_obey_coddingtons_equations(mirror):
 
 
 def test_the_sagittal_sheet_of_what_is_one_of_revolution_lies_on_the_axis():
-    found = caustic(Catadioptric(LENS, (Placed(Asphere.example(), tz=0.2),)), PIXELS * 0.7)
+    found = caustic(Catadioptric(LENS, (PlacedMirror(Asphere.example(), tz=0.2),)), PIXELS * 0.7)
     assert np.abs(found.sagittal[..., :2]).max() < 1e-15
     assert np.ptp(found.sagittal[..., 2]) > 1e-3
 
@@ -166,12 +166,12 @@ def test_the_sagittal_sheet_of_what_is_one_of_revolution_lies_on_the_axis():
     ],
 )
 def test_the_differential_of_reflection_is_that_of_the_rays(moved, lens, mirror):
-    system = Catadioptric(lens, (Placed(mirror, **moved | {"tz": 0.1}),))
+    system = Catadioptric(lens, (PlacedMirror(mirror, **moved | {"tz": 0.1}),))
 
     class OnlyRays:
         rays = system.rays
 
-    exact, close = congruence(system, PIXELS * 0.6), congruence(OnlyRays(), PIXELS * 0.6)
+    exact, close = ray_jacobians(system, PIXELS * 0.6), ray_jacobians(OnlyRays(), PIXELS * 0.6)
     assert exact.rays.valid.mean() > 0.9
     for one, other in zip(exact[1:], close[1:], strict=True):
         use = np.isfinite(other)
@@ -181,9 +181,9 @@ def test_the_differential_of_reflection_is_that_of_the_rays(moved, lens, mirror)
 
 def test_two_mirrors_are_differentiated_one_after_the_other():
     """A telecentric lens, a parabola, and in its focus one of a hyperbola: central (Gregory and Cassegrain)."""
-    primary = Placed(Conic(-0.1, 1.0, 0.05, 0.01), tz=0.2)
+    primary = PlacedMirror(Conic(-0.1, 1.0, 0.05, 0.01), tz=0.2)
     # The primary gathers light in its focus, at z = 0.15; the convex secondary has it, from behind, as one of its own.
-    secondary = Placed(Conic(0.03, 2.0, 0.012), tilt_x=np.pi, tz=0.15 + 0.01)
+    secondary = PlacedMirror(Conic(0.03, 2.0, 0.012), tilt_x=np.pi, tz=0.15 + 0.01)
     system = Catadioptric(TELECENTRIC, (primary, secondary))
     pixels = np.linspace(150, 300, 6)[:, None] * np.array([[0.6, 0.8]])
     assert system.rays(pixels).valid.all()
@@ -196,9 +196,9 @@ def test_two_mirrors_are_differentiated_one_after_the_other():
 @pytest.mark.parametrize("moved", [{}, TILTED])
 def test_neighbouring_rays_touch_the_caustic(moved):
     """The sheets are where the rays' density is infinite: the determinant of d point/d (u, v, t) is nought there."""
-    system = Catadioptric(LENS, (Placed(Conic.sphere(0.05, 0.05), **moved | {"tz": 0.1}),))
+    system = Catadioptric(LENS, (PlacedMirror(Conic.sphere(0.05, 0.05), **moved | {"tz": 0.1}),))
     found = caustic(system, PIXELS)
-    (_, bearings, valid), d_origins, d_bearings = congruence(system, PIXELS)
+    (_, bearings, valid), d_origins, d_bearings = ray_jacobians(system, PIXELS)
     assert valid.all()
     assert np.isfinite(found.along).all()  # one lens sends out wavefronts: the roots are real
     for k in range(2):
@@ -232,7 +232,7 @@ def test_an_entrance_pupil_that_moves_has_a_caustic_too():
 
 
 def test_a_pixel_that_sees_nothing_has_no_caustic():
-    system = Catadioptric(LENS, (Placed(Conic.sphere(0.05, 0.02), tz=0.1),))
+    system = Catadioptric(LENS, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1),))
     found = caustic(system, [[10.0, 0.0], [900.0, 0.0], [np.nan, 0.0]])
     assert np.isfinite(found.along).all(1).tolist() == [True, False, False]
     assert caustic(system, np.zeros((0, 2))).tangential.shape == (0, 3)
@@ -242,5 +242,5 @@ def test_a_pixel_that_sees_nothing_has_no_caustic():
 def test_rays_that_stay_parallel_have_their_caustic_at_infinity():
     from omnisight.optics.mirrors.plane import Plane
 
-    found = caustic(Catadioptric(TELECENTRIC, (Placed(Plane(), tz=0.1),)), PIXELS)
+    found = caustic(Catadioptric(TELECENTRIC, (PlacedMirror(Plane(), tz=0.1),)), PIXELS)
     assert np.isnan(found.along).all()

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.optics.design.mirror import design_mirror
-from omnisight.optics.design.order import FILL, Order
-from omnisight.optics.design.performance import blind_spot, misalignments, performance, resolution, viewpoint
+from omnisight.optics.design.mirror_design import design_mirror
+from omnisight.optics.design.specification import FILL, MirrorSpecification
+from omnisight.optics.design.performance import blind_spot, misalignments, evaluate_design, resolution, viewpoint
 from omnisight.optics.design.shapes import KINDS
-from omnisight.optics.viewpoint import lens_places
+from omnisight.optics.viewpoint import lens_positions
 
 
 def order(kind="hyperbolic", up=20.0, down=None, **more):
     down = (10.0 if kind == "conical" else 60.0) if down is None else down
     given = {"size": (1280, 960), "pixel": 3.75e-6} | more
-    return Order(kind, float(np.radians(up)), float(np.radians(down)), **given)
+    return MirrorSpecification(kind, float(np.radians(up)), float(np.radians(down)), **given)
 
 
 def theta_at(design, radius):
-    """The angle from straight down at a radius of the picture, px; the ray's origin."""
+    """The angle from straight down at a radius of the image, px; the ray's origin."""
     u, v = design.centre
     origins, bearings, valid = design.system().rays([u + radius, v])
     assert valid
@@ -40,7 +40,7 @@ def test_the_rim_shows_the_top_of_the_field(kind, up):
 @pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.central])
 def test_a_central_design_has_its_lens_in_the_focus_and_its_model_is_the_traced_camera(kind):
     design = design_mirror(order(kind, 25.0))
-    (place,) = lens_places(design.mirror)
+    (place,) = lens_positions(design.mirror)
     assert -place.lens == (np.inf if kind == "parabolic" else pytest.approx(design.distance, rel=1e-12))
     found = viewpoint(design, blind_spot(design))
     assert found.worst < 1e-14
@@ -84,7 +84,7 @@ def test_what_is_given_is_kept_and_the_rest_follows(kind, given):
         assert design.focal == pytest.approx(given["focal"], rel=1e-12)
     if len(given) < 3:
         assert design.circle == pytest.approx(FILL * 480, rel=1e-9)
-    # What the lens sees the rim at is what its picture shows.
+    # What the lens sees the rim at is what its image shows.
     across = rim / (design.distance + float(mirror.sag(rim)))
     assert design.circle == pytest.approx(design.focal * across / 3.75e-6, rel=1e-9)
     assert np.degrees(theta_at(design, design.circle * (1 - 1e-12))[0]) == pytest.approx(105, abs=1e-7)
@@ -149,7 +149,7 @@ def test_a_cone_hides_nothing_but_shows_nothing_below():
 
 def test_a_misplaced_mirror_loses_its_viewpoint_in_proportion():
     design = design_mirror(order())
-    rows = {row.said: row for row in misalignments(design, blind_spot(design))}
+    rows = {row.description: row for row in misalignments(design, blind_spot(design))}
     assert rows["as designed"].worst < 1e-14
     assert rows["as designed"].moved_px == 0
     for small, large in (
@@ -165,7 +165,7 @@ def test_a_misplaced_mirror_loses_its_viewpoint_in_proportion():
 
 def test_a_paraboloid_does_not_mind_being_moved_but_tilted():
     design = design_mirror(order("parabolic"))
-    rows = {row.said: row for row in misalignments(design, blind_spot(design))}
+    rows = {row.description: row for row in misalignments(design, blind_spot(design))}
     assert max(rows[name].worst for name in ("1 mm too far", "1 mm across")) < 1e-14
     assert rows["1 mm across"].moved_px > 10
     assert rows["tilted 1°"].worst > 1e-4
@@ -181,7 +181,7 @@ def test_the_parallax_is_less_the_farther_things_are():
 def test_a_larger_mirror_in_proportion_shows_the_same(kind):
     one = design_mirror(order(kind, diameter=0.03, body=0.015))
     other = design_mirror(order(kind, diameter=0.06, body=0.03))
-    a, b = performance(one), performance(other)
+    a, b = evaluate_design(one), evaluate_design(other)
     assert other.distance == pytest.approx(2 * one.distance)
     np.testing.assert_allclose(a.resolution.up, b.resolution.up, rtol=1e-9)
     np.testing.assert_allclose(2 * a.viewpoint.distances, b.viewpoint.distances, rtol=1e-6, atol=1e-15)
@@ -206,8 +206,8 @@ def test_a_larger_mirror_in_proportion_shows_the_same(kind):
         ({"kind": "parabolic", "focal": 0.004}, "needs a telecentric lens"),
         ({"diameter": 0.0}, "the diameter must be a positive length, got 0.0"),
         ({"pixel": np.nan}, "the pixel must be a positive length"),
-        ({"size": (10, 10)}, "too few for a picture"),
-        ({"size": (10**6, 960)}, "the sensor has 1000000x960 px: too many for a picture"),
+        ({"size": (10, 10)}, "too few for an image"),
+        ({"size": (10**6, 960)}, "the sensor has 1000000x960 px: too many for an image"),
         ({"pixel": 3.75e-3}, "the pixel is 0.00375 m, the most thought of is 0.0001 m: is its unit right?"),
         ({"focal": 8.0}, "the focal length is 8 m, the most thought of is 1 m: is its unit right?"),
         ({"diameter": 50.0}, "the diameter is 50 m"),
@@ -228,13 +228,13 @@ def test_what_cannot_be_says_why_and_what_to_change(given, said):
 
 def test_a_camera_in_the_way_is_told():
     with pytest.raises(ValueError, match=r"hides what is more than 78\.1 degrees below the horizon, --down is 85"):
-        performance(design_mirror(order(down=85.0)))
-    assert performance(design_mirror(order(down=85.0, body=0.005))).blind.theta < np.radians(5)
+        evaluate_design(design_mirror(order(down=85.0)))
+    assert evaluate_design(design_mirror(order(down=85.0, body=0.005))).blind.theta < np.radians(5)
 
 
 def test_a_small_mirror_is_not_moved_out_of_sight():
-    small = performance(design_mirror(order(diameter=0.004, body=0.002)))
-    assert [row.said for row in small.misalignments] == [
+    small = evaluate_design(design_mirror(order(diameter=0.004, body=0.002)))
+    assert [row.description for row in small.misalignments] == [
         "as designed",
         "0.1 mm too far",
         "0.1 mm across",
@@ -244,16 +244,16 @@ def test_a_small_mirror_is_not_moved_out_of_sight():
 
 
 def test_as_much_may_be_asked_for_as_is_said_to_be_left():
-    assert performance(design_mirror(order(down=78.1))).blind.theta < np.radians(11.9)
+    assert evaluate_design(design_mirror(order(down=78.1))).blind.theta < np.radians(11.9)
     with pytest.raises(ValueError, match=r"more than 78\.1 degrees below the horizon, --down is 78\.2:"):
-        performance(design_mirror(order(down=78.2)))
+        evaluate_design(design_mirror(order(down=78.2)))
 
 
 def test_things_within_the_mirror_are_told():
     with pytest.raises(ValueError, match=r"the mirror is 60mm wide: what is 20mm from the viewpoint lies within it"):
-        performance(design_mirror(order("spherical", working_distance=0.02)))
+        evaluate_design(design_mirror(order("spherical", working_distance=0.02)))
 
 
 def test_an_order_is_not_changed_by_its_design():
     one = order()
-    assert design_mirror(one).order == dataclasses.replace(one)
+    assert design_mirror(one).specification == dataclasses.replace(one)

@@ -6,7 +6,7 @@ import pytest
 
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
-from omnisight.optics import Catadioptric, Orthographic, Placed
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
 from omnisight.optics.mirrors.conic import Conic
 
 # The chapter's example, a = 28, c = 38.5, among others from nearly flat to nearly a parabola.
@@ -20,7 +20,7 @@ CONCAVE = np.array([-1.0, -1.0, -1.0])
 
 
 def whole_mirror(rim_radius):
-    """Pixels all over the picture of a mirror, its very rim included."""
+    """Pixels all over the image of a mirror, its very rim included."""
     phi = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     radii = rim_radius * np.linspace(1e-4, 1 - 1e-12, 40)
     return np.array(CENTRE) + radii[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], -1)
@@ -32,7 +32,7 @@ def angles(one, other):
 
 
 def traced(lens, mirror, distance, rim_radius):
-    system = Catadioptric(lens, (Placed(mirror, tz=distance),))
+    system = Catadioptric(lens, (PlacedMirror(mirror, tz=distance),))
     pixels = whole_mirror(rim_radius)
     origins, bearings, valid = system.rays(pixels)
     assert valid.all()
@@ -71,7 +71,7 @@ def test_ellipses(a, c, reach):
 def test_parabolas(latus_rectum, reach):
     scale = 400 / latus_rectum
     rim = reach * latus_rectum
-    lens = Orthographic(scale, scale, *CENTRE)
+    lens = Telecentric(scale, scale, *CENTRE)
     pixels, _, bearings = traced(lens, Conic.parabola(latus_rectum, rim), 20 * rim, scale * rim)
     model = Unified.from_parabola(latus_rectum, scale, CENTRE)
     assert angles(model.unproject(pixels)[0], bearings * CONVEX).max() < 1e-9

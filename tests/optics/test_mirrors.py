@@ -80,7 +80,7 @@ def test_sag_and_normal_are_those_of_the_equation(mirror):
 @every_mirror
 def test_the_chart_shows_the_surface_and_its_derivatives_are_right(mirror):
     p = points_of(mirror, 50)
-    a, b = mirror.charted(p[:, 0], p[:, 1])
+    a, b = mirror.chart_coordinates(p[:, 0], p[:, 1])
     at, slope, bend = mirror.surface(a, b)
     np.testing.assert_allclose(at.T, p, atol=1e-13)
     assert mirror.on_sheet(a, b).all()

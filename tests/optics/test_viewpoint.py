@@ -8,12 +8,12 @@ from omnisight.camera import Camera
 from omnisight.geometry.rays import Rays
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
-from omnisight.optics import Catadioptric, Orthographic, Placed
+from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
 from omnisight.optics.mirrors.asphere import Asphere
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
-from omnisight.optics.viewpoint import best_viewpoint, lens_places
+from omnisight.optics.viewpoint import best_viewpoint, lens_positions
 
 PHI = np.linspace(0, 2 * np.pi, 16, endpoint=False)
 AROUND = np.stack([np.cos(PHI), np.sin(PHI)], -1)
@@ -26,19 +26,19 @@ CONICS = {
     "bowl, ellipse": Conic.ellipse(0.12, 0.05, 0.04),
     "bowl, hyperbola": Conic(-0.1, 1.6, 0.03),
 }
-USEFUL = [(name, place) for name, mirror in CONICS.items() for place in lens_places(mirror) if not place.useless]
+USEFUL = [(name, place) for name, mirror in CONICS.items() for place in lens_positions(mirror) if not place.unusable_because]
 
 
 def camera(mirror, lens, focal=1000.0):
     """The lens at that z of the mirror's frame, or a telecentric one."""
     if np.isinf(lens):
-        return Catadioptric(Orthographic(1e4, 1e4, 0.0, 0.0), (Placed(mirror, tz=0.3),))
-    return Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (Placed(mirror, tz=-lens),))
+        return Catadioptric(Telecentric(1e4, 1e4, 0.0, 0.0), (PlacedMirror(mirror, tz=0.3),))
+    return Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (PlacedMirror(mirror, tz=-lens),))
 
 
 def off_focus(by=0.01):
     mirror = CONICS["hyperbola"]
-    return camera(mirror, lens_places(mirror)[0].lens - by)
+    return camera(mirror, lens_positions(mirror)[0].lens - by)
 
 
 class Twisted:
@@ -73,7 +73,7 @@ def test_every_shape_of_conic_has_its_place():
 def test_hyperboloids_satisfy_the_equation_of_baker_and_nayar(name):
     """(z - c/2)^2 - r^2 (k/2 - 1) = c^2/4 (k - 2)/k, viewpoint in 0, pinhole at z = c: their eq. (16)."""
     mirror = CONICS[name]
-    (place,) = lens_places(mirror)
+    (place,) = lens_positions(mirror)
     c, e = place.viewpoint - place.lens, mirror.eccentricity
     k = 2 * e**2 / (e**2 - 1)
     r = np.linspace(0, mirror.rim, 20)
@@ -85,7 +85,7 @@ def test_ellipsoids_satisfy_the_equation_of_baker_and_nayar():
     """(z - c/2)^2 + r^2 (1 + c^2/(2 k)) = (2 k + c^2)/4: their eq. (17)."""
     a, focus, rim = 0.12, 0.05, 0.04
     mirror = Conic.ellipse(a, focus, rim)
-    for place in lens_places(mirror):
+    for place in lens_positions(mirror):
         c, k = place.viewpoint - place.lens, 2 * (a**2 - focus**2)
         r = np.linspace(0, rim, 20)
         z = place.viewpoint - mirror.sag(r)
@@ -93,8 +93,8 @@ def test_ellipsoids_satisfy_the_equation_of_baker_and_nayar():
 
 
 def test_a_plane_has_its_viewpoint_behind_it_wherever_the_lens_is():
-    (place,) = lens_places(Plane())
-    assert (place.lens, place.viewpoint, place.useless) == (None, None, "")
+    (place,) = lens_positions(Plane())
+    assert (place.lens, place.viewpoint, place.unusable_because) == (None, None, "")
     for lens in (-0.05, -0.3):
         found = best_viewpoint(camera(Plane(), lens), PIXELS)
         np.testing.assert_allclose(found.point, [0, 0, -2 * lens], atol=1e-12)
@@ -112,9 +112,9 @@ def test_a_plane_has_its_viewpoint_behind_it_wherever_the_lens_is():
     ],
 )
 def test_other_mirrors_have_no_place_of_any_use(mirror, count):
-    places = lens_places(mirror)
+    places = lens_positions(mirror)
     assert len(places) == count
-    assert all(place.useless for place in places)
+    assert all(place.unusable_because for place in places)
 
 
 def test_a_central_camera_has_its_centre_as_viewpoint():
@@ -171,7 +171,7 @@ def test_parallax_falls_with_distance_and_things_must_lie_outside():
 )
 def test_the_figures_of_the_guide(mirror, lens, rms, worst, px):
     focal = 400 * (lens + float(mirror.sag(mirror.rim))) / mirror.rim
-    system = Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (Placed(mirror, tz=lens),))
+    system = Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (PlacedMirror(mirror, tz=lens),))
     phi = np.arange(24) * np.pi / 12
     rings = 400 * (1 - 1e-9) * np.sqrt(np.arange(1, 13) / 12)[:, None, None]
     found = best_viewpoint(system, rings * np.stack([np.cos(phi), np.sin(phi)], -1))
@@ -200,6 +200,6 @@ def test_pixels_that_see_nothing_do_not_count():
 def test_what_has_no_viewpoint_says_so():
     with pytest.raises(ValueError, match="two rays or more; 0 of 1"):
         best_viewpoint(off_focus(), [[1e5, 0.0]])
-    flat = Catadioptric(Orthographic(1e4, 1e4, 0.0, 0.0), (Placed(Plane(), tz=0.1),))
+    flat = Catadioptric(Telecentric(1e4, 1e4, 0.0, 0.0), (PlacedMirror(Plane(), tz=0.1),))
     with pytest.raises(ValueError, match="parallel"):
         best_viewpoint(flat, PIXELS)

@@ -6,25 +6,26 @@ import pytest
 from reporting import COMMAND, NAMES, PUPIL, calibrated, seen, written
 
 from browser import find_browser
-from omnisight.calibrate.rays import ask, calibrate_rays
 from omnisight.optics.models.axial import Axial
+from omnisight.pipeline.noncentral import calibrate_rays
+from omnisight.quality.noncentral_test import evaluate_noncentrality
 from omnisight.report.material import Material
-from omnisight.simulate import fisheye_setup
+from omnisight.simulation import fisheye_setup
 
 
 @pytest.fixture(scope="session")
 def material(tmp_path_factory):
-    """Give a calibration from ten pictures, of which a file could not be read and one shows no board."""
+    """Give a calibration from ten images, of which a file could not be read and one shows no board."""
     search = seen(tmp_path_factory.mktemp("seen"))
     calibration = calibrated(search, model="kannala_brandt")
-    camera = replace(calibration.camera, provenance={"tool": "omnisight", "pictures": ["1.png"]})
+    camera = replace(calibration.camera, provenance={"tool": "omnisight", "images": ["1.png"]})
     names = [*NAMES, "torn.png", "empty.png"]
-    return Material(calibration, search, camera, names, COMMAND, asked=ask(calibration, unit="m"))
+    return Material(calibration, search, camera, names, COMMAND, asked=evaluate_noncentrality(calibration, unit="m"))
 
 
 @pytest.fixture(scope="session")
 def axial(tmp_path_factory):
-    """Give the calibration of a fisheye whose viewpoint moves, from as many pictures."""
+    """Give the calibration of a fisheye whose viewpoint moves, from as many images."""
     moving = Axial(fisheye_setup(640).camera.model, PUPIL)
     search = seen(tmp_path_factory.mktemp("axial"), project=moving.project)
     found = calibrate_rays(calibrated(search, model="kannala_brandt"), unit="m")

@@ -5,23 +5,24 @@ import re
 
 import numpy as np
 
-from omnisight.calibrate import BoardViews, calibrate_camera
 from omnisight.images import write_image
+from omnisight.pipeline.central import calibrate_camera
 from omnisight.report import write_report
-from omnisight.simulate import fisheye_setup
-from omnisight.targets import BoardSearch, Detection, PictureDetection
+from omnisight.simulation import fisheye_setup
+from omnisight.targets import Detection, Detections, ImageDetection
+from omnisight.targets.observations import Observations
 
 NOISE = 0.1  # px
 PUPIL = (0.012,)  # of the place on the axis of a viewpoint that moves, m
 WRONG = 3.0  # px that one corner is off
 NAMES = [f"img {i}.png" for i in range(1, 11)]
-COMMAND = ["omnisight", "calibrate", "my pictures/*.png", "-o", "camera.json"]
+COMMAND = ["omnisight", "calibrate", "my images/*.png", "-o", "camera.json"]
 
 
 def seen(folder, *, count=10, unread=True, project=None):
-    """Give what would be found in pictures of a known fisheye, the first corner of all in a wrong place.
+    """Give what would be found in images of a known fisheye, the first corner of all in a wrong place.
 
-    `project` is that of another camera with pictures of that size.
+    `project` is that of another camera with images of that size.
     """
     setup = fisheye_setup(640)
     project = project or setup.camera.project
@@ -37,15 +38,15 @@ def seen(folder, *, count=10, unread=True, project=None):
         write_image(path, np.tile(shade, (setup.camera.height, 1)))
         covariance = np.tile(NOISE**2 * np.eye(2), (len(ids), 1, 1))
         detection = Detection(ids, pixels, covariance, board=board.board)
-        pictures.append(PictureDetection(path, setup.camera.size, (detection,)))
+        pictures.append(ImageDetection(path, setup.camera.size, (detection,)))
     if unread:
-        pictures.append(PictureDetection(folder / "torn.png", note="torn.png: empty file"))
-        pictures.append(PictureDetection(folder / "0.png", setup.camera.size, note="no 8x5 board found"))
-    return BoardSearch(setup.boards(1)[0].board, pictures)
+        pictures.append(ImageDetection(folder / "torn.png", note="torn.png: empty file"))
+        pictures.append(ImageDetection(folder / "0.png", setup.camera.size, note="no 8x5 board found"))
+    return Detections(setup.boards(1)[0].board, pictures)
 
 
 def calibrated(search, **options):
-    return calibrate_camera(BoardViews.of_search(search), search.size, **options)
+    return calibrate_camera(Observations.of_search(search), search.size, **options)
 
 
 def written(material, path):

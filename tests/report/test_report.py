@@ -18,7 +18,7 @@ from omnisight.report.material import Material, outwards_at
 from omnisight.report.numbers import with_sigma
 from omnisight.report.pictures import MOST, embedded_width
 from omnisight.report.residuals import Against
-from omnisight.targets import Checkerboard, find_boards
+from omnisight.targets import Checkerboard, detect_boards
 
 
 def test_a_machine_reads_the_calibration_from_it(report, material):
@@ -26,15 +26,15 @@ def test_a_machine_reads_the_calibration_from_it(report, material):
     calibration = material.calibration
     assert data["camera"]["params"] == material.camera.model.to_dict()
     assert data["verdict"] == str(calibration.verdict)
-    assert [picture["name"] for picture in data["pictures"]] == [*NAMES, "torn.png", "empty.png"]
-    squares = [p["corners"] * p["rms"] ** 2 for p in data["pictures"] if p["rms"] is not None]
+    assert [picture["name"] for picture in data["images"]] == [*NAMES, "torn.png", "empty.png"]
+    squares = [p["corners"] * p["rms"] ** 2 for p in data["images"] if p["rms"] is not None]
     assert np.sqrt(sum(squares) / len(calibration.views.pixels)) == pytest.approx(calibration.rms)
-    assert data["pictures"][0]["worst"] == pytest.approx(np.sqrt(2) * 3, abs=0.5)
-    for k, picture in enumerate(data["pictures"][:10]):
+    assert data["images"][0]["worst"] == pytest.approx(np.sqrt(2) * 3, abs=0.5)
+    for k, picture in enumerate(data["images"][:10]):
         (pose,) = picture["cam_from_board"]
         np.testing.assert_array_equal(pose["rotation"], calibration.state.rotations[k])
         np.testing.assert_array_equal(pose["translation"], calibration.state.translations[k])
-    assert data["pictures"][10] | {"name": ""} == {
+    assert data["images"][10] | {"name": ""} == {
         "name": "",
         "corners": 0,
         "doubtful": 0,
@@ -75,9 +75,9 @@ def test_a_report_of_noise_is_no_larger_than_is_said(material, tmp_path):
     noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
     from omnisight.images import write_image
 
-    pictures = [replace(p, path=tmp_path / "noise.png") for p in material.search.pictures]
+    pictures = [replace(p, path=tmp_path / "noise.png") for p in material.search.images]
     write_image(tmp_path / "noise.png", noise)
-    noisy = written(replace(material, search=replace(material.search, pictures=pictures)), tmp_path / "report.html")
+    noisy = written(replace(material, search=replace(material.search, images=pictures)), tmp_path / "report.html")
     assert 1e6 < noisy.stat().st_size < 8e6
 
 
@@ -105,20 +105,20 @@ def test_a_camera_without_figures_gives_a_report_too(material, tmp_path):
         written(m, tmp_path / "report.html")  # the camera's own file could not be written either
     m = replace(m, camera=replace(camera, covariance=np.zeros_like(camera.covariance)))
     text = written(m, tmp_path / "report.html").read_text("utf-8")
-    assert "so few pictures do not tell it" in text
+    assert "so few images do not tell it" in text
     assert "unknown" in text
 
 
 def test_a_picture_that_is_gone_costs_only_itself(material, tmp_path):
-    pictures = list(material.search.pictures)
+    pictures = list(material.search.images)
     pictures[3] = replace(pictures[3], path=tmp_path / "gone.png")
-    m = replace(material, search=replace(material.search, pictures=pictures))
+    m = replace(material, search=replace(material.search, images=pictures))
     text = written(m, tmp_path / "report.html").read_text("utf-8")
     assert text.count("<image ") == 10
 
 
 def test_a_picture_is_dropped_by_its_name_as_a_shell_takes_it(material):
-    words = [material.dropping(replace(material.pictures[0], name=name)) for name in ("3.png", "a b.png", "-x.png")]
+    words = [material.dropping(replace(material.images[0], name=name)) for name in ("3.png", "a b.png", "-x.png")]
     quote = '"' if os.name == "nt" else "'"
     assert words == ["--drop 3.png", f"--drop {quote}a b.png{quote}", "--drop=-x.png"]
 
@@ -175,7 +175,7 @@ def test_a_value_has_as_many_digits_as_it_is_known_to(value, sigma, said):
 @pytest.mark.slow
 def test_real_pictures_come_with_their_residuals(data, tmp_path):
     paths = sorted(data("fisheye1_urban").glob("*.jpg"))[:4]
-    search = find_boards(paths, Checkerboard(8, 6, 0.0325))
+    search = detect_boards(paths, Checkerboard(8, 6, 0.0325))
     calibration = calibrated(search, model="kannala_brandt")
     m = Material(calibration, search, calibration.camera, [path.name for path in paths], ["omnisight"])
     text = written(m, tmp_path / "report.html").read_text("utf-8")

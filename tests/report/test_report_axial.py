@@ -9,16 +9,16 @@ import pytest
 from reporting import COMMAND, NAMES, PUPIL, calibrated, data_of, seen
 
 from noncentral import SIZE, off_focus
-from omnisight.calibrate.rays import calibrate_rays, far_camera
 from omnisight.formats import load
-from omnisight.models._resized import resized
 from omnisight.optics.models.axial import Axial
+from omnisight.pipeline.noncentral import calibrate_rays
+from omnisight.quality.central_limit import far_camera
 from omnisight.ray_camera import RayCamera
 from omnisight.report.material import Material
 from omnisight.report.numbers import with_sigma
 from omnisight.report.page import page
 from omnisight.report.pictures import exaggeration
-from omnisight.simulate import fisheye_setup
+from omnisight.simulation import fisheye_setup
 from omnisight.targets import Checkerboard
 
 
@@ -51,7 +51,7 @@ def test_a_machine_reads_that_camera_and_its_poses_from_it(text, axial):
     assert data["camera"]["params"] == axial.camera.model.to_dict()
     assert data["verdict"] == str(c.verdict)
     assert data["candidates"] == [candidate.as_dict() for candidate in c.candidates]
-    for k, picture in enumerate(data["pictures"][:10]):
+    for k, picture in enumerate(data["images"][:10]):
         np.testing.assert_array_equal(picture["cam_from_board"][0]["translation"], c.state.translations[k])
         rows = c.views.groups[k]
         assert picture["rms"] == pytest.approx(np.sqrt((c.residual_lengths[rows] ** 2).mean()))
@@ -142,16 +142,16 @@ def test_a_mirror_that_was_drawn_has_a_report_of_its_own(tmp_path):
     """Its rays pass no axis by its model: nothing is said of a travel, and all else is of it."""
     truth = off_focus()
     scale = 640 / SIZE[1]
-    small = replace(truth, system=resized(truth.system, scale))
+    small = replace(truth, system=truth.system.rescaled(scale))
     search = seen(tmp_path, project=small.project)
     found = calibrate_rays(calibrated(search, model="double_sphere"), small.system, unit="m")
     m = Material(found, search, found.camera, [*NAMES, "torn.png", "empty.png"], COMMAND, asked=found.trust.viewpoint)
     text = page(m)
     figures = " ".join(re.findall(r'<section id="(\w+)"', text))
-    assert figures == "verdict pictures coverage profile uncertainty residuals models boards parameters downloads"
+    assert figures == "verdict images coverage profile uncertainty residuals models boards parameters downloads"
     assert data_of(text)["camera"]["params"] == found.camera.model.to_dict()
     assert "mirror_tz" in part(text, "parameters")
-    # Seen around the mirror, the middle of the picture is the middle of the field.
+    # Seen around the mirror, the middle of the image is the middle of the field.
     radius = np.linalg.norm(found.views.pixels - small.system.lens.project([0.0, 0.0, 1.0])[0], axis=1)
     assert np.corrcoef(radius[m.usable], m.theta[m.usable])[0, 1] > 0.95
     assert not re.search(r"\bnan\b", re.sub(r"base64,[^\"]*", "", text), re.IGNORECASE)

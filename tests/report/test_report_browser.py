@@ -12,7 +12,7 @@ from reporting import COMMAND, NAMES, written
 from omnisight.formats import format_named, format_names, load
 
 # The figures, in the order of the page.
-BEFORE, AFTER = "pictures coverage profile", "uncertainty residuals models viewpoint boards parameters downloads"
+BEFORE, AFTER = "images coverage profile", "uncertainty residuals models viewpoint boards parameters downloads"
 # What a drawing must show at the least, as shapes that take up room.
 SHAPES = """svg => [...svg.querySelectorAll('path, rect')].filter(
     shape => shape.getBBox().width + shape.getBBox().height > 0).length"""
@@ -74,18 +74,18 @@ def test_every_picture_is_shown_with_its_residuals(opened, report, material):
     assert cards.locator("image").count() == 11  # one file could not be read
     widths = page.evaluate(
         """Promise.all([...document.querySelectorAll('image')].map(async image => {
-            const picture = new Image();
-            picture.src = image.getAttribute('href');
-            await picture.decode();
-            return picture.naturalWidth;
+            const image = new Image();
+            image.src = image.getAttribute('href');
+            await image.decode();
+            return image.naturalWidth;
         }))"""
     )
     assert set(widths) == {640}
-    times = re.search(r"drawn (\d+) times", page.locator("#pictures .body > .note").inner_text())[1]
+    times = re.search(r"drawn (\d+) times", page.locator("#images .body > .note").inner_text())[1]
     for card in cards.all()[:10]:
         assert card.locator(".exaggeration").text_content() == f"residuals × {times}"
     # The corner that is 3 px off, as many times longer.
-    line = cards.first.locator(".doubtful").get_attribute("d")
+    line = cards.first.locator(".outliers").get_attribute("d")
     along = np.array(re.match(r"M\S+ \S+?l(\S+) (\S+)", line).groups(), float) / float(times)
     np.testing.assert_allclose(along, [-3, -3], atol=0.4)
     assert "empty file" in cards.nth(10).inner_text()
@@ -100,8 +100,8 @@ def test_clicking_a_picture_drops_it_and_says_the_command(opened, report, browse
     page.locator(".card .drop").nth(6).click()
     assert bar.is_visible()
     assert bar.bounding_box()["y"] >= -1
-    assert "2 pictures dropped, 8 left" in bar.inner_text()
-    wanted = "omnisight calibrate 'my pictures/*.png' -o camera.json --drop 'img 3.png' --drop 'img 7.png'"
+    assert "2 images dropped, 8 left" in bar.inner_text()
+    wanted = "omnisight calibrate 'my images/*.png' -o camera.json --drop 'img 3.png' --drop 'img 7.png'"
     assert command.text_content().replace('"', "'") == wanted
     assert page.locator(".card").nth(2).locator(".drop").get_attribute("aria-pressed") == "true"
     assert page.locator(".bar.dropped").count() == 2
@@ -110,7 +110,7 @@ def test_clicking_a_picture_drops_it_and_says_the_command(opened, report, browse
     page.get_by_text("Copied", exact=True).wait_for()
     assert page.evaluate("navigator.clipboard.readText()").replace('"', "'") == wanted
     page.locator(".card .drop").nth(2).click()
-    assert "1 picture dropped, 9 left" in bar.inner_text()
+    assert "1 image dropped, 9 left" in bar.inner_text()
     page.locator("#dropped-none").click()
     assert not bar.is_visible()
     assert page.locator(".dropped").count() == 0
@@ -123,9 +123,9 @@ def test_it_works_without_a_mouse(opened, report):
     assert "img 1.png" in page.locator("#dropped-command").text_content()
     page.locator(".card .enlarge").first.focus()
     page.keyboard.press("Enter")
-    assert page.locator("dialog .picture").is_visible()
+    assert page.locator("dialog .image").is_visible()
     page.keyboard.press("Escape")
-    assert not page.locator("dialog .picture").is_visible()
+    assert not page.locator("dialog .image").is_visible()
     scene = page.locator(".scene")
     axis = scene.locator(".axis-x")
     before = axis.get_attribute("d")
@@ -206,7 +206,7 @@ def test_names_from_outside_are_text(opened, material, tmp_path):
     assert shown[:3] == names[:3]
     assert "<b>&amp;" in page.locator("footer").inner_text()
     data = json.loads(page.locator("#calibration").text_content())
-    assert [picture["name"] for picture in data["pictures"]][:5] == names[:5]
+    assert [picture["name"] for picture in data["images"]][:5] == names[:5]
     page.locator(".card .drop").nth(4).click()
     assert page.locator("#dropped-command").text_content().endswith(" --drop=-rf.png")
 

@@ -5,19 +5,19 @@ from dataclasses import replace
 
 import pytest
 
-from omnisight.calibrate.rays import ask
+from omnisight.quality.noncentral_test import evaluate_noncentrality
 from omnisight.report.page import page
 
 
 @pytest.fixture(scope="module")
 def asked(material):
-    return ask(material.calibration, unit="m")
+    return evaluate_noncentrality(material.calibration, unit="m")
 
 
 def test_it_says_what_was_found_and_draws_it(material, asked):
     text = page(replace(material, asked=asked))
     part = re.search(r'<section id="viewpoint".*?</section>', text, re.DOTALL)[0]
-    assert "The rays meet in a point, as far as these pictures tell" in part
+    assert "The rays meet in a point, as far as these images tell" in part
     assert "How to read this" in part
     assert part.count('class="line ') >= 6
     for k in range(3):

@@ -1,4 +1,4 @@
-"""Checkerboards in pictures of fisheyes and mirrors: their corners, their order, and how a pattern is written."""
+"""Checkerboards in images of fisheyes and mirrors: their corners, their order, and how a pattern is written."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 
 from drawn import POSES, SIZE, shot
 from omnisight.images import collect_images
-from omnisight.targets import Checkerboard, Detection, detect_checkerboard, find_boards, parse_length
+from omnisight.targets import Checkerboard, Detection, detect_boards, detect_checkerboard, parse_length
 from omnisight.targets.grids.search import find_grids
 from pace import assert_quick
 
@@ -96,7 +96,7 @@ def test_pictures_without_a_board_give_none_fast(kind):
 
 
 def test_the_wrong_kind_of_picture_is_an_error():
-    with pytest.raises(ValueError, match=r"expected a gray picture .* got shape \(40, 40, 3\) of uint8"):
+    with pytest.raises(ValueError, match=r"expected a gray image .* got shape \(40, 40, 3\) of uint8"):
         detect_checkerboard(np.zeros((40, 40, 3), np.uint8), Checkerboard(9, 6))
 
 
@@ -149,7 +149,7 @@ def test_real_boards_are_found(data, folder, names, pattern, corners, boards, po
     board = Checkerboard.parse(pattern)
     given = np.load(data("corners") / f"{corners}.npz")
     given = {Path(str(f)).stem: c for f, c in zip(given["files"], given["corners"], strict=True)}
-    found = find_boards(collect_images([str(data(folder) / names)]), board).found
+    found = detect_boards(collect_images([str(data(folder) / names)]), board).found
     apart = [
         np.median(np.linalg.norm(given[p.path.stem][:, None] - p.detection.pixels, axis=2).min(axis=0))
         for p in found

@@ -1,4 +1,4 @@
-"""Where two edges cross: the fit is as good as the picture allows, knows how good, and says when there is nothing."""
+"""Where two edges cross: the fit is as good as the image allows, knows how good, and says when there is nothing."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ def draw(corner, blur=0.8):
 
 
 def sheet(corners, *, blur=0.8, noise=0.0, seed=0, bends_known=True):
-    """Give the arguments of the fit for one picture of many corners, and where they are; the start is a little off."""
+    """Give the arguments of the fit for one image of many corners, and where they are; the start is a little off."""
     rng = np.random.default_rng(seed)
     picture = np.concatenate([draw(corner, blur) for corner in corners], axis=1)
     picture = picture + 255 * noise * rng.standard_normal(picture.shape)

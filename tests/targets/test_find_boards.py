@@ -7,7 +7,7 @@ import pytest
 from drawn import POSES, shot
 from jpegs import jpeg
 from omnisight.images import write_image
-from omnisight.targets import Checkerboard, find_boards, look
+from omnisight.targets import Checkerboard, detect_boards, look
 
 BOARD = Checkerboard(9, 6)
 
@@ -31,9 +31,9 @@ def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
     write_image(tmp_path / "d.png", np.zeros_like(picture))
     names = ["a.png", "b.jpg", "c.jpg", "d.png", "e.png"]
     done = []
-    found = find_boards([tmp_path / n for n in names], BOARD, progress=lambda *state: done.append(state))
+    found = detect_boards([tmp_path / n for n in names], BOARD, progress=lambda *state: done.append(state))
     assert found.board is BOARD
-    found = found.pictures
+    found = found.images
     assert [p.path.name for p in found] == names
     assert [p.note for p in found[:4]] == [
         "",
@@ -58,45 +58,45 @@ def test_the_size_that_most_boards_have_is_used_and_the_others_are_left_out_by_n
     ]:
         write_image(tmp_path / name, np.ascontiguousarray(image))
     names = ["small.png", "a.png", "portrait.png", "b.png", "empty0.png", "empty1.png", "empty2.png"]
-    search = find_boards([tmp_path / n for n in names], BOARD)
+    search = detect_boards([tmp_path / n for n in names], BOARD)
     assert search.size == (640, 480)
     assert [p.path.name for p in search.found] == ["a.png", "b.png"]
-    assert [p.size is None for p in search.pictures] == [True, False, True, False, True, True, True]
+    assert [p.size is None for p in search.images] == [True, False, True, False, True, True, True]
     assert search.field is not None
     assert search.field.size == (640, 480)
     (note,) = search.notes
-    assert note.startswith("pictures have 4 sizes: 2 of 640x480, which are used; 3 of 500x300 (empty0.png, ")
+    assert note.startswith("images have 4 sizes: 2 of 640x480, which are used; 3 of 500x300 (empty0.png, ")
     assert "1 of 320x240 (small.png); 1 of 480x640 (portrait.png), rotated 90 degrees?" in note
     assert "320x240 is half of 640x480: resize them" in note
-    assert search.pictures[0].note.startswith("320x240 where others have 640x480: left out; half of 640x480")
+    assert search.images[0].note.startswith("320x240 where others have 640x480: left out; half of 640x480")
 
 
 def test_exif_rotation_is_told_once_and_applied_on_request(tmp_path, picture):
     for name, shift in (("a.jpg", 0), ("b.jpg", 40)):
         (tmp_path / name).write_bytes(jpeg(np.roll(picture, shift, 1), orientation=6))
     paths = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
-    found = find_boards(paths, BOARD).pictures
+    found = detect_boards(paths, BOARD).images
     assert [p.size for p in found] == [(640, 480)] * 2
     assert "EXIF orientation 6 ignored" in found[0].note
     assert found[1].note == ""
-    turned = find_boards(paths, BOARD, apply_exif=True).pictures
+    turned = detect_boards(paths, BOARD, apply_exif=True).images
     assert [p.size for p in turned] == [(480, 640)] * 2
     assert [p.note for p in turned] == ["", ""]
 
 
 def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypatch):
     write_image(tmp_path / "a.png", picture)
-    (first,) = find_boards([tmp_path / "a.png"], BOARD).pictures
+    (first,) = detect_boards([tmp_path / "a.png"], BOARD).images
     (tmp_path / "a.png").rename(tmp_path / "renamed.png")
     monkeypatch.setattr(look, "find_grids", None)
-    (second,) = find_boards([tmp_path / "renamed.png"], BOARD).pictures
+    (second,) = detect_boards([tmp_path / "renamed.png"], BOARD).images
     for name in ("pixels", "covariance", "ids"):
         np.testing.assert_array_equal(getattr(first.detection, name), getattr(second.detection, name))
     assert (first.sharpness, first.exposure, first.blur) == (second.sharpness, second.exposure, second.blur)
-    # What a picture shows does not depend on the board that is asked for.
-    assert find_boards([tmp_path / "renamed.png"], Checkerboard(8, 6)).pictures[0].note.endswith("but one of 9x6")
+    # What an image shows does not depend on the board that is asked for.
+    assert detect_boards([tmp_path / "renamed.png"], Checkerboard(8, 6)).images[0].note.endswith("but one of 9x6")
     with pytest.raises(TypeError):
-        find_boards([tmp_path / "renamed.png"], BOARD, cache=False)
+        detect_boards([tmp_path / "renamed.png"], BOARD, cache=False)
 
 
 @pytest.mark.parametrize(
@@ -113,11 +113,11 @@ def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypat
 )
 def test_a_damaged_cache_entry_is_ignored(tmp_path, picture, cache_folder, content):
     write_image(tmp_path / "a.png", picture)
-    find_boards([tmp_path / "a.png"], BOARD)
-    entries = list(cache_folder.rglob("*.json"))  # of the picture, and of what the lens shows
+    detect_boards([tmp_path / "a.png"], BOARD)
+    entries = list(cache_folder.rglob("*.json"))  # of the image, and of what the lens shows
     for entry in entries:
         entry.write_bytes(content if isinstance(content, bytes) else content.encode())
-    assert len(find_boards([tmp_path / "a.png"], BOARD).pictures[0].detection) == BOARD.size
+    assert len(detect_boards([tmp_path / "a.png"], BOARD).images[0].detection) == BOARD.size
     assert [json.loads(entry.read_bytes())["size"] for entry in entries] == [[640, 480]] * 2
 
 
@@ -125,7 +125,7 @@ def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, picture, monkeypat
     (tmp_path / "file").write_bytes(b"")
     monkeypatch.setenv("OMNISIGHT_CACHE", str(tmp_path / "file"))
     write_image(tmp_path / "a.png", picture)
-    assert find_boards([tmp_path / "a.png"], BOARD).pictures[0].detection is not None
+    assert detect_boards([tmp_path / "a.png"], BOARD).images[0].detection is not None
 
 
 def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
@@ -133,15 +133,15 @@ def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
         write_image(tmp_path / name, cv2.convertScaleAbs(picture, alpha=0.9 if name == "a.png" else 1.0))
     write_image(tmp_path / "c.png", np.zeros_like(picture))
     paths = [tmp_path / n for n in ("a.png", "b.png", "c.png")]
-    found = find_boards(paths, Checkerboard(8, 6))
-    assert found.pictures[0].note == "no 8x6 board found, but one of 9x6"
+    found = detect_boards(paths, Checkerboard(8, 6))
+    assert found.images[0].note == "no 8x6 board found, but one of 9x6"
     assert found.hint == (
-        "found a 9x6 grid of inner corners in 2/3 pictures but the board asked for is 8x6 "
+        "found a 9x6 grid of inner corners in 2/3 images but the board asked for is 8x6 "
         "(did you count squares?). Use --pattern 9x6."
     )
-    assert "10x7 squares have 9x6 inner corners" in find_boards(paths, Checkerboard(10, 7)).hint
-    assert find_boards(paths, BOARD).hint is None
-    untold = find_boards(paths, square=0.03)
+    assert "10x7 squares have 9x6 inner corners" in detect_boards(paths, Checkerboard(10, 7)).hint
+    assert detect_boards(paths, BOARD).hint is None
+    untold = detect_boards(paths, square=0.03)
     assert untold.board == Checkerboard(9, 6, 0.03)
     assert all(d.board == untold.board for p in untold.found for d in p.boards)
     assert len(untold.found) == 2

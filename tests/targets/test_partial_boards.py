@@ -1,4 +1,4 @@
-"""Boards that a picture shows in part, several at once, or not at all."""
+"""Boards that an image shows in part, several at once, or not at all."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ VIEW, TILTED = (0, 0, 8, 8), (20, 10, 130, 6)
 
 
 def kept(truth, size):
-    """Say which corners are well inside a picture."""
+    """Say which corners are well inside an image."""
     return ((truth > 6) & (truth < np.array(size) - 7)).all(axis=1)
 
 
@@ -189,10 +189,10 @@ def test_boards_of_every_parity_and_colour_are_found_whole(view, pattern, dark):
 
 
 def starts(pattern, quarters):
-    """Give which true corner each id is when the camera is turned, for a picture seen upright by the detector."""
+    """Give which true corner each id is when the camera is turned, for an image seen upright by the detector."""
     picture, truth = shot(VIEW, *pattern)
     found = detect_checkerboard(np.rot90(picture, quarters), Checkerboard(*pattern))
-    for _ in range(quarters):  # undo: u, v of the turned picture in the one before
+    for _ in range(quarters):  # undo: u, v of the turned image in the one before
         width = picture.shape[1]
         picture = np.rot90(picture)
         truth = np.stack([truth[:, 1], width - 1 - truth[:, 0]], axis=1)
@@ -231,7 +231,7 @@ def test_a_set_agrees_on_the_board_that_most_of_it_shows_whole():
     other, none = find_grids(shot(VIEW, 7, 5)[0]), []
     assert agreed_pattern([whole, cut, cut, none]) == (9, 6)
     assert agreed_pattern([cut, cut, cut, whole, none, whole]) == (9, 6)
-    assert agreed_pattern([[*whole, *whole], other, other]) == (7, 5)  # pictures count, not boards
+    assert agreed_pattern([[*whole, *whole], other, other]) == (7, 5)  # images count, not boards
     assert agreed_pattern([cut, none]) == pattern_of(cut[0])
     assert agreed_pattern([none, none]) is agreed_pattern([]) is None
     assert agreed_pattern([find_grids(np.rot90(picture))]) == (9, 6)

@@ -13,7 +13,7 @@ from omnisight.targets.printing.drawing import Disc, moved
 
 
 def printed(board):
-    """Give a picture of the board with its white margin, and where its points are in it (N, 2), px."""
+    """Give an image of the board with its white margin, and where its points are in it (N, 2), px."""
     left, top, right, bottom = board.extent
     x, y = board.quiet * 1.5 - left, board.quiet * 1.5 - top
     picture = rasterise(

@@ -13,7 +13,7 @@ from prints import APRIL, CHARUCO, CIRCLES, SIZE, pose, projector, render
 
 
 def middles(board, lens, placed, truth, *, mirrored=False):
-    """Give where the pictures of the discs have their middles."""
+    """Give where the images of the discs have their middles."""
     shift = circle_shift(projector(lens, placed), board.points, board.diameter / 2)
     return truth + shift * ([-1, 1] if mirrored else [1, 1])
 
@@ -38,7 +38,7 @@ def test_points_of_marker_boards_are_where_they_are(board, lens, angle, distance
     picture, truth = render(board, lens, pose(board, angle, distance=distance))
     (found,) = board.detect(picture)
     there = inside(truth, 5)
-    assert len(found) >= 0.9 * there.sum()  # where the picture cuts the board, what is left of it
+    assert len(found) >= 0.9 * there.sum()  # where the image cuts the board, what is left of it
     rms, normalised = errors(found, truth)
     assert rms < 0.1
     assert 0.5 < normalised < 2
@@ -216,7 +216,7 @@ def test_the_middle_of_a_tilted_discs_picture_is_off_the_picture_of_its_middle()
     x, y = (a.ravel() for a in np.meshgrid(at, at))
     x, y = x[np.hypot(x, y) < radius], y[np.hypot(x, y) < radius]
     disc = np.stack([x, y, 0 * x], axis=1)
-    # The area that a piece of the disc covers in this picture goes with the cube of its inverse depth.
+    # The area that a piece of the disc covers in this image goes with the cube of its inverse depth.
     weight = (tilt.apply(disc)[:, 2] + 0.1) ** -3
     expected = (project(disc) * weight[:, None]).sum(axis=0) / weight.sum() - project(np.zeros((1, 3)))[0]
     np.testing.assert_allclose(circle_shift(project, np.zeros((1, 3)), radius)[0], expected, atol=0.03)

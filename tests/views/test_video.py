@@ -11,13 +11,14 @@ import pytest
 
 from clips import BOARD, CARRIED, HELD, PLACES, SETUP, carried, write_clip
 from lenses import bearing_error
-from omnisight.calibrate import BoardViews, calibrate_pictures
-from omnisight.calibrate import clip as choosing
-from omnisight.calibrate.information import most_telling
+from omnisight.calibration import frame_selection as choosing
+from omnisight.calibration.frame_information import select_informative_frames
 from omnisight.images import Clip, UnreadableImage, collect_images, read_image, to_gray8
-from omnisight.simulate import fisheye_setup
-from omnisight.targets import Checkerboard, find_boards
+from omnisight.pipeline.pictures import calibrate_pictures
+from omnisight.simulation import fisheye_setup
+from omnisight.targets import Checkerboard, detect_boards
 from omnisight.targets import clip as looking
+from omnisight.targets.observations import Observations
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -55,7 +56,7 @@ def short(tmp_path):
 
 def test_frames_come_in_order_with_their_time(short):
     clip = Clip.open(short)
-    assert (clip.size, clip.rate, clip.declared, clip.rotation_deg) == ((96, 64), 24, 10, 0)
+    assert (clip.size, clip.frame_rate, clip.declared_frames, clip.rotation_deg) == ((96, 64), 24, 10, 0)
     frames = list(clip.frames())
     assert [frame.index for frame in frames] == list(range(10))
     assert [frame.seconds for frame in frames] == pytest.approx(np.arange(10) / 24, abs=1e-3)
@@ -100,7 +101,7 @@ def test_rotation_is_ignored_unless_asked_for(tmp_path):
 BAD = {
     "empty": (lambda good: b"", "empty file; copy it again"),
     "text": (lambda good: b"I am no clip" * 99, "not a video (starts with b'I am ')"),
-    "picture": (
+    "image": (
         lambda good: cv2.imencode(".png", np.zeros((9, 9), np.uint8))[1].tobytes(),
         "not a video (starts with b'\\x89PNG",
     ),
@@ -144,13 +145,13 @@ def test_damage_anywhere_gives_frames_or_a_reason(tmp_path):
 
 
 def test_clips_are_collected_when_asked_for(tmp_path, short):
-    assert collect_images([short], clips=True) == [short]
-    assert collect_images([tmp_path], clips=True) == [short]
+    assert collect_images([short], videos=True) == [short]
+    assert collect_images([tmp_path], videos=True) == [short]
     with pytest.raises(ValueError, match=r"found 1 \.avi"):
         collect_images([short])
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9), np.uint8))
-    assert [path.name for path in collect_images([tmp_path], clips=True)] == ["a.png"]
-    assert [path.name for path in collect_images([tmp_path, short], clips=True)] == ["a.png", "short.avi"]
+    assert [path.name for path in collect_images([tmp_path], videos=True)] == ["a.png"]
+    assert [path.name for path in collect_images([tmp_path, short], videos=True)] == ["a.png", "short.avi"]
 
 
 def test_a_look_through_tells_the_board_and_how_it_moves(shot, seen):
@@ -173,8 +174,8 @@ def test_looks_are_bounded_whatever_a_file_declares(shot, monkeypatch):
     clip = Clip.open(shot[0])
     monkeypatch.setattr(looking, "MOST_LOOKS", 7)
     calls = []
-    for declared in (None, 1, clip.declared, 10**8):
-        found = looking.look_through(replace(clip, declared=declared), BOARD, progress=lambda *c: calls.append(c))
+    for declared in (None, 1, clip.declared_frames, 10**8):
+        found = looking.look_through(replace(clip, declared_frames=declared), BOARD, progress=lambda *c: calls.append(c))
         assert 1 <= len(found.frames) <= 7
     assert all(0 < done <= total for done, total in calls)
 
@@ -215,7 +216,7 @@ def test_one_still_frame_is_chosen_for_each_place(shot):
 
 def test_the_camera_is_found_from_a_clip(shot):
     chosen = choosing.choose_frames(shot[0])
-    result = calibrate_pictures(find_boards(chosen.paths, cache=False), model="kannala_brandt")
+    result = calibrate_pictures(detect_boards(chosen.paths, cache=False), model="kannala_brandt")
     assert result.calibration.rms < 0.2
     assert bearing_error(result.calibration.camera, SETUP.camera, np.radians(80)) < 0.05
 
@@ -247,7 +248,7 @@ def test_where_no_frame_shows_the_board_a_few_others_do(shot):
     chosen = choosing.choose_frames(shot[0], Checkerboard(5, 3))
     assert (len(chosen.paths), chosen.found) == (3, 0)
     assert chosen.note.endswith("0 with a board, 0 chosen")
-    assert "but one of 9x6" in find_boards(chosen.paths, Checkerboard(5, 3), cache=False).pictures[0].note
+    assert "but one of 9x6" in detect_boards(chosen.paths, Checkerboard(5, 3), cache=False).images[0].note
 
 
 def boards(count=24, noise=0.1):
@@ -258,13 +259,15 @@ def boards(count=24, noise=0.1):
 
 
 def views_of(pixels):
-    return BoardViews.of([(BOARD.points, p) for p in pixels])
+    return Observations.of([(BOARD.points, p) for p in pixels])
 
 
 def test_boards_that_repeat_others_are_not_chosen_and_the_stillest_of_them_is():
     setup, pixels = boards(8)
     motion = np.concatenate([np.full(8, 3.0), np.zeros(8), np.full(8, 1.0)])
-    chosen = most_telling(views_of([p + shift for shift in (0, 2, 4) for p in pixels]), setup.camera.size, motion)
+    chosen = select_informative_frames(
+        views_of([p + shift for shift in (0, 2, 4) for p in pixels]), setup.camera.size, motion
+    )
     assert sorted(i % 8 for i in chosen) == list(range(8))
     assert set(chosen) == set(range(8, 16))
 
@@ -272,13 +275,13 @@ def test_boards_that_repeat_others_are_not_chosen_and_the_stillest_of_them_is():
 def test_a_board_that_no_camera_explains_with_the_others_is_left_out():
     setup, pixels = boards(10)
     pixels[4] = pixels[4] @ [[1, 0.3], [0, 0.8]] + 6 * np.random.default_rng(2).standard_normal((BOARD.size, 2))
-    assert 4 not in most_telling(views_of(pixels), setup.camera.size, np.zeros(10))
+    assert 4 not in select_informative_frames(views_of(pixels), setup.camera.size, np.zeros(10))
 
 
 def test_many_boards_are_cut_down_to_those_that_say_most():
     setup, pixels = boards(60)
     views = views_of(pixels)
-    chosen = most_telling(views, setup.camera.size, np.zeros(60))
+    chosen = select_informative_frames(views, setup.camera.size, np.zeros(60))
     assert 20 <= len(chosen) <= 40
 
     def reached(indices):
@@ -290,10 +293,10 @@ def test_many_boards_are_cut_down_to_those_that_say_most():
 
 def bearing_error_of(views, setup):
     """Give the error (degrees) that the parameters' covariance foretells, in the mean over the corners."""
-    from omnisight.calibrate.information import _information
-    from omnisight.calibrate.posing import posed
+    from omnisight.calibration.frame_information import _information
+    from omnisight.calibration.resection import resect
 
-    state = posed(setup.camera.model, views)
+    state = resect(setup.camera.model, views)
     covariance = np.linalg.inv(_information(state, views).sum(0))
     theta, phi = np.meshgrid(np.radians(np.arange(5, 90, 5)), np.radians(np.arange(0, 360, 30)))
     rays = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)

@@ -5,7 +5,7 @@ import pytest
 from scenery import FISHEYE, INTERPOLATIONS, MIRROR, SPHERE, brightest, grid, picture, spot
 
 import omnisight as om
-from omnisight.views.targets import CUBE_FACES, cube_rotation
+from omnisight.views.view_cameras import CUBE_FACES, cube_rotation
 
 # -- where things go ---------------------------------------------------------------------------------------------
 
@@ -17,7 +17,7 @@ def test_the_same_camera_gives_the_same_picture(source, interpolation):
     remapper = om.Remapper(source, source, interpolation=interpolation)
     assert np.array_equal(remapper(noise)[remapper.mask], noise[remapper.mask])
     shown = source.unproject(grid(source.size))[1]
-    # A model's domain may end within the picture; there alone pixels are missing.
+    # A model's domain may end within the image; there alone pixels are missing.
     assert (remapper.mask == shown).mean() > 0.999
 
 

@@ -11,7 +11,7 @@ import sys
 
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
-HELP = """Calibrate any camera that sees more than a pinhole can, and turn its pictures into views.
+HELP = """Calibrate any camera that sees more than a pinhole can, and turn its images into views.
 
 Exit status: 0 done, 1 a fault in omnisight, 2 something to mend in what it was given, 130 interrupted.
 """

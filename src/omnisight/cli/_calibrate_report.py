@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnisight.calibrate import Calibration, PicturesCalibration
-from omnisight.calibrate.rays import RaysCalibration
-from omnisight.calibrate.trust.evidence import Level
 from omnisight.camera import Camera
 from omnisight.cli._console import console
 from omnisight.cli._draw import rows_of_pictures
 from omnisight.cli._standouts import standouts
 from omnisight.formats import Written
 from omnisight.formats.native import to_json
+from omnisight.pipeline.central import Calibration
+from omnisight.pipeline.noncentral import RaysCalibration
+from omnisight.pipeline.pictures import PicturesCalibration
+from omnisight.quality.evidence import Level
 from omnisight.ray_camera import RayCamera
-from omnisight.targets import BoardSearch, Checkerboard, GivenTarget
+from omnisight.targets import Checkerboard, Detections, PointTarget
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,12 +26,12 @@ if TYPE_CHECKING:
 STYLES = {Level.GOOD: "bold green", Level.USABLE: "bold yellow", Level.DO_NOT_USE: "bold red"}
 
 
-def rows(search: BoardSearch, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[dict[str, Any]]:
-    """Give one row per picture: name, found, corners, rms and worst residual (px), note."""
+def rows(search: Detections, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[dict[str, Any]]:
+    """Give one row per image: name, found, corners, rms and worst residual (px), note."""
     lengths = calibration.residual_lengths
     groups = iter(rows_of_pictures(search))
     table: list[dict[str, Any]] = []
-    for picture, name in zip(search.pictures, names, strict=True):
+    for picture, name in zip(search.images, names, strict=True):
         residual = lengths[next(groups)] if picture.boards else None
         table.append(
             {
@@ -56,14 +57,14 @@ def as_json(
     """Print one object on stdout, and nothing else; `more` is what else to say."""
     search = result.search
     said = {
-        "pictures": rows(search, names, calibration),
+        "images": rows(search, names, calibration),
         "pattern": str(search.board),
         "model": camera.model.name,
         "rms": calibration.rms,
         "mean": calibration.mean,
         "held_out_rms": calibration.held_out_rms,
         "reason": calibration.reason,
-        "second_look": asdict(result.won),
+        "second_look": asdict(result.redetection),
         "verdict": str(calibration.verdict),
         "reasons": list(calibration.verdict.reasons),
         "warnings": _notes(search, names, calibration),
@@ -88,7 +89,7 @@ def print_report(
     from rich.table import Table
 
     out = console()
-    table = Table("picture", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
+    table = Table("image", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
     for column in table.columns[2:5]:
         column.justify = "right"
     for row in rows(search, names, calibration):
@@ -116,19 +117,19 @@ def print_report(
     camera, trust = calibration.camera, calibration.trust
     out.print()
     out.print(calibration.reason, soft_wrap=True)
-    if trust.ceiling is not None:
-        out.print(f"ceiling: {trust.ceiling}.", soft_wrap=True)
+    if trust.spline_baseline is not None:
+        out.print(f"ceiling: {trust.spline_baseline}.", soft_wrap=True)
     viewpoint(out)
     if calibration.candidates and calibration.state.warp.any():
         out.print(_bent(search, calibration), soft_wrap=True)
     out.print(
-        f"{len(search.found)} of {len(search.pictures)} pictures, {len(calibration.views.pixels)} corners,"
+        f"{len(search.found)} of {len(search.images)} images, {len(calibration.views.pixels)} corners,"
         f" {int(calibration.outliers.sum())} doubtful; rms {calibration.rms:.3f} px, mean {calibration.mean:.3f} px;"
         f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
         soft_wrap=True,
     )
-    if not isinstance(search.board, GivenTarget):
-        out.print(str(result.won), soft_wrap=True)
+    if not isinstance(search.board, PointTarget):
+        out.print(str(result.redetection), soft_wrap=True)
     pixels, angle, theta, _ = trust.uncertainty.worst()
     if np.isfinite(pixels):
         middle, middle_angle = trust.uncertainty.median()
@@ -144,7 +145,7 @@ def print_report(
     out.print(f"verdict: {calibration.verdict}", style=STYLES[calibration.verdict.level], highlight=False)
     for reason in calibration.verdict.reasons:
         out.print(f"  - {reason}", soft_wrap=True)
-    how = "read the corners" if isinstance(search.board, GivenTarget) else "find boards"
+    how = "read the corners" if isinstance(search.board, PointTarget) else "find boards"
     out.print(f"{seconds['detect']:.1f} s to {how}, {seconds['solve']:.1f} s to calibrate")
     if written is not None:
         out.print(f"written: {written.path}", soft_wrap=True)
@@ -152,13 +153,13 @@ def print_report(
         out.print("nothing written: give -o camera.json")
 
 
-def _notes(search: BoardSearch, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[str]:
-    """Give what to know of the pictures beside the verdict."""
+def _notes(search: Detections, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[str]:
+    """Give what to know of the images beside the verdict."""
     odd = standouts(search, names, [row["rms"] for row in rows(search, names, calibration)])
     return [*filter(None, (search.hint, *search.notes, odd, *calibration.verdict.remarks)), *_about(search)]
 
 
-def _about(search: BoardSearch) -> list[str]:
+def _about(search: Detections) -> list[str]:
     notes: list[str] = []
     board = search.board
     if isinstance(board, Checkerboard) and board.symmetric:
@@ -166,7 +167,7 @@ def _about(search: BoardSearch) -> list[str]:
             f"a {board} board looks the same upside-down: fine for one camera, unsafe for several;"
             f" {board.columns}x{board.rows - 1} would not."
         )
-    if unsure := sum(not d.located for picture in search.pictures for d in picture.boards):
+    if unsure := sum(not d.located for picture in search.images for d in picture.boards):
         notes.append(
             f"{unsure} boards are seen in part, and which part is not known: their corners count for the camera, which"
             " does not depend on it, but the origin of their poses is open."
@@ -176,7 +177,7 @@ def _about(search: BoardSearch) -> list[str]:
     return notes
 
 
-def _bent(search: BoardSearch, calibration: Calibration | RaysCalibration) -> str:
+def _bent(search: Detections, calibration: Calibration | RaysCalibration) -> str:
     across, down = calibration.state.warp
     unit = search.board.unit if search.board is not None else "squares"
     return (

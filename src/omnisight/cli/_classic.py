@@ -4,15 +4,15 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from omnisight.calibrate import Calibration
-from omnisight.calibrate.ocamcalib import OcamCalibResult
+from omnisight.calibration.ocamcalib import OcamCalibResult
 from omnisight.camera import Camera
 from omnisight.cli._console import console
+from omnisight.pipeline.central import Calibration
 
 
 def classic_camera(classic: OcamCalibResult, ours: Calibration) -> Camera:
     """Give the camera of Scaramuzza's method, with its error beside that of our own."""
-    kept = ("verdict", "reasons", "pictures", "corners", "outliers")
+    kept = ("verdict", "reasons", "images", "corners", "outliers")
     figures = {
         **{name: ours.camera.calibration[name] for name in kept},
         "method": "ocamcalib",

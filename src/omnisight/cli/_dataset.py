@@ -1,4 +1,4 @@
-"""The data set that `omnisight simulate` writes: pictures and the truth of their pixels, in a folder of its own."""
+"""The data set that `omnisight simulate` writes: images and the truth of their pixels, in a folder of its own."""
 
 import io
 import json
@@ -25,7 +25,7 @@ FILES = (
     "camera.json",
     "instances.json",
 )
-PER_METRE = 1000.0  # steps of a depth picture
+PER_METRE = 1000.0  # steps of a depth image
 DEEPEST = 65535
 LISTED = "# {kind} of a camera in the {scene}\n# rendered by omnisight simulate\n# timestamp filename\n"  # TUM's lists
 
@@ -43,7 +43,7 @@ normals/     {normals}
 instances/   16 bits: which thing a pixel's middle shows, named in instances.json; 0 is the sky or nothing.
 poses.txt    TUM format: timestamp tx ty tz qx qy qz qw, world_from_cam, seconds and metres.{shutter}
 images.txt, depth.txt
-             timestamp and file of each picture, as in rgb.txt and depth.txt of the TUM data sets.
+             timestamp and file of each image, as in rgb.txt and depth.txt of the TUM data sets.
 camera.json  the camera, to be read by omnisight.
 {rig}
 Depth, normals and instances are those of the ray through the pixel's middle; there is no noise in them.
@@ -99,8 +99,8 @@ class Dataset:
         return cls(folder, heads, exact, jpeg)
 
     def write(self, head: Head, number: int, image: NDArray[np.uint8], truth: Any) -> None:
-        """Write one picture and its truth."""
-        from omnisight.simulate.sensor import as_jpeg
+        """Write one image and its truth."""
+        from omnisight.simulation.sensor import as_jpeg
 
         place, name = self.folder / head.name, f"{number:06d}"
         if self.jpeg is None:
@@ -120,9 +120,9 @@ class Dataset:
         write_image(place / "normals" / f"{name}.png", packed)
 
     def finish(self, head: Head, trajectory: Any, scene: str, names: Sequence[str]) -> None:
-        """Write what goes with all pictures of one camera."""
+        """Write what goes with all images of one camera."""
         from omnisight.formats import save
-        from omnisight.simulate.trajectory import timestamps, write_trajectory
+        from omnisight.simulation.trajectory import timestamps, write_trajectory
 
         place = self.folder / head.name
         save(head.camera, place / "camera.json")
@@ -167,10 +167,10 @@ class Dataset:
     def _save_rig(self, poses: Sequence[Pose], times: NDArray[np.float64]) -> None:
         from omnisight.formats import save_rig
         from omnisight.rig import Rig
-        from omnisight.simulate.trajectory import Trajectory, write_trajectory
+        from omnisight.simulation.trajectory import Trajectory, write_trajectory
 
         sensors = {head.name: (head.camera, head.rig_from_camera.inverse()) for head in self.heads}
-        save_rig(Rig.of(sensors), self.folder / "rig.json")
+        save_rig(Rig.from_sensors(sensors), self.folder / "rig.json")
         write_trajectory(self.folder / "poses.txt", Trajectory(times, tuple(poses)))
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from omnisight.cli._design_report import field_said, lens_said, shape_said
 from omnisight.cli._section import Section, legend, paper
 from omnisight.optics.caustic import caustic
-from omnisight.optics.design.mirror import MirrorDesign
+from omnisight.optics.design.mirror_design import MirrorDesign
 from omnisight.optics.design.performance import Performance
 from omnisight.optics.design.shapes import KINDS
 from omnisight.report.axes import Axes
@@ -24,7 +24,7 @@ RAYS = 5
 
 def draw_design(design: MirrorDesign, shown: Performance) -> str:
     """Give the SVG."""
-    title = f"{design.order.kind.capitalize()} mirror, {field_said(design, shown)}"
+    title = f"{design.specification.kind.capitalize()} mirror, {field_said(design, shown)}"
     return paper(
         element("text", title, x=20.0, y=30.0, class_="title"),
         element("text", f"mirror: {shape_said(design)}", x=20.0, y=51.0, class_="small"),
@@ -33,12 +33,12 @@ def draw_design(design: MirrorDesign, shown: Performance) -> str:
         _chart(design, shown),
         width=WIDTH,
         height=HEIGHT,
-        said=f"Cross section of a mirror camera: {KINDS[design.order.kind].said}; {field_said(design, shown)}.",
+        said=f"Cross section of a mirror camera: {KINDS[design.specification.kind].description}; {field_said(design, shown)}.",
     )
 
 
 def _cross_section(design: MirrorDesign, shown: Performance) -> Markup:
-    rim, body = 1e3 * design.mirror.rim, 1e3 * design.order.body
+    rim, body = 1e3 * design.mirror.rim, 1e3 * design.specification.body
     distance = 1e3 * design.distance
     top = distance + 1e3 * float(design.mirror.sag(design.mirror.rim))
     viewpoint = 1e3 * shown.viewpoint.point[[0, 2]]
@@ -102,7 +102,7 @@ def _caustic(design: MirrorDesign, shown: Performance, section: Section) -> list
 
 def _traced(design: MirrorDesign, shown: Performance, count: int, side: int) -> tuple[Array, Array]:
     """Give where (N, 2) rays leave the mirror, mm, and their directions, evenly from the blind spot to the rim."""
-    theta = np.linspace(shown.blind.theta, design.order.theta, count)
+    theta = np.linspace(shown.blind.theta, design.specification.theta, count)
     radii = np.clip(shown.resolution.at(theta).radius, shown.resolution.radius[0], shown.resolution.radius[-1])
     u, v = design.centre
     origins, bearings, _ = design.system().rays(np.stack([u + side * radii, np.full(count, v)], -1))
@@ -124,7 +124,7 @@ def _field(design: MirrorDesign, shown: Performance, section: Section) -> list[M
 
 def _angles(design: MirrorDesign, shown: Performance, section: Section, viewpoint: Array) -> list[Markup]:
     """Mark the angles up and down, and the blind one."""
-    up, down, hidden = design.order.up, np.pi / 2 - shown.blind.theta, shown.blind.theta
+    up, down, hidden = design.specification.up, np.pi / 2 - shown.blind.theta, shown.blind.theta
     right, bottom = section.box[2:]
     x, y = map(float, section.at(viewpoint))
     reach = right - x
@@ -182,10 +182,10 @@ def _chart(design: MirrorDesign, shown: Performance) -> Markup:
 def _facts(design: MirrorDesign, shown: Performance, at: tuple[float, float]) -> Markup:
     """List the few numbers that are asked for first."""
     x, y = at
-    order = design.order
+    order = design.specification
     lines = [
         f"sensor {order.size[0]} x {order.size[1]} px of {order.pixel * 1e6:.4g} µm",
-        f"picture of the mirror {2 * design.circle:.0f} px across",
+        f"image of the mirror {2 * design.circle:.0f} px across",
         f"blind spot {2 * shown.blind.radius:.0f} px across",
     ]
     if design.central:

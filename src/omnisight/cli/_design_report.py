@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.optics.design.mirror import MirrorDesign
+from omnisight.optics.design.mirror_design import MirrorDesign
 from omnisight.optics.design.performance import Performance, Resolution
 from omnisight.optics.design.shapes import KINDS
 from omnisight.optics.mirrors.conic import Conic
@@ -33,21 +33,21 @@ def print_report(design: MirrorDesign, shown: Performance) -> None:
     for theta, *rest in zip(at.theta, at.radius, np.radians(at.up), np.radians(at.around), strict=True):
         table.add_row(f"{np.degrees(theta) - 90:.0f}°", f"{rest[0]:.1f}", f"{rest[1]:.2f}", f"{rest[2]:.2f}")
     out.print(table)
-    distance = _length(design.order.working_distance)
+    distance = _length(design.specification.working_distance)
     table = Table(title=f"what a mirror out of its place costs, for things {distance} away", title_justify="left")
-    for column in ("mirror", "rays pass the viewpoint, rms", "worst", "parallax px, rms", "worst", "picture moves px"):
+    for column in ("mirror", "rays pass the viewpoint, rms", "worst", "parallax px, rms", "worst", "image moves px"):
         table.add_column(column, justify="left" if column == "mirror" else "right")
     for row in shown.misalignments:
         px = (f"{v:.3f}" for v in (row.rms_px, row.worst_px))
-        table.add_row(row.said, _length(row.rms), _length(row.worst), *px, f"{row.moved_px:.1f}")
+        table.add_row(row.description, _length(row.rms), _length(row.worst), *px, f"{row.moved_px:.1f}")
     out.print(table)
-    print("Calibration finds how the picture moves; the parallax is what a central camera model leaves after it.")
+    print("Calibration finds how the image moves; the parallax is what a central camera model leaves after it.")
 
 
 def facts(design: MirrorDesign, shown: Performance) -> list[tuple[str, str]]:
     """Give the parts and the field, in words."""
-    order, mirror = design.order, design.mirror
-    rows = [("mirror", KINDS[order.kind].said), ("shape", shape_said(design))]
+    order, mirror = design.specification, design.mirror
+    rows = [("mirror", KINDS[order.kind].description), ("shape", shape_said(design))]
     half, deep = (1e3 * float(mirror.sag(rho)) for rho in (mirror.rim / 2, mirror.rim))
     rows.append(("rim", f"{_length(2 * mirror.rim)} across, {deep:.6g} mm deep; half way out {half:.6g} mm deep"))
     rows.append(("lens", lens_said(design)))
@@ -60,7 +60,7 @@ def facts(design: MirrorDesign, shown: Performance) -> list[tuple[str, str]]:
     width, height = order.size
     sensor = f"sensor {width}x{height} px of {order.pixel * 1e6:.4g} um"
     share = 200 * design.circle / min(order.size)
-    rows.append(("picture", f"{2 * design.circle:.0f} px across, {share:.0f} percent of the shorter side; {sensor}"))
+    rows.append(("image", f"{2 * design.circle:.0f} px across, {share:.0f} percent of the shorter side; {sensor}"))
     if design.central:
         model = design.model()
         rows.append(("model", f"unified, xi {model.xi:.6g}, gamma {model.fy:.2f} px"))
@@ -86,14 +86,14 @@ def lens_said(design: MirrorDesign) -> str:
     if design.focal is None:
         size = f"{_length(2 * design.mirror.rim)} wide, magnification {design.magnification:.4g}"
         return f"telecentric, {size}; {_length(design.distance)} from the vertex, or anywhere on the axis"
-    angle = 2 * np.degrees(np.arctan(design.circle * design.order.pixel / design.focal))
+    angle = 2 * np.degrees(np.arctan(design.circle * design.specification.pixel / design.focal))
     f = f"focal length {_length(design.focal)}, {angle:.1f} degrees across the mirror"
     return f"{f}; its entrance pupil {_length(design.distance)} from the vertex"
 
 
 def field_said(design: MirrorDesign, shown: Performance) -> str:
     """Say how far up and down it sees."""
-    up, low = np.degrees(design.order.up), 90 - np.degrees(shown.blind.theta)
+    up, low = np.degrees(design.specification.up), 90 - np.degrees(shown.blind.theta)
     above = f"from {up:.1f} degrees {'above' if up >= 0 else 'below'}".replace("-", "")
     return f"{above} the horizon to {low:.1f} below it"
 
@@ -108,7 +108,7 @@ def blind_said(shown: Performance) -> str:
 
 def resolution_table(design: MirrorDesign, shown: Performance) -> Resolution:
     """Give the resolution from the top of the field to its bottom, at round elevations between."""
-    low, high = np.degrees(shown.blind.theta) - 90, np.degrees(design.order.up)
+    low, high = np.degrees(shown.blind.theta) - 90, np.degrees(design.specification.up)
     first, last = np.ceil((low + 1) / STEP), np.floor((high - 1) / STEP)
     between = STEP * np.arange(last, first - 1, -1)
     return shown.resolution.at(np.radians(np.concatenate([[high], between, [low]]) + 90))
@@ -119,13 +119,13 @@ def as_json(design: MirrorDesign, shown: Performance) -> None:
     at = resolution_table(design, shown)
     mirror = design.mirror
     numbers: dict[str, Any] = {
-        "kind": design.order.kind,
+        "kind": design.specification.kind,
         "mirror": mirror.to_dict(),
         "distance": design.distance,
         "focal": design.focal,
         "magnification": design.magnification,
         "circle_px": design.circle,
-        "up_deg": float(np.degrees(design.order.up)),
+        "up_deg": float(np.degrees(design.specification.up)),
         "down_deg": float(90 - np.degrees(shown.blind.theta)),
         "blind": {"theta_deg": float(np.degrees(shown.blind.theta)), "radius_px": shown.blind.radius},
         "viewpoint": {
@@ -144,7 +144,7 @@ def as_json(design: MirrorDesign, shown: Performance) -> None:
             }
             for theta, radius, up, around in zip(at.theta, at.radius, at.up, at.around, strict=True)
         ],
-        "working_distance": design.order.working_distance,
+        "working_distance": design.specification.working_distance,
         "misalignments": [vars(row) for row in shown.misalignments],
     }
     print(json.dumps(numbers))

@@ -6,15 +6,15 @@ from typing import Any
 
 from omnisight.cli._console import console
 from omnisight.cli._names import labels
-from omnisight.targets import Board, BoardSearch, Checkerboard, Detection, GivenTarget, PictureDetection
+from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection, PointTarget
 
 CLIPPED, DARK = 253, 70
 BLURRED = 2.5  # px
 
 
-def as_json(search: BoardSearch) -> None:
+def as_json(search: Detections) -> None:
     """Print one object on stdout, and nothing else."""
-    names = labels([picture.path for picture in search.pictures])
+    names = labels([picture.path for picture in search.images])
     field = search.field
     result = {
         "format": "omnisight-corners",
@@ -23,7 +23,7 @@ def as_json(search: BoardSearch) -> None:
         "hint": search.hint,
         "notes": list(search.notes),
         "field": None if field is None else field.describe(),
-        "pictures": [
+        "images": [
             {
                 "name": name,
                 "size": picture.size,
@@ -33,21 +33,21 @@ def as_json(search: BoardSearch) -> None:
                 "exposure": _finite(picture.exposure),
                 "note": picture.note,
             }
-            for name, picture in zip(names, search.pictures, strict=True)
+            for name, picture in zip(names, search.images, strict=True)
         ],
     }
     print(json.dumps(result, indent=2, allow_nan=False))
 
 
-def print_report(search: BoardSearch) -> None:
-    """Print a line per picture, and what they have in common."""
+def print_report(search: Detections) -> None:
+    """Print a line per image, and what they have in common."""
     from rich.table import Table
 
     out = console()
-    table = Table("picture", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
+    table = Table("image", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
     for column in table.columns[1:6]:
         column.justify = "right"
-    for picture, name in zip(search.pictures, labels([p.path for p in search.pictures]), strict=True):
+    for picture, name in zip(search.images, labels([p.path for p in search.images]), strict=True):
         table.add_row(
             name,
             str(len(picture.boards) or "-"),
@@ -63,9 +63,9 @@ def print_report(search: BoardSearch) -> None:
         out.print("no checkerboard found: for a board with markers or circles give --target")
     else:
         kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
-        corners = sum(len(d) for p in search.pictures for d in p.boards)
+        corners = sum(len(d) for p in search.images for d in p.boards)
         out.print(
-            f"{kind}{search.board}: {len(search.found)} of {len(search.pictures)} pictures, {corners} corners",
+            f"{kind}{search.board}: {len(search.found)} of {len(search.images)} images, {corners} corners",
             soft_wrap=True,
         )
     if search.field is not None:
@@ -78,7 +78,7 @@ def print_report(search: BoardSearch) -> None:
         out.print(f"note: {advice(search.board)}", soft_wrap=True)
 
 
-def advice(board: Board | GivenTarget) -> str:
+def advice(board: Board | PointTarget) -> str:
     """Say what to look at where a board is not found."""
     if isinstance(board, Checkerboard):
         return "does --pattern count inner corners, one less than squares each way? Is the board sharp, and lit evenly?"
@@ -86,8 +86,8 @@ def advice(board: Board | GivenTarget) -> str:
     return f"is it really this {board.kind}: {made}? Is it sharp, and large enough to read its markers?"
 
 
-def light(picture: PictureDetection) -> list[str]:
-    """Say what is wrong with a picture's sharpness or light."""
+def light(picture: ImageDetection) -> list[str]:
+    """Say what is wrong with an image's sharpness or light."""
     notes: list[str] = []
     if picture.blur > BLURRED:
         notes.append("blurred")
@@ -98,7 +98,7 @@ def light(picture: PictureDetection) -> list[str]:
     return notes
 
 
-def _board(search: BoardSearch, detection: Detection) -> dict[str, Any]:
+def _board(search: Detections, detection: Detection) -> dict[str, Any]:
     shown = search.field
     outside = [] if shown is None else detection.ids[~shown.contains(detection.pixels)].tolist()
     return {

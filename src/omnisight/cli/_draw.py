@@ -1,4 +1,4 @@
-"""Pictures with what was found drawn in."""
+"""Images with what was found drawn in."""
 
 from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
@@ -9,18 +9,18 @@ import numpy as np
 
 from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
-from omnisight.targets import BoardSearch, Detection, GivenTarget, PictureDetection
+from omnisight.targets import Detection, Detections, ImageDetection, PointTarget
 
 BARE = np.uint8(40)
 GREEN, RED, YELLOW, BLUE = (60, 220, 60), (255, 60, 60), (255, 220, 0), (80, 160, 255)
-WIDE = 1600  # px; pictures are drawn about so large
+WIDE = 1600  # px; images are drawn about so large
 MAGNIFIED = 100  # standard deviations
 # A residual is drawn this many times longer than it is.
 EXAGGERATION = 50
 
 
 def draw_residuals(
-    search: BoardSearch,
+    search: Detections,
     pixels: Any,
     residuals: Any,
     doubtful: Any,
@@ -28,16 +28,16 @@ def draw_residuals(
     *,
     apply_exif: bool = False,
 ) -> str:
-    """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every picture.
+    """Draw corners, their order and their residuals (50 times longer than they are) into a copy of every image.
 
     Residuals (N, 2) of corners (N, 2) are in the order of the search. Give what to say of corners that were given
-    without their picture: those are drawn on a bare sheet.
+    without their image: those are drawn on a bare sheet.
     """
     files = drawings([picture.path for picture in search.found], folder)
     folder.mkdir(parents=True, exist_ok=True)
     bare = 0
     for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):
-        without = isinstance(search.board, GivenTarget) and not picture.path.is_file()
+        without = isinstance(search.board, PointTarget) and not picture.path.is_file()
         bare += without
         sheet = _Sheet(picture, apply_exif, bare=without)
         for detection in picture.boards:
@@ -51,30 +51,30 @@ def draw_residuals(
         rms = np.sqrt((residuals[rows][known] ** 2).sum(1).mean()) if known.any() else np.nan
         sheet.label(f"residuals x{EXAGGERATION}, rms {rms:.3f} px")
         write_image(file, sheet.canvas)
-    return f" ({bare} on a bare sheet: their pictures do not lie beside the corners)" if bare else ""
+    return f" ({bare} on a bare sheet: their images do not lie beside the corners)" if bare else ""
 
 
 def draw_boards(
-    search: BoardSearch,
+    search: Detections,
     files: Sequence[Path],
     *,
     apply_exif: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Draw every picture that could be read with its corners, row by row, and the border of what the lens shows.
+    """Draw every image that could be read with its corners, row by row, and the border of what the lens shows.
 
     The first point has a square around it; ellipses are a standard deviation, magnified.
     """
     if files:
         files[0].parent.mkdir(parents=True, exist_ok=True)
-    for i, (picture, file) in enumerate(zip(search.pictures, files, strict=True)):
+    for i, (picture, file) in enumerate(zip(search.images, files, strict=True)):
         if picture.size is not None:
             write_image(file, _drawn(picture, search, apply_exif))
         if progress is not None:
             progress(i + 1, len(files))
 
 
-def _drawn(picture: PictureDetection, search: BoardSearch, apply_exif: bool) -> Any:
+def _drawn(picture: ImageDetection, search: Detections, apply_exif: bool) -> Any:
     sheet = _Sheet(picture, apply_exif)
     shown = search.field
     for border in () if shown is None else (shown.outer, shown.inner):
@@ -93,16 +93,16 @@ def _drawn(picture: PictureDetection, search: BoardSearch, apply_exif: bool) -> 
     return sheet.canvas
 
 
-def rows_of_pictures(search: BoardSearch) -> list[slice]:
-    """Give the rows of `BoardViews` that each picture with a board has."""
+def rows_of_pictures(search: Detections) -> list[slice]:
+    """Give the rows of `Observations` that each image with a board has."""
     ends = list(accumulate((sum(map(len, picture.boards)) for picture in search.found), initial=0))
     return [slice(start, stop) for start, stop in pairwise(ends)]
 
 
 class _Sheet:
-    """A picture, enlarged where it is small, to draw on; places are pixels of the picture."""
+    """An image, enlarged where it is small, to draw on; places are pixels of the image."""
 
-    def __init__(self, picture: PictureDetection, apply_exif: bool, *, bare: bool = False) -> None:
+    def __init__(self, picture: ImageDetection, apply_exif: bool, *, bare: bool = False) -> None:
         import cv2
 
         width, height = picture.size or (1, 1)
@@ -119,7 +119,7 @@ class _Sheet:
 
         cv2.polylines(self.canvas, [self._at(pixels)], False, color, self.thick, cv2.LINE_AA, 4)
 
-    def rows(self, detection: Detection, search: BoardSearch) -> None:
+    def rows(self, detection: Detection, search: Detections) -> None:
         """Join the points of each row of the board."""
         columns = getattr(search.board, "columns", 1)  # a target that was given has no rows
         for row in np.unique(detection.ids // columns):

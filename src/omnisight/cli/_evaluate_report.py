@@ -6,20 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibrate.evaluate import Evaluation, Ring
+from omnisight.calibration.evaluation import Evaluation, Ring
 from omnisight.cli._console import console
 from omnisight.cli._draw import rows_of_pictures
-from omnisight.targets import BoardSearch
+from omnisight.targets import Detections
 
-WORST = 8  # pictures that are listed
+WORST = 8  # images that are listed
 FIGURES = ("rms", "mean", "median", "wrms", "worst")
 
 
-def picture_rows(search: BoardSearch, names: Sequence[str], found: Evaluation) -> list[dict[str, Any]]:
-    """Give one row per picture: name, figures (px) of the corners that the camera shows, and how many it does not."""
+def picture_rows(search: Detections, names: Sequence[str], found: Evaluation) -> list[dict[str, Any]]:
+    """Give one row per image: name, figures (px) of the corners that the camera shows, and how many it does not."""
     groups = iter(rows_of_pictures(search))
     table: list[dict[str, Any]] = []
-    for picture, name in zip(search.pictures, names, strict=True):
+    for picture, name in zip(search.images, names, strict=True):
         which = np.zeros(len(found.lengths), bool)
         if picture.boards:
             which[next(groups)] = True
@@ -28,13 +28,13 @@ def picture_rows(search: BoardSearch, names: Sequence[str], found: Evaluation) -
     return table
 
 
-def as_json(search: BoardSearch, names: Sequence[str], found: Mapping[str, Evaluation]) -> None:
+def as_json(search: Detections, names: Sequence[str], found: Mapping[str, Evaluation]) -> None:
     """Print one object on stdout, and nothing else; `found` by the name of the camera, the judged one first."""
     judged, *others = found.items()
     common = common_corners(found)
     said = {
         **_camera(*judged),
-        "pictures": picture_rows(search, names, judged[1]),
+        "images": picture_rows(search, names, judged[1]),
         "notes": _notes(search),
         "common_corners": int(common.sum()),
         "compared": [
@@ -66,13 +66,13 @@ def _camera(name: str, found: Evaluation) -> dict[str, Any]:
     }
 
 
-def print_report(search: BoardSearch, names: Sequence[str], found: Mapping[str, Evaluation]) -> None:
+def print_report(search: Detections, names: Sequence[str], found: Mapping[str, Evaluation]) -> None:
     """Print the tables and what to make of them."""
     (name, judged), *others = found.items()
     out = console()
     rows = [row for row in picture_rows(search, names, judged) if row["corners"] or row["without_pixel"]]
     worst = sorted(rows, key=lambda row: -(row["rms"] if row["rms"] is not None else np.inf))[:WORST]
-    table = _table("picture" if len(worst) == len(rows) else f"worst of {len(rows)} pictures", "note")
+    table = _table("image" if len(worst) == len(rows) else f"worst of {len(rows)} images", "note")
     for row in worst:
         table.add_row(row["name"], *_figures(row), row["note"])
     out.print(table)
@@ -139,7 +139,7 @@ def _told_apart(found: Evaluation) -> list[str]:
     return said
 
 
-def _notes(search: BoardSearch) -> list[str]:
+def _notes(search: Detections) -> list[str]:
     return [f"note: {note}" for note in (search.hint, *search.notes) if note]
 
 

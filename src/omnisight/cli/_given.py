@@ -1,4 +1,4 @@
-"""What a command is given to look at: pictures, or corners that something else found."""
+"""What a command is given to look at: images, or corners that something else found."""
 
 import threading
 from collections.abc import Sequence
@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from omnisight.cli._progress import Report
-    from omnisight.targets import Board, BoardSearch
+    from omnisight.targets import Board, Detections
 
 
 @dataclass(frozen=True)
 class Given:
-    """Pictures to find a board in, or files of corners, with what the options say beside.
+    """Images to find a board in, or files of corners, with what the options say beside.
 
     Attributes
     ----------
     paths
-        The pictures and clips, or the files of corners.
+        The images and videos, or the files of corners.
     corners
         Whether they are files of corners.
     board
@@ -26,7 +26,7 @@ class Given:
     square
         Side of its squares as the user wrote it.
     size
-        (width, height) of the pictures that corners are from, px.
+        (width, height) of the images that corners are from, px.
     which
         Which camera, where a file of corners holds several.
     """
@@ -48,36 +48,36 @@ class Given:
         image_size: str | None,
         which: str | None,
     ) -> Self:
-        """Tell pictures from files of corners: what has no picture, clip or folder among it is corners.
+        """Tell images from files of corners: what has no image, clip or folder among it is corners.
 
         Raises
         ------
         ValueError
-            If there is nothing, or an option cannot be read or is of no use for pictures.
+            If there is nothing, or an option cannot be read or is of no use for images.
         """
         from omnisight.cli._size import parse_size
-        from omnisight.images import CLIPS, EXTENSIONS, collect_images, expand
+        from omnisight.images import VIDEO_EXTENSIONS, IMAGE_EXTENSIONS, collect_images, expand_path
 
-        found = [path for item in inputs for path in expand(item)]
-        seen = any(path.suffix.lower() in (*EXTENSIONS, *CLIPS) for path in found)
+        found = [path for item in inputs for path in expand_path(item)]
+        seen = any(path.suffix.lower() in (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) for path in found)
         if found and not seen and not any(Path(item).expanduser().is_dir() for item in inputs):
             size = None if image_size is None else parse_size(image_size, "--image-size")
             return cls(list(dict.fromkeys(found)), True, board, square, size, which)
         if image_size is not None:
-            raise ValueError("--image-size is for files of corners; pictures say how large they are: leave it out")
+            raise ValueError("--image-size is for files of corners; images say how large they are: leave it out")
         if which is not None:
             raise ValueError("--which is for files of corners of several cameras: leave it out")
-        return cls(collect_images(inputs, clips=True), False, board, square, None, None)
+        return cls(collect_images(inputs, videos=True), False, board, square, None, None)
 
-    def search(self, report: "Report", *, apply_exif: bool, cache: bool) -> "BoardSearch":
-        """Find the board in the pictures, or read the corners.
+    def search(self, report: "Report", *, apply_exif: bool, cache: bool) -> "Detections":
+        """Find the board in the images, or read the corners.
 
         Raises
         ------
         ValueError
             If a file of corners cannot be read, or the files leave something open.
         """
-        from omnisight.calibrate.prepare import prepare
+        from omnisight.calibration.warm_up import prepare
         from omnisight.cli._board import search_boards
         from omnisight.corners import read_corners
         from omnisight.targets import parse_length

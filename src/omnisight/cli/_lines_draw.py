@@ -1,4 +1,4 @@
-"""Pictures with the lines that a calibration used drawn in."""
+"""Images with the lines that a calibration used drawn in."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibrate.lines import Chains, LinesCalibration
-from omnisight.calibrate.lines.plumb import tangent_bases
+from omnisight.calibration.lines import Chains, LinesCalibration
+from omnisight.calibration.lines.plumb import tangent_bases
 from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
 
 USED, REFUSED, CIRCLE = (60, 230, 60), (255, 60, 60), (60, 110, 230)
-WIDE = 1600  # px; pictures are drawn about so large
+WIDE = 1600  # px; images are drawn about so large
 STEPS = 720
 MOST_CIRCLES = 60
 
@@ -20,7 +20,7 @@ MOST_CIRCLES = 60
 def draw_lines(
     found: LinesCalibration, arcs: Chains, paths: Sequence[Path], folder: Path, *, apply_exif: bool = False
 ) -> None:
-    """Draw into a copy of every picture: lines green, arcs that are no lines red, the great circles of lines blue."""
+    """Draw into a copy of every image: lines green, arcs that are no lines red, the great circles of lines blue."""
     files = drawings(paths, folder)
     folder.mkdir(parents=True, exist_ok=True)
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
@@ -37,12 +37,12 @@ def _drawn(found: LinesCalibration, arcs: Chains, picture: int, gray: Any) -> An
         at = np.rint(((pixels + 0.5) * zoom - 0.5) * 16).astype(np.int32)
         cv2.polylines(canvas, [at], False, color, thick, cv2.LINE_AA, 4)
 
-    here = np.flatnonzero(found.chains.pictures == picture)
+    here = np.flatnonzero(found.chains.images == picture)
     longest = here[np.argsort(-found.chains.spans[here], kind="stable")][:MOST_CIRCLES]
     for normal in found.state.normals[longest]:
         for piece in _great_circle(found, normal, gray.shape):
             stroke(piece, CIRCLE, 1)
-    for arc in np.flatnonzero(arcs.pictures == picture):
+    for arc in np.flatnonzero(arcs.images == picture):
         stroke(arcs.pixels[arcs.groups[arc]], USED if found.line_of_arc[arc] >= 0 else REFUSED, 2)
     said = f"{len(here)} lines, rms {found.rms:.3f} px"
     cv2.rectangle(canvas, (0, 0), (16 * len(said), 40), (0, 0, 0), -1)
@@ -51,7 +51,7 @@ def _drawn(found: LinesCalibration, arcs: Chains, picture: int, gray: Any) -> An
 
 
 def _great_circle(found: LinesCalibration, normal: Any, shape: tuple[int, int]) -> list[Any]:
-    """Give the pieces (n, 2) of a great circle's image that lie in the picture and within the reach of the lines."""
+    """Give the pieces (n, 2) of a great circle's image that lie in the image and within the reach of the lines."""
     turn = np.linspace(0, 2 * np.pi, STEPS)
     first, second = tangent_bases(normal[None])[0].T
     bearings = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second

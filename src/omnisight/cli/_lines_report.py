@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from omnisight.calibrate.lines import LinesCalibration
+from omnisight.calibration.lines import LinesCalibration
 from omnisight.camera import Camera
 from omnisight.cli._console import console
 from omnisight.formats import Written

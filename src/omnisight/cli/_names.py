@@ -1,23 +1,23 @@
-"""Names for pictures that may come from several folders."""
+"""Names for images that may come from several folders."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from omnisight.images.collect import EXTENSIONS
+from omnisight.images.collect import IMAGE_EXTENSIONS
 
 
 def labels(paths: Sequence[Path]) -> list[str]:
-    """Name pictures to a reader: by file name, with the folder where that alone is not enough."""
+    """Name images to a reader: by file name, with the folder where that alone is not enough."""
     return _shortest(paths, lambda p: p.name, lambda p: f"{p.parent.name}/{p.name}") or [str(p) for p in paths]
 
 
 def outputs(paths: Sequence[Path], folder: Path) -> list[Path]:
-    """Give a PNG in the folder for each picture, no two the same.
+    """Give a PNG in the folder for each image, no two the same.
 
     Raises
     ------
     ValueError
-        If one of them is one of the pictures.
+        If one of them is one of the images.
     """
     stems = _shortest(
         paths,
@@ -31,29 +31,29 @@ def outputs(paths: Sequence[Path], folder: Path) -> list[Path]:
 
 
 def drawings(paths: Sequence[Path], folder: Path) -> list[Path]:
-    """Give what `outputs` gives, for drawings of the pictures.
+    """Give what `outputs` gives, for drawings of the images.
 
     Raises
     ------
     ValueError
-        As `outputs`, or if the folder holds the pictures, or is none.
+        As `outputs`, or if the folder holds the images, or is none.
     """
     files = outputs(paths, folder)
     if folder.resolve() in {path.parent.resolve() for path in paths}:
-        raise ValueError(f"{folder}: holds the pictures; what is drawn would be taken for pictures the next time")
+        raise ValueError(f"{folder}: holds the images; what is drawn would be taken for images the next time")
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file; name a folder")
-    if folder.suffix.lower() in EXTENSIONS and not folder.exists():
-        raise ValueError(f"{folder}: is a picture's name; name a folder, which may hold the drawings of many")
+    if folder.suffix.lower() in IMAGE_EXTENSIONS and not folder.exists():
+        raise ValueError(f"{folder}: is an image's name; name a folder, which may hold the drawings of many")
     return files
 
 
 def spare(files: Iterable[Path], pictures: Iterable[Path]) -> None:
-    """Refuse to write over a picture that was given."""
+    """Refuse to write over an image that was given."""
     given = {picture.resolve() for picture in pictures}
     for file in files:
         if file.resolve() in given:
-            raise ValueError(f"{file}: is one of the pictures and would be lost; choose another place to write to")
+            raise ValueError(f"{file}: is one of the images and would be lost; choose another place to write to")
 
 
 def _shortest(paths: Sequence[Path], *ways: Callable[[Path], str]) -> list[str] | None:

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from omnisight.targets import Board, BoardSearch, Checkerboard, GivenTarget
+from omnisight.targets import Board, Checkerboard, Detections, PointTarget
 from omnisight.targets.boards.checkerboard import SMALLEST
 
 
-def held_board(search: BoardSearch, told: Board | None, *, asked: bool) -> tuple[BoardSearch, Board]:
+def held_board(search: Detections, told: Board | None, *, asked: bool) -> tuple[Detections, Board]:
     """Give the board to hold up, and the search with the points in that board's frame.
 
     Corners of a plane tell how that plane is bent: what is held up is bent alike, and so lies where they do. It is the
@@ -22,14 +22,14 @@ def held_board(search: BoardSearch, told: Board | None, *, asked: bool) -> tuple
         unit.
     """
     found = search.board
-    if not isinstance(found, GivenTarget):
+    if not isinstance(found, PointTarget):
         assert found is not None
         return search, found
     if found.points[:, 2].any():
         if told is None:
             raise ValueError(
                 f"which board to hold up is not known, for the corners are of {found}: give --pattern, such as 9x6, or"
-                " --target, a flat board for the next picture"
+                " --target, a flat board for the next image"
             )
         return search, told
     if told is not None and told.unit != found.unit:
@@ -41,10 +41,10 @@ def held_board(search: BoardSearch, told: Board | None, *, asked: bool) -> tuple
         told = None
     board = told or _as_large(found)
     moved = found.points - (found.points.min(0) - board.points.min(0))
-    return replace(search, board=GivenTarget(moved, found.unit)), board
+    return replace(search, board=PointTarget(moved, found.unit)), board
 
 
-def _as_large(target: GivenTarget) -> Checkerboard:
+def _as_large(target: PointTarget) -> Checkerboard:
     """Give the checkerboard whose inner corners the points are, or else one as large with about as many."""
     from scipy.spatial import KDTree
 

@@ -1,4 +1,4 @@
-"""Where to hold the board next, drawn over a picture of the set."""
+"""Where to hold the board next, drawn over an image of the set."""
 
 from itertools import product
 from pathlib import Path
@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.next.boards import spacing_of
-from omnisight.calibrate.next.propose import NextView, Proposal, unknown_px
 from omnisight.cli._next_report import FACING, distance_said, error_said, nearer_edge, side_of
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.images import read_image, to_gray8, write_image
-from omnisight.targets import Board, BoardSearch
+from omnisight.next_view.board_placements import spacing_of
+from omnisight.next_view.proposal import NextView, Proposal, unknown_px
+from omnisight.targets import Board, Detections
 
 Array = NDArray[np.float64]
 Color = tuple[int, int, int]
@@ -20,7 +20,7 @@ Color = tuple[int, int, int]
 WHITE, GREY, DOT, BORDER = (255, 255, 255), (170, 170, 170), (120, 220, 255), (150, 190, 255)
 COLORS: tuple[Color, ...] = ((90, 255, 120), (255, 120, 255), (80, 220, 255), (255, 170, 60), (255, 255, 110))
 INK, PAPER = (25, 25, 25), (240, 240, 240)
-LONGER = 1500  # px of the picture as drawn
+LONGER = 1500  # px of the image as drawn
 PANEL = 560  # px of the words beside it
 HEAD, ENTRY, LEGEND = 110, 150, 330  # px in height of their parts
 DIM, WASH = 0.55, 0.45
@@ -34,11 +34,11 @@ BADGE = 34  # px, radius of a number's disc
 
 
 def draw_proposal(
-    proposal: Proposal, search: BoardSearch, board: Board, file: Path, *, apply_exif: bool = False
+    proposal: Proposal, search: Detections, board: Board, file: Path, *, apply_exif: bool = False
 ) -> None:
-    """Draw the proposed boards over a picture, with how sure the camera is of each direction, and words beside.
+    """Draw the proposed boards over an image, with how sure the camera is of each direction, and words beside.
 
-    Corners that were given without their pictures are drawn over an empty frame, with the circle that the camera shows.
+    Corners that were given without their images are drawn over an empty frame, with the circle that the camera shows.
     """
     seen = [picture.path for picture in search.found if picture.path.is_file()]
     sheet = _Sheet(read_image(seen[0], apply_exif=apply_exif) if seen else np.full(search.size[::-1], BARE))
@@ -58,7 +58,7 @@ def draw_proposal(
 
 
 def _circle(proposal: Proposal) -> Array:
-    """Give pixels (N, 2) around what the camera shows, back to the first: as far as its model goes in the picture."""
+    """Give pixels (N, 2) around what the camera shows, back to the first: as far as its model goes in the image."""
     camera = proposal.known.camera
     farthest = min(camera.image_theta_max(), camera.model.theta_max * (1 - 1e-6))
     pixels, valid = camera.model.project_numpy(polar(np.full(240, farthest), np.linspace(0, 2 * np.pi, 240)))
@@ -66,7 +66,7 @@ def _circle(proposal: Proposal) -> Array:
 
 
 class _Sheet:
-    """A picture in grey, dimmed and enlarged; places are pixels of the picture."""
+    """An image in grey, dimmed and enlarged; places are pixels of the image."""
 
     def __init__(self, image: Any) -> None:
         import cv2
@@ -78,8 +78,8 @@ class _Sheet:
         self.canvas = cv2.cvtColor((large * DIM).astype(np.uint8), cv2.COLOR_GRAY2RGB)
         self.shown = np.ones(self.canvas.shape[:2], np.bool_)  # where the lens shows anything
 
-    def wash(self, proposal: Proposal, search: BoardSearch) -> None:
-        """Colour the picture by how unsure the camera is, and hatch what lies beyond all corners."""
+    def wash(self, proposal: Proposal, search: Detections) -> None:
+        """Colour the image by how unsure the camera is, and hatch what lies beyond all corners."""
         import cv2
 
         known = proposal.known
@@ -230,7 +230,7 @@ def _panel(proposal: Proposal, board: Board, height: int) -> Any:
     known = proposal.known
     write("Hold the board like this", 1.0)
     if len(proposal.views) > 1:
-        write("one picture each, in this order", 0.65, GREY)
+        write("one image each, in this order", 0.65, GREY)
     y += 14
     for i, view in enumerate(proposal.views):
         badge(panel, (58, y + 52), i)

@@ -6,28 +6,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.next.boards import spacing_of
-from omnisight.calibrate.next.known import Known
-from omnisight.calibrate.next.propose import NextView, Proposal, Worst, unknown_px
-from omnisight.calibrate.trust.coverage import SECTORS, SIDES
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.targets import Board, BoardSearch, GivenTarget
+from omnisight.next_view.board_placements import spacing_of
+from omnisight.next_view.information_prior import InformationPrior
+from omnisight.next_view.proposal import NextView, Proposal, Worst, unknown_px
+from omnisight.quality.coverage import SECTORS, SIDES
+from omnisight.targets import Board, Detections, PointTarget
 
 Array = NDArray[np.float64]
 
-# Angles from the axis, as shares of the largest that the picture shows, that are its middle, and from which on its rim.
+# Angles from the axis, as shares of the largest that the image shows, that are its middle, and from which on its rim.
 MIDDLE, RIM = 0.15, 0.8
 # A board tilted by less faces the camera.
 FACING = np.radians(5)
 
 
-def print_report(proposal: Proposal, search: BoardSearch, board: Board) -> None:
+def print_report(proposal: Proposal, search: Detections, board: Board) -> None:
     """Print how sure the camera is now, and where to hold the board next."""
     known, now, inside = proposal.known, proposal.now, proposal.inside
     corners = len(known.views.pixels)
-    given = isinstance(search.board, GivenTarget) and len(search.board.points) != board.size
+    given = isinstance(search.board, PointTarget) and len(search.board.points) != board.size
     target = f"{search.board}" if given else f"the {board} board"
-    print(f"{len(search.found)} of {len(search.pictures)} pictures show {target}, {corners} corners")
+    print(f"{len(search.found)} of {len(search.images)} images show {target}, {corners} corners")
     if search.hint:
         print(f"note: {search.hint}")
     reach = f"corners reach {np.degrees(known.reach):.0f} degrees from the axis"
@@ -39,7 +39,7 @@ def print_report(proposal: Proposal, search: BoardSearch, board: Board) -> None:
             "no place was found to hold this board so that a third of it is seen: use a larger board, or hold it nearer"
         )
     elif proposal.enough:
-        print("That is good already: more pictures will hardly help. If you take some all the same:")
+        print("That is good already: more images will hardly help. If you take some all the same:")
     for number, view in enumerate(proposal.views, 1):
         print()
         print(f"{number}. {gain_said(known, view)}")
@@ -47,12 +47,12 @@ def print_report(proposal: Proposal, search: BoardSearch, board: Board) -> None:
             print(f"   {sentence}")
 
 
-def as_json(proposal: Proposal, search: BoardSearch, board: Board) -> None:
+def as_json(proposal: Proposal, search: Detections, board: Board) -> None:
     """Print one object on stdout, and nothing else."""
     known = proposal.known
     said = {
-        "pictures": len(search.found),
-        "pictures_given": len(search.pictures),
+        "images": len(search.found),
+        "images_given": len(search.images),
         "corners": len(known.views.pixels),
         "board": board.to_dict(),
         "calibrated_deg": float(np.degrees(known.reach)),
@@ -65,8 +65,8 @@ def as_json(proposal: Proposal, search: BoardSearch, board: Board) -> None:
     print(json.dumps(said, indent=2, allow_nan=False))
 
 
-def gain_said(known: Known, view: NextView) -> str:
-    """Say what a picture brings: 'worst uncertainty 1.36 px at 101 degrees lower right -> 0.61 px'."""
+def gain_said(known: InformationPrior, view: NextView) -> str:
+    """Say what an image brings: 'worst uncertainty 1.36 px at 101 degrees lower right -> 0.61 px'."""
     before, after = view.before, view.after
     guessed = "about " if before.error > unknown_px(known) > after.error else ""  # from a camera that is a guess there
     said = f"worst uncertainty {error_said(known, before)} {place_said(known, before)}"
@@ -85,7 +85,7 @@ def sentences(proposal: Proposal, view: NextView, board: Board) -> list[str]:
     share = theta / float(proposal.visible.theta.max())
     side = side_of(known, pixel)
     if share < MIDDLE:
-        where = "in the middle of the picture"
+        where = "in the middle of the image"
     elif share < RIM:
         where = f"between middle and rim, {side}"
     else:
@@ -101,20 +101,20 @@ def sentences(proposal: Proposal, view: NextView, board: Board) -> list[str]:
     return said
 
 
-def error_said(known: Known, worst: Worst) -> str:
+def error_said(known: InformationPrior, worst: Worst) -> str:
     """Say an error; past `unknown_px` its number says nothing."""
     limit = unknown_px(known)
     return f"{worst.error:.3g} px" if worst.error < limit else f"more than {limit:.0f} px"
 
 
-def place_said(known: Known, worst: Worst) -> str:
+def place_said(known: InformationPrior, worst: Worst) -> str:
     """Say where an error is: 'at 101 degrees lower right'."""
     degrees = np.degrees(worst.theta)
     return "on the axis" if degrees < 1 else f"at {degrees:.0f} degrees {side_of(known, worst.pixel)}"
 
 
-def side_of(known: Known, pixel: Array) -> str:
-    """Name the side of the picture that a pixel lies on, as seen from where the axis is."""
+def side_of(known: InformationPrior, pixel: Array) -> str:
+    """Name the side of the image that a pixel lies on, as seen from where the axis is."""
     away = pixel - known.camera.model.project_numpy(np.array([[0.0, 0.0, 1.0]]))[0][0]
     return SIDES[round(float(np.arctan2(away[1], away[0])) / (2 * np.pi / SECTORS)) % SECTORS]
 
@@ -135,15 +135,15 @@ def width_of(board: Board) -> float:
     return float(np.ptp(board.points, axis=0).max())
 
 
-def tilt_said(known: Known, view: NextView, board: Board) -> str:
-    """Say how the board is tilted, and which of its edges, as the picture shows them, is nearer to the camera."""
+def tilt_said(known: InformationPrior, view: NextView, board: Board) -> str:
+    """Say how the board is tilted, and which of its edges, as the image shows them, is nearer to the camera."""
     if view.tilt < FACING:
         return "not at all: it faces the camera"
     return f"{np.degrees(view.tilt):.0f} degrees, its {nearer_edge(known, view, board)[0]} edge towards the camera"
 
 
-def nearer_edge(known: Known, view: NextView, board: Board) -> tuple[str, Array]:
-    """Give the name, in the picture, of the edge that is nearest to the camera, and its ends (2, 3) on the board."""
+def nearer_edge(known: InformationPrior, view: NextView, board: Board) -> tuple[str, Array]:
+    """Give the name, in the image, of the edge that is nearest to the camera, and its ends (2, 3) on the board."""
     (left, top, _), (right, bottom, _) = board.points.min(0), board.points.max(0)
     corners = np.array([(left, top, 0), (right, top, 0), (right, bottom, 0), (left, bottom, 0)])
     edges = np.stack([corners, np.roll(corners, -1, 0)], 1)
@@ -156,7 +156,7 @@ def nearer_edge(known: Known, view: NextView, board: Board) -> tuple[str, Array]
     return name, edges[nearest]
 
 
-def _worst(known: Known, worst: Worst) -> dict[str, Any]:
+def _worst(known: InformationPrior, worst: Worst) -> dict[str, Any]:
     return {
         "px": worst.error,
         "unknown": worst.error >= unknown_px(known),

@@ -15,7 +15,7 @@ class Profile:
     Attributes
     ----------
     theta_deg, radius
-        The curve, within the picture.
+        The curve, within the image.
     focal
         px per radian on the axis.
     centre
@@ -32,7 +32,7 @@ class Profile:
 
 
 def radial_profile(camera: Camera) -> Profile:
-    """Follow the bearings of every azimuth from the axis to the picture's edge."""
+    """Follow the bearings of every azimuth from the axis to the image's edge."""
     limit = min(camera.model.theta_max, np.pi * 0.999)
     theta = np.linspace(0, limit, 400)[1:-1]
     azimuth = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -54,7 +54,7 @@ def radial_profile(camera: Camera) -> Profile:
 def to_text(profile: Profile, width: int = 64, height: int = 14) -> str:
     """Draw the curve in characters: `*` calibrated, `.` past it, `-` an equidistant lens of the same focal length."""
     if not len(profile.theta_deg):
-        return "r(theta): nothing of it lies in the picture"
+        return "r(theta): nothing of it lies in the image"
     x_max, y_max = profile.theta_deg[-1], profile.radius.max()
     grid = [[" "] * width for _ in range(height)]
     for column in range(width):

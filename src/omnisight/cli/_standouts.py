@@ -1,27 +1,27 @@
-"""Pictures that a calibration explains worse than the others, and why that may be."""
+"""Images that a calibration explains worse than the others, and why that may be."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from omnisight.cli._detect_report import light
-from omnisight.targets import BoardSearch, PictureDetection
+from omnisight.targets import Detections, ImageDetection
 
-# Times the median of all pictures from which an rms stands out, and the least (px) that matters.
+# Times the median of all images from which an rms stands out, and the least (px) that matters.
 WORSE, MATTERS = 2.5, 0.15
-# Times the median blur, and part of the median sharpness, past which a picture is less sharp than the others.
+# Times the median blur, and part of the median sharpness, past which an image is less sharp than the others.
 BLURRIER, LESS_SHARP = 1.5, 0.5
 
 
-def standouts(search: BoardSearch, names: Sequence[str], rms: Sequence[float | None]) -> str | None:
-    """Name the pictures whose rms (px, one per picture) stands out, and what is odd about them; None if none does."""
+def standouts(search: Detections, names: Sequence[str], rms: Sequence[float | None]) -> str | None:
+    """Name the images whose rms (px, one per image) stands out, and what is odd about them; None if none does."""
     known = [error for error in rms if error is not None]
     if not known:
         return None
     usual = float(np.median(known))
     said: list[str] = []
     dropped: list[str] = []
-    for picture, name, error in zip(search.pictures, names, rms, strict=True):
+    for picture, name, error in zip(search.images, names, rms, strict=True):
         if error is not None and error > max(WORSE * usual, MATTERS):
             reasons = _reasons(picture, search.found)
             said.append(f"{name} (rms {error:.2f} px{''.join(f', {reason}' for reason in reasons)})")
@@ -29,13 +29,13 @@ def standouts(search: BoardSearch, names: Sequence[str], rms: Sequence[float | N
     if not said:
         return None
     return (
-        f"pictures that stand out from the others' median rms of {usual:.2f} px: {', '.join(said)};"
+        f"images that stand out from the others' median rms of {usual:.2f} px: {', '.join(said)};"
         f" look at them with --draw; to leave them out: {' '.join(dropped)}"
     )
 
 
-def _reasons(picture: PictureDetection, others: Sequence[PictureDetection]) -> list[str]:
-    """Say in what a picture differs from the others."""
+def _reasons(picture: ImageDetection, others: Sequence[ImageDetection]) -> list[str]:
+    """Say in what an image differs from the others."""
     blur = np.array([other.blur for other in others])
     sharpness = float(np.median([other.sharpness for other in others]))
     usual = float(np.median(blur[np.isfinite(blur)])) if np.isfinite(blur).any() else np.nan

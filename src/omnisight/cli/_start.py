@@ -30,9 +30,9 @@ def drawn(path: Path, model: str) -> "RayCamera":
 
 
 def must_fit(camera: "RayCamera", path: Path | None, size: tuple[int, int], unit: str) -> None:
-    """Refuse a camera to start from that is for other pictures, or in another unit than the board."""
+    """Refuse a camera to start from that is for other images, or in another unit than the board."""
     if all(camera.size) and camera.size != size:
-        raise ValueError(f"{path}: for pictures of {camera.width}x{camera.height}; these are {size[0]}x{size[1]}")
+        raise ValueError(f"{path}: for images of {camera.width}x{camera.height}; these are {size[0]}x{size[1]}")
     if camera.unit != unit:
         metres = camera.unit == "m"
         what = "give the side of a square, such as --square 30mm" if metres else "leave out --square"

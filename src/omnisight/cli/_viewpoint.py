@@ -4,14 +4,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnisight.calibrate import Calibration
-from omnisight.calibrate.rays import Asked, RaysCalibration
+from omnisight.pipeline.central import Calibration
+from omnisight.pipeline.noncentral import RaysCalibration
+from omnisight.quality.noncentral_test import NonCentralityTest
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-def print_viewpoint(out: "Console", asked: Asked | None, found: Calibration | RaysCalibration) -> None:
+def print_viewpoint(out: "Console", asked: NonCentralityTest | None, found: Calibration | RaysCalibration) -> None:
     """Print whether the rays meet in a point, and what a central camera leaves near and far."""
     from rich.table import Table
 
@@ -34,7 +35,7 @@ def print_viewpoint(out: "Console", asked: Asked | None, found: Calibration | Ra
         out.print("--model axial fits several lenses so, and writes the camera whose viewpoint moves.", soft_wrap=True)
 
 
-def viewpoint_json(asked: Asked | None, found: Calibration | RaysCalibration) -> dict[str, Any]:
+def viewpoint_json(asked: NonCentralityTest | None, found: Calibration | RaysCalibration) -> dict[str, Any]:
     """Give the same as figures."""
     said: dict[str, Any] = {"viewpoint": None if asked is None else asked.as_dict()}
     if isinstance(found, RaysCalibration):

@@ -34,18 +34,18 @@ def calibrate(
     json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Calibrate a camera from pictures of a board, or from corners that something else found.
+    """Calibrate a camera from images of a board, or from corners that something else found.
 
     No guess is needed, of focal length, field of view or centre: lenses and mirrors from 60 to 280 degrees start alone.
 
     Parameters
     ----------
-    pictures
-        Folders, files or patterns such as 'left*.jpg', of pictures and video clips. Of a clip the frames that say most
-        are taken. In place of pictures, files of corners: .mat of BabelCalib, MATLAB or OCamCalib, .orpc of Deltille,
+    images
+        Folders, files or patterns such as 'left*.jpg', of images and video clips. Of a clip the frames that say most
+        are taken. In place of images, files of corners: .mat of BabelCalib, MATLAB or OCamCalib, .orpc of Deltille,
         mrcal's .vnl, points in OpenCV's YAML or XML or in .npz, what `omnisight detect --json` prints.
     pattern
-        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the pictures if
+        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. Looked for in the images if
         absent.
     square
         Side of a square with its unit: 32.5mm. Without it lengths are in squares; the camera is the same.
@@ -60,19 +60,19 @@ def calibrate(
         A file of a lens and its mirror as they were drawn, such as `omnisight design mirror --camera` writes of one
         whose rays do not meet: how they truly stand is found. It needs the board's --square.
     image_size
-        Width and height of the pictures that corners are from, such as 1280x800, where their file does not say.
+        Width and height of the images that corners are from, such as 1280x800, where their file does not say.
     which
         Which camera, where a file of corners holds several: its name there.
     method
         omnisight, or ocamcalib: Scaramuzza's original steps, to compare with; both errors are printed.
     drop
-        A picture to leave out, by its name in the table; may be given several times.
+        An image to leave out, by its name in the table; may be given several times.
     output
         Where the camera goes: a JSON file.
     draw
-        A folder for the pictures with their corners and residuals drawn in.
+        A folder for the images with their corners and residuals drawn in.
     report
-        One HTML page with verdict, residuals over every picture, uncertainty and the camera in every format.
+        One HTML page with verdict, residuals over every image, uncertainty and the camera in every format.
     loss
         huber, or squared for plain least squares.
     square_pixels
@@ -81,20 +81,17 @@ def calibrate(
         Take the board as flat. Otherwise its bend is estimated too, and kept if the camera then explains better what
         it was not calibrated on.
     force
-        Calibrate from fewer than three pictures, or although most of them show another board.
+        Calibrate from fewer than three images, or although most of them show another board.
     apply_exif
-        Turn pictures as their EXIF orientation says; a calibration needs them as the sensor read them.
+        Turn images as their EXIF orientation says; a calibration needs them as the sensor read them.
     cache
-        Remember found boards, by the content of the pictures.
+        Remember found boards, by the content of the images.
     json
         Print one JSON object and nothing else.
     quiet
         Show no progress.
     """
     begun = time.perf_counter()
-    from omnisight.calibrate import calibrate_pictures
-    from omnisight.calibrate.rays import ask, calibrate_rays
-    from omnisight.calibrate.trust.checks import FEWEST
     from omnisight.cli._board import asked_board
     from omnisight.cli._calibrate_report import as_json, print_report
     from omnisight.cli._classic import classic_camera, print_classic, steps
@@ -106,6 +103,10 @@ def calibrate(
     from omnisight.formats import save
     from omnisight.models import model_names
     from omnisight.optics.models import ray_model_names
+    from omnisight.pipeline.noncentral import calibrate_rays
+    from omnisight.pipeline.pictures import calibrate_pictures
+    from omnisight.quality.checks import FEWEST
+    from omnisight.quality.noncentral_test import evaluate_noncentrality
 
     # What cannot work is said before the work.
     for file in (output, report):
@@ -128,12 +129,12 @@ def calibrate(
     with progress(quiet or json) as tell:
         search = given.search(tell, apply_exif=apply_exif, cache=cache)
         # Named before any is dropped: a second --drop then still finds what the first table called so.
-        names = labels([picture.path for picture in search.pictures])
+        names = labels([picture.path for picture in search.images])
         search = _without(search, names, drop or [])
         names = [name for name in names if name not in (drop or [])]
         detected = time.perf_counter()
         least = 1 if force else FEWEST
-        if sum(len(picture.boards) for picture in search.pictures) < least:
+        if sum(len(picture.boards) for picture in search.images) < least:
             raise ValueError(_too_few_found(search, least))
         if search.hint and not force:
             raise ValueError(f"{search.hint} (--force calibrates all the same)")
@@ -155,14 +156,14 @@ def calibrate(
         )
         classic = None
         if method == "ocamcalib":
-            from omnisight.calibrate.ocamcalib import calibrate_ocamcalib
+            from omnisight.calibration.ocamcalib import calibrate_ocamcalib
 
             classic = calibrate_ocamcalib(result.calibration.views, result.search.size, progress=tell)
         found = result.calibration
         if rays:
             wanted = model if drawing is None else drawing.model
             found = calibrate_rays(found, wanted, unit=unit, loss=loss, field=result.search.field)
-        asked = found.trust.viewpoint if rays else ask(result.calibration, unit=unit)
+        asked = found.trust.viewpoint if rays else evaluate_noncentrality(result.calibration, unit=unit)
     solved = time.perf_counter()
     own = _with_provenance(found.camera, result.search)
     camera = own if classic is None else _with_provenance(classic_camera(classic, result.calibration), result.search)
@@ -214,36 +215,36 @@ def calibrate(
 
 
 def _without(search: Any, known: list[str], dropped: list[str]) -> Any:
-    """Leave pictures out, by their names in the table."""
+    """Leave images out, by their names in the table."""
     import dataclasses
 
     if unknown := [name for name in dropped if name not in known]:
         near = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
-        raise ValueError(f"--drop: there is no picture {', '.join(unknown)}; there are {near}")
-    kept = [picture for picture, name in zip(search.pictures, known, strict=True) if name not in dropped]
+        raise ValueError(f"--drop: there is no image {', '.join(unknown)}; there are {near}")
+    kept = [picture for picture, name in zip(search.images, known, strict=True) if name not in dropped]
     if not kept:
-        raise ValueError("--drop leaves no picture; keep three or more")
-    return dataclasses.replace(search, pictures=kept)
+        raise ValueError("--drop leaves no image; keep three or more")
+    return dataclasses.replace(search, images=kept)
 
 
 def _too_few_found(search: Any, least: int) -> str:
     from omnisight.cli._detect_report import advice
-    from omnisight.targets import GivenTarget
+    from omnisight.targets import PointTarget
 
-    pictures = search.pictures
+    pictures = search.images
     # The reason why a file cannot be read names the file.
     reasons = [p.note if p.note.startswith(p.path.name) else f"{p.path.name}: {p.note}" for p in pictures if p.note]
     notes = [f"  {reason}" for reason in reasons[:5]] + ["  ..."] * (len(reasons) > 5)
-    if isinstance(search.board, GivenTarget):
-        said = f"{len(search.found)} of {len(pictures)} pictures have corners enough; {least} is the least, 10 to 20"
+    if isinstance(search.board, PointTarget):
+        said = f"{len(search.found)} of {len(pictures)} images have corners enough; {least} is the least, 10 to 20"
         said += " are good"
         return "\n".join([said, *(f"  {note}" for note in search.notes), *notes])
     if search.board is None:
-        said = f"no checkerboard found in {len(pictures)} pictures, so its size is unknown"
+        said = f"no checkerboard found in {len(pictures)} images, so its size is unknown"
         advice = "give --pattern, inner corners as columns x rows, such as 9x6"
         return "\n".join([f"{said}: {advice}", *notes])
     number = len(search.found)
-    said = f"{_kind(search.board)} was found in {number} of {len(pictures)} pictures"
+    said = f"{_kind(search.board)} was found in {number} of {len(pictures)} images"
     if number:
         said += f"; {least} is the least and 10 to 20 are good"
     if number and number == len(pictures):
@@ -264,7 +265,7 @@ def _with_provenance(camera: Any, search: Any) -> Any:
         **made_now(),
         "pattern": str(search.board),
         "target": search.board.to_dict(),
-        "pictures": [p.path.name for p in search.found],
-        "pictures_given": len(search.pictures),
+        "images": [p.path.name for p in search.found],
+        "images_given": len(search.images),
     }
     return dataclasses.replace(camera, provenance=provenance)

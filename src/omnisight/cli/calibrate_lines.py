@@ -23,38 +23,38 @@ def calibrate_lines(
     json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Calibrate a camera from pictures of straight lines, without a board.
+    """Calibrate a camera from images of straight lines, without a board.
 
-    One picture of a room or of a street may do: edges are traced, and the camera is found to which most of them are
+    One image of a room or of a street may do: edges are traced, and the camera is found to which most of them are
     straight. What is no line to it is left out.
 
     Parameters
     ----------
-    pictures
+    images
         Folders, files or patterns, all of one camera.
     model
         A camera model. Lines determine the unified model but for its handedness; of models that bend freely (ocam,
         kannala_brandt ...) one scale is held where the unified model has it, and that is said.
     mask
-        A picture that is white where lines may be looked for (in a PBM file: 1). Without it the border of what the lens
+        An image that is white where lines may be looked for (in a PBM file: 1). Without it the border of what the lens
         or mirror shows is found.
     lines
         Lines that you have drawn, in place of the edges: JSON, a list of lines, each a list of [u, v], or an object
-        with such a list for each picture's name; or CSV with the columns line,u,v or picture,line,u,v.
+        with such a list for each image's name; or CSV with the columns line,u,v or image,line,u,v.
     fix
         What is known of the camera: xi=1 for a parabolic mirror.
     output
         Where the camera goes: a JSON file.
     draw
-        A folder for the pictures with their lines: used ones green, what is no line red, great circles blue.
+        A folder for the images with their lines: used ones green, what is no line red, great circles blue.
     apply_exif
-        Turn pictures as their EXIF orientation says; a calibration needs them as the sensor read them.
+        Turn images as their EXIF orientation says; a calibration needs them as the sensor read them.
     json
         Print one JSON object and nothing else.
     quiet
         Show no progress.
     """
-    from omnisight.calibrate import lines as by_lines
+    from omnisight.calibration import lines as by_lines
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._lines_report import as_json, print_report
     from omnisight.cli._names import drawings, spare
@@ -95,15 +95,15 @@ def calibrate_lines(
 
 
 def _traced(paths: Sequence[Path], mask: Path | None, apply_exif: bool, report: Report) -> tuple[Any, Any, Any]:
-    """Give the arcs of the pictures, their size, and the middle of what the lens or mirror shows (None: unknown)."""
+    """Give the arcs of the images, their size, and the middle of what the lens or mirror shows (None: unknown)."""
     import numpy as np
 
-    from omnisight.calibrate.lines import Chains, find_arcs
-    from omnisight.images import estimate_field, read_image, to_gray8
+    from omnisight.calibration.lines import Chains, find_arcs
+    from omnisight.images import estimate_image_field, read_image, to_gray8
 
     size = _size(paths, apply_exif)
     grays = (to_gray8(read_image(path, apply_exif=apply_exif)) for path in paths)
-    field = estimate_field(grays)
+    field = estimate_image_field(grays)
     allowed = None if mask is None else _mask(mask, size)
     arcs: list[Any] = []
     pictures: list[int] = []
@@ -117,14 +117,14 @@ def _traced(paths: Sequence[Path], mask: Path | None, apply_exif: bool, report: 
 
 
 def _drawn(paths: Sequence[Path], lines: Path, apply_exif: bool) -> tuple[Any, Any, Any]:
-    """Give the lines of a file, the size of the pictures, and None."""
-    from omnisight.calibrate.lines import Chains, read_polylines
+    """Give the lines of a file, the size of the images, and None."""
+    from omnisight.calibration.lines import Chains, read_polylines
 
     size = _size(paths, apply_exif)
     index = {path.name: i for i, path in enumerate(paths)} | {"": 0}
     found = read_polylines(lines)
     if unknown := sorted(set(found) - set(index)):
-        raise ValueError(f"{lines}: names {unknown[0]}, which is none of the pictures ({paths[0].name} ...)")
+        raise ValueError(f"{lines}: names {unknown[0]}, which is none of the images ({paths[0].name} ...)")
     drawn = [(line, index[name]) for name, part in found.items() for line in part]
     return Chains.of([line for line, _ in drawn], [i for _, i in drawn]), size, None
 
@@ -136,7 +136,7 @@ def _size(paths: Sequence[Path], apply_exif: bool) -> tuple[int, int]:
     for path, size in zip(paths, sizes, strict=True):
         if size != sizes[0]:
             raise ValueError(
-                f"{path}: is {size[0]} x {size[1]} px and {paths[0].name} {sizes[0][0]} x {sizes[0][1]}: pictures of"
+                f"{path}: is {size[0]} x {size[1]} px and {paths[0].name} {sizes[0][0]} x {sizes[0][1]}: images of"
                 " one camera have one size"
             )
     return sizes[0][0], sizes[0][1]
@@ -147,7 +147,7 @@ def _mask(path: Path, size: tuple[int, int]) -> Any:
 
     gray = to_gray8(read_image(path))
     if gray.shape[::-1] != size:
-        raise ValueError(f"{path}: is {gray.shape[1]} x {gray.shape[0]} px, the pictures {size[0]} x {size[1]}")
+        raise ValueError(f"{path}: is {gray.shape[1]} x {gray.shape[0]} px, the images {size[0]} x {size[1]}")
     # A bitmap is black on white: what is set in it is read as black.
     allowed = gray < 128 if read_bytes(path)[:2] in (b"P1", b"P4") else gray > 127
     if not allowed.any():
@@ -175,7 +175,7 @@ def _with_provenance(camera: Any, paths: Sequence[Path], lines: Path | None) -> 
 
     provenance = {
         **made_now(),
-        "pictures": [path.name for path in paths],
+        "images": [path.name for path in paths],
         **({} if lines is None else {"lines": lines.name}),
     }
     return dataclasses.replace(camera, provenance=provenance)

@@ -58,7 +58,7 @@ def convert(
         fitted = source.provenance["central_of"]
         print(f"central     {source.model.name}, at most {fitted['differs_px']:.2g} px off for what is {distance} away")
         if fitted.get("mirrored"):
-            print("frame       in the mirror's viewpoint; left and right are exchanged as in the picture (view --flip)")
+            print("frame       in the mirror's viewpoint; left and right are exchanged as in the image (view --flip)")
     chosen = format_named(to)
     limit = None if max_theta is None else float(np.radians(max_theta))
     if model is not None and model not in chosen.MODELS:

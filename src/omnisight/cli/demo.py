@@ -12,47 +12,47 @@ PICTURES = 12
 def demo(output: Path = Path("omnisight-demo"), *, quiet: bool = False) -> None:
     """Render, calibrate and unroll a fisheye and a mirror camera: all of omnisight in half a minute, no camera needed.
 
-    The pictures are rendered, so the true camera is known: the calibration is measured against it.
+    The images are rendered, so the true camera is known: the calibration is measured against it.
 
     Parameters
     ----------
     output
-        The folder for pictures, cameras and panoramas; made if it is not there.
+        The folder for images, cameras and panoramas; made if it is not there.
     quiet
         Show no progress.
     """
     begun = time.perf_counter()
-    from omnisight.simulate import fisheye_setup, mirror_setup
+    from omnisight.simulation import fisheye_setup, mirror_setup
 
     for name, setup in (("fisheye", fisheye_setup), ("mirror", mirror_setup)):
         folder = output / name
-        (folder / "pictures").mkdir(parents=True, exist_ok=True)
+        (folder / "images").mkdir(parents=True, exist_ok=True)
         with progress(quiet) as report:
             empty, calibration, found, truth = _calibrate(name, setup(), folder, report)
             report(f"{name}: views", 0, 1)
             views = _views(name, calibration.camera, empty, folder)
             report(f"{name}: views", 1, 1)
         mean, largest = _error_deg(truth, calibration.camera)
-        print(f"{name}: the board found in {found} of {PICTURES} pictures; rms {calibration.rms:.3f} px")
+        print(f"{name}: the board found in {found} of {PICTURES} images; rms {calibration.rms:.3f} px")
         print(f"  {calibration.reason}")
         print(f"  against the true camera: {mean:.3f} degrees off on average, {largest:.3f} at most")
-        print(f"  {folder}/: pictures/, truth.json, camera.json, {', '.join(views)}")
+        print(f"  {folder}/: images/, truth.json, camera.json, {', '.join(views)}")
     print(f"done in {time.perf_counter() - begun:.0f} s. Look at {output / 'mirror' / 'cylinder.jpg'}, then try:\n")
     fisheye, mirror = output / "fisheye", output / "mirror"
-    print(f"  omnisight calibrate {fisheye}/pictures --pattern 8x5 --square 40mm -o camera.json")
+    print(f"  omnisight calibrate {fisheye}/images --pattern 8x5 --square 40mm -o camera.json")
     print(f"  omnisight view {fisheye}/room.jpg --camera {fisheye}/camera.json --yaw 45 -o right.jpg")
     camera = f"--camera {mirror}/camera.json --up back --flip"
     print(f"  omnisight view {mirror}/room.jpg {camera} --to cylinder -o around.jpg")
 
 
 def _calibrate(name: str, setup: Any, folder: Path, report: Any) -> tuple[Any, Any, int, Any]:
-    """Render the pictures and calibrate from them; give the empty room, the calibration, boards found and the truth."""
+    """Render the images and calibrate from them; give the empty room, the calibration, boards found and the truth."""
     import dataclasses
 
     import numpy as np
 
     import omnisight as om
-    from omnisight.simulate import BOARD
+    from omnisight.simulation import DEMO_BOARD
 
     report(f"{name}: render", 0, PICTURES)
     renderer = setup.renderer()
@@ -63,10 +63,10 @@ def _calibrate(name: str, setup: Any, folder: Path, report: Any) -> tuple[Any, A
     om.save(truth, folder / "truth.json")
     paths: list[Path] = []
     for i, board in enumerate(setup.boards(PICTURES)):
-        paths.append(folder / "pictures" / f"{i + 1:02d}.jpg")
+        paths.append(folder / "images" / f"{i + 1:02d}.jpg")
         om.write_image(paths[-1], renderer([board], np.random.default_rng(i)).image)
         report(f"{name}: render", i + 1, PICTURES)
-    search = om.find_boards(paths, BOARD, progress=lambda done, total: report(f"{name}: find boards", done, total))
+    search = om.detect_boards(paths, DEMO_BOARD, progress=lambda done, total: report(f"{name}: find boards", done, total))
     stage = f"{name}: calibrate, "
     result = om.calibrate_pictures(search, progress=lambda what, done, total: report(stage + what, done, total))
     calibration = result.calibration
@@ -100,7 +100,7 @@ def _error_deg(truth: Any, camera: Any) -> tuple[float, float]:
 
     bearings, pixels = camera.samples()
     true, valid = truth.unproject(pixels)
-    # A mirror's picture is calibrated in a mirrored frame, for pictures of plane boards cannot tell.
+    # A mirror's image is calibrated in a mirrored frame, for images of plane boards cannot tell.
     true[:, 0] *= np.sign(truth.model.fx) * np.sign(getattr(camera.model, "fx", 1.0))
     chords = np.linalg.norm(true - bearings, axis=1)[valid]
     angles = np.degrees(2 * np.arcsin(chords / 2))

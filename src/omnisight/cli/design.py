@@ -46,7 +46,7 @@ def design(
     hfov
         Field around, degrees. A mirror of revolution shows all 360.
     up
-        How far the picture is to reach above the horizon, degrees.
+        How far the image is to reach above the horizon, degrees.
     down
         And below it; straight down is the camera itself.
     sensor
@@ -74,8 +74,8 @@ def design(
     """
     del what
     from omnisight.cli._design_report import as_json, print_report
-    from omnisight.optics.design.mirror import design_mirror
-    from omnisight.optics.design.performance import performance
+    from omnisight.optics.design.mirror_design import design_mirror
+    from omnisight.optics.design.performance import evaluate_design
 
     if hfov != 360:
         raise ValueError(
@@ -86,7 +86,7 @@ def design(
         if file is not None:
             _must_be(file, suffix)
     made = design_mirror(_order(kind, up, down, sensor, pixel, focal, diameter, distance, body, working_distance))
-    shown = performance(made)
+    shown = evaluate_design(made)
     written = _camera(made, shown) if camera is not None else None
     if json:
         as_json(made, shown)
@@ -106,7 +106,7 @@ def design(
         if not json:
             more = f"upright panoramas: omnisight view PICTURE --camera {camera} --up back"
             if not made.central:
-                more = f"rendered pictures: omnisight simulate room --camera {camera}"
+                more = f"rendered images: omnisight simulate room --camera {camera}"
             print(f"written     {camera}; {more}")
 
 
@@ -125,12 +125,12 @@ def _order(
     """Read what was asked for."""
     import numpy as np
 
-    from omnisight.optics.design.order import Order
+    from omnisight.optics.design.specification import MirrorSpecification
 
     def length(name: str, text: str | None) -> float | None:
         return None if text is None else _length(name, text)
 
-    return Order(
+    return MirrorSpecification(
         kind,
         float(np.radians(up)),
         float(np.radians(down)),
@@ -177,10 +177,10 @@ def _camera(made: Any, shown: Any) -> Any:
     from omnisight.cli._files import made_now
     from omnisight.ray_camera import RayCamera
 
-    source = made_now() | {"source": f"omnisight design mirror --kind {made.order.kind}"}
+    source = made_now() | {"source": f"omnisight design mirror --kind {made.specification.kind}"}
     if not made.central:
         # In the lens' frame, whose z looks up into the mirror.
-        limits = {"theta_max": math.pi - shown.blind.theta, "theta_min": math.pi - made.order.theta}
-        return RayCamera(made.system(), made.order.size, provenance=source, **limits)
-    limits = {"theta_max": made.order.theta, "theta_min": shown.blind.theta}
-    return Camera(made.model(), made.order.size, provenance=source, **limits)
+        limits = {"theta_max": math.pi - shown.blind.theta, "theta_min": math.pi - made.specification.theta}
+        return RayCamera(made.system(), made.specification.size, provenance=source, **limits)
+    limits = {"theta_max": made.specification.theta, "theta_min": shown.blind.theta}
+    return Camera(made.model(), made.specification.size, provenance=source, **limits)

@@ -23,18 +23,18 @@ def detect(
     json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Find the board in pictures and show what was found, without calibrating.
+    """Find the board in images and show what was found, without calibrating.
 
-    Writes each picture with the corners drawn in: their order, an ellipse for how sure each one is (magnified), and the
+    Writes each image with the corners drawn in: their order, an ellipse for how sure each one is (magnified), and the
     border of what the lens shows.
 
     Parameters
     ----------
-    pictures
-        Folders, files or patterns such as 'left*.jpg', of pictures and clips. Of a clip the frames that say most are
+    images
+        Folders, files or patterns such as 'left*.jpg', of images and videos. Of a clip the frames that say most are
         taken.
     pattern
-        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. What most pictures agree on if
+        Inner corners of the board, columns x rows: a board of 9x7 squares has 8x6. What most images agree on if
         absent.
     square
         Side of a square with its unit: 32.5mm.
@@ -42,11 +42,11 @@ def detect(
         The board as a file, in place of --pattern and --square: what `omnisight target make` wrote, or a target of
         Kalibr's (YAML).
     output
-        A folder for the drawn pictures: omnisight-detect unless told otherwise; with --json none are drawn unless told.
+        A folder for the drawn images: omnisight-detect unless told otherwise; with --json none are drawn unless told.
     apply_exif
-        Turn pictures as their EXIF orientation says.
+        Turn images as their EXIF orientation says.
     cache
-        Remember found boards, by the content of the pictures.
+        Remember found boards, by the content of the images.
     json
         Print one JSON object and nothing else.
     quiet
@@ -59,22 +59,22 @@ def detect(
     from omnisight.images import collect_images
 
     board = asked_board(pattern, square, target)
-    paths = collect_images(pictures, clips=True)
+    paths = collect_images(pictures, videos=True)
     folder = output if output is not None or json else FOLDER
     if folder is not None:
         drawings(paths, folder)
     with progress(quiet or json) as report:
         search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
-        if all(picture.size is None for picture in search.pictures):
+        if all(picture.size is None for picture in search.images):
             raise ValueError(
-                "\n".join(["none of the pictures can be read:", *(f"  {p.note}" for p in search.pictures[:5])])
+                "\n".join(["none of the images can be read:", *(f"  {p.note}" for p in search.images[:5])])
             )
         if json:
             as_json(search)
         else:
             print_report(search)
         if folder is not None:
-            files = drawings([picture.path for picture in search.pictures], folder)
+            files = drawings([picture.path for picture in search.images], folder)
             draw_boards(search, files, apply_exif=apply_exif, progress=lambda done, all_: report("draw", done, all_))
     if folder is not None and not json:
         print(f"drawn: {folder}")

@@ -10,7 +10,7 @@ from omnisight.cli._progress import progress
 if TYPE_CHECKING:
     from omnisight.camera import Camera
     from omnisight.ray_camera import RayCamera
-    from omnisight.targets import BoardSearch
+    from omnisight.targets import Detections
 
 
 def evaluate(
@@ -33,7 +33,7 @@ def evaluate(
     json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Judge a calibrated camera on other pictures of a board, or on other corners.
+    """Judge a calibrated camera on other images of a board, or on other corners.
 
     The camera stays as it is; only where every board stands is found, and how it is bent. Corners are taken as they are
     found at first, or given: none is looked for with the camera's help.
@@ -42,8 +42,8 @@ def evaluate(
     ----------
     camera
         A calibration file of any format.
-    pictures
-        Folders, files or patterns of pictures and clips that it was not calibrated on, or files of corners, as
+    images
+        Folders, files or patterns of images and clips that it was not calibrated on, or files of corners, as
         `omnisight calibrate` takes them.
     pattern
         Inner corners of the board, columns x rows.
@@ -56,31 +56,32 @@ def evaluate(
     compare
         Another camera's file, judged on the same corners; may be given several times.
     image_size
-        Width and height of the pictures that corners are from, such as 1280x800, where their file does not say.
+        Width and height of the images that corners are from, such as 1280x800, where their file does not say.
     which
         Which camera, where a file of corners holds several: its name there.
     threshold
         Length of a residual, px, past which it counts less, in the poses and in wRMS.
     flat
-        Take the board as flat. Otherwise its bend is found with the poses, the same in all pictures.
+        Take the board as flat. Otherwise its bend is found with the poses, the same in all images.
     draw
-        A folder for the pictures with their corners and residuals drawn in.
+        A folder for the images with their corners and residuals drawn in.
     apply_exif
-        Turn pictures as their EXIF orientation says.
+        Turn images as their EXIF orientation says.
     cache
-        Remember found boards, by the content of the pictures.
+        Remember found boards, by the content of the images.
     json
         Print one JSON object and nothing else.
     quiet
         Show no progress.
     """
-    from omnisight.calibrate import BoardViews, evaluate_camera
+    from omnisight.calibration.evaluation import evaluate_camera
     from omnisight.cli._board import asked_board
     from omnisight.cli._detect_report import advice
     from omnisight.cli._evaluate_report import as_json, print_report
     from omnisight.cli._given import Given
     from omnisight.cli._names import drawings, labels
     from omnisight.formats import load
+    from omnisight.targets.observations import Observations
 
     (first, path), *others = _labelled([camera, *(compare or [])]).items()
     cameras = {first: load(path, name=name), **{label: load(other) for label, other in others}}
@@ -90,11 +91,11 @@ def evaluate(
         drawings(given.paths, draw)
     with progress(quiet or json) as tell:
         search = given.search(tell, apply_exif=apply_exif, cache=cache)
-        names = labels([picture.path for picture in search.pictures])
+        names = labels([picture.path for picture in search.images])
         if not search.found:
             why = advice(search.board) if search.board is not None else "give --pattern, such as 9x6, or --target"
-            raise ValueError(f"no board in {len(search.pictures)} pictures: {search.hint or why}")
-        views = BoardViews.of_search(search, names)
+            raise ValueError(f"no board in {len(search.images)} images: {search.hint or why}")
+        views = Observations.of_search(search, names)
         found = {}
         for i, (label, one) in enumerate(cameras.items()):
             tell("judge", i, len(cameras))
@@ -109,7 +110,7 @@ def evaluate(
         from omnisight.cli._draw import draw_residuals
 
         judged = next(iter(found.values()))
-        bare = draw_residuals(search, views.pixels, judged.residuals, judged.doubtful, draw, apply_exif=apply_exif)
+        bare = draw_residuals(search, views.pixels, judged.residuals, judged.outliers, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn: {draw}{bare}")
 
@@ -122,14 +123,14 @@ def _labelled(files: list[Path]) -> dict[str, Path]:
     return dict(zip(labels(once), once, strict=True))
 
 
-def _must_fit(camera: "Camera | RayCamera", label: str, search: "BoardSearch") -> None:
-    """Refuse a camera of other pictures, or one of rays in another unit than the board."""
+def _must_fit(camera: "Camera | RayCamera", label: str, search: "Detections") -> None:
+    """Refuse a camera of other images, or one of rays in another unit than the board."""
     from omnisight.ray_camera import RayCamera
 
     if all(camera.size) and camera.size != search.size:
         raise ValueError(
-            f"{label}: for pictures of {camera.width}x{camera.height}; these are {search.size[0]}x{search.size[1]}:"
-            " give pictures as the camera took them"
+            f"{label}: for images of {camera.width}x{camera.height}; these are {search.size[0]}x{search.size[1]}:"
+            " give images as the camera took them"
         )
     unit = "squares" if search.board is None else search.board.unit
     if isinstance(camera, RayCamera) and camera.unit != unit:

@@ -142,8 +142,7 @@ def _picture(camera: Any) -> str:
     print(f"focal       {profile.focal:.2f} px per radian on the axis")
     offset = np.array(centre) - (np.array(camera.size) - 1) / 2
     print(
-        f"centre      ({centre[0]:.2f}, {centre[1]:.2f}),"
-        f" {offset[0]:+.1f}, {offset[1]:+.1f} px from the picture's middle"
+        f"centre      ({centre[0]:.2f}, {centre[1]:.2f}), {offset[0]:+.1f}, {offset[1]:+.1f} px from the image's middle"
     )
     limit = np.degrees(model.theta_max)
     print(
@@ -176,7 +175,7 @@ def _short(value: Any) -> str:
 
 
 def _fields(camera: Any) -> tuple[str, str, str]:
-    """Give the angles between opposite edges and corners of the picture, through its centre."""
+    """Give the angles between opposite edges and corners of the image, through its centre."""
     import numpy as np
 
     from omnisight.cli._profile import radial_profile

@@ -59,9 +59,9 @@ def simulate(
         How loop, line, turn and still carry the camera: top, level; back, looking down as one under a mirror does, or
         front, looking up. A file says so itself.
     frames
-        Pictures to take at most: 60, or as many as the file's time has.
+        Images to take at most: 60, or as many as the file's time has.
     fps
-        Pictures a second: 30, or where the file has its poses.
+        Images a second: 30, or where the file has its poses.
     rays
         Per pixel: 1, 4, 9 or 16.
     exposure
@@ -73,11 +73,11 @@ def simulate(
     noise
         Standard deviation at a middle gray, of 255.
     jpeg
-        Write the pictures as JPEG of this quality.
+        Write the images as JPEG of this quality.
     rolling_shutter
         Milliseconds from the first row to the last; the poses are those of the middle row.
     circle
-        LOW:HIGH in degrees from the axis, outside which pictures are black; as far as the camera is calibrated, unless
+        LOW:HIGH in degrees from the axis, outside which images are black; as far as the camera is calibrated, unless
         told otherwise.
     exact
         Write depth and normals as float32 arrays of numpy, not rounded to 16 bits.
@@ -95,9 +95,9 @@ def simulate(
 
     import omnisight
     from omnisight.cli._dataset import Dataset
-    from omnisight.simulate import Renderer, scene_named
-    from omnisight.simulate.sensor import check_sensor
-    from omnisight.simulate.trajectory import Trajectory
+    from omnisight.simulation import Renderer, scene_named
+    from omnisight.simulation.sensor import check_sensor
+    from omnisight.simulation.trajectory import Trajectory
 
     begun = time.perf_counter()
     _check(frames, fps, rays, vignette, rolling_shutter, seed)
@@ -163,7 +163,7 @@ def simulate(
         )
         return
     cameras = f" by each of {len(heads)} cameras" if len(heads) > 1 else ""
-    count = f"{len(times)} picture{'s' if len(times) > 1 else ''}"
+    count = f"{len(times)} image{'s' if len(times) > 1 else ''}"
     print(f"written: {output}/ ({count} of the {scene}{cameras}, with the truth of each pixel)")
     print(f"{seconds:.0f} s; {output / 'README.txt'} says what is what")
 
@@ -177,7 +177,7 @@ def _check(
     if frames is not None and not 1 <= frames <= MOST_FRAMES:
         raise ValueError(f"--frames must be from 1 to {MOST_FRAMES}, got {frames}")
     if fps is not None and not 1e-3 <= fps <= 1e5:
-        raise ValueError(f"--fps must be from 0.001 to 100000 pictures a second, got {fps:g}")
+        raise ValueError(f"--fps must be from 0.001 to 100000 images a second, got {fps:g}")
     if not 0 <= vignette <= 1:
         raise ValueError(f"--vignette must be from 0 to 1, got {vignette:g}")
     if not 0 <= rolling_shutter <= 1e4:
@@ -203,9 +203,9 @@ def _heads(file: Path, circle: str | None) -> list[Any]:
     heads: list[Head] = []
     for name, camera, sensor_from_rig in named:
         if min(camera.size) < 1:
-            raise ValueError(f"{file}: does not say how large the camera's pictures are")
+            raise ValueError(f"{file}: does not say how large the camera's images are")
         if camera.size[0] * camera.size[1] > MOST_PIXELS:
-            raise ValueError(f"{file}: pictures of {camera.size[0]}x{camera.size[1]} px are too large to render")
+            raise ValueError(f"{file}: images of {camera.size[0]}x{camera.size[1]} px are too large to render")
         if isinstance(camera, RayCamera) and camera.unit != "m":
             raise ValueError(
                 f"{file}: the lengths of this camera are in {camera.unit}, not metres: calibrate it with --square"
@@ -226,7 +226,7 @@ def _heads(file: Path, circle: str | None) -> list[Any]:
 
 
 def _shows(camera: Any, theta: tuple[float, float]) -> bool:
-    """Say whether any of the picture lies between two angles from the axis (radians)."""
+    """Say whether any of the image lies between two angles from the axis (radians)."""
     import numpy as np
 
     from omnisight.geometry.sphere import angle_from_axis
@@ -238,7 +238,7 @@ def _shows(camera: Any, theta: tuple[float, float]) -> bool:
 
 
 def _astray(scene: Any, motion: Any, times: Any, heads: list[Any]) -> list[str]:
-    """Say where a camera stands in a solid or past a wall: its pictures show what nobody would see."""
+    """Say where a camera stands in a solid or past a wall: its images show what nobody would see."""
     notes: list[str] = []
     for head in heads:
         places = [(motion.at(float(moment)) @ head.rig_from_camera).translation for moment in times]
@@ -248,7 +248,7 @@ def _astray(scene: Any, motion: Any, times: Any, heads: list[Any]) -> list[str]:
             first = wrong[0]
             x, y, z = places[first]
             notes.append(
-                f"{len(wrong)} of {len(times)} pictures{f' of {head.name}' * bool(head.name)} are taken from inside"
+                f"{len(wrong)} of {len(times)} images{f' of {head.name}' * bool(head.name)} are taken from inside"
                 f" what is solid or past a wall: {first:06d} at ({x:.2f}, {y:.2f}, {z:.2f}) m,"
                 f" by {held[first]!r}; a camera may move from {scene.free[0]} to {scene.free[1]}"
             )
@@ -256,23 +256,23 @@ def _astray(scene: Any, motion: Any, times: Any, heads: list[Any]) -> list[str]:
 
 
 def _motion(trajectory: str, up: str, free: Any, frames: int | None, fps: float | None) -> tuple[Any, Any]:
-    """Give the motion and the times of its pictures."""
+    """Give the motion and the times of its images."""
     import numpy as np
 
     from omnisight.geometry.pose import Pose
     from omnisight.geometry.rotation import look
-    from omnisight.simulate.trajectory import BUILT_IN, Trajectory, built_in, read_trajectory
+    from omnisight.simulation.trajectory import PRESETS, Trajectory, preset_trajectory, read_trajectory
 
-    if trajectory in BUILT_IN:
+    if trajectory in PRESETS:
         count, rate = frames or FRAMES, fps or FPS
-        level = built_in(trajectory, free, count / rate)
+        level = preset_trajectory(trajectory, free, count / rate)
         carried = tuple(pose @ Pose(look(up=up)) for pose in level.poses)
         return Trajectory(level.times, carried), np.arange(count) / rate
     if up != "top":
-        raise ValueError(f"--up {up} is for {', '.join(BUILT_IN)}: the poses of a file say themselves where up is")
+        raise ValueError(f"--up {up} is for {', '.join(PRESETS)}: the poses of a file say themselves where up is")
     if not Path(trajectory).is_file():
         raise ValueError(
-            f"--trajectory {trajectory}: there is no such file, and no such motion of {', '.join(BUILT_IN)}"
+            f"--trajectory {trajectory}: there is no such file, and no such motion of {', '.join(PRESETS)}"
         )
     motion = read_trajectory(trajectory)
     times = motion.times
@@ -281,5 +281,5 @@ def _motion(trajectory: str, up: str, free: Any, frames: int | None, fps: float 
         times = times[0] + np.arange(min(count, frames or MOST_FRAMES + 1)) / fps
     times = times[:frames]
     if len(times) > MOST_FRAMES:
-        raise ValueError(f"{trajectory}: asks for more than {MOST_FRAMES} pictures; --frames or --fps takes fewer")
+        raise ValueError(f"{trajectory}: asks for more than {MOST_FRAMES} images; --frames or --fps takes fewer")
     return motion, times

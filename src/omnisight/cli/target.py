@@ -83,7 +83,7 @@ def target(
     print(f"paper    {paper}, {millimetres(page.width, page.height)}")
     print(f"written  {pdf}, {svg.name}, {json.name}")
     print(f"print    {ruler.removeprefix('Print ')} Measure the board as well, and glue it to something flat")
-    print(f"then     omnisight calibrate pictures/ --target {json}")
+    print(f"then     omnisight calibrate images/ --target {json}")
     if board.symmetric:
         print(f"note     {_symmetry(board)}")
 

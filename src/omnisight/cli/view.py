@@ -14,7 +14,7 @@ View = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet"
 # A range begins with a minus more often than not.
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
-# What is extrapolated is hatched with lines this far apart, px along a row.
+# What is extrapolation_mask is hatched with lines this far apart, px along a row.
 HATCH_PX = 16
 
 
@@ -46,7 +46,7 @@ def view(
     apply_exif: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Turn pictures into views: perspective, cylinder, sphere, cube, planet, fisheye ...
+    """Turn images into views: perspective, cylinder, sphere, cube, planet, fisheye ...
 
     Angles are in degrees. +yaw looks right, +pitch up, +roll turns the view clockwise:
 
@@ -57,14 +57,14 @@ def view(
 
     Parameters
     ----------
-    pictures
-        A picture, or folders, files and patterns: several pictures go to the folder --output.
+    images
+        An image, or folders, files and patterns: several images go to the folder --output.
     camera
         The calibration file of the camera that took them, of any format.
     to
         What to show.
     output
-        The view's file, or a folder, which several pictures need.
+        The view's file, or a folder, which several images need.
     fov
         Field of view, degrees: across for perspective (90), panini (150) and planet (260), rim to rim for fisheye
         (180).
@@ -73,7 +73,7 @@ def view(
     pitch
         Where to look; 0, and -90 for a planet.
     up
-        Where the world's up is: the picture's top; back, for a camera that looks down or into a mirror above it; or
+        Where the world's up is: the image's top; back, for a camera that looks down or into a mirror above it; or
         front, for one that looks up.
     flip
         Exchange left and right: for a camera that looks into one mirror.
@@ -84,23 +84,23 @@ def view(
     projection
         Of a fisheye.
     interpolation
-        Between the picture's pixels.
+        Between the image's pixels.
     antialias
-        Average pixels where the view is smaller than the picture.
+        Average pixels where the view is smaller than the image.
     mask
-        Write which pixels of the view the picture shows: a PNG, 255 where it does.
+        Write which pixels of the view the image shows: a PNG, 255 where it does.
     mark
         Hatch what lies where the camera was not calibrated: there it extrapolates.
     view_camera
         Write the view's own camera, whose rotation is in its provenance.
     scale_camera
-        The pictures were resized since the calibration: scale the camera to them.
+        The images were resized since the calibration: scale the camera to them.
     name
         Which camera, where the file holds several, as that of a rig does.
     distance
         Of a camera whose rays do not meet in a point: how far what it looks at is, with its unit (2m, or inf).
     apply_exif
-        Turn pictures as their EXIF orientation says.
+        Turn images as their EXIF orientation says.
     quiet
         Show no progress.
     """
@@ -110,7 +110,7 @@ def view(
     from omnisight.cli._names import outputs, spare
     from omnisight.formats import save
     from omnisight.images import collect_images, read_image, write_image
-    from omnisight.views.maps import extrapolated
+    from omnisight.views.maps import extrapolation_mask
     from omnisight.views.remapper import Remapper
 
     source = central_camera(camera, name=name, distance=distance)
@@ -118,14 +118,14 @@ def view(
     paths = collect_images(pictures)
     several = len(paths) > 1
     if several and output.is_file():
-        raise ValueError(f"{output}: is a file; {len(paths)} pictures go to a folder")
+        raise ValueError(f"{output}: is a file; {len(paths)} images go to a folder")
     files = outputs(paths, output) if several or output.is_dir() else [output]
     spare([*files, *([mask] if mask else [])], paths)
     if several:
         output.mkdir(parents=True, exist_ok=True)
     options: Any = {"interpolation": interpolation, "antialias": antialias}
     remappers: list[Remapper] = []
-    past = _cube_sheet([extrapolated(source, target, rotation) for rotation in rotations])
+    past = _cube_sheet([extrapolation_mask(source, target, rotation) for rotation in rotations])
     left_out: list[str] = []
     with progress(quiet) as report:
         for i, (path, file) in enumerate(zip(paths, files, strict=True)):
@@ -138,12 +138,12 @@ def view(
                 _fitting(source, (image.shape[1], image.shape[0]), path, False)
                 shot = _cube_sheet([remap(image) for remap in remappers])
                 write_image(file, _hatched(shot, past & _cube_sheet([r.mask for r in remappers])) if mark else shot)
-            except ValueError as error:  # one bad picture does not stop the others
+            except ValueError as error:  # one bad image does not stop the others
                 if not several:
                     raise
                 left_out.append(str(error))
         report("view", len(paths), len(paths))
-    lost = f"{len(left_out)} of {len(paths)} pictures were left out:\n  " + "\n  ".join(left_out)
+    lost = f"{len(left_out)} of {len(paths)} images were left out:\n  " + "\n  ".join(left_out)
     if not remappers:
         raise ValueError(lost)
     shown = _cube_sheet([r.mask.astype(np.uint8) * 255 for r in remappers])
@@ -170,7 +170,7 @@ def _target(
 ) -> tuple[Any, list[Any]]:
     """Give the view's camera and target_from_source of each of its parts."""
     import omnisight as om
-    from omnisight.views.targets import CUBE_FACES, cube_rotation
+    from omnisight.views.view_cameras import CUBE_FACES, cube_rotation
 
     yaw, pitch, roll = angles
     for name, angle in (("yaw", yaw), ("pitch", pitch or 0.0), ("roll", roll)):
@@ -239,10 +239,10 @@ def _hatched(image: Any, past: Any) -> Any:
 
 
 def _fitting(source: Any, size: tuple[int, int], picture: Path, scale: bool) -> Any:
-    """Give the camera for pictures of this size, scaled if asked to, or refuse the picture."""
+    """Give the camera for images of this size, scaled if asked to, or refuse the image."""
     from omnisight.views.remapper import size_mismatch
 
-    if min(source.size) < 1:  # its file does not say: the pictures do
+    if min(source.size) < 1:  # its file does not say: the images do
         return dataclasses.replace(source, size=size)
     scaled = source.scaled(size[0] / source.width) if scale else source
     if scaled.width != size[0] or abs(scaled.height - size[1]) > scale:
@@ -256,7 +256,7 @@ def _save_view_camera(save: Any, target: Any, rotation: Any, path: Path) -> None
 
 
 def _warn(source: Any, share: float, marked: bool) -> None:
-    """Say how much of a view is extrapolated, and what the calibration thinks of itself."""
+    """Say how much of a view is extrapolation_mask, and what the calibration thinks of itself."""
     if share > 0.005:
         inner = f"within {math.degrees(source.theta_min):.0f} or " if source.theta_min else ""
         where = f"{inner}past {math.degrees(source.theta_max):.0f} degrees"
@@ -271,13 +271,13 @@ def _warn(source: Any, share: float, marked: bool) -> None:
 def _tell(
     source: Any, target: Any, rotations: list[Any], remappers: list[Any], covered: float, output: Path, up: str
 ) -> None:
-    from omnisight.views.maps import kept_share
+    from omnisight.views.maps import visible_fraction
     from omnisight.views.remapper import magnification
 
-    kept = sum(kept_share(source, target, rotation) for rotation in rotations)
+    kept = sum(visible_fraction(source, target, rotation) for rotation in rotations)
     centre, rim = magnification(remappers[0])
     print(f"written: {output} ({target.width}x{target.height}{', six faces' if len(rotations) > 1 else ''})")
-    print(f"{kept:.0%} of the picture is shown, and fills {covered:.0%} of the view")
-    print(f"a pixel of the picture is {centre:.2f} px wide in the middle of the view, {rim:.2f} px at its rim")
+    print(f"{kept:.0%} of the image is shown, and fills {covered:.0%} of the view")
+    print(f"a pixel of the image is {centre:.2f} px wide in the middle of the view, {rim:.2f} px at its rim")
     if up == "top" and target.model.name in ("cylindrical", "mercator", "equirectangular") and covered < 0.75:
         print("the camera was taken to stand upright; if it looks down, up or into a mirror: --up back|front, --flip")

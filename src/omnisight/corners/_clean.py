@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from omnisight.corners._protocol import Array, Seen
 from omnisight.images.headers import declared_size
-from omnisight.targets import BoardSearch, Detection, GivenTarget, PictureDetection
+from omnisight.targets import Detection, Detections, ImageDetection, PointTarget
 from omnisight.targets.sizes import misfit, sizes_note, used_size
 
 # Corners that a pose needs.
 FEWEST = 6
-# Part of the corners outside of the pictures from which on the size is wrong, not the corners; less, where the size
+# Part of the corners outside of the images from which on the size is wrong, not the corners; less, where the size
 # turned round holds all of them.
 OUTSIDE, SOME = 0.1, 0.005
 # Part of its points' spread that a target is thick across a line, where it is no line.
@@ -24,17 +24,17 @@ SAME = 1e-7
 FAR = 10.0
 # Part of its spread that a target may stand off a plane to be flat.
 FLAT = 1e-6
-# Part of the pictures that may show a flat target from its other side and be left out for it.
+# Part of the images that may show a flat target from its other side and be left out for it.
 TURNED = 0.25
-# Corners of a picture that tell from which side it shows its target.
+# Corners of an image that tell from which side it shows its target.
 TELLING = 60
-HEADER = 1_000_000  # bytes of a picture in which its size stands
+HEADER = 1_000_000  # bytes of an image in which its size stands
 
 
 def found_in(
     seen: Sequence[tuple[Path, Seen]], *, metres: bool, square: float | None, size: tuple[int, int] | None
-) -> BoardSearch:
-    """Give the search of pictures, each a path and a target seen in it, as `read_corners` describes it."""
+) -> Detections:
+    """Give the search of images, each a path and a target seen in it, as `read_corners` describes it."""
     kept = [_on_target(view) for _, view in seen]
     points = np.concatenate([view.points for view in kept] or [np.zeros((0, 3))])
     if not any(_known(view).any() for view in kept):
@@ -43,17 +43,17 @@ def found_in(
     step = _step(target)
     scale = (square or 1.0) / step if square is not None or not metres else 1.0
     target, notes = _placed(target)
-    given = GivenTarget(scale * target, "m" if metres or square is not None else "squares")
+    given = PointTarget(scale * target, "m" if metres or square is not None else "squares")
     splits = np.split(ids, np.cumsum([len(view.points) for view in kept])[:-1])
     used, sizes = _sizes([(path, view.size) for path, view in seen], kept, size)
     notes += filter(None, [sizes_note([(path.name, size) for path, size in sizes.items()], used)])
     _must_hold(used, [v.pixels[_known(v)] for (path, _), v in zip(seen, kept, strict=True) if sizes[path] == used])
-    pictures: dict[Path, PictureDetection] = {}
+    pictures: dict[Path, ImageDetection] = {}
     left = np.zeros(3, int)
     for (path, whole), view, own in zip(seen, kept, splits, strict=True):
-        picture = pictures.setdefault(path, PictureDetection(path, used))
+        picture = pictures.setdefault(path, ImageDetection(path, used))
         if sizes[path] != used:
-            pictures[path] = PictureDetection(path, note=misfit(sizes[path], used))
+            pictures[path] = ImageDetection(path, note=misfit(sizes[path], used))
             continue
         known = _known(view)
         inside = known & _within(view.pixels, used)
@@ -65,9 +65,9 @@ def found_in(
             pictures[path] = picture.with_remark(why) if len(whole.points) else picture
             continue
         boards = (*picture.boards, detection)
-        pictures[path] = PictureDetection(path, used, boards, note=picture.note, remark=picture.remark)
+        pictures[path] = ImageDetection(path, used, boards, note=picture.note, remark=picture.remark)
     listed, turned = _turned(list(pictures.values()), given)
-    return BoardSearch(given, listed, None, None, (*notes, *_left_out(*left.tolist()), *turned))
+    return Detections(given, listed, None, None, (*notes, *_left_out(*left.tolist()), *turned))
 
 
 def _on_target(view: Seen) -> Seen:
@@ -85,7 +85,7 @@ def _known(view: Seen) -> NDArray[np.bool_]:
 
 
 def _within(pixels: Array, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Say which pixels (N, 2) lie in a picture."""
+    """Say which pixels (N, 2) lie in an image."""
     with np.errstate(invalid="ignore"):
         inside: NDArray[np.bool_] = (pixels >= -0.5) & (pixels < np.array(size) - 0.5)
     return inside[:, 0] & inside[:, 1]
@@ -134,7 +134,7 @@ def _step(points: Array) -> float:
 def _sizes(
     given: Sequence[tuple[Path, tuple[int, int]]], views: Sequence[Seen], told: tuple[int, int] | None
 ) -> tuple[tuple[int, int], dict[Path, tuple[int, int]]]:
-    """Give the size that is used, and that of each picture: told, of the file, or of the picture beside it."""
+    """Give the size that is used, and that of each image: told, of the file, or of the image beside it."""
     sizes = {path: told or (size if all(size) else _of_picture(path)) for path, size in given}
     shows = dict.fromkeys(sizes, False)
     for (path, _), view in zip(given, views, strict=True):
@@ -143,14 +143,14 @@ def _sizes(
     if used is None:
         far = np.nanmax(np.concatenate([view.pixels for view in views]), axis=0)
         raise ValueError(
-            f"does not say how large the pictures are, and none lies beside it: give --image-size, such as 1280x800"
+            f"does not say how large the images are, and none lies beside it: give --image-size, such as 1280x800"
             f" (corners reach {far[0]:.0f}, {far[1]:.0f})"
         )
     return used, {path: size if all(size) else used for path, size in sizes.items()}
 
 
 def _of_picture(path: Path) -> tuple[int, int]:
-    """Read the size of a picture from its header; (0, 0) if there is none."""
+    """Read the size of an image from its header; (0, 0) if there is none."""
     try:
         with path.open("rb") as file:
             return declared_size(file.read(HEADER)) or (0, 0)
@@ -161,21 +161,21 @@ def _of_picture(path: Path) -> tuple[int, int]:
 def _must_hold(size: tuple[int, int], seen: Sequence[Array]) -> None:
     """Refuse a size that many of the corners lie outside of."""
     pixels = np.concatenate([np.zeros((0, 2)), *seen])
-    pixels = pixels[(pixels >= -0.5).all(1)]  # less is no place in a picture of any size
+    pixels = pixels[(pixels >= -0.5).all(1)]  # less is no place in an image of any size
     outside, turned = (_outside(pixels, sides) for sides in (size, (size[1], size[0])))
     if outside <= (SOME if turned == 0 else OUTSIDE):
         return
     (left, top), (right, bottom) = pixels.min(0), pixels.max(0)
     said = (
         f"corners reach from ({left:.0f}, {top:.0f}) to ({right:.0f}, {bottom:.0f}), {outside:.0%} of them outside of"
-        f" pictures of {size[0]}x{size[1]}"
+        f" images of {size[0]}x{size[1]}"
     )
     if turned <= OUTSIDE:
         raise ValueError(
             f"{said}: either the size is height x width (give --image-size {size[1]}x{size[0]}), or x and y of the"
             " corners are exchanged"
         )
-    raise ValueError(f"{said}: give the --image-size of the pictures that the corners are from")
+    raise ValueError(f"{said}: give the --image-size of the images that the corners are from")
 
 
 def _outside(pixels: Array, size: tuple[int, int]) -> float:
@@ -197,7 +197,7 @@ def _detection(view: Seen, ids: NDArray[np.intp], used: NDArray[np.bool_]) -> De
 
 
 def _unusable(points: Array) -> str:
-    """Say why a picture with these points of the target has no pose, or nothing."""
+    """Say why an image with these points of the target has no pose, or nothing."""
     if len(points) < FEWEST:
         return f"{len(points)} corners, {FEWEST} are the least: left out"
     thickness = np.linalg.svd(points - points.mean(0), compute_uv=False)
@@ -205,17 +205,17 @@ def _unusable(points: Array) -> str:
 
 
 def _left_out(unknown: int, outside: int, repeated: int) -> list[str]:
-    """Say what was left out of all pictures."""
+    """Say what was left out of all images."""
     counts = {
         "corners that are no numbers, or at 0, 0, left out as not seen": unknown,
-        "corners outside of the picture, left out as not seen": outside,
+        "corners outside of the image, left out as not seen": outside,
         "corners listed twice, counted once": repeated,
     }
     return [f"{what}: {count}" for what, count in counts.items() if count]
 
 
-def _turned(pictures: list[PictureDetection], target: GivenTarget) -> tuple[list[PictureDetection], list[str]]:
-    """Leave out the few pictures that show a flat target from its other side, as if x and y were exchanged; say so."""
+def _turned(pictures: list[ImageDetection], target: PointTarget) -> tuple[list[ImageDetection], list[str]]:
+    """Leave out the few images that show a flat target from its other side, as if x and y were exchanged; say so."""
     if target.points[:, 2].any():
         return pictures, []
     sides = {p.path: _side(p.boards[0], target) for p in pictures if p.boards}
@@ -225,15 +225,15 @@ def _turned(pictures: list[PictureDetection], target: GivenTarget) -> tuple[list
         return pictures, []
     names = [path.name for path in sides if path in odd]
     which = f"{len(names)} of {len(sides)} ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})"
-    said = f"pictures that show the board from its other side: {which}; are x and y, or the order of points, exchanged?"
+    said = f"images that show the board from its other side: {which}; are x and y, or the order of points, exchanged?"
     if len(odd) > TURNED * len(sides):
         return pictures, [said]
     why = "shows the board from its other side: left out"
-    return [PictureDetection(p.path, p.size, note=why) if p.path in odd else p for p in pictures], [f"{said} Left out"]
+    return [ImageDetection(p.path, p.size, note=why) if p.path in odd else p for p in pictures], [f"{said} Left out"]
 
 
-def _side(detection: Detection, target: GivenTarget) -> int:
-    """Say from which side a flat target is seen: the sign of the area that its triangles have in the picture."""
+def _side(detection: Detection, target: PointTarget) -> int:
+    """Say from which side a flat target is seen: the sign of the area that its triangles have in the image."""
     from scipy.spatial import Delaunay, QhullError
 
     some = slice(None, None, 1 + len(detection) // TELLING)

@@ -17,12 +17,12 @@ USUAL_PX = 0.5
 
 @dataclass(frozen=True)
 class Seen:
-    """A target seen in a picture.
+    """A target seen in an image.
 
     Attributes
     ----------
-    picture
-        The picture's name; empty where the file has none.
+    image
+        The image's name; empty where the file has none.
     points
         (N, 3) in the frame of the target.
     pixels
@@ -30,7 +30,7 @@ class Seen:
     covariance
         (N, 2, 2) of `pixels`, px^2; None where it is not known.
     size
-        (width, height) of the picture, px; (0, 0) where the file does not say.
+        (width, height) of the image, px; (0, 0) where the file does not say.
     """
 
     picture: str
@@ -47,7 +47,7 @@ class Corners:
     Attributes
     ----------
     views
-        Its pictures, those that show nothing too; a picture that shows several targets more than once.
+        Its images, those that show nothing too; an image that shows several targets more than once.
     metres
         Whether `points` are in metres; if not, the file does not say in what they are.
     """

@@ -1,4 +1,4 @@
-"""Finding the format of files of corners, and making of them what a search in pictures gives."""
+"""Finding the format of files of corners, and making of them what a search in images gives."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -12,10 +12,10 @@ from omnisight.formats import FormatError
 from omnisight.formats._binary import read_file
 from omnisight.formats._matlab_file import HDF5, NO_HDF5
 from omnisight.formats._registry import DAMAGED
-from omnisight.targets import Board, BoardSearch
+from omnisight.targets import Board, Detections
 
 PACKAGE = "omnisight.corners"
-LONGEST = 100  # characters of a picture's name
+LONGEST = 100  # characters of an image's name
 
 
 def corner_format_names() -> tuple[str, ...]:
@@ -35,11 +35,11 @@ def read_corners(
     square: float | None = None,
     size: tuple[int, int] | None = None,
     which: str | None = None,
-) -> BoardSearch:
-    """Read files of corners that something else found: what `find_boards` gives of pictures, without the pictures.
+) -> Detections:
+    """Read files of corners that something else found: what `detect_boards` gives of images, without the images.
 
-    What cannot be used is left out, and `notes` say so: corners that are no numbers or lie outside of the picture,
-    repeated ones, pictures with fewer than six, or of another size than the others.
+    What cannot be used is left out, and `notes` say so: corners that are no numbers or lie outside of the image,
+    repeated ones, images with fewer than six, or of another size than the others.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def read_corners(
         The step between neighbouring points, metres. Without it points are in metres where a file says so, and in such
         steps where it does not.
     size
-        (width, height) of the pictures, px, where neither a file nor a picture beside it says.
+        (width, height) of the images, px, where neither a file nor an image beside it says.
     which
         Which camera, where a file holds several: its name there.
 
@@ -90,7 +90,7 @@ def _corners(path: Path, told: Told) -> Corners:
     if text.startswith(HDF5):
         raise FormatError(f"{path}: {NO_HDF5}")
     raise FormatError(
-        f"{path}: neither a picture nor corners of a known format (begins with {text.strip()[:40]!r}); known are:"
+        f"{path}: neither an image nor corners of a known format (begins with {text.strip()[:40]!r}); known are:"
         f" {', '.join(corner_format_names())}"
     )
 
@@ -108,7 +108,7 @@ def _beside(path: Path) -> Callable[[str], str]:
 
 
 def _picture(folder: Path, name: str) -> Path:
-    """Give the picture of that name where it lies beside the corners; else what it would be called."""
+    """Give the image of that name where it lies beside the corners; else what it would be called."""
     path = Path(name.replace("\\", "/"))
     inside = not path.is_absolute() and ".." not in path.parts
     if inside and (folder / path).is_file():

@@ -1,6 +1,6 @@
 """BabelCalib's .mat: `corners`, `boards` and `imgsize` (Lochman et al., ICCV 2021; README of the repository, types).
 
-Of every picture `x` (2 x N, px from ONE) and `cspond` (2 x N): the number of a point on its board and that of the
+Of every image `x` (2 x N, px from ONE) and `cspond` (2 x N): the number of a point on its board and that of the
 board, both from one. Of every board `X` (2 x K, on it) and `Rt` (3 x 4), target_from_board: several boards are one
 rigid body. `imgsize` is height, width.
 """
@@ -25,7 +25,7 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the pictures."""
+    """Read the images."""
     held = read_mat(text.encode("latin-1"))
     boards = [_board(k, fields) for k, fields in enumerate(structs_of(held["boards"], "boards"), 1)]
     size = (0, 0)

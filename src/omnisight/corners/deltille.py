@@ -1,6 +1,6 @@
-"""Deltille's .orpc of a picture, with the .dsc of its target beside it, and a .tp where that has several boards.
+"""Deltille's .orpc of an image, with the .dsc of its target beside it, and a .tp where that has several boards.
 
-The .orpc has five lines `name: value` and then `board,point,ordered,x,y`, all from 0; its picture's centre of the
+The .orpc has five lines `name: value` and then `board,point,ordered,x,y`, all from 0; its image's centre of the
 top-left pixel is (0, 0). The .dsc has for each board `id,squares,squares,side in mm`, a line of the tags, and its
 points `tag,i,j,x,y,z` in CENTIMETRES; the second number of squares is 0 for a triangle. The .tp has for each board its
 id and 3 x 4 target_from_board, in millimetres (Deltille's detector; CalibrationTarget.m and loadORPC.m of BabelCalib).
@@ -31,7 +31,7 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the picture."""
+    """Read the image."""
     lines = text.strip().splitlines()
     head = HEAD.match(text.lstrip()[:2000])
     assert head is not None

@@ -1,7 +1,7 @@
 """The vnlog of corners that mrgingham writes and mrcal reads (corners.vnl).
 
-A line per corner: the picture, x, y, and how sure it is. A whole board is listed row by row, in the order of its
-points; a picture without one has a single line with dashes. The fourth column is the decimation `level` (a deviation of
+A line per corner: the image, x, y, and how sure it is. A whole board is listed row by row, in the order of its
+points; an image without one has a single line with dashes. The fourth column is the decimation `level` (a deviation of
 2^level, a dash: do not use) or a `weight` (one over the deviation, negative: do not use). The board is not in the file
 (man pages of mrgingham and of mrcal's tools).
 """
@@ -23,7 +23,7 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the pictures."""
+    """Read the images."""
     legend = _legend(text)
     assert legend is not None
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]

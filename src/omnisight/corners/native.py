@@ -21,19 +21,19 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the pictures."""
+    """Read the images."""
     try:
         data = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"no JSON: {error}") from None
-    target, pictures = data.get("target"), data.get("pictures")
+    target, pictures = data.get("target"), data.get("images")
     if not isinstance(target, dict) or not isinstance(pictures, list):
-        raise ValueError("target or pictures missing: was any board found?")
+        raise ValueError("target or images missing: was any board found?")
     board = board_class(str(target.get("target"))[:40]).from_dict(target)
     views: list[Seen] = []
     for k, picture in enumerate(pictures, 1):
         if not isinstance(picture, dict) or not isinstance(picture.get("boards"), list):
-            raise ValueError(f"picture {k} has no boards")
+            raise ValueError(f"image {k} has no boards")
         name, size = str(picture.get("name", "")), picture.get("size") or (0, 0)
         size = picture_size(*size) if size != (0, 0) else size
         found = [_seen(name, size, detection, board) for detection in picture["boards"]]

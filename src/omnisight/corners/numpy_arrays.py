@@ -1,8 +1,8 @@
 """NumPy's .npz of points, as scripts around OpenCV save them.
 
-`imgpoints` (image_points, corners): pictures x N x 2, px from 0, NaN where a point was not found. `objpoints`
-(object_points): N x 3, or as many for each picture; or `pattern`, columns and rows of inner corners, or --pattern.
-`files` names the pictures; `image_size` is width, height. Nothing is unpickled, so lists of different lengths cannot be
+`imgpoints` (image_points, corners): images x N x 2, px from 0, NaN where a point was not found. `objpoints`
+(object_points): N x 3, or as many for each image; or `pattern`, columns and rows of inner corners, or --pattern.
+`files` names the images; `image_size` is width, height. Nothing is unpickled, so lists of different lengths cannot be
 read.
 """
 
@@ -18,12 +18,10 @@ from omnisight.targets import Checkerboard
 
 TITLE = "NumPy npz of points"
 SUFFIX = ".npz"
-CONVENTION = (
-    "imgpoints pictures x N x 2, objpoints N x 3 (or of each picture), or pattern; integer pixel = pixel centre"
-)
+CONVENTION = "imgpoints images x N x 2, objpoints N x 3 (or of each image), or pattern; integer pixel = pixel centre"
 SEEN = re.compile(r"(?:image|img)?(?:points|corners)2?d?|pixels")
 POINTS = re.compile(r"(?:object|obj|world)(?:points|p)(?:3?d)?|objp")
-FILES = {"files", "names", "images", "filenames", "pictures"}
+FILES = {"files", "names", "images", "filenames"}
 SIZE = {"imagesize", "size", "imgsize", "resolution"}
 
 
@@ -38,7 +36,7 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the pictures."""
+    """Read the images."""
     held = read_npz(text)
     seen = _pictures(_named(held, SEEN), 2)
     points = _points(held, told, len(seen))
@@ -51,18 +49,18 @@ def parse(text: str, told: Told) -> Corners:
     views: list[Seen] = []
     for k, (name, x, p) in enumerate(zip(names, points, seen, strict=True), 1):
         if len(x) != len(p):
-            raise ValueError(f"picture {k} has {len(p)} corners, its board {len(x)} points")
+            raise ValueError(f"image {k} has {len(p)} corners, its board {len(x)} points")
         views.append(Seen(name, x, p, size=size))
     return Corners(views)
 
 
 def _points(held: dict[str, NDArray[Any]], told: Told, count: int) -> list[Array]:
-    """Give the points of each picture's target."""
+    """Give the points of each image's target."""
     given = _named(held, POINTS)
     if given is not None:
         points = [in_space(x) for x in _pictures(given, 3)]
         if len(points) not in (1, count):
-            raise ValueError(f"points of {len(points)} targets, corners of {count} pictures")
+            raise ValueError(f"points of {len(points)} targets, corners of {count} images")
         return points * count if len(points) == 1 else points
     if told.board is not None:
         return [told.board.points] * count
@@ -81,13 +79,13 @@ def _named(held: dict[str, NDArray[Any]], name: re.Pattern[str]) -> NDArray[Any]
 
 
 def _pictures(array: NDArray[Any] | None, columns: int) -> list[Array]:
-    """Give (N, k) of each picture, from (V, N, k), (V, N, 1, k), (V, 1, N, k), or (N, k) of all of them."""
+    """Give (N, k) of each image, from (V, N, k), (V, N, 1, k), (V, 1, N, k), or (N, k) of all of them."""
     assert array is not None
     if array.ndim == 4 and 1 in array.shape[1:3]:
         array = array.reshape(len(array), -1, array.shape[-1])
     array = array[None] if array.ndim == 2 else array
     if array.ndim != 3 or array.shape[-1] not in (columns, 2):
-        raise ValueError(f"points must be pictures x N x {columns}, got {array.shape}")
+        raise ValueError(f"points must be images x N x {columns}, got {array.shape}")
     return [picture.astype(float) for picture in array]
 
 

@@ -1,7 +1,7 @@
 """OCamCalib's corners in a .mat: Xt, Yt, Xp_abs, Yp_abs, as its scripts name them.
 
-Xt, Yt are the points of the board (M x 1), Xp_abs, Yp_abs where they are seen (M x 1 x pictures), both from ONE: Xp_abs
-is the ROW and Yp_abs the column, for its plots draw `plot(Yp_abs, Xp_abs)`. `ima_proc` lists the pictures that count.
+Xt, Yt are the points of the board (M x 1), Xp_abs, Yp_abs where they are seen (M x 1 x images), both from ONE: Xp_abs
+is the ROW and Yp_abs the column, for its plots draw `plot(Yp_abs, Xp_abs)`. `ima_proc` lists the images that count.
 Version 3 keeps all of it in an object `calib_data`, which is code, and refused.
 """
 
@@ -38,7 +38,7 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the pictures."""
+    """Read the images."""
     held = read_mat(text.encode("latin-1"))
     fields = _fields(held)
     if fields is None:

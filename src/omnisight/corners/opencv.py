@@ -1,6 +1,6 @@
 """Points in OpenCV's FileStorage (YAML, XML, JSON), as its calibration samples write them.
 
-`objectPoints` and `imagePoints`: a matrix per picture; or `image_points` as one matrix with a row per picture, and the
+`objectPoints` and `imagePoints`: a matrix per image; or `image_points` as one matrix with a row per image, and the
 board as `board_width`, `board_height` and `square_size`, or `grid_points`. Of a stereo pair `imagePoints1` and
 `imagePoints2`. Matrices of float or double with 2 or 3 channels, px from 0.
 """
@@ -18,7 +18,7 @@ from omnisight.targets import Checkerboard
 
 TITLE = "OpenCV points"
 SUFFIX = ".yml"
-CONVENTION = "objectPoints and imagePoints, a matrix per picture; integer pixel = pixel centre"
+CONVENTION = "objectPoints and imagePoints, a matrix per image; integer pixel = pixel centre"
 SEEN = re.compile(r"(?:image|img)points(\d?|left|right)")
 POINTS = re.compile(r"(?:object|obj|world)points(\d?|left|right)|gridpoints")
 SIDES = {"imagewidth", "width"}, {"imageheight", "height"}
@@ -33,7 +33,7 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str, told: Told) -> Corners:
-    """Read the pictures of one camera."""
+    """Read the images of one camera."""
     data = read_storage(text)
     plain = {key: re.sub(r"[^a-z0-9]", "", key.lower()) for key in data}
     seen = [key for key, word in plain.items() if SEEN.fullmatch(word)]
@@ -47,7 +47,7 @@ def parse(text: str, told: Told) -> Corners:
     else:
         points = [_board(data, plain, told)] * len(pictures)
     if len(points) != len(pictures):
-        raise ValueError(f"objectPoints of {len(points)} pictures, imagePoints of {len(pictures)}")
+        raise ValueError(f"objectPoints of {len(points)} images, imagePoints of {len(pictures)}")
     size = (0, 0)
     sides = [next((data[key] for key, word in plain.items() if word in names), None) for names in SIDES]
     if None not in sides:
@@ -55,13 +55,13 @@ def parse(text: str, told: Told) -> Corners:
     views: list[Seen] = []
     for k, (x, p) in enumerate(zip(points, pictures, strict=True), 1):
         if len(x) != len(p) and len(p):
-            raise ValueError(f"picture {k} has {len(p)} imagePoints and {len(x)} objectPoints")
+            raise ValueError(f"image {k} has {len(p)} imagePoints and {len(x)} objectPoints")
         views.append(Seen("", x[: len(p)], p, size=size))
     return Corners(views)
 
 
 def _each(value: Any, channels: int) -> list[Array]:
-    """Give the points of each picture: of a list of matrices, or of one matrix with a row per picture."""
+    """Give the points of each image: of a list of matrices, or of one matrix with a row per image."""
     if isinstance(value, Mapping):
         rows = int(number(value.get("rows"), "rows"))
         found = _matrix(value, channels)

@@ -39,7 +39,7 @@ def numbers(values: Any, name: str, count: int | None = None) -> list[float]:
 
 
 def picture_size(width: Any, height: Any) -> tuple[int, int]:
-    """Give the size of the picture; a tool may have written it as 640.0."""
+    """Give the size of the image; a tool may have written it as 640.0."""
     sides = [number(side, name) for side, name in ((width, "image width"), (height, "image height"))]
     for side, name in zip(sides, ("width", "height"), strict=True):
         if side != int(side) or not 1 <= side <= WIDEST:
@@ -100,9 +100,9 @@ def must_be_few(terms: int) -> None:
 
 
 def with_size(camera: Camera) -> tuple[int, int]:
-    """Give the size of the picture, or say that this format cannot do without."""
+    """Give the size of the image, or say that this format cannot do without."""
     if not all(camera.size):
-        raise ValueError("the picture's size is not known, and this format needs it")
+        raise ValueError("the image's size is not known, and this format needs it")
     return picture_size(*camera.size)
 
 
@@ -149,7 +149,7 @@ def with_one_focal(camera: Camera) -> tuple[Camera, tuple[str, ...]]:
 
 
 def whole_sphere(size: tuple[int, int]) -> dict[str, float]:
-    """Give the parameters of an equirectangular picture of the whole sphere, forward in its middle."""
+    """Give the parameters of an equirectangular image of the whole sphere, forward in its middle."""
     middle = {"cx": (size[0] - 1) / 2, "cy": (size[1] - 1) / 2}
     return {"fx": size[0] / (2 * math.pi), "fy": size[1] / math.pi, **middle}
 

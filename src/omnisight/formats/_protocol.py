@@ -21,7 +21,7 @@ class Written:
     path
         The file.
     error_px
-        The largest difference (px), over the picture, between the camera and the file read again.
+        The largest difference (px), over the image, between the camera and the file read again.
     notes
         What the format cannot hold, a sentence each.
     """

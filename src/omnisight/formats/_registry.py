@@ -190,9 +190,9 @@ def _write(path: str | Path, text: str) -> None:
 
 
 def difference_px(camera: Camera, other: Camera) -> float:
-    """Give the largest distance (px) between the pixels of two cameras, over the first one's picture."""
+    """Give the largest distance (px) between the pixels of two cameras, over the first one's image."""
     if not all(camera.size):
-        # Where the size is not known, a picture with the principal point in its middle stands in.
+        # Where the size is not known, an image with the principal point in its middle stands in.
         middle = camera.model.to_dict()
         sides = (max(2, round(2 * abs(middle[key]))) for key in ("cx", "cy"))
         camera = dataclasses.replace(camera, size=(next(sides), next(sides)))

@@ -116,7 +116,7 @@ def radii_and_angles(model: Ocam, radius: float) -> tuple[Array, Array]:
 
 
 def picture_radius(model: Ocam, size: tuple[int, int]) -> float:
-    """Give the radius (px, before the stretch) of the picture's farthest corner that the model reaches."""
+    """Give the radius (px, before the stretch) of the image's farthest corner that the model reaches."""
     corners = np.array([[x, y] for x in (-0.5, size[0] - 0.5) for y in (-0.5, size[1] - 0.5)])
     return min(float(_radii(model, corners).max()), model.radius_max())
 

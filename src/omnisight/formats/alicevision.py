@@ -2,7 +2,7 @@
 
 Numbers are written as texts. Since version 1.2.2 the focal length is in mm of the sensor: fx = focalLength/sensorWidth
 width px, fy = fx pixelRatio (before 1.2.5, fx/pixelRatio); before that, in px. principalPoint is an offset from the
-picture's middle (px; before 1.2.1 from its corner), and the centre of the top-left pixel is (0.5, 0.5). Older files say
+image's middle (px; before 1.2.1 from its corner), and the centre of the top-left pixel is (0.5, 0.5). Older files say
 type and distortion in one word (`fisheye4`). So `jsonIO.cpp`. Angles are radians.
 
 `pinhole` with `fisheye` has OpenCV's k1 ... k4 of a fisheye, with `fisheye1` the FOV model, with `brown` k1 k2 k3 p1
@@ -162,7 +162,7 @@ def _equidistant(
     if distortion not in EQUIDISTANT or len(k) != len(EQUIDISTANT[distortion]):
         raise ValueError(f"equidistant with {len(k)} of {distortion[:30]!r}; there are {', '.join(EQUIDISTANT)}")
     radius = _number(given.get("fisheyeCircleRadius", given.get("fisheyeRadius")), "fisheyeCircleRadius")
-    # radius/(fov/2), fov = shorter side of the sensor / (fx sensorWidth / longer side of the picture).
+    # radius/(fov/2), fov = shorter side of the sensor / (fx sensorWidth / longer side of the image).
     per_radian = 2 * plane["fx"] * sensor[0] / max(size) / min(sensor)
     powers = {f"k{i + 1}": value * per_radian ** (2 * i + 2) for i, value in enumerate(k)}
     scale = {"fx": radius * per_radian, "fy": radius * per_radian}

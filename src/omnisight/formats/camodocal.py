@@ -126,7 +126,7 @@ def _scaramuzza(data: Mapping[str, Any], size: tuple[int, int]) -> CameraModel:
     off, turned = (_off_middle(pair, size) for pair in ((plane["cx"], plane["cy"]), (plane["cy"], plane["cx"])))
     if off > SWAPPED > turned:
         raise ValueError(
-            f"the centre ({plane['cx']:g}, {plane['cy']:g}) of a {size[0]} x {size[1]} picture seems to be row, column,"
+            f"the centre ({plane['cx']:g}, {plane['cy']:g}) of a {size[0]} x {size[1]} image seems to be row, column,"
             " as copied from OCamCalib's text: use the calib_results.txt it came from, or swap cx with cy"
         )
     return model_of_xy([-value for value in direct], **plane)

@@ -1,7 +1,7 @@
 """Gyroflow's lens profile json.
 
 `fisheye_params` holds OpenCV's camera matrix (px, integer pixel = pixel centre) and k1 ... k4 of OpenCV's fisheye, of
-pictures of `calib_dimension`; a `distortion_model` that is null or `opencv_fisheye` says the same, `opencv_standard`
+images of `calib_dimension`; a `distortion_model` that is null or `opencv_fisheye` says the same, `opencv_standard`
 means OpenCV's k1 k2 p1 p2 k3 ... Its other models (poly3, poly5, ptlens, insta360, sony, gopro) are none of ours.
 """
 
@@ -44,9 +44,9 @@ def parse(text: str) -> Mapping[str, Camera]:
     for name in STRETCH:
         # Zero is what it writes for none.
         if number(data.get(name) or 1.0, name) != 1:
-            raise ValueError(f"{name} is {data[name]:g}: a lens that squeezes the picture is none of our models")
+            raise ValueError(f"{name} is {data[name]:g}: a lens that squeezes the image is none of our models")
     if data.get("digital_lens"):
-        raise ValueError(f"digital_lens {str(data['digital_lens'])[:30]!r} stretches the picture: none of our models")
+        raise ValueError(f"digital_lens {str(data['digital_lens'])[:30]!r} stretches the image: none of our models")
     kind = data.get("distortion_model")
     if kind not in (*FISHEYE, "opencv_standard"):
         raise ValueError(f"no distortion_model {str(kind)[:30]!r} of ours; there are opencv_fisheye, opencv_standard")

@@ -1,10 +1,10 @@
-"""Hugin's and PanoTools' project, .pto: its `i` lines, one per picture.
+"""Hugin's and PanoTools' project, .pto: its `i` lines, one per image.
 
-`f` is the projection, `v` the angle of view across the picture's width (DEGREES), which gives the focal length: half
-the width is f tan(v/2), f v/2, f sin(v/2), 2 f tan(v/4) or 2 f sin(v/4) px. The centre is the picture's middle moved by
+`f` is the projection, `v` the angle of view across the image's width (DEGREES), which gives the focal length: half
+the width is f tan(v/2), f v/2, f sin(v/2), 2 f tan(v/4) or 2 f sin(v/4) px. The centre is the image's middle moved by
 d and e (px), integer pixel = pixel centre. a, b, c bend the ideal radius: r' = a r^4 + b r^3 + c r^2 + (1 - a - b - c)
 r, with 1 = half the SHORTER side ("the largest circle that completely fits into an image", Hugin's manual on its lens
-correction model). A number `=2` is that of picture 2. So PanoTools' documentation, as Panotools::Script repeats it.
+correction model). A number `=2` is that of image 2. So PanoTools' documentation, as Panotools::Script repeats it.
 
 With a, b, c a fisheye (equidistant) is our radial_polynomial; a rectilinear lens with b alone our radial_tangential.
 The pose (y, p, r) is kept as it is. Crops by `S` are masks, and kept too.
@@ -30,7 +30,7 @@ from omnisight.formats._protocol import note_unknown
 
 TITLE = "Hugin project"
 SUFFIX = ".pto"
-CONVENTION = "angle of view across in degrees; centre from the picture's middle; a, b, c over half the shorter side"
+CONVENTION = "angle of view across in degrees; centre from the image's middle; a, b, c over half the shorter side"
 # Its projection: our model, and the half width over the focal length from half the angle of view, and back.
 PROJECTIONS: dict[int, tuple[str, Callable[[float], float], Callable[[float], float]]] = {
     0: ("pinhole", math.tan, math.atan),
@@ -51,7 +51,7 @@ MODELS = tuple(
 LINE = re.compile(r"^i[ \t]+(?=[^\n]*[ \t]f[-+.\d=])(?=[^\n]*[ \t]v[-+.\d=])", re.MULTILINE)
 WORD = re.compile(r'([A-Za-z]+)(=?)("[^"\n]*"|[^\s"]*)')
 NUMBERS = ("a", "b", "c", "d", "e", "g", "t")
-MOST = 10_000  # pictures
+MOST = 10_000  # images
 
 
 def matches(text: str) -> bool:
@@ -60,10 +60,10 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str) -> Mapping[str, Camera]:
-    """Read the camera of every picture; pictures by one camera are one, named by the first."""
+    """Read the camera of every image; images by one camera are one, named by the first."""
     lines = [line for line in text.splitlines() if re.match(r"i[ \t]", line)]
     if len(lines) > MOST:
-        raise ValueError(f"{len(lines)} pictures; at most {MOST} are read")
+        raise ValueError(f"{len(lines)} images; at most {MOST} are read")
     given = [{name: (linked, word) for name, linked, word in WORD.findall(line[1:])} for line in lines]
     cameras: dict[str, Camera] = {}
     seen: set[Any] = set()
@@ -71,18 +71,18 @@ def parse(text: str) -> Mapping[str, Camera]:
         try:
             camera = _camera(fields, given)
         except ValueError as error:
-            raise ValueError(f"picture {i}: {error}") from error
+            raise ValueError(f"image {i}: {error}") from error
         said = (camera.model, camera.size)
         if said in seen:
             continue
         seen.add(said)
-        name = fields.get("n", ("", ""))[1].strip('"') or f"picture{i}"
+        name = fields.get("n", ("", ""))[1].strip('"') or f"image{i}"
         cameras[name if name not in cameras else f"{name} ({i})"] = camera
     return cameras
 
 
 def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give a project of one picture, with the pose that the camera's file held or none."""
+    """Give a project of one image, with the pose that the camera's file held or none."""
     refuse(camera, MODELS)
     width, height = with_size(camera)
     lacking = ("skew", "k2", "p1", "p2", "k3") if camera.model.name == "radial_tangential" else ("skew",)
@@ -99,12 +99,12 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     try:
         view = 2 * math.degrees(PROJECTIONS[kind][2](half))
     except ValueError as error:
-        raise ValueError(f"f{kind} with a focal length of {ideal:.4g} px does not reach the picture's side") from error
+        raise ValueError(f"f{kind} with a focal length of {ideal:.4g} px does not reach the image's side") from error
     offset = {"d": values["cx"] - (width - 1) / 2, "e": values["cy"] - (height - 1) / 2}
     pose = {name: camera.extra.get(name, 0.0) for name in ("y", "p", "r")}
     own = "".join(f" {name}{value!r}" for name, value in {**pose, **shape, **offset}.items())
-    line = f'i w{width} h{height} f{kind} v{view!r}{own} g0 t0 n"picture.jpg"'
-    text = f'# a project of one picture\np f2 w3000 h1500 v360 n"TIFF_m"\n{line}\n'
+    line = f'i w{width} h{height} f{kind} v{view!r}{own} g0 t0 n"image.jpg"'
+    text = f'# a project of one image\np f2 w3000 h1500 v360 n"TIFF_m"\n{line}\n'
     return text, notes + one_focal + left_out(camera, ("y", "p", "r", "n"))
 
 
@@ -133,10 +133,10 @@ def _camera(fields: Mapping[str, tuple[str, str]], pictures: list[dict[str, tupl
         linked, word = fields.get(name, ("", ""))
         if linked:
             if not word.isdigit() or len(word) > 6 or int(word) >= len(pictures):
-                raise ValueError(f"{name}={word[:20]} refers to no picture")
+                raise ValueError(f"{name}={word[:20]} refers to no image")
             linked, word = pictures[int(word)].get(name, ("", ""))
             if linked:
-                raise ValueError(f"{name} refers to a picture that refers to another one")
+                raise ValueError(f"{name} refers to an image that refers to another one")
         if not word and otherwise is not None:
             return otherwise
         try:
@@ -145,7 +145,7 @@ def _camera(fields: Mapping[str, tuple[str, str]], pictures: list[dict[str, tupl
             raise ValueError(f"{name} must be a number, got {word[:30]!r}") from error
 
     if not fields.get("n", ("", ""))[1].endswith('"'):  # it is the last: a lens must not lose its a, b, c in silence
-        raise ValueError('no n"picture" at the end: the line may be cut off')
+        raise ValueError('no n"image" at the end: the line may be cut off')
     size = picture_size(value("w"), value("h"))
     kind = value("f")
     if kind not in PROJECTIONS:
@@ -159,7 +159,7 @@ def _camera(fields: Mapping[str, tuple[str, str]], pictures: list[dict[str, tupl
     if v["g"] or v["t"]:
         raise ValueError(f"a shear (g = {v['g']:g}, t = {v['t']:g}) is not supported")
     if "C" in fields:
-        raise ValueError("a crop by C changes what v means; crop the picture itself, or use S")
+        raise ValueError("a crop by C changes what v means; crop the image itself, or use S")
     half = reach(math.radians(view) / 2)
     if not half > 0:
         raise ValueError(f"v of {view:g} degrees is too wide for f{kind:g}")

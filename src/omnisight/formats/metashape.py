@@ -1,6 +1,6 @@
 """Agisoft Metashape's camera calibration xml, by itself or inside its cameras.xml.
 
-All in px: fx = f + b1, fy = f, skew = b2, and the centre is an offset from the picture's middle, cx = width/2 + cx; the
+All in px: fx = f + b1, fy = f, skew = b2, and the centre is an offset from the image's middle, cx = width/2 + cx; the
 centre of the top-left pixel is (0.5, 0.5). p1 and p2 are OpenCV's p2 and p1. So the user manual's appendix on camera
 models; Agisoft's own answer on fx, fy and skew: "F = Fy, B1 = Fx - Fy, B2 = skew". A `fisheye` is equidistant, its
 coefficients act on the plane of theta (radians): k1 ... k4 are those of OpenCV's fisheye.
@@ -29,7 +29,7 @@ from omnisight.formats._yaml import scalar
 TITLE = "Metashape calibration xml"
 SUFFIX = ".xml"
 CONVENTION = (
-    "the centre of the top-left pixel is (0.5, 0.5); centre from the picture's middle; fx = f + b1; p1 and p2 swapped"
+    "the centre of the top-left pixel is (0.5, 0.5); centre from the image's middle; fx = f + b1; p1 and p2 swapped"
 )
 SHIFT = 0.5
 MODELS = (

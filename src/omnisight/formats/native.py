@@ -110,7 +110,7 @@ def rig_from_json(data: Any) -> Rig:
             raise ValueError(f"sensor {name}: missing {error.args[0]}") from None
         except ValueError as error:
             raise ValueError(f"sensor {name}: {error}") from None
-    return Rig.of(found)
+    return Rig.from_sensors(found)
 
 
 def _pose(data: Any) -> Pose:

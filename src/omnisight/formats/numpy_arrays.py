@@ -2,7 +2,7 @@
 
 The arrays are told by the names that OpenCV's files use (K, mtx, camera_matrix; D, dist, distortion_coefficients; xi),
 and mean what they mean there: px, integer pixel = pixel centre, k1 k2 p1 p2 k3, of a fisheye k1 k2 k3 k4. Four
-coefficients need a `fisheye` of 0 or 1 beside them. Most such files do not hold the picture's size (`image_size`, width
+coefficients need a `fisheye` of 0 or 1 beside them. Most such files do not hold the image's size (`image_size`, width
 and height). Nothing is unpickled, and sizes are checked before they are believed.
 """
 
@@ -48,7 +48,7 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
         "K": np.array([[values["fx"], skew, values["cx"]], [0.0, values["fy"], values["cy"]], [0.0, 0.0, 1.0]]),
         "D": np.array(coefficients_of(values, name)),
     }
-    notes: tuple[str, ...] = ("the picture's size is not known, and so not written",)
+    notes: tuple[str, ...] = ("the image's size is not known, and so not written",)
     if all(camera.size):
         arrays["image_size"] = np.array(camera.size)
         notes = ()

@@ -70,7 +70,7 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
     values = camera.model.to_dict()
     build(name, values)
     lines = ["%YAML:1.0", "---"]
-    notes: tuple[str, ...] = ("the picture's size is not known, and so not written",)
+    notes: tuple[str, ...] = ("the image's size is not known, and so not written",)
     if all(camera.size):
         lines += [f"image_width: {camera.width}", f"image_height: {camera.height}"]
         notes = ()

@@ -22,7 +22,7 @@ from omnisight.formats._yaml import read_map
 TITLE = "OpenSfM camera_models.json"
 SUFFIX = ".json"
 CONVENTION = (
-    "x right, y down, z forward; focal length and centre over the longer side of the picture, centre from its middle"
+    "x right, y down, z forward; focal length and centre over the longer side of the image, centre from its middle"
 )
 
 # Its projection: our model, and the names of its coefficients, which are ours.

@@ -2,7 +2,7 @@
 
 `taylor_coefficient` is a0 a1 a2 ..., lowest first, a0 > 0 (px^(1-i), integer pixel = pixel centre); `distortion_center`
 is x, y, and `stretch_matrix` [c d; e 1] acts on x, y. `inverse_poly` is highest first and in the angle of incidence
-(radians); read, it is not needed. The file holds no size of the picture: `image_size` is our addition, which its reader
+(radians); read, it is not needed. The file holds no size of the image: `image_size` is our addition, which its reader
 passes over. `valid`, `img_path` and `extrinsics_t` differ in length and cannot be matched; they are kept as they are.
 """
 

@@ -5,7 +5,7 @@ a fisheye, `radial_division` Fitzgibbon's parameter as `distortion` (undistorted
 `radial_division.cc` has it). OpenVSLAM writes the names flat, `Camera.fx`.
 
 `equirectangular` is the whole sphere of cols x rows. stella_vslam itself takes longitude 0 to be at cols/2 of keypoints
-that are counted from pixel centres, half a pixel right of the picture's middle; here it is in the middle.
+that are counted from pixel centres, half a pixel right of the image's middle; here it is in the middle.
 """
 
 import re

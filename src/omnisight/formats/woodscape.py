@@ -1,7 +1,7 @@
 """WoodScape's calibration json.
 
 rho(theta) = k1 theta + k2 theta^2 + k3 theta^3 + k4 theta^4 in px, theta in radians; v is stretched by aspect_ratio.
-The centre is an offset from the picture's middle: cx = width/2 - 0.5 + cx_offset, integer pixel = pixel centre (its
+The centre is an offset from the image's middle: cx = width/2 - 0.5 + cx_offset, integer pixel = pixel centre (its
 calibration_readme.txt). Sizes are written as 1280.0. `extrinsic` takes the camera's frame (x right, y down, z forward)
 to the vehicle's of ISO 8855 (x forward, y left, z up), as a quaternion x y z w and metres.
 """
@@ -20,7 +20,7 @@ TITLE = "WoodScape json"
 SUFFIX = ".json"
 MODELS = ("radial_polynomial",)
 CONVENTION = (
-    "x right, y down, z forward; integer pixel = pixel centre; k1 ... k4 in px; centre from the picture's middle;"
+    "x right, y down, z forward; integer pixel = pixel centre; k1 ... k4 in px; centre from the image's middle;"
     " quaternion x y z w"
 )
 KIND = re.compile(r'"model"\s*:\s*"radial_poly"')

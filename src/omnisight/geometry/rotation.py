@@ -64,8 +64,8 @@ def look(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, *, up: str = "
     yaw, pitch, roll
         Degrees. The view turns right with yaw, up with pitch, and clockwise, as seen from behind it, with roll.
     up
-        Where the world's up lies: "top" for a camera held level (up is the picture's top), "back" for a camera that
-        looks down or into a mirror above it (the picture's middle is the nadir), "front" for a camera that looks up.
+        Where the world's up lies: "top" for a camera held level (up is the image's top), "back" for a camera that
+        looks down or into a mirror above it (the image's middle is the nadir), "front" for a camera that looks up.
     flip
         Exchange left and right: a camera that looks into one mirror sees the world so.
 

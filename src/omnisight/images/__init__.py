@@ -1,29 +1,29 @@
-"""Picture files in and out, of any depth and with hostile bytes; knows no cameras and no boards."""
+"""Reading and writing of images and videos, edges, and the image field. Independent of cameras and boards."""
 
-from .collect import EXTENSIONS, collect_images, expand
-from .field import ImageField, estimate_field, shrunk
-from .gray import to_gray8
-from .headers import exif_orientation
-from .read import UnreadableImage, decode_image, read_bytes, read_image
-from .video import CLIPS, MOST_FRAMES, Clip, Frame
-from .write import write_bytes, write_image
+from omnisight.images.collect import IMAGE_EXTENSIONS, collect_images, expand_path
+from omnisight.images.gray import to_gray8
+from omnisight.images.headers import exif_orientation
+from omnisight.images.image_field import ImageField, downsample, estimate_image_field
+from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
+from omnisight.images.video import MAX_FRAMES, VIDEO_EXTENSIONS, Clip, Frame
+from omnisight.images.write import write_bytes, write_image
 
 __all__ = [
-    "CLIPS",
-    "EXTENSIONS",
-    "MOST_FRAMES",
+    "IMAGE_EXTENSIONS",
+    "MAX_FRAMES",
+    "VIDEO_EXTENSIONS",
     "Clip",
     "Frame",
     "ImageField",
     "UnreadableImage",
     "collect_images",
     "decode_image",
-    "estimate_field",
+    "downsample",
+    "estimate_image_field",
     "exif_orientation",
-    "expand",
+    "expand_path",
     "read_bytes",
     "read_image",
-    "shrunk",
     "to_gray8",
     "write_bytes",
     "write_image",

@@ -1,6 +1,4 @@
-"""Finds the pictures that a user means by folders, files and patterns."""
-
-from __future__ import annotations
+"""Collect the image files that folders, file names and glob patterns name."""
 
 import glob
 import os
@@ -9,72 +7,72 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from .video import CLIPS
+from omnisight.images.video import VIDEO_EXTENSIONS
 
-EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
+IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
 
-def collect_images(inputs: Iterable[str | Path], *, clips: bool = False) -> list[Path]:
-    """List picture files.
+def collect_images(inputs: Iterable[str | Path], *, videos: bool = False) -> list[Path]:
+    """List image files.
 
     Parameters
     ----------
     inputs : iterable of str or Path
-        Folders (their own files, not those of folders inside), files, and patterns such as `shots/*.png`.
-    clips : bool
-        List video files too; of a folder only where it holds no pictures.
+        Folders (not searched recursively), files, and glob patterns such as `images/*.png`.
+    videos : bool
+        Include video files. Those in a folder are included only if the folder has no images.
 
     Returns
     -------
     list of Path
-        Each file once, numbers in names in numeric order (img2 before img10). Files without a picture's
-        extension are left out, for a shell expands `shots/*` to everything that lies there.
+        Each file once, in natural order (img2 before img10). Files without the extension of an image are skipped,
+        since a shell expands `images/*` to everything in the folder.
 
     Raises
     ------
     FileNotFoundError
-        If an input does not exist, or a pattern matches nothing.
+        If an input does not exist or a pattern matches nothing.
     ValueError
-        If what exists holds no picture.
+        If none of the files is an image.
     """
     inputs = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-    found = [path for item in inputs for path in expand(item)]
-    known = (*EXTENSIONS, *CLIPS) if clips else EXTENSIONS
-    pictures = [path for path in found if path.suffix.lower() in known]
-    if not pictures:
+    files = [path for item in inputs for path in expand_path(item)]
+    extensions = (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) if videos else IMAGE_EXTENSIONS
+    images = [path for path in files if path.suffix.lower() in extensions]
+    if not images:
         where = ", ".join(str(item) for item in inputs) or "an empty list of paths"
-        kinds = Counter(path.suffix.lower() or "without extension" for path in found)
-        others = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(5)) or "no files"
-        supported = " ".join(extension[1:] for extension in known)
+        counts = Counter(path.suffix.lower() or "without extension" for path in files)
+        others = ", ".join(f"{count} {extension}" for extension, count in counts.most_common(5)) or "no files"
+        supported = " ".join(extension[1:] for extension in extensions)
         raise ValueError(f"no images in {where} (found {others}). Supported: {supported}, any case")
-    return sorted({_identity(path): path for path in reversed(pictures)}.values(), key=natural_key)
+    return sorted({_file_id(path): path for path in reversed(images)}.values(), key=natural_sort_key)
 
 
-def natural_key(path: str | Path) -> list[str | int]:
-    """Make a sorting key in which runs of digits count as numbers and case does not matter."""
-    pieces = re.split(r"([0-9]+)", str(path).casefold())
-    return [int(piece) if i % 2 else piece for i, piece in enumerate(pieces)]
+def natural_sort_key(path: str | Path) -> list[str | int]:
+    """Return a sort key that compares digits as numbers and ignores case."""
+    parts = re.split(r"([0-9]+)", str(path).casefold())
+    return [int(part) if i % 2 else part for i, part in enumerate(parts)]
 
 
-def expand(item: str | Path) -> list[Path]:
-    """List the files that a folder, a file or a pattern means; `FileNotFoundError` if there is none."""
-    # A file whose name holds brackets exists as it is written, so existence goes before patterns.
+def expand_path(item: str | Path) -> list[Path]:
+    """List the files of a folder, a file name or a glob pattern; raise `FileNotFoundError` if there is none."""
+    # A file name may contain brackets, so test for a file before expanding patterns.
     path = Path(item).expanduser()
     if path.is_dir():
-        files = [inside for inside in path.iterdir() if inside.is_file() and not inside.name.startswith(".")]
-        pictures = any(inside.suffix.lower() in EXTENSIONS for inside in files)
-        return [inside for inside in files if not pictures or inside.suffix.lower() not in CLIPS]
+        files = [file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")]
+        has_images = any(file.suffix.lower() in IMAGE_EXTENSIONS for file in files)
+        return [file for file in files if not has_images or file.suffix.lower() not in VIDEO_EXTENSIONS]
     if path.is_file():
         return [path]
     if not glob.has_magic(str(path)):
         raise FileNotFoundError(f"{item}: no such file or folder")
     matches = [Path(match) for match in glob.glob(str(path), recursive=True)]
     if not matches:
-        raise FileNotFoundError(f"{item}: the pattern matches nothing")
+        raise FileNotFoundError(f"{item}: the pattern matches no file")
     return [match for match in matches if match.is_file()]
 
 
-def _identity(path: Path) -> tuple[int, int] | str:
-    """Tell files apart where `IMG.JPG` and `img.jpg`, or two spellings of a path, may be one file."""
+def _file_id(path: Path) -> tuple[int, int] | str:
+    """Return an identifier that two paths of one file share (symbolic links, case-insensitive file systems)."""
     status = path.stat()
     return (status.st_dev, status.st_ino) if status.st_ino else os.path.realpath(path)

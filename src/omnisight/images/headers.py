@@ -1,10 +1,8 @@
-"""What can be told from a picture file's bytes before a decoder sees them.
+"""Checks of the structure of JPEG and PNG files before they are decoded.
 
-Decoders are lenient where a measurement must not be: a JPEG that stops half way is handed back full-size with
-a gray bottom. These checks read structure only, never pixels, and they never look past the end of the data.
+Decoders are too lenient for measurements: they return a truncated JPEG at full size with a gray lower part. These
+checks read the structure only, not the pixels, and never read past the end of the data.
 """
-
-from __future__ import annotations
 
 import re
 import struct
@@ -18,15 +16,15 @@ _SOI_LENGTH = 2
 _EOI, _SOS = 0xD9, 0xDA
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 _FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
-# Inside the coded data 0xff is followed by 0 (a stuffed byte), a restart marker or fill bytes; anything else
-# is the next segment.
+# In the coded data 0xff is followed by 0 (a stuffed byte), a restart marker or fill bytes. Anything else starts the
+# next segment.
 _NEXT_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
 
 
 def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield (marker, payload) of each JPEG segment, coded data skipped, up to the end-of-image marker.
+    """Yield (marker, payload) of each JPEG segment without the coded data.
 
-    That one is yielded too, so its absence says that the data ended early.
+    The last one is the end-of-image marker; if it is missing, the data is truncated.
     """
     at = _SOI_LENGTH
     while at + 2 <= len(data) and data[at] == 0xFF:
@@ -52,18 +50,18 @@ def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:
             at = following.start()
 
 
-def jpeg_fault(data: bytes) -> str | None:
-    """Say what is wrong with the structure of a JPEG file, or None."""
+def find_jpeg_defect(data: bytes) -> str | None:
+    """Return what is wrong with the structure of a JPEG file, or None."""
     markers = [marker for marker, _ in jpeg_segments(data)]
     if _EOI not in markers:
         return "truncated JPEG (no end-of-image marker)"
     if _SOS not in markers:
-        return "JPEG without picture data"
+        return "JPEG without image data"
     return None
 
 
-def png_fault(data: bytes) -> str | None:
-    """Say what is wrong with the structure of a PNG file (chunk lengths, checksums, IEND), or None."""
+def find_png_defect(data: bytes) -> str | None:
+    """Return what is wrong with the structure of a PNG file (chunk lengths, checksums, IEND), or None."""
     at = len(PNG_MAGIC)
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
@@ -80,7 +78,7 @@ def png_fault(data: bytes) -> str | None:
 
 
 def declared_size(data: bytes) -> tuple[int, int] | None:
-    """Read the (width, height) in pixels that a JPEG or PNG header declares; None for other formats."""
+    """Read (width, height), px, from the header of a JPEG or PNG file; None for other formats."""
     if data.startswith(PNG_MAGIC) and len(data) >= 24:
         width, height = struct.unpack_from(">II", data, 16)
         return width, height
@@ -103,7 +101,7 @@ def exif_orientation(data: bytes) -> int:
     Returns
     -------
     int
-        1 to 8 as in the EXIF standard; 1 (upright) where there is none, or none that makes sense.
+        1 to 8 as in the EXIF standard; 1 (upright) if it is missing or invalid.
     """
     if not data.startswith(JPEG_MAGIC):
         return 1

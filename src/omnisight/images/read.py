@@ -1,6 +1,4 @@
-"""Reads a picture file into an array, or says in one line why it cannot."""
-
-from __future__ import annotations
+"""Reading of image files, with a one-line reason for each file that cannot be read."""
 
 import threading
 from pathlib import Path
@@ -9,43 +7,64 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .headers import JPEG_MAGIC, PNG_MAGIC, declared_size, exif_orientation, jpeg_fault, png_fault
+from omnisight.images.headers import (
+    JPEG_MAGIC,
+    PNG_MAGIC,
+    declared_size,
+    exif_orientation,
+    find_jpeg_defect,
+    find_png_defect,
+)
 
+# A declared size above a gigapixel is refused before memory is allocated for it.
 MAX_PIXELS = 10**9
 
-_quiet = threading.Lock()
+# Brands of HEIF files (ISO/IEC 23008-12), the default format of phones.
+HEIF_BRANDS = frozenset({b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"avif", b"avis"})
+FORMAT_MAGICS = {
+    JPEG_MAGIC: "JPEG",
+    PNG_MAGIC: "PNG",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"BM": "BMP",
+    b"RIFF": "WebP",
+    b"GIF8": "GIF",
+    **{b"P%d" % i: "PNM" for i in range(1, 7)},
+}
+
+_log_level_lock = threading.Lock()
 
 
 class UnreadableImage(ValueError):
-    """A file that gives no picture; its text names the file and what was found in it."""
+    """A file that cannot be read as an image or video; the message names the file and the reason."""
 
 
 def read_image(path: str | Path, *, apply_exif: bool = False) -> NDArray[Any]:
-    """Read a picture.
+    """Read an image.
 
     Parameters
     ----------
     path : str or Path
-        The content decides about the format, not the extension.
+        The format is determined from the content, not from the extension.
     apply_exif : bool
-        Turn the picture upright by its EXIF orientation. Off by default: the sensor does not turn with the
-        camera, and a calibration belongs to the sensor.
+        Rotate the image upright by its EXIF orientation. Off by default, because a calibration refers to the sensor
+        and the sensor does not rotate.
 
     Returns
     -------
     (H, W), (H, W, 3) or (H, W, 4) array of uint8, uint16 or float
-        Gray, RGB or RGBA, in the file's own depth.
+        Gray, RGB or RGBA, in the depth of the file.
 
     Raises
     ------
     UnreadableImage
-        If the file is missing, empty, no picture, truncated, damaged or past a gigapixel.
+        If the file is missing, empty, not an image, truncated, damaged or larger than a gigapixel.
     """
     return decode_image(read_bytes(path), Path(path).name, apply_exif=apply_exif)
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """Read a file whole; `UnreadableImage` says why it cannot be read."""
+    """Read a file; raise `UnreadableImage` if it cannot be read."""
     path = Path(path)
     try:
         return path.read_bytes()
@@ -58,24 +77,24 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def decode_image(data: bytes, name: str, *, apply_exif: bool = False) -> NDArray[Any]:
-    """Decode the bytes of a picture file; `name` stands in error messages. Otherwise as `read_image`."""
-    fault = _fault(data)
-    if fault is not None:
-        raise UnreadableImage(f"{name}: {fault}")
+    """Decode the bytes of an image file as `read_image` does; error messages start with `name`."""
+    defect = _find_defect(data)
+    if defect is not None:
+        raise UnreadableImage(f"{name}: {defect}")
     image = _decode(data)
     if image is None:
-        raise UnreadableImage(f"{name}: {_unreadable_kind(data)}")
+        raise UnreadableImage(f"{name}: {_describe_content(data)}")
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     elif image.ndim == 3:
         image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
     if apply_exif:
-        image = upright(image, exif_orientation(data))
+        image = apply_orientation(image, exif_orientation(data))
     return np.ascontiguousarray(image)
 
 
-def upright(image: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Turn (H, W, ...) as the EXIF orientation 1 to 8 asks; orientations 5 to 8 swap width and height."""
+def apply_orientation(image: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Rotate and flip an image (H, W, ...) by an EXIF orientation, 1 to 8; 5 to 8 swap width and height."""
     if orientation in (5, 6, 7, 8):
         image = np.swapaxes(image, 0, 1)
     if orientation in (2, 3, 6, 7):
@@ -85,16 +104,16 @@ def upright(image: NDArray[Any], orientation: int) -> NDArray[Any]:
     return image
 
 
-def _fault(data: bytes) -> str | None:
+def _find_defect(data: bytes) -> str | None:
     if not data:
         return "empty file"
     size = declared_size(data)
     if size is not None and size[0] * size[1] > MAX_PIXELS:
-        return f"{size[0]} x {size[1]} pixels declared, more than the {MAX_PIXELS:.0e} that are read"
+        return f"{size[0]} x {size[1]} pixels declared, more than the supported {MAX_PIXELS:.0e}"
     if data.startswith(JPEG_MAGIC):
-        return jpeg_fault(data)
+        return find_jpeg_defect(data)
     if data.startswith(PNG_MAGIC):
-        return png_fault(data)
+        return find_png_defect(data)
     return None
 
 
@@ -102,14 +121,14 @@ def _decode(data: bytes) -> NDArray[Any] | None:
     import cv2
 
     buffer = np.frombuffer(data, np.uint8)
-    # IMREAD_UNCHANGED keeps depth and alpha, and is the one flag under which OpenCV leaves EXIF alone.
+    # IMREAD_UNCHANGED keeps depth and alpha, and is the only flag with which OpenCV ignores the EXIF orientation.
     flag = cv2.IMREAD_UNCHANGED
     try:
         if data.startswith((JPEG_MAGIC, PNG_MAGIC)):
             return cv2.imdecode(buffer, flag)
-        # Of the other formats nothing was checked above. OpenCV logs what it dislikes to the terminal, at a
-        # level that belongs to the whole process: change it for one picture at a time, and put it back.
-        with _quiet:
+        # The structure of other formats is not checked above. OpenCV logs their errors to the terminal, at a log level
+        # of the whole process: lower it for one image at a time, and restore it.
+        with _log_level_lock:
             log: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, OpenCV 5
             level = log.getLogLevel()
             log.setLogLevel(0)
@@ -121,27 +140,15 @@ def _decode(data: bytes) -> NDArray[Any] | None:
         return None
 
 
-def _unreadable_kind(data: bytes) -> str:
+def _describe_content(data: bytes) -> str:
+    """Return what the bytes of a file that cannot be decoded contain."""
     if data[4:8] == b"ftyp":
-        kind = "a HEIC or AVIF picture, which is not read" if data[8:12] in _PHONE_BRANDS else "a film, not an image"
+        is_phone_image = data[8:12] in HEIF_BRANDS
+        kind = "a HEIC or AVIF image, which is not supported" if is_phone_image else "a video, not an image"
         return f"{kind}: export it as JPEG or PNG"
     if data.startswith(b"version https://git-lfs"):
-        return "a Git LFS pointer, not the picture itself: run git lfs pull"
-    for magic, kind in _MAGICS.items():
+        return "a Git LFS pointer, not the image itself: run git lfs pull"
+    for magic, kind in FORMAT_MAGICS.items():
         if data.startswith(magic):
             return f"damaged or unsupported {kind}"
     return f"not an image (starts with {data[:5]!r})"
-
-
-_PHONE_BRANDS = frozenset({b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1", b"avif", b"avis"})
-
-_MAGICS = {
-    JPEG_MAGIC: "JPEG",
-    PNG_MAGIC: "PNG",
-    b"II*\0": "TIFF",
-    b"MM\0*": "TIFF",
-    b"BM": "BMP",
-    b"RIFF": "WebP",
-    b"GIF8": "GIF",
-    **{b"P%d" % i: "PNM" for i in range(1, 7)},
-}

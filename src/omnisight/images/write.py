@@ -1,6 +1,4 @@
-"""Writes pictures so that a file is either the old one or the whole new one."""
-
-from __future__ import annotations
+"""Atomic writing of image files: after a failure the old file is intact."""
 
 import os
 from pathlib import Path
@@ -9,25 +7,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_DEEP = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm", ".pnm"})
-_WITH_ALPHA = frozenset({".png", ".tif", ".tiff", ".webp"})
-_WRITABLE = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm")
+EXTENSIONS_16_BIT = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm", ".pnm"})
+EXTENSIONS_WITH_ALPHA = frozenset({".png", ".tif", ".tiff", ".webp"})
+WRITABLE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm")
 
 
 def write_image(path: str | Path, image: NDArray[Any]) -> None:
-    """Write a picture in the format that the extension names.
+    """Write an image in the format given by the extension.
 
     Parameters
     ----------
     path : str or Path
-        In a folder that exists.
+        A file in an existing folder.
     image : (H, W), (H, W, 3) or (H, W, 4) array of uint8 or uint16
         Gray, RGB or RGBA.
 
     Raises
     ------
     ValueError
-        If the extension, the shape or the depth cannot be written.
+        If the extension, the shape or the depth is not supported.
     OSError
         If the folder is missing or not writable.
     """
@@ -35,39 +33,38 @@ def write_image(path: str | Path, image: NDArray[Any]) -> None:
 
     path = Path(path)
     extension = path.suffix.lower()
-    if extension not in _WRITABLE:
-        known = " ".join(e[1:] for e in _WRITABLE)
-        raise ValueError(f"{path.name}: cannot write extension {path.suffix!r}. Supported: {known}")
+    if extension not in WRITABLE_EXTENSIONS:
+        supported = " ".join(e[1:] for e in WRITABLE_EXTENSIONS)
+        raise ValueError(f"{path.name}: cannot write extension {path.suffix!r}. Supported: {supported}")
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)) or image.size == 0:
         raise ValueError(f"expected an image (H, W), (H, W, 3) or (H, W, 4), got shape {image.shape}")
     if image.dtype.name not in ("uint8", "uint16"):
         raise ValueError(f"expected an image of uint8 or uint16, got {image.dtype}")
-    if image.dtype == np.uint16 and extension not in _DEEP:
-        raise ValueError(f"{path.name}: {extension[1:]} holds 8 bits per channel; use png or tif for 16")
-    if image.ndim == 3 and image.shape[2] == 4 and extension not in _WITH_ALPHA:
-        raise ValueError(f"{path.name}: {extension[1:]} holds no transparency; use png, tif or webp")
+    if image.dtype == np.uint16 and extension not in EXTENSIONS_16_BIT:
+        raise ValueError(f"{path.name}: {extension[1:]} supports 8 bits per channel; use png or tif for 16")
+    if image.ndim == 3 and image.shape[2] == 4 and extension not in EXTENSIONS_WITH_ALPHA:
+        raise ValueError(f"{path.name}: {extension[1:]} supports no transparency; use png, tif or webp")
     if extension == ".pgm" and image.ndim == 3:
-        raise ValueError(f"{path.name}: pgm holds gray pictures only; use ppm or png")
+        raise ValueError(f"{path.name}: pgm supports gray images only; use ppm or png")
     channels = image if image.ndim == 2 else image[:, :, [2, 1, 0, 3][: image.shape[2]]]
-    done, encoded = cv2.imencode(extension, np.ascontiguousarray(channels))
-    if not done:
+    success, encoded = cv2.imencode(extension, np.ascontiguousarray(channels))
+    if not success:
         raise ValueError(f"{path.name}: OpenCV could not encode shape {image.shape} as {extension[1:]}")
     write_bytes(path, encoded.tobytes())
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
-    """Write a file atomically: into a temporary file beside it, then renamed over it.
+    """Write a file atomically: write a temporary file in the same folder and rename it.
 
     Raises
     ------
     OSError
-        If the folder is missing (`FileNotFoundError`) or the file cannot be written there; the temporary file
-        is gone then.
+        If the folder is missing (`FileNotFoundError`) or not writable. The temporary file is removed.
     """
     path = Path(path)
     if not path.parent.is_dir():
         raise FileNotFoundError(f"cannot write {path}: the folder {path.parent} does not exist")
-    # Not tempfile: its files are private to the user, and the result would stay so.
+    # Not tempfile: its files are readable by the user only, and the result would keep these permissions.
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
     try:
         with temporary.open("xb") as file:

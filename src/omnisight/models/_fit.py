@@ -6,10 +6,10 @@ from typing import TypeVar
 import numpy as np
 
 from omnisight.models._protocol import Array, CameraModel
-from omnisight.optim.dense import least_squares
+from omnisight.optim.gauss_newton import gauss_newton
 
 SKETCH = 250  # pairs that are enough to tell a good start from a bad one
-WEAK = 1e-5  # px, what a parameter one standard deviation from 0 weighs
+PRIOR_WEIGHT_PX = 1e-5  # residual of a parameter one prior sigma from 0: it decides only what the pairs leave open
 Model = TypeVar("Model", bound=CameraModel)
 
 
@@ -36,43 +36,28 @@ def refine(
     iterations: int = 60,
     tolerance: float = 1e-12,
 ) -> tuple[Model, float]:
-    """Refine a camera on bearings and pixels; give it and half its sum of squares (px^2).
+    """Refine a camera on bearings and pixels; return it and half its sum of squares (px^2).
 
-    A parameter of which something is known beforehand (`Parameter.prior_sigma`) is drawn to 0, by next to nothing.
+    A parameter with a prior (`Parameter.prior_sigma`) is pulled to 0 by a negligible weight: the prior determines only
+    what the pairs do not.
     """
-    # What falls out of the domain costs as much as the whole image, so that no step gains by losing points.
-    lost = float(np.ptp(pixels, axis=0).max()) + 1.0
+    # A point outside the domain costs as much as the whole image, so that no step gains by losing points.
+    lost_px = float(np.ptp(pixels, axis=0).max()) + 1.0
+    prior = PRIOR_WEIGHT_PX / start.prior_sigmas
+    prior_rows = np.diag(prior)[prior > 0]
 
-    def difference(seen: Array) -> Array:
-        d = seen - pixels
+    def linearize(params: Array) -> tuple[Array, Array]:
+        projected, _, _, d_params = start.with_params(params).project_with_jacobians(bearings)
+        difference = projected - pixels
         if start.period:  # across the seam
-            d[:, 0] -= start.period * np.round(d[:, 0] / start.period)
-        return np.where(np.isfinite(d), d, lost)
-
-    # What is known of a parameter beforehand decides only what the pairs leave open.
-    prior = WEAK / start.prior_sigmas
-    known = prior > 0
-    by_prior = np.diag(prior)[known]
-
-    def residuals(params: Array) -> Array:
-        d = difference(start.with_params(params).project_numpy(bearings)[0])
-        return np.append(d, by_prior @ params)
-
-    def derivatives(params: Array) -> tuple[Array, Array]:
-        seen, _, _, d_params = start.with_params(params).project_with_jacobians(bearings)
+            difference[:, 0] -= start.period * np.round(difference[:, 0] / start.period)
+        residuals = np.where(np.isfinite(difference), difference, lost_px).ravel()
         jacobian = np.where(np.isfinite(d_params), d_params, 0.0).reshape(-1, params.size)
-        return np.append(difference(seen), by_prior @ params), np.concatenate([jacobian, by_prior])
+        return np.append(residuals, prior_rows @ params), np.concatenate([jacobian, prior_rows])
 
-    low, high = start.bounds
-    free = np.array([name not in fixed for name in start.param_names])
-    solution = least_squares(
-        residuals,
-        derivatives,
-        start.params.copy(),
-        low=low,
-        high=high,
-        free=free,
-        iterations=iterations,
-        tolerance=tolerance,
+    is_fixed = np.array([name in fixed for name in start.param_names])
+    low, high = (np.where(is_fixed, start.params, bound) for bound in start.bounds)
+    solution = gauss_newton(
+        linearize, start.params.copy(), bounds=(low, high), max_iterations=iterations, tolerance=tolerance
     )
     return start.with_params(solution.state), solution.cost

@@ -1,10 +1,10 @@
-"""Mirrors, and cameras that look into them."""
+"""Mirrors, catadioptric cameras, viewpoints and caustics."""
 
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.mirrors import Mirror, mirror_class, mirror_names
-from omnisight.optics.orthographic import Orthographic
-from omnisight.optics.placed import Placed
+from omnisight.optics.placed_mirror import PlacedMirror
 from omnisight.optics.ray_model import RayModel
 from omnisight.optics.reflection import reflect
+from omnisight.optics.telecentric import Telecentric
 
-__all__ = ["Catadioptric", "Mirror", "Orthographic", "Placed", "RayModel", "mirror_class", "mirror_names", "reflect"]
+__all__ = ["Catadioptric", "Mirror", "PlacedMirror", "RayModel", "Telecentric", "mirror_class", "mirror_names", "reflect"]

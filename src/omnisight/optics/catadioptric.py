@@ -8,16 +8,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.models._projector import Array
 from omnisight.geometry.rays import Rays
 from omnisight.models import CameraModel, model_class
 from omnisight.models._parameter import finite
 from omnisight.models._protocol import rows, shaped
 from omnisight.optics import fermat
 from omnisight.optics.mirrors import mirror_class
-from omnisight.optics.orthographic import Orthographic
-from omnisight.optics.placed import Placed
-from omnisight.optics.ray_model import Array, RayModel
-from omnisight.optics.start import Seeds
+from omnisight.optics.placed_mirror import PlacedMirror
+from omnisight.optics.ray_model import RayModel
+from omnisight.optics.seed_rays import SeedRays
+from omnisight.optics.telecentric import Telecentric
 from omnisight.optics.tracing import free, trace
 
 # Rays worked on at a time: what they need stays in the cache.
@@ -44,13 +45,13 @@ class Catadioptric(RayModel):
     `mirror_tz` (`mirror2_...` of the second). Shapes are not free unless asked for: drawings know them.
     """
 
-    lens: CameraModel | Orthographic
-    mirrors: tuple[Placed, ...]
+    lens: CameraModel | Telecentric
+    mirrors: tuple[PlacedMirror, ...]
 
     def __post_init__(self) -> None:
         """Refuse a lens without a mirror."""
-        if not self.mirrors or not all(isinstance(p, Placed) for p in self.mirrors):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ValueError(f"mirrors must be one or more Placed mirrors, got {self.mirrors!r}")
+        if not self.mirrors or not all(isinstance(p, PlacedMirror) for p in self.mirrors):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ValueError(f"mirrors must be one or more PlacedMirror mirrors, got {self.mirrors!r}")
 
     @classmethod
     def example(cls) -> Self:
@@ -59,7 +60,7 @@ class Catadioptric(RayModel):
 
         lens = Pinhole(fx=1300.0, fy=1300.0, cx=639.5, cy=479.5)
         mirror = Conic.hyperbola(a=0.028, c=0.0385, rim=0.035)
-        return cls(lens, (Placed(mirror, tilt_x=0.01, tilt_y=-0.02, tx=0.0004, ty=-0.0003, tz=0.08),))
+        return cls(lens, (PlacedMirror(mirror, tilt_x=0.01, tilt_y=-0.02, tx=0.0004, ty=-0.0003, tz=0.08),))
 
     # -- rays ---------------------------------------------------------------------------------------------------
 
@@ -85,7 +86,7 @@ class Catadioptric(RayModel):
         return Rays(found.origins.reshape(*lead, 3), found.bearings.reshape(*lead, 3), found.valid.reshape(lead))
 
     def _rays(self, pixels: Array) -> Rays:
-        if isinstance(self.lens, Orthographic):
+        if isinstance(self.lens, Telecentric):
             return trace(self.mirrors, self.lens.rays(pixels))
         bearings, valid = self.lens.unproject(pixels)
         return trace(self.mirrors, Rays(np.zeros_like(bearings), bearings, valid))
@@ -207,7 +208,7 @@ class Catadioptric(RayModel):
         for i, p in enumerate(self.mirrors):
             normal = np.cross(path.tangents[i][1], path.tangents[i][0], axis=0)
             arriving, leaving = path.legs[i], path.legs[i + 1]
-            shown &= p.mirror.has(*u[2 * i : 2 * i + 2])
+            shown &= p.mirror.contains(*u[2 * i : 2 * i + 2])
             shown &= ((arriving * normal).sum(0) < 0) & ((leaving * normal).sum(0) > 0)
             length = np.sqrt(((path.corners[i] - last) ** 2).sum(0))
             bearings = np.broadcast_to(arriving, last.shape).T
@@ -216,13 +217,13 @@ class Catadioptric(RayModel):
         return shown & free(self.mirrors, last.T, path.legs[-1].T, np.full(len(shown), np.inf), before)
 
     @cached_property
-    def _seeds(self) -> tuple[Seeds, Seeds]:
+    def _seeds(self) -> tuple[SeedRays, SeedRays]:
         """Rays to begin from: a few, and many for the points that these do not find."""
-        return tuple(Seeds.of(self.mirrors, self._parallel, *n) for n in ((6, 12), (40, 96)))  # pyright: ignore[reportReturnType]
+        return tuple(SeedRays.of(self.mirrors, self._parallel, *n) for n in ((6, 12), (40, 96)))  # pyright: ignore[reportReturnType]
 
     @property
     def _parallel(self) -> bool:
-        return isinstance(self.lens, Orthographic)
+        return isinstance(self.lens, Telecentric)
 
     # -- files --------------------------------------------------------------------------------------------------
 
@@ -236,7 +237,7 @@ class Catadioptric(RayModel):
 
         A mirror without a rim has none here either: files hold no infinite number.
         """
-        kinds = {"lens": TELECENTRIC if isinstance(self.lens, Orthographic) else self.lens.name}
+        kinds = {"lens": TELECENTRIC if isinstance(self.lens, Telecentric) else self.lens.name}
         names = self.coefficient_names(len(self.mirrors), "mirrors")
         kinds |= {name: p.mirror.name for name, p in zip(names, self.mirrors, strict=True)}
         return kinds | {name: value for name, value in super().to_dict().items() if np.isfinite(value)}
@@ -254,13 +255,13 @@ class Catadioptric(RayModel):
             raise ValueError(f"model {cls.name}: missing {', '.join(missing)}")
         count = 1 + sum(name[6:].isdecimal() for name in values if name.startswith("mirror"))
         rest = {name: value for name, value in values.items() if name != "lens"}
-        placed: list[Placed] = []
+        placed: list[PlacedMirror] = []
         for name in cls.coefficient_names(count, "mirrors"):
             if name not in rest:
                 raise ValueError(f"model {cls.name}: missing {name}")
             shape = mirror_class(rest.pop(name))
             own = {n.removeprefix(f"{name}_"): rest.pop(n) for n in list(rest) if n.startswith(f"{name}_")}
             pose = {n: finite(own.pop(n), f"{name}_{n}") for n in POSE if n in own}
-            placed.append(Placed(shape.from_dict(own), **pose))
-        lens = Orthographic if values["lens"] == TELECENTRIC else model_class(values["lens"])
+            placed.append(PlacedMirror(shape.from_dict(own), **pose))
+        lens = Telecentric if values["lens"] == TELECENTRIC else model_class(values["lens"])
         return cls(lens.from_dict(rest), tuple(placed))

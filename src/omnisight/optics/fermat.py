@@ -1,9 +1,12 @@
-"""Fermat's principle: light goes where the length of its path does not change to first order.
+"""Fermat's principle: light takes a path of stationary length.
 
-A path from a lens to a point is given by where it meets each mirror: u = (a_1, b_1, a_2, b_2 ...), each pair a place in
-the mirror's chart. Its length is L(u) = |P_1 - C| + |P_2 - P_1| + ... + |X - P_m| (of parallel rays the first is z of
-P_1), and at a reflection dL/du = 0. The second derivatives need no more than the mirrors' curvature, however many there
-are, and the implicit function theorem gives how the path moves with the point and with all parameters.
+A path from the lens centre C over m mirrors to a point X is described by its reflection points: u = (a_1, b_1, a_2,
+b_2, ...), each pair in the chart of its mirror. Its length is L(u) = |P_1 - C| + |P_2 - P_1| + ... + |X - P_m| (for a
+telecentric lens the first term is the z of P_1). At the reflections dL/du = 0. The Hessian needs only the curvature of
+each mirror. The implicit function theorem gives the derivatives of the path by the point and by all parameters.
+
+All paths are solved at once: `stationary` is a Newton iteration over N independent problems with exact Hessians, which
+the solvers of `omnisight.optim` (one problem, Gauss-Newton) cannot express.
 """
 
 from collections.abc import Sequence
@@ -13,16 +16,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.optics.placed import Placed
+from omnisight.optics.placed_mirror import PlacedMirror
 
 Array = NDArray[np.float64]
 
-# Newton's steps and damped ones together.
-STEPS = 100
-# The square of the gradient, a sine, that is no more than rounding.
-ROUNDING = 1e-26
-# What coordinates are rounded by, of their size.
-ULP = 1e-15
+# Newton steps and damped steps together; hard cases need some 30.
+MAX_ITERATIONS = 100
+# Squared gradient (sine of an angle) at the level of rounding errors.
+GRADIENT_TOLERANCE_SQUARED = 1e-26
+# Relative rounding error of coordinates.
+COORDINATE_EPS = 1e-15
 
 
 class Path(NamedTuple):
@@ -31,13 +34,15 @@ class Path(NamedTuple):
     Attributes
     ----------
     corners
-        The m reflection points, then the scene point, each (3, N) in the lens's frame.
+        The m reflection points, then the scene point, each (3, N) in the lens frame.
     tangents
-        Of each mirror (2, 3, N), how its reflection point moves with u.
+        For each mirror (2, 3, N): d reflection point / d u.
     legs
         m + 1 unit vectors (3, N): from the lens to the first mirror, and so on to the point.
     lengths
-        (N,) of each leg but the first of parallel rays, which is None.
+        (N,) of each leg; None for the first leg of parallel rays.
+    gradient, hessian
+        dL/du (2 m, N) and d2L/du2 (2 m, 2 m, N).
     """
 
     corners: list[Array]
@@ -47,17 +52,13 @@ class Path(NamedTuple):
     gradient: Array
     hessian: Array
 
-    def stretch(self) -> Array:
-        """Give how far (2 m, N) the reflection points move with u."""
+    def chart_scale(self) -> Array:
+        """Return the speeds (2 m, N) at which the reflection points move with u."""
         return np.sqrt(np.concatenate([(tangent**2).sum(1) for tangent in self.tangents]))
 
 
-def path(placed: Sequence[Placed], parallel: bool, u: Array, points: Array) -> Path:
-    """Give the paths that meet the mirrors at u (2 m, N) on the way to points (3, N) of the lens's frame.
-
-    Its gradient dL/du is (2 m, N), its Hessian (2 m, 2 m, N).
-    """
-    count, m = u.shape[1], len(placed)
+def path(placed: Sequence[PlacedMirror], parallel: bool, u: Array, points: Array) -> Path:
+    """Return the paths with reflection points u (2 m, N) to scene points (3, N) of the lens frame."""
     corners: list[Array] = []
     tangents: list[Array] = []
     bends: list[Array] = []
@@ -78,6 +79,14 @@ def path(placed: Sequence[Placed], parallel: bool, u: Array, points: Array) -> P
         length = _length(difference)
         lengths.append(length)
         legs.append(difference / length)
+    return Path(corners, tangents, legs, lengths, *_derivatives(tangents, bends, legs, lengths))
+
+
+def _derivatives(
+    tangents: list[Array], bends: list[Array], legs: list[Array], lengths: list[Array | None]
+) -> tuple[Array, Array]:
+    """Return the gradient (2 m, N) and the block-tridiagonal Hessian (2 m, 2 m, N) of the path length."""
+    count, m = tangents[0].shape[-1], len(tangents)
     gradient, hessian = np.empty((2 * m, count)), np.zeros((2 * m, 2 * m, count))
     for i, tangent in enumerate(tangents):
         before, after = legs[i], legs[i + 1]
@@ -98,15 +107,15 @@ def path(placed: Sequence[Placed], parallel: bool, u: Array, points: Array) -> P
                 for l in range(2):
                     h = (along[1][k] * ahead[l] - (tangent[k] * tangents[i + 1][l]).sum(0)) / lengths[i + 1]
                     hessian[2 * i + k, 2 * i + 2 + l] = hessian[2 * i + 2 + l, 2 * i + k] = h
-    return Path(corners, tangents, legs, lengths, gradient, hessian)
+    return gradient, hessian
 
 
 def solve(hessian: Array, right: Array) -> Array:
-    """Solve H x = r for (n, n, N) and (n, N) or (n, K, N); what is singular gives NaN or inf."""
+    """Solve H x = r for (n, n, N) and (n, N) or (n, K, N); singular systems give NaN or inf."""
     if len(hessian) == 2:
         (a, b), (c, d) = hessian
         return np.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)
-    # By halves: only the 2 x 2 of the last mirror's point, and of what it leaves to the others, is divided by.
+    # Eliminate the last reflection point (Schur complement), so that only 2 x 2 matrices are inverted.
     p, q, s = hessian[:-2, :-2], hessian[:-2, -2:], hessian[-2:, -2:]
     s_q = solve(s, hessian[-2:, :-2])  # (2, n - 2, N)
     s_r = solve(s, right[-2:])
@@ -116,38 +125,44 @@ def solve(hessian: Array, right: Array) -> Array:
 
 
 def stationary(
-    placed: Sequence[Placed], parallel: bool, start: Array, points: Array
+    placed: Sequence[PlacedMirror], parallel: bool, start: Array, points: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find the paths of points (3, N) where dL/du = 0, by Newton's method from start (2 m, N).
+    """Find paths to points (3, N) with dL/du = 0, by damped Newton steps from start (2 m, N).
 
-    Where a step would not bring the gradient down it is damped as Levenberg and Marquardt do. What comes is u (2 m, N)
-    and whether (N,) it is there to rounding.
+    A step that does not reduce the gradient is repeated with Levenberg-Marquardt damping.
+
+    Returns
+    -------
+    u
+        (2 m, N) reflection points.
+    converged
+        (N,), whether the gradient is zero up to rounding.
     """
-    u, done, rest = start.copy(), np.zeros(start.shape[1], np.bool_), np.arange(start.shape[1])
-    best = _Linear.of(path(placed, parallel, u, points))
-    damping = np.zeros(len(rest))
-    for _ in range(STEPS):
-        trial = u[:, rest] + best.step(damping)
-        new = _Linear.of(path(placed, parallel, trial, points[:, rest]))
+    u, converged, active = start.copy(), np.zeros(start.shape[1], np.bool_), np.arange(start.shape[1])
+    best = _Linearization.of(path(placed, parallel, u, points))
+    damping = np.zeros(len(active))
+    for _ in range(MAX_ITERATIONS):
+        trial = u[:, active] + best.step(damping)
+        new = _Linearization.of(path(placed, parallel, trial, points[:, active]))
         better = new.square < best.square
-        u[:, rest[better]] = trial[:, better]
+        u[:, active[better]] = trial[:, better]
         best = best.updated(new, better)
-        # Rounding is all that is left where a step no longer helps.
-        settled = (best.square < best.rounding) & (~better | (best.square < ROUNDING**1.2))
-        done[rest[settled]] = True
+        # Converged if below the rounding level and either no longer improving or far below it.
+        done = (best.square < best.rounding) & (~better | (best.square < GRADIENT_TOLERANCE_SQUARED**1.2))
+        converged[active[done]] = True
         damping = np.where(better, damping / 16, np.maximum(8 * damping, 1e-4))
         damping[damping < 1e-7] = 0.0
-        keep = ~settled & (damping < 1e8) & np.isfinite(best.square)
+        keep = ~done & (damping < 1e8) & np.isfinite(best.square)
         if not keep.any():
             break
-        rest, damping, best = rest[keep], damping[keep], best.kept(keep)
-    return u, done
+        active, damping, best = active[keep], damping[keep], best.selected(keep)
+    return u, converged
 
 
-class _Linear(NamedTuple):
-    """The gradient by length along the surface (2 m, N), its Jacobian (2 m, 2 m, N), and its square (N,).
+class _Linearization(NamedTuple):
+    """Gradient per arc length on the surface (2 m, N), its Jacobian (2 m, 2 m, N) and squared norm (N,).
 
-    `rounding` (N,) is what of the square may be no more than that: close to a mirror, directions lose digits.
+    `rounding` (N,) is the squared norm that rounding alone can cause; directions close to a mirror lose digits.
     """
 
     gradient: Array
@@ -156,36 +171,37 @@ class _Linear(NamedTuple):
     rounding: Array
 
     @classmethod
-    def of(cls, at: Path) -> "_Linear":
-        stretch = at.stretch()
-        gradient = at.gradient / stretch
+    def of(cls, at: Path) -> "_Linearization":
+        scale = at.chart_scale()
+        gradient = at.gradient / scale
         near, length = at.corners[-2], at.lengths[-1]
-        assert length is not None  # only a parallel ray's first is
-        rounding = ROUNDING + (ULP / length) ** 2 * (near * near).sum(0)
-        return cls(gradient, at.hessian / stretch[:, None], (gradient**2).sum(0), rounding)
+        assert length is not None  # only the first leg of a parallel ray has no length
+        rounding = GRADIENT_TOLERANCE_SQUARED + (COORDINATE_EPS / length) ** 2 * (near * near).sum(0)
+        return cls(gradient, at.hessian / scale[:, None], (gradient**2).sum(0), rounding)
 
     def step(self, damping: Array) -> Array:
+        """Return the Newton step (2 m, N), or the damped Gauss-Newton step of the gradient where damping > 0."""
         step = -solve(self.jacobian, self.gradient)
-        held = np.flatnonzero((damping > 0) | ~np.isfinite(step).all(0))
-        if len(held):
-            j, g = self.jacobian[:, :, held], self.gradient[:, held]
+        damped = np.flatnonzero((damping > 0) | ~np.isfinite(step).all(0))
+        if len(damped):
+            j, g = self.jacobian[:, :, damped], self.gradient[:, damped]
             normal = np.einsum("ian,ibn->abn", j, j)
             diagonal = np.arange(len(g))
-            normal[diagonal, diagonal] *= 1 + np.maximum(damping[held], 1e-7)
-            step[:, held] = -solve(normal, np.einsum("ian,in->an", j, g))
+            normal[diagonal, diagonal] *= 1 + np.maximum(damping[damped], 1e-7)
+            step[:, damped] = -solve(normal, np.einsum("ian,in->an", j, g))
         return step
 
-    def updated(self, new: "_Linear", where: NDArray[np.bool_]) -> "_Linear":
-        return _Linear(*(np.where(where, n, old) for n, old in zip(new, self, strict=True)))
+    def updated(self, new: "_Linearization", where: NDArray[np.bool_]) -> "_Linearization":
+        return _Linearization(*(np.where(where, n, old) for n, old in zip(new, self, strict=True)))
 
-    def kept(self, keep: NDArray[np.bool_]) -> "_Linear":
-        return _Linear(*(values[..., keep] for values in self))
+    def selected(self, keep: NDArray[np.bool_]) -> "_Linearization":
+        return _Linearization(*(values[..., keep] for values in self))
 
 
-def by_point(path: Path) -> Array:
-    """Give how (N, 2, 3) a stationary path meets the first mirror elsewhere as the scene point moves.
+def derivatives_by_point(path: Path) -> Array:
+    """Return du_1/dX (N, 2, 3) of stationary paths: the first reflection point by the scene point.
 
-    du/dX = -H^-1 d2L/du dX, where of the gradient only the last mirror's part knows X: -T_m^T (I - e e^T) / l.
+    du/dX = -H^-1 d2L/du dX. Only the gradient of the last mirror depends on X: d2L/du_m dX = -T_m^T (I - e e^T) / l.
     """
     tangent, leg = path.tangents[-1], path.legs[-1]
     right = np.zeros((len(path.gradient), 3, leg.shape[1]))
@@ -193,11 +209,13 @@ def by_point(path: Path) -> Array:
     return solve(path.hessian, right)[:2].transpose(2, 0, 1)
 
 
-def by_parameters(placed: Sequence[Placed], parallel: bool, u: Array, points: Array, at: Path) -> Array:
-    """Give how (N, 3, P) the first reflection point moves with the parameters of the mirrors and of their poses.
+def derivatives_by_parameters(
+    placed: Sequence[PlacedMirror], parallel: bool, u: Array, points: Array, at: Path
+) -> Array:
+    """Return the derivatives (N, 3, P) of the first reflection point by the parameters of the mirrors and their poses.
 
-    With u held, both the gradient and the point are plain functions of them, which central differences follow to about
-    1e-10 of their size; then du/dp = -H^-1 d2L/du dp.
+    du/dp = -H^-1 d2L/du dp. At fixed u the gradient and the reflection point are explicit functions of p; central
+    differences of them have a relative error of about 1e-10.
     """
     slopes, moves = [np.empty((0, *at.gradient.shape))], [np.empty((0, *at.corners[0].shape))]
     for i, p in enumerate(placed):
@@ -220,11 +238,11 @@ def by_parameters(placed: Sequence[Placed], parallel: bool, u: Array, points: Ar
     return np.einsum("kin,kpn->nip", at.tangents[0], du) + move.transpose(2, 1, 0)
 
 
-def _step(placed: Placed, k: int, u: Array) -> float:
-    """Give a step of a parameter that moves the mirror by a hundred thousandth of its distance, or of the points u."""
+def _step(placed: PlacedMirror, k: int, u: Array) -> float:
+    """Return a step of parameter k that moves points of the mirror by 1e-5 of their distance from the lens."""
     rim = placed.mirror.rim
     if np.isfinite(rim):
-        u = np.stack(placed.mirror.charted(*np.array([[0.7 * rim, 0.0, -0.5 * rim], [0.0, 0.7 * rim, -0.5 * rim]])))
+        u = np.stack(placed.mirror.chart_coordinates(*np.array([[0.7 * rim, 0.0, -0.5 * rim], [0.0, 0.7 * rim, -0.5 * rim]])))
 
     def corners(params: Array) -> Array:
         p = placed.with_params(params)

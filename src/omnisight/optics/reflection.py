@@ -7,18 +7,18 @@ Array = NDArray[np.float64]
 
 
 def reflect(bearings: ArrayLike, normals: ArrayLike) -> Array:
-    """Give the bearings that light, or sight, leaves a mirror with: r = d - 2 (d . n) n.
+    """Reflect bearings at a surface: r = d - 2 (d . n) n.
 
     Parameters
     ----------
     bearings
-        (..., 3) as they come in.
+        (..., 3) incoming.
     normals
-        (..., 3) unit normals of the surface, to either side.
+        (..., 3) unit normals of the surface; the sign does not matter.
 
     Returns
     -------
-    (..., 3), as long as what came in.
+    (..., 3) reflected, of the same length as `bearings`.
     """
     d, n = np.asarray(bearings, float), np.asarray(normals, float)
     return d - 2 * (d * n).sum(-1, keepdims=True) * n

@@ -1,4 +1,4 @@
-"""Rays over mirrors."""
+"""Tracing of rays from a lens over its mirrors."""
 
 from collections.abc import Sequence
 
@@ -6,48 +6,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.rays import Rays
-from omnisight.optics.placed import Placed
+from omnisight.optics.placed_mirror import PlacedMirror
 from omnisight.optics.reflection import reflect
 
 Array = NDArray[np.float64]
 
 
-def trace(placed: Sequence[Placed], rays: Rays) -> Rays:
-    """Follow rays (N, 3) of a lens over its mirrors, to where and how they leave the last one."""
+def trace(placed: Sequence[PlacedMirror], rays: Rays) -> Rays:
+    """Trace rays (N, 3) of a lens; return them as they leave the last mirror."""
     origins, bearings, valid = rays
-    before = None
+    previous = None
     with np.errstate(all="ignore"):
         for p in placed:
             pose = p.lens_from_mirror
             o, d = (origins - pose.translation) @ pose.rotation, bearings @ pose.rotation
             distance, hit = p.mirror.intersect(o, d)
-            valid = valid & hit & free(placed, origins, bearings, distance, before, p)
+            valid = valid & hit & is_unobstructed(placed, origins, bearings, distance, previous, p)
             at = o + distance[:, None] * d
             origins = pose @ at
             bearings = reflect(d, p.mirror.normal(at)) @ pose.rotation.T
-            before = p
-        valid = valid & free(placed, origins, bearings, np.full(len(valid), np.inf), before)
-    lost = ~valid
-    origins[lost] = bearings[lost] = np.nan
+            previous = p
+        valid = valid & is_unobstructed(placed, origins, bearings, np.full(len(valid), np.inf), previous)
+    origins[~valid] = bearings[~valid] = np.nan
     return Rays(origins, bearings, valid)
 
 
-def free(
-    placed: Sequence[Placed],
+def is_unobstructed(
+    placed: Sequence[PlacedMirror],
     origins: Array,
     bearings: Array,
     lengths: Array,
-    leaving: Placed | None,
-    reaching: Placed | None = None,
+    leaving: PlacedMirror | None,
+    reaching: PlacedMirror | None = None,
 ) -> NDArray[np.bool_]:
-    """Say along which rays (N, 3) no mirror stands before that length (N,).
+    """Return which rays (N, 3) meet no mirror within a length (N,).
 
-    They leave one mirror and reach another, both on the sides that reflect: convex ones cannot be met between.
+    The rays start on the reflecting side of `leaving` and end on that of `reaching`. If these mirrors are convex they
+    cannot obstruct the ray and are skipped.
     """
-    clear = np.ones(len(lengths), np.bool_)
+    unobstructed = np.ones(len(lengths), np.bool_)
     for p in placed:
         if p.mirror.convex and (p is leaving or p is reaching):
             continue
         pose = p.lens_from_mirror
-        clear &= p.mirror.clear((origins - pose.translation) @ pose.rotation, bearings @ pose.rotation, lengths)
-    return clear
+        o, d = (origins - pose.translation) @ pose.rotation, bearings @ pose.rotation
+        unobstructed &= p.mirror.is_unobstructed(o, d, lengths)
+    return unobstructed

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.optics.congruence import SeesAlongRays, congruence
 from omnisight.optics.mirrors import Mirror
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
+from omnisight.optics.ray_jacobians import HasRays, ray_jacobians
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ PARALLEL = 1e-18
 
 
 @dataclass(frozen=True)
-class LensPlace:
+class LensPosition:
     """Where a lens may stand so that all rays seem to meet in one point.
 
     Attributes
@@ -37,7 +37,7 @@ class LensPlace:
     useless: str = ""
 
 
-def lens_places(mirror: Mirror) -> tuple[LensPlace, ...]:
+def lens_positions(mirror: Mirror) -> tuple[LensPosition, ...]:
     """Give every place on the axis where a lens makes the mirror a camera with a single viewpoint.
 
     All of them by Baker and Nayar, A theory of single-viewpoint catadioptric image formation, IJCV 35(2), 1999: the
@@ -45,30 +45,30 @@ def lens_places(mirror: Mirror) -> tuple[LensPlace, ...]:
     sphere and cone. An asphere has none, unless it is a conic.
     """
     if isinstance(mirror, Plane):
-        return (LensPlace(None, None),)
+        return (LensPosition(None, None),)
     if isinstance(mirror, Cone):
-        return (LensPlace(0.0, 0.0, "in the cone's tip a lens sees only what grazes the cone"),)
+        return (LensPosition(0.0, 0.0, "in the cone's tip a lens sees only what grazes the cone"),)
     if isinstance(mirror, Conic):
         return _in_foci(mirror)
     return ()
 
 
-def _in_foci(mirror: Conic) -> tuple[LensPlace, ...]:
+def _in_foci(mirror: Conic) -> tuple[LensPosition, ...]:
     """Give the places for a conic: its foci."""
     radius, e, (near, far) = mirror.radius, mirror.eccentricity, mirror.foci
     if e == 0:
         inside = "inside the mirror" if radius > 0 else "in the centre of the sphere, where a lens sees only itself"
-        return (LensPlace(near, near, inside),)
+        return (LensPosition(near, near, inside),)
     if radius > 0:
         if e < 1:
             inside = "inside the mirror: a convex ellipsoid has both foci behind its surface"
-            return (LensPlace(far, near, inside), LensPlace(near, far, inside))
-        return (LensPlace(far, near),)
+            return (LensPosition(far, near, inside), LensPosition(near, far, inside))
+        return (LensPosition(far, near),)
     if e == 1:
-        return (LensPlace(-np.inf, near), LensPlace(near, -np.inf, "a searchlight: all rays leave along the axis"))
+        return (LensPosition(-np.inf, near), LensPosition(near, -np.inf, "a searchlight: all rays leave along the axis"))
     if e > 1:  # the far focus lies behind the surface, where no lens can stand
-        return (LensPlace(near, far),)
-    return (LensPlace(far, near), LensPlace(near, far))
+        return (LensPosition(near, far),)
+    return (LensPosition(far, near), LensPosition(near, far))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Viewpoint:
     distances
         (N,) of their rays, as whole lines, from the point, in the unit of the origins.
     px_per_radian
-        (N,) how far the picture moves for a turn of the ray towards the point.
+        (N,) how far the image moves for a turn of the ray towards the point.
     """
 
     point: Array
@@ -120,7 +120,7 @@ class Viewpoint:
         return np.arcsin(self.distances / distance) * self.px_per_radian
 
 
-def best_viewpoint(camera: SeesAlongRays, pixels: ArrayLike) -> Viewpoint:
+def best_viewpoint(camera: HasRays, pixels: ArrayLike) -> Viewpoint:
     """Find the point nearest, in least squares, to the rays of pixels (..., 2).
 
     Parameters
@@ -128,7 +128,7 @@ def best_viewpoint(camera: SeesAlongRays, pixels: ArrayLike) -> Viewpoint:
     camera
         Anything with `rays(pixels)`.
     pixels
-        Every one counts the same: those of a regular grid weigh the picture's area.
+        Every one counts the same: those of a regular grid weigh the image's area.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def best_viewpoint(camera: SeesAlongRays, pixels: ArrayLike) -> Viewpoint:
         If fewer than two pixels see anything, or all rays are parallel: then every point is as good.
     """
     flat = np.asarray(pixels, float).reshape(-1, 2)
-    found = congruence(camera, flat)
+    found = ray_jacobians(camera, flat)
     use = found.rays.valid & np.isfinite(found.d_bearings).all((-1, -2))
     origins, bearings = found.rays.origins[use], found.rays.bearings[use]
     if len(bearings) < 2:
@@ -156,7 +156,7 @@ def best_viewpoint(camera: SeesAlongRays, pixels: ArrayLike) -> Viewpoint:
 
 
 def _px_per_radian(d_bearings: Array, bearings: Array, towards: Array) -> Array:
-    """Give how far (N,) the picture moves for a turn of the bearings (N, 3) in directions (N, 3) across them.
+    """Give how far (N,) the image moves for a turn of the bearings (N, 3) in directions (N, 3) across them.
 
     Where no direction is told, for a ray through the viewpoint, it does not matter: any will do.
     """

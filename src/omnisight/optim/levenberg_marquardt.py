@@ -1,63 +1,67 @@
-"""Levenberg-Marquardt, for any problem that can linearise itself."""
+"""Levenberg-Marquardt for any problem that provides its own normal equations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 State = TypeVar("State")
 
-# Share of a cost below which differences are hardly more than rounding.
+# Differences of a cost below this fraction of it are mostly rounding.
 ROUNDING = 1e-6
+# Damping relative to the diagonal of the normal equations: at the start, at least, and where no step helps any more.
+INITIAL_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-6, 1e-15, 1e14
+# Factor of the damping after a rejected step; doubles with every further rejection.
+DAMPING_GROWTH = 2.0
 
 
-class Linearised(Protocol):
-    """The normal equations of a least-squares problem at one state, in whatever sparse form suits it."""
+class Linearized(Protocol):
+    """The normal equations of a least-squares problem at one state, in any sparse form."""
 
     def solve(self, damping: float) -> Array:
-        """Give the step that minimises the linearised cost, the diagonal scaled up by 1 + damping."""
+        """Return the step that minimizes the linearized cost with the diagonal scaled by 1 + damping."""
         ...
 
     def decrease(self, step: Array) -> float:
-        """Give by how much the linearised cost falls along the step (undamped)."""
+        """Return the decrease of the linearized cost along a step (undamped)."""
         ...
 
 
 class Problem(Protocol[State]):
-    """A least-squares problem over states that are moved by steps of a vector space."""
+    """A least-squares problem over states that steps of a vector space move."""
 
     def cost(self, state: State) -> float:
-        """Give half the (robust) sum of squares; inf where the state is not possible."""
+        """Return half the (robust) sum of squares; inf where the state is impossible."""
         ...
 
-    def linearise(self, state: State) -> Linearised:
-        """Give the normal equations at the state."""
+    def linearize(self, state: State) -> Linearized:
+        """Return the normal equations at the state."""
         ...
 
     def move(self, state: State, step: Array) -> State:
-        """Give the state moved by a step, kept inside its bounds."""
+        """Return the state moved by a step, within its bounds."""
         ...
 
 
 @dataclass(frozen=True)
 class Solution(Generic[State]):
-    """What a minimisation found.
+    """The result of a minimization.
 
     Attributes
     ----------
     state
-        The best state met.
+        The best state.
     cost
         Half the (robust) sum of squares there.
     converged
-        Whether the cost stopped falling; false if the steps ran out.
+        Whether the cost stopped decreasing; False if the iterations ran out.
     iterations
-        Steps begun.
+        Number of linearizations.
     reason
-        Why it stopped, in words.
+        Why the minimization stopped.
     """
 
     state: State
@@ -67,76 +71,86 @@ class Solution(Generic[State]):
     reason: str
 
 
-def minimise(
+def minimize(
     problem: Problem[State],
     start: State,
     *,
     iterations: int = 100,
     tolerance: float = 1e-9,
     scale: float = np.inf,
-    damping: float = 1e-6,
-    first: Linearised | None = None,
+    damping: float = INITIAL_DAMPING,
+    first: Linearized | None = None,
     watch: Callable[[int, float], None] | None = None,
 ) -> Solution[State]:
-    """Minimise by Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
+    """Minimize by Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
 
     Parameters
     ----------
     problem
-        Costs, linearisations and moves.
+        Costs, linearizations and moves.
     start
-        Where to begin; its cost must be finite.
+        Initial state; its cost must be finite.
     iterations
-        The most linearisations.
+        Maximum number of linearizations.
     tolerance
-        Stop when the cost is predicted to fall by less than this share of it.
+        Stop when the expected decrease of the cost is below this fraction of it.
     scale
-        Or of this, where it is less: wrong measurements can be nearly all of a cost.
+        Reference cost for `tolerance` if it is smaller than the cost: outliers can make up nearly all of a cost.
     damping
-        The first damping, relative to the diagonal of the normal equations.
+        Initial damping, relative to the diagonal of the normal equations.
     first
-        The normal equations at the start, if they are known.
+        The normal equations at the start, if known.
     watch
         Called with the iteration and the cost.
     """
-    state, cost, growth = start, problem.cost(start), 2.0
+    state, cost, growth = start, problem.cost(start), DAMPING_GROWTH
     if not np.isfinite(cost):
-        return Solution(state, cost, False, 0, "the start is not possible")
+        return Solution(state, cost, False, 0, "the cost of the initial state is not finite")
     for iteration in range(1, iterations + 1):
-        linearised = problem.linearise(state) if iteration > 1 or first is None else first
+        linearized = problem.linearize(state) if iteration > 1 or first is None else first
         while True:
-            step = linearised.solve(damping)
-            predicted = linearised.decrease(step) if np.all(np.isfinite(step)) else np.nan
-            if predicted <= tolerance * _least(cost, scale):
-                return Solution(state, cost, True, iteration, "no step lowers the cost")
-            possible = np.isfinite(predicted)
-            moved = problem.move(state, step) if possible else state
-            new_cost = problem.cost(moved) if possible else np.inf
-            gained = (cost - new_cost) / predicted
-            if gained > 0:
+            step = linearized.solve(damping)
+            predicted = linearized.decrease(step) if np.all(np.isfinite(step)) else np.nan
+            if predicted <= tolerance * _reference_cost(cost, scale):
+                return Solution(state, cost, True, iteration, "no step decreases the cost")
+            finite = np.isfinite(predicted)
+            moved = problem.move(state, step) if finite else state
+            new_cost = problem.cost(moved) if finite else np.inf
+            ratio = (cost - new_cost) / predicted
+            if ratio > 0:
                 break
-            damping, growth = damping * growth, growth * 2
-            if damping > 1e14:
-                return Solution(state, cost, True, iteration, "no step lowers the cost")
-        damping = max(damping * max(1 / 3, 1 - (2 * gained - 1) ** 3), 1e-15)
-        growth = 2.0
+            damping, growth = damping * growth, growth * DAMPING_GROWTH
+            if damping > MAX_DAMPING:
+                return Solution(state, cost, True, iteration, "no step decreases the cost")
+        damping = max(damping * float(damping_factor(ratio)), MIN_DAMPING)
+        growth = DAMPING_GROWTH
         fall = cost - new_cost
         state, cost = moved, new_cost
         if watch:
             watch(iteration, cost)
-        # What is still to be gained is about what the linearisation missed of this step, and what damping withheld.
-        missed = min(abs(1 - gained), 1.0) * fall
-        settled = tolerance * _least(cost, scale)
-        if missed <= settled and missed + _withheld(linearised, predicted) <= settled:
-            return Solution(state, cost, True, iteration, "the cost stopped falling")
-    return Solution(state, cost, False, iterations, f"{iterations} iterations were not enough")
+        # The remaining decrease is about what the linearization missed plus what the damping withheld.
+        missed = min(abs(1 - ratio), 1.0) * fall
+        threshold = tolerance * _reference_cost(cost, scale)
+        if missed <= threshold and missed + _withheld(linearized, predicted) <= threshold:
+            return Solution(state, cost, True, iteration, "the cost stopped decreasing")
+    return Solution(state, cost, False, iterations, f"not converged after {iterations} iterations")
 
 
-def _withheld(linearised: Linearised, predicted: float) -> float:
-    """Give what damping kept a step from gaining."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of a step along what nothing tells
-        return abs(linearised.decrease(linearised.solve(0.0)) - predicted)
+def blocked_by_bounds(state: Array, gradient: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Return which parameters cannot move: they lie on a bound that the descent direction crosses."""
+    return ((state <= low) & (gradient > 0)) | ((state >= high) & (gradient < 0)) | (low == high)
 
 
-def _least(cost: float, scale: float) -> float:
+def damping_factor(ratio: ArrayLike) -> Array:
+    """Return Nielsen's factor of the damping after a step that decreased the cost by `ratio` times the prediction."""
+    return np.maximum(1 / 3, 1 - (2 * np.asarray(ratio, float) - 1) ** 3)
+
+
+def _withheld(linearized: Linearized, predicted: float) -> float:
+    """Return the decrease that the damping withheld from a step."""
+    with np.errstate(over="ignore", invalid="ignore"):  # steps along unobservable directions
+        return abs(linearized.decrease(linearized.solve(0.0)) - predicted)
+
+
+def _reference_cost(cost: float, scale: float) -> float:
     return max(min(cost, scale), ROUNDING * cost)

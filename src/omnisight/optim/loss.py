@@ -1,4 +1,4 @@
-"""Robust losses: what a residual's length costs, and the weight that makes least squares pay the same."""
+"""Robust losses: the cost of a residual length, and the weight for iteratively reweighted least squares."""
 
 from dataclasses import dataclass
 
@@ -7,26 +7,26 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# The median length of a 2-vector of independent unit Gaussians (Rayleigh distribution).
+# Median length of a 2-vector of independent unit Gaussians (Rayleigh distribution).
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 
 
 @dataclass(frozen=True)
 class Huber:
-    """Quadratic up to `threshold`, linear past it; an infinite threshold is least squares (Huber 1964)."""
+    """Quadratic up to `threshold`, linear beyond; an infinite threshold is least squares (Huber 1964)."""
 
     threshold: float = np.inf
 
     def cost(self, length: Array) -> float:
-        """Give half the sum of the losses."""
+        """Return half the sum of the losses."""
         inside = np.minimum(length, self.threshold)
         return float((inside * (length - 0.5 * inside)).sum()) if len(length) else 0.0
 
     def weight(self, length: Array) -> Array:
-        """Give the weight of each residual in the normal equations."""
+        """Return the weight of each residual in the normal equations."""
         return np.where(length > self.threshold, self.threshold / np.maximum(length, 1e-300), 1.0)
 
 
 def robust_sigma(length: Array) -> float:
-    """Give the standard deviation per coordinate of 2-D residuals from the median of their lengths."""
+    """Return the standard deviation per coordinate of 2-D residuals, from the median of their lengths."""
     return float(np.median(length) / RAYLEIGH_MEDIAN) if len(length) else 0.0

@@ -109,7 +109,7 @@ class GroupedNormal:
         return np.concatenate([shared, local.ravel()])
 
     def decrease(self, step: Array) -> float:
-        """Give the fall of the linearised cost along a step."""
+        """Give the fall of the linearized cost along a step."""
         count = len(self.shared)
         a, b = step[:count], step[count:].reshape(self.local_gradient.shape)
         linear = self.shared_gradient @ a + (self.local_gradient * b).sum()

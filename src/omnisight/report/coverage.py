@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from omnisight.calibrate.trust.coverage import ENOUGH, SECTORS, SIDES
+from omnisight.quality.coverage import ENOUGH, SECTORS, SIDES
 from omnisight.report.axes import chart
 from omnisight.report.markup import element
 from omnisight.report.material import Figure, Material
@@ -25,8 +25,8 @@ def coverage(m: Material) -> Figure:
         if seen.shown[i, k] or seen.covered[i, k]
     ]
     missing = seen.missing()
-    more = f"Put the board {missing}, and add these pictures{m.where_best}."
-    said = f"Corners were seen in {seen.share:.0%} of what the picture shows. Missing: {missing or 'nothing'}."
+    more = f"Put the board {missing}, and add these images{m.where_best}."
+    said = f"Corners were seen in {seen.share:.0%} of what the image shows. Missing: {missing or 'nothing'}."
     return Figure(
         "coverage",
         "Where the board was seen",
@@ -40,8 +40,8 @@ def coverage(m: Material) -> Figure:
         ),
         (
             "The whole field of view as a disc: the middle is the axis of the camera, the distance from it the angle "
-            "from the axis, and the sides are those of the picture. Each dot is a corner of the board. Blue parts have "
-            f"at least {ENOUGH} corners; orange hatched parts are in the picture and have none; blank parts are not.",
+            "from the axis, and the sides are those of the image. Each dot is a corner of the board. Blue parts have "
+            f"at least {ENOUGH} corners; orange hatched parts are in the image and have none; blank parts are not.",
             "Blue all around and out to the rim. A camera is only known where it was tested.",
             more if missing else "Nothing is missing here.",
         ),

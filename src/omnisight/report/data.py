@@ -33,7 +33,7 @@ def said(m: Material) -> dict[str, Any]:
         "viewpoint": None if m.asked is None else m.asked.as_dict(),
         "board": None if board is None else board.to_dict(),
         "board_unit": None if board is None else board.unit,
-        "pictures": [_picture(m, picture) for picture in m.pictures],
+        "images": [_picture(m, picture) for picture in m.images],
         "camera": to_json(m.camera),
     }
 

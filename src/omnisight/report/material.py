@@ -10,19 +10,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate import Calibration
-from omnisight.calibrate.rays import Asked, RaysCalibration, Travel, far_camera
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.optics.models.axial import Axial
+from omnisight.pipeline.central import Calibration
+from omnisight.pipeline.noncentral import RaysCalibration
+from omnisight.quality.central_limit import far_camera
+from omnisight.quality.noncentral_test import NonCentralityTest
+from omnisight.quality.pupil_shift import PupilShift
 from omnisight.ray_camera import RayCamera
 from omnisight.report.markup import Markup, element
 from omnisight.report.numbers import with_sigma
-from omnisight.targets import BoardSearch, PictureDetection
+from omnisight.targets import Detections, ImageDetection
 
 Array = NDArray[np.float64]
 
-# How far (radians) a direction is moved to see which way the picture's radius runs there.
+# How far (radians) a direction is moved to see which way the image's radius runs there.
 STEP = 1e-4
 # The least, px, that scales of residuals are made for.
 LEAST = 1e-6
@@ -58,7 +61,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture of a calibration.
+    """One image of a calibration.
 
     Attributes
     ----------
@@ -78,7 +81,7 @@ class Picture:
 
     number: int
     name: str
-    detection: PictureDetection
+    detection: ImageDetection
     views: range
     rows: slice
     rms: float
@@ -99,26 +102,26 @@ class Material:
     calibration
         The calibration, of a central camera or of one whose rays need not meet in a point.
     search
-        The pictures behind it.
+        The images behind it.
     camera
         Its camera, as it was written.
     names
-        One for each picture given, as `--drop` knows them.
+        One for each image given, as `--drop` knows them.
     command
         The command that made it, word by word.
     apply_exif
-        As the pictures were read.
+        As the images were read.
     asked
         Whether the viewpoint moves, if that was asked.
     """
 
     calibration: Calibration | RaysCalibration
-    search: BoardSearch
+    search: Detections
     camera: Camera | RayCamera
     names: Sequence[str]
     command: Sequence[str]
     apply_exif: bool = False
-    asked: Asked | None = None
+    asked: NonCentralityTest | None = None
 
     @cached_property
     def far(self) -> Camera:
@@ -127,7 +130,7 @@ class Material:
 
     @property
     def where_best(self) -> str:
-        """What to add to the advice to take more pictures."""
+        """What to add to the advice to take more images."""
         return "; omnisight next says where best" if isinstance(self.camera, Camera) else ""
 
     @property
@@ -136,12 +139,12 @@ class Material:
         return "squares" if self.search.board is None else self.search.board.unit
 
     @cached_property
-    def travel(self) -> Travel | None:
+    def travel(self) -> PupilShift | None:
         """How the viewpoint moves from the first to the last angle where corners were seen, if that is what it does."""
         camera = self.camera
         if not isinstance(camera.model, Axial) or camera.covariance is None:
             return None
-        return Travel.between(camera.model, camera.covariance, (camera.theta_min, self.reach))
+        return PupilShift.between(camera.model, camera.covariance, (camera.theta_min, self.reach))
 
     @property
     def drawn_length(self) -> tuple[float, str]:
@@ -157,10 +160,10 @@ class Material:
 
     @cached_property
     def pictures(self) -> tuple[Picture, ...]:
-        """Every picture given."""
+        """Every image given."""
         lengths = self.calibration.residual_lengths
         found, view, row = list[Picture](), 0, 0
-        given = zip(self.names, self.search.pictures, strict=True)
+        given = zip(self.names, self.search.images, strict=True)
         for number, (name, detection) in enumerate(given, 1):
             views = range(view, view + len(detection.boards))
             rows = slice(row, row + sum(map(len, detection.boards)))
@@ -192,7 +195,7 @@ class Material:
 
     @cached_property
     def along_and_across(self) -> tuple[Array, Array]:
-        """(N,) residuals along the radius of the picture, outwards, and across it, clockwise as seen."""
+        """(N,) residuals along the radius of the image, outwards, and across it, clockwise as seen."""
         outwards = outwards_at(self.far, self.theta, self.phi)
         across = np.stack([-outwards[:, 1], outwards[:, 0]], -1)
         return (self.residuals * outwards).sum(1), (self.residuals * across).sum(1)
@@ -213,7 +216,7 @@ class Material:
         return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)
 
     def dropping(self, picture: Picture) -> str:
-        """Give the option that leaves a picture out."""
+        """Give the option that leaves an image out."""
         name = picture.name
         return self.quoted([f"--drop={name}"] if name.startswith("-") else ["--drop", name])
 
@@ -224,7 +227,7 @@ class Material:
 
 
 def outwards_at(camera: Camera, theta: Array, phi: Array) -> Array:
-    """Give the unit vectors (N, 2) in the picture along which the angle grows, at directions (radians)."""
+    """Give the unit vectors (N, 2) in the image along which the angle grows, at directions (radians)."""
     near, _ = camera.model.project_numpy(polar(theta - STEP, phi))
     far, _ = camera.model.project_numpy(polar(theta + STEP, phi))
     step = far - near

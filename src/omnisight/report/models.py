@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.candidates import Candidate
-from omnisight.calibrate.rays import RaysCalibration
-from omnisight.calibrate.state import OUTSIDE
-from omnisight.calibrate.trust.ceiling import RINGS, Ceiling
+from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.state import MIN_OUTSIDE_COST_PX
+from omnisight.pipeline.noncentral import RaysCalibration
+from omnisight.quality.spline_baseline import RINGS, SplineBaseline
 from omnisight.report.axes import Axes, chart
 from omnisight.report.markup import Markup, element, short, together
 from omnisight.report.material import Figure, Material
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 # A bar that fills its cell is so many times as long as the shortest.
 LONGEST = 2.0
 HELD_OUT = (
-    "Held out is its error on pictures it was not calibrated on: five rounds, in each a fifth of the pictures set"
+    "Held out is its error on images it was not calibrated on: five rounds, in each a fifth of the images set"
     " aside. Of the models that are as good there as the best, the one with the fewest parameters is taken."
 )
 # How to read what is compared with a spline.
@@ -26,8 +26,8 @@ SPLINE = (
     f"Each row is a camera model fitted to the same corners. {HELD_OUT} A spline, which bends to any lens, is compared"
     " with it ring by ring.",
     "Held out hardly above rms, and the chosen model as low as the spline in every ring.",
-    "Held out far above rms: add pictures. A ring in which the spline is clearly lower: calibrate with --model spline,"
-    " if you need that part of the picture.",
+    "Held out far above rms: add images. A ring in which the spline is clearly lower: calibrate with --model spline,"
+    " if you need that part of the image.",
 )
 
 
@@ -61,7 +61,7 @@ def models(m: Material) -> Figure:
     """Draw the table of the models and, where it is known, the error of the chosen one ring by ring."""
     c = m.calibration
     rays = isinstance(c, RaysCalibration)
-    beside, how = (_central(m, c), _how(c.central)) if rays else (_spline(c.trust.ceiling), SPLINE)
+    beside, how = (_central(m, c), _how(c.central)) if rays else (_spline(c.trust.spline_baseline), SPLINE)
     shown = [*c.candidates, *([beside.candidate] if beside is not None else [])]
     full = LONGEST * min(_judged(candidate) for candidate in shown)
     rows = [_row(one.name, one, full, None if i else "chosen") for i, one in enumerate(c.candidates)]
@@ -69,7 +69,7 @@ def models(m: Material) -> Figure:
         rows.append(_row(beside.name, beside.candidate, full, "ceiling"))
     table = element(
         "table",
-        element("caption", "Models, the chosen one first, then the best on pictures held out"),
+        element("caption", "Models, the chosen one first, then the best on images held out"),
         element("thead", element("tr", *(element("th", t, scope="col") for t in _COLUMNS))),
         element("tbody", *rows),
         class_="models",
@@ -80,7 +80,7 @@ def models(m: Material) -> Figure:
     return Figure("models", "Why this model", together(*parts), how, "Models")
 
 
-def _spline(ceiling: Ceiling | None) -> Beside | None:
+def _spline(ceiling: SplineBaseline | None) -> Beside | None:
     """Compare a central camera with a spline, which bends to any lens."""
     if ceiling is None:
         return None
@@ -93,7 +93,7 @@ def _central(m: Material, c: RaysCalibration) -> Beside | None:
     own, other = c.chosen.held_out_lengths, c.central.held_out_lengths
     if own is None or other is None:
         return None
-    use = m.usable & (own < OUTSIDE) & (other < OUTSIDE)
+    use = m.usable & (own < MIN_OUTSIDE_COST_PX) & (other < MIN_OUTSIDE_COST_PX)
     edges = np.quantile(m.theta[use], np.linspace(0, 1, RINGS + 1))
     ring = np.clip(np.searchsorted(edges, m.theta[use]) - 1, 0, RINGS - 1)
     count = np.maximum(np.bincount(ring, minlength=RINGS), 1)
@@ -101,7 +101,7 @@ def _central(m: Material, c: RaysCalibration) -> Beside | None:
     most = int(np.argmax(rms[1] ** 2 - rms[0] ** 2))
     low, high = np.degrees(edges[most : most + 2])
     sentence = (
-        f"The central {c.central.name} has {c.central.held_out_rms:.3f} px on pictures held out, this camera"
+        f"The central {c.central.name} has {c.central.held_out_rms:.3f} px on images held out, this camera"
         f" {c.held_out_rms:.3f} px; they differ most {low:.0f} to {high:.0f} degrees from the axis"
         f" ({rms[1][most]:.3f} against {rms[0][most]:.3f} px)."
     )
@@ -115,7 +115,7 @@ def _how(central: Candidate) -> tuple[str, str, str]:
         f" coefficients the place of its viewpoint has. {HELD_OUT} The last row is the best central camera, whose rays"
         " meet in one point; the two are compared ring by ring.",
         "Held out hardly above rms, and the chosen camera lower than the central one, most so far from the axis.",
-        "Held out far above rms: add pictures. Where the central camera is as low in every ring, take that one"
+        "Held out far above rms: add images. Where the central camera is as low in every ring, take that one"
         f" (--model {central.state.model.name}): it asks for no distance, and every program reads it.",
     )
 

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from omnisight.calibrate import Calibration
-from omnisight.calibrate.rays import Asked, RaysCalibration
 from omnisight.camera import Camera
 from omnisight.images import write_bytes
+from omnisight.pipeline.central import Calibration
+from omnisight.pipeline.noncentral import RaysCalibration
+from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.ray_camera import RayCamera
 from omnisight.report.coverage import coverage
 from omnisight.report.data import embedded
@@ -26,7 +27,7 @@ from omnisight.report.travel import travel
 from omnisight.report.uncertainty import uncertainty
 from omnisight.report.verdict import key_figures, title, verdict
 from omnisight.report.viewpoint import viewpoint
-from omnisight.targets import BoardSearch
+from omnisight.targets import Detections
 
 # In the order of the page.
 FIGURES = (
@@ -46,35 +47,35 @@ FIGURES = (
 
 def write_report(
     calibration: Calibration | RaysCalibration,
-    search: BoardSearch,
+    search: Detections,
     camera: Camera | RayCamera,
     path: str | Path,
     *,
     names: Sequence[str],
     command: Sequence[str],
     apply_exif: bool = False,
-    asked: Asked | None = None,
+    asked: NonCentralityTest | None = None,
 ) -> None:
     """Write a calibration as one HTML file that fetches nothing.
 
-    The pictures are read again and embedded small: together 9 megapixels at most, which makes a file of some MB.
+    The images are read again and embedded small: together 9 megapixels at most, which makes a file of some MB.
 
     Parameters
     ----------
     calibration
         The calibration, of a central camera or of one whose rays need not meet in a point.
     search
-        The boards of its views, picture by picture.
+        The boards of its views, image by image.
     camera
         Its camera, as it was written: with its provenance.
     path
         The file, which appears whole or not at all; its folder must exist.
     names
-        One for each picture of `search`: what `--drop` knows it by.
+        One for each image of `search`: what `--drop` knows it by.
     command
         The words of the command that made the calibration: the page adds `--drop` to it.
     apply_exif
-        As the pictures were read.
+        As the images were read.
     asked
         Whether the viewpoint moves: the page has a part on it where that was asked.
 
@@ -120,7 +121,7 @@ def page(m: Material) -> str:
             *map(_section, figures),
         ),
         element("footer", element("p", "Made by: ", element("code", m.quoted(m.command)))),
-        element("dialog", element("div"), element("button", "Close", type="button"), aria_label="Picture, enlarged"),
+        element("dialog", element("div"), element("button", "Close", type="button"), aria_label="Image, enlarged"),
         embedded(m),
         element("script", Markup(script)),
     )
@@ -145,7 +146,7 @@ def _section(figure: Figure) -> Markup:
 
 
 def _dropped(m: Material) -> Markup:
-    """Give the bar that says the command without the pictures that were dropped; scripts show it."""
+    """Give the bar that says the command without the images that were dropped; scripts show it."""
     return element(
         "div",
         element("p", element("b", "", id="dropped-count"), " This calibrates without them:", id="dropped-said"),

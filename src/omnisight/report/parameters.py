@@ -43,7 +43,7 @@ def parameters(m: Material) -> Figure:
         together(table, element("p", bent, class_="note") if bend.any() else None),
         (
             "What the camera's file holds, with one standard deviation of each: what noise in the corners, and whatever"
-            " else makes pictures disagree, leaves open. A dash stood still and was not estimated.",
+            " else makes images disagree, leaves open. A dash stood still and was not estimated.",
             "A centre (cx, cy) known to a fraction of a pixel.",
             "Do not compare two calibrations by their parameters: several sets of them make nearly the same camera. "
             "Compare where they put directions, as the map of the uncertainty does.",

@@ -1,4 +1,4 @@
-"""Every picture, with the residuals of its corners drawn over it."""
+"""Every image, with the residuals of its corners drawn over it."""
 
 import base64
 import os
@@ -14,30 +14,30 @@ from omnisight.report.axes import Axes, chart, dots_of, path_of, round_down
 from omnisight.report.markup import Markup, element, short, together
 from omnisight.report.material import LEAST, Figure, Material, Picture, name_of
 
-# Pictures are embedded this wide at most, px, and narrower where there are many: together they have so many pixels, of
+# Images are embedded this wide at most, px, and narrower where there are many: together they have so many pixels, of
 # which JPEG takes about a fifth of a byte each.
 WIDEST, NARROWEST, TOGETHER = 700, 240, 9_000_000
 QUALITY = 72
-# Of more pictures than this only those with the largest residuals are shown.
+# Of more images than this only those with the largest residuals are shown.
 MOST = 120
-# A residual as long as the rms is drawn about this long, parts of the picture's width.
+# A residual as long as the rms is drawn about this long, parts of the image's width.
 LONG = 0.035
 CONE_STEPS = 180
 
 
 def pictures(m: Material) -> Figure:
-    """Draw all pictures."""
-    shown = _chosen(m.pictures)
+    """Draw all images."""
+    shown = _chosen(m.images)
     times = exaggeration(m)
     width = embedded_width(m.camera.size, len(shown))
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
         files = list(pool.map(lambda picture: _embedded(picture, width, m.apply_exif), shown))
     cards = [_card(m, picture, file, times) for picture, file in zip(shown, files, strict=True)]
-    left_out = len(m.pictures) - len(shown)
+    left_out = len(m.images) - len(shown)
     others = f" The {left_out} with the smallest residuals are not shown." if left_out else ""
     return Figure(
-        "pictures",
-        "What every picture says",
+        "images",
+        "What every image says",
         together(
             _beyond(m),
             element("div", _bars(m), class_="scroll bars"),
@@ -47,24 +47,24 @@ def pictures(m: Material) -> Figure:
         (
             "Each line runs from where a corner was seen towards where the calibrated camera puts it, "
             f"{times:g} times as long as it is. Red lines are doubtful corners, which counted for little. "
-            "The hatched part lies past the calibrated cone: no corner was seen there in any picture.",
+            "The hatched part lies past the calibrated cone: no corner was seen there in any image.",
             "Short lines that point everywhere, and bars of about the same height.",
-            "A picture whose lines are long, or all point one way, is blurred, was taken while something moved, or has"
+            "An image whose lines are long, or all point one way, is blurred, was taken while something moved, or has"
             " corners in the wrong place. Click it to drop it: the command that calibrates without it appears at the"
             " top.",
         ),
-        "Pictures",
+        "Images",
         wide=True,
     )
 
 
 def exaggeration(m: Material) -> float:
-    """Give how many times longer than they are residuals are drawn: a round number, the same for all pictures."""
+    """Give how many times longer than they are residuals are drawn: a round number, the same for all images."""
     return max(1.0, round_down(LONG * m.camera.width / max(m.calibration.rms, LEAST)))
 
 
 def embedded_width(size: tuple[int, int], count: int) -> int:
-    """Give how wide, px, each of so many pictures of a size is embedded."""
+    """Give how wide, px, each of so many images of a size is embedded."""
     width, height = size
     fair = float(np.sqrt(TOGETHER / max(count, 1) * width / max(height, 1)))
     return max(1, round(min(width, WIDEST, max(fair, NARROWEST))))
@@ -78,7 +78,7 @@ def _chosen(given: Sequence[Picture]) -> list[Picture]:
 
 
 def _embedded(picture: Picture, width: int, apply_exif: bool) -> str | None:
-    """Give the picture as a data: address; None if it cannot be read (any more)."""
+    """Give the image as a data: address; None if it cannot be read (any more)."""
     import cv2
 
     if picture.detection.size is None:
@@ -99,7 +99,7 @@ def _card(m: Material, picture: Picture, file: str | None, times: float) -> Mark
     found = bool(picture.views)
     figures = f"{picture.corners} corners, rms {picture.rms:.2f}, worst {picture.worst:.2f} px"
     drawing = _drawing(m, picture, file, times) if picture.detection.size is not None else None
-    said = f"Drop picture {picture.number}, {picture.name}: {figures}"
+    said = f"Drop image {picture.number}, {picture.name}: {figures}"
     return element(
         "li",
         element("button", drawing, type="button", class_="drop", aria_pressed="false", aria_label=said)
@@ -108,10 +108,10 @@ def _card(m: Material, picture: Picture, file: str | None, times: float) -> Mark
         element("p", element("b", picture.number), " ", name_of(picture.name), class_="name"),
         element("p", figures if found else "not used", class_="figures"),
         element("p", picture.detection.note, class_="note") if picture.detection.note else None,
-        element("button", "Enlarge", type="button", class_="enlarge", aria_label=f"Enlarge picture {picture.number}")
+        element("button", "Enlarge", type="button", class_="enlarge", aria_label=f"Enlarge image {picture.number}")
         if drawing is not None
         else None,
-        id=f"picture-{picture.number}",
+        id=f"image-{picture.number}",
         class_="card" if found else "card unused",
         data_number=picture.number,
         data_drop=m.dropping(picture) if found else None,
@@ -139,8 +139,8 @@ def _drawing(m: Material, picture: Picture, file: str | None, times: float) -> M
             )
         )
     what = "with its residuals" if picture.views else "without a board"
-    said = f"Picture {picture.number}, {picture.name}, {what}"
-    return element("svg", *parts, viewBox=f"-0.5 -0.5 {width} {height}", role="img", aria_label=said, class_="picture")
+    said = f"Image {picture.number}, {picture.name}, {what}"
+    return element("svg", *parts, viewBox=f"-0.5 -0.5 {width} {height}", role="img", aria_label=said, class_="image")
 
 
 def _lines(pixels: Any, drawn: Any) -> str:
@@ -152,24 +152,24 @@ def _lines(pixels: Any, drawn: Any) -> str:
 
 
 def _beyond(m: Material) -> Markup:
-    """Define the part of every picture that lies past the calibrated cone."""
+    """Define the part of every image that lies past the calibrated cone."""
     width, height = m.camera.size
     azimuth = np.linspace(0, 2 * np.pi, CONE_STEPS, endpoint=False)
     rim, valid = m.far.model.project_numpy(polar(np.full(CONE_STEPS, m.reach * (1 - 1e-9)), azimuth))
     cone = path_of(rim[valid]) + "Z" if valid.any() else ""
     around = f"M-0.5 -0.5H{width - 0.5}V{height - 0.5}H-0.5Z"
-    # Hatched in px of the picture: a pattern of its own, as coarse as the picture is large.
+    # Hatched in px of the image: a pattern of its own, as coarse as the image is large.
     step = width / 60
     pattern = element(
         "pattern",
         element("path", d=f"M0 0V{short(step)}", class_="hatching", stroke_width=step / 5),
-        id="hatch-picture",
+        id="hatch-image",
         width=step,
         height=step,
         patternUnits="userSpaceOnUse",
         patternTransform="rotate(45)",
     )
-    area = element("path", d=around + cone, fill="url(#hatch-picture)", fill_rule="evenodd")
+    area = element("path", d=around + cone, fill="url(#hatch-image)", fill_rule="evenodd")
     rim_line = element("path", d=cone, class_="cone")
     return element(
         "svg",
@@ -182,20 +182,20 @@ def _beyond(m: Material) -> Markup:
 
 
 def _bars(m: Material) -> Markup:
-    """Draw the rms of every picture, each bar a link to its picture."""
-    found = [picture for picture in m.pictures if picture.views]
+    """Draw the rms of every image, each bar a link to its image."""
+    found = [picture for picture in m.images if picture.views]
     top = max(LEAST, *(picture.rms for picture in found)) * 1.12
-    count = len(m.pictures)
+    count = len(m.images)
     step = max(1, int(np.ceil(count / 30)))
     axes = Axes(
         (0.5, count + 0.5),
         (0.0, top),
-        "picture",
+        "image",
         "rms, px",
         box=(52.0, 10.0, 908.0, 120.0),
         x_ticks=tuple((float(n), str(n)) for n in range(1, count + 1, step)),
     )
-    shown = {picture.number for picture in _chosen(m.pictures)}
+    shown = {picture.number for picture in _chosen(m.images)}
     bars = list[Markup]()
     for picture in found:
         (left, up), (right, down) = axes.at([picture.number - 0.36, picture.number + 0.36], [picture.rms, 0.0])
@@ -209,16 +209,16 @@ def _bars(m: Material) -> Markup:
             class_="bar",
             data_number=picture.number,
         )
-        said = f"Picture {picture.number}: rms {picture.rms:.3f} px"
+        said = f"Image {picture.number}: rms {picture.rms:.3f} px"
         bars.append(
-            element("a", bar, href=f"#picture-{picture.number}", aria_label=said) if picture.number in shown else bar
+            element("a", bar, href=f"#image-{picture.number}", aria_label=said) if picture.number in shown else bar
         )
     rms = m.calibration.rms
     return chart(
         axes.frame(),
         *bars,
         axes.line([0.5, count + 0.5], [rms, rms], "mean"),
-        said=f"Bars: rms of the residuals of each picture, px. The line is that of all pictures, {rms:.3f} px.",
+        said=f"Bars: rms of the residuals of each image, px. The line is that of all images, {rms:.3f} px.",
         width=920,
         height=162,
         role="group",

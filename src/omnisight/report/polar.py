@@ -19,7 +19,7 @@ SIDES = ((0.0, "right", "start"), (90.0, "bottom", "middle"), (180.0, "left", "e
 
 @dataclass(frozen=True)
 class Polar:
-    """A disc of angles: azimuth 0 is to the right and pi/2 down, as in the picture.
+    """A disc of angles: azimuth 0 is to the right and pi/2 down, as in the image.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The curve r(theta) of the camera: how far from its centre the picture shows an angle."""
+"""The curve r(theta) of the camera: how far from its centre the image shows an angle."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.trust.uncertainty import LAST, Uncertainty
 from omnisight.geometry.sphere import polar
+from omnisight.quality.uncertainty import LAST, Uncertainty
 from omnisight.report.axes import WIDTH, Axes, chart
 from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import LEAST, STEP, Figure, Material, outwards_at
@@ -31,7 +31,7 @@ IDEAL: dict[str, Callable[[Array], Array]] = {
 
 @dataclass(frozen=True)
 class Curve:
-    """The mean over all azimuths, as far as the picture shows anything.
+    """The mean over all azimuths, as far as the image shows anything.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ def profile(m: Material) -> Figure:
                 ),
                 _legend(),
                 _edge(upper, reach),
-                said=f"r(theta): {focal}; corners reach {reach:.0f} degrees, the picture {last}.",
+                said=f"r(theta): {focal}; corners reach {reach:.0f} degrees, the image {last}.",
             ),
             chart(
                 lower.frame(),
@@ -94,17 +94,16 @@ def profile(m: Material) -> Figure:
                 said=f"The band of r: {widest:.2g} px at most where corners were seen.",
                 height=160,
             ),
-            element("p", f"The {focal}. Corners reach {reach:.1f}°, the picture {last}.", class_="note"),
+            element("p", f"The {focal}. Corners reach {reach:.1f}°, the image {last}.", class_="note"),
         ),
         (
-            "Above: how far from its centre (r) the picture shows what lies at an angle θ from the axis. Thin lines are"
+            "Above: how far from its centre (r) the image shows what lies at an angle θ from the axis. Thin lines are"
             " ideal lenses that agree with it at the last corner. Below: the band of r, one standard deviation to each"
             " side, which would be too thin to see above. Hatched is where no corner was seen: there the curve is only"
             " the model's guess.",
             "A smooth curve that keeps rising, and a band of a fraction of a pixel that widens little before the "
             "hatched part.",
-            "If you need the hatched angles, take pictures with the board there; otherwise mask that part of the"
-            " pictures.",
+            "If you need the hatched angles, take images with the board there; otherwise mask that part of the images.",
         ),
         "r(θ)",
     )

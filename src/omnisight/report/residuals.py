@@ -22,7 +22,7 @@ SIGMAS, ERRORS = 4.0, 2.0
 # At most so many corners are drawn as dots; means are of all.
 MOST = 3000
 HEIGHT = 230.0
-# Cells of the picture along its width, and how long the mean arrow is drawn, cells.
+# Cells of the image along its width, and how long the mean arrow is drawn, cells.
 CELLS, LONG = 16, 0.7
 SIDES = ((0.0, "right"), (90.0, "bottom"), (180.0, "left"), (270.0, "top"), (360.0, "right"))
 
@@ -59,12 +59,12 @@ class Against:
 
 
 def residuals(m: Material) -> Figure:
-    """Draw residuals along and across the radius, and their mean all over the picture."""
+    """Draw residuals along and across the radius, and their mean all over the image."""
     along, across = m.along_and_across
     degrees = np.degrees(m.theta)
     rings = np.quantile(degrees[m.usable], np.linspace(0, 1, RINGS + 1))
     by_angle = Against("angle from the axis, degrees", degrees, rings)
-    by_azimuth = Against("side of the picture", np.degrees(m.phi) % 360, np.linspace(0, 360, SECTORS + 1), SIDES)
+    by_azimuth = Against("side of the image", np.degrees(m.phi) % 360, np.linspace(0, 360, SECTORS + 1), SIDES)
     panels = [
         _panel(m, against, value, label)
         for value, label in ((along, "along the radius, px"), (across, "across the radius, px"))
@@ -80,18 +80,18 @@ def residuals(m: Material) -> Figure:
             element("div", arrows, class_="alone"),
             element(
                 "p",
-                f"Mean residuals of parts of the picture, {times:g} times as long as they are.",
+                f"Mean residuals of parts of the image, {times:g} times as long as they are.",
                 class_="note middle",
             ),
         ),
         (
             "Dots are residuals: where the camera puts a corner minus where it was seen, split into the part along the "
             "radius (up is outwards) and the part across it. The line is their mean, its bars two standard errors. "
-            "Below is the mean residual of each part of the picture as an arrow.",
+            "Below is the mean residual of each part of the image as an arrow.",
             "Means that stay on zero and arrows in all directions; then only noise is left. "
             f"Here the largest mean of a ring is {largest:.3f} px, beside a spread of {m.sigma:.2f} px.",
             "A wave along the angle, or arrows that turn together, is what the model cannot follow: "
-            f"{_instead(m)}. A wave around the picture hints at a tilted lens, or at a board"
+            f"{_instead(m)}. A wave around the image hints at a tilted lens, or at a board"
             " that is not as flat or as regular as it is taken for.",
         ),
         "Residuals",
@@ -134,7 +134,7 @@ def _panel(m: Material, against: Against, residuals: Array, label: str) -> Marku
 
 
 def _arrows(m: Material) -> tuple[Markup, float]:
-    """Draw the mean residual in each cell of the picture, and say how many times longer than it is."""
+    """Draw the mean residual in each cell of the image, and say how many times longer than it is."""
     width, height = m.camera.size
     step = width / CELLS
     pixels, left = m.calibration.views.pixels[m.usable], m.residuals[m.usable]
@@ -160,8 +160,8 @@ def _arrows(m: Material) -> tuple[Markup, float]:
         element("path", d=heads, class_="head"),
         viewBox=f"-0.5 -0.5 {width} {height}",
         role="img",
-        aria_label=f"Mean residuals over the picture, {times:g} times as long as they are",
-        class_="picture arrows",
+        aria_label=f"Mean residuals over the image, {times:g} times as long as they are",
+        class_="image arrows",
     )
     return drawing, times
 

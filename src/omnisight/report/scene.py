@@ -33,7 +33,7 @@ def scene(m: Material) -> Figure:
     colours = _colours(m)
     shapes, labels = list[tuple[float, Markup]](), list[Markup]()
     sides = len(boards) // count
-    pictures = [picture for picture in m.pictures for _ in range(len(picture.views) * sides)]
+    pictures = [picture for picture in m.images for _ in range(len(picture.views) * sides)]
     for i, (picture, corners) in enumerate(zip(pictures, boards, strict=True)):
         depth, places = view.of(corners)
         title = element("title", f"{picture.number} {picture.name}: rms {picture.rms:.2f} px")
@@ -75,17 +75,17 @@ def scene(m: Material) -> Figure:
             element(
                 "p",
                 f"The camera's axes are {length:g} {m.unit} long: {named}. Boards are up to {reach:.3g} {m.unit} away.",
-                f" Colours: rms of the picture, {colours.low:.2f} px dark to {colours.high:.2f} px bright.",
+                f" Colours: rms of the image, {colours.low:.2f} px dark to {colours.high:.2f} px bright.",
                 class_="note",
             ),
         ),
         (
-            "Each outline is the board of one picture, as the camera saw it around itself. Drag to turn; click it and"
+            "Each outline is the board of one image, as the camera saw it around itself. Drag to turn; click it and"
             " roll the wheel, or press + and −, to come nearer; double-click to begin again.",
             "Boards near and far, on all sides, and tilted differently. Boards that are all parallel leave the focal"
             " length open.",
-            "A board in an impossible place (behind a wall, inside another) means wrong corners: drop its picture. Add"
-            " pictures where no board stands.",
+            "A board in an impossible place (behind a wall, inside another) means wrong corners: drop its image. Add"
+            " images where no board stands.",
         ),
         "Boards",
     )
@@ -130,7 +130,7 @@ class _View:
 
 
 def _colours(m: Material) -> LogScale:
-    found = [max(picture.rms, LEAST) for picture in m.pictures if picture.views]
+    found = [max(picture.rms, LEAST) for picture in m.images if picture.views]
     return LogScale(min(found), max(found))
 
 

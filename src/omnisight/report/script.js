@@ -50,7 +50,7 @@ document.getElementById("dropped-copy").addEventListener("click", async (event) 
 const dialog = document.querySelector("dialog");
 for (const button of document.querySelectorAll(".enlarge")) {
   button.addEventListener("click", () => {
-    dialog.firstElementChild.replaceChildren(button.parentElement.querySelector(".picture").cloneNode(true));
+    dialog.firstElementChild.replaceChildren(button.parentElement.querySelector(".image").cloneNode(true));
     dialog.showModal();
   });
 }

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from omnisight.calibrate.rays import Travel
-from omnisight.calibrate.rays.ask import SURE
-from omnisight.calibrate.trust.uncertainty import LAST
 from omnisight.optics.models.axial import Axial
+from omnisight.quality.noncentral_test import SURE
+from omnisight.quality.pupil_shift import PupilShift
+from omnisight.quality.uncertainty import LAST
 from omnisight.report.axes import Axes, chart
 from omnisight.report.markup import element, together
 from omnisight.report.material import LEAST, Figure, Material
@@ -24,7 +24,7 @@ def travel(m: Material) -> Figure | None:
     first, reach = float(np.degrees(m.camera.theta_min)), float(np.degrees(m.reach))
     shown_to = float(m.calibration.trust.coverage.edges[-1])
     theta = np.linspace(0, min(max(m.reach, shown_to), model.theta_max, LAST), ANGLES)
-    whole = Travel.of(model, covariance, theta, m.camera.theta_min)
+    whole = PupilShift.of(model, covariance, theta, m.camera.theta_min)
     scale = m.drawn_length[0]
     degrees, place, sigma = np.degrees(theta), scale * whole.place, scale * whole.sigma
     low, high = (scale * (moved.place - moved.sigma)).min(), (scale * (moved.place + moved.sigma)).max()
@@ -67,5 +67,5 @@ def travel(m: Material) -> Figure | None:
             "If the band is wide, hold boards very near and far, out to the rim: only the two together tell a viewpoint"
             " that moves from a lens. If the curve is flat within its band, a central camera does as well.",
         ),
-        "Travel",
+        "PupilShift",
     )

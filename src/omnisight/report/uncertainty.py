@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibrate.trust.checks import UNCERTAIN
+from omnisight.quality.checks import UNCERTAIN
 from omnisight.report.axes import chart
 from omnisight.report.colours import LogScale
 from omnisight.report.markup import Markup, element
@@ -44,7 +44,7 @@ def uncertainty(m: Material) -> Figure:
             " turned to fit best. Hatched is extrapolated: past the dashed circle no corner was seen, and the figure"
             " holds only if the model does.",
             f"Below {limit:.2g} px within the dashed circle, and even.{worst}",
-            "Bright parts within the circle want pictures: put the board there, tilted by 30 to 45"
+            "Bright parts within the circle want images: put the board there, tilted by 30 to 45"
             f" degrees{m.where_best}.",
         ),
         "Uncertainty",
@@ -58,7 +58,7 @@ def _map(m: Material, values: Array, unit: str, said: Callable[[float], str]) ->
     inside = values[known & found.calibrated[:, None]]
     outside = values[known]
     if not len(inside):
-        return element("p", f"Not known in {unit}: so few pictures do not tell it.", class_="note")
+        return element("p", f"Not known in {unit}: so few images do not tell it.", class_="note")
     top = float(inside.max())
     scale = LogScale(float(inside.min()), float(np.clip(outside.max(), top, BEYOND * top)) * 1.001)
     step, sector = found.theta[1] - found.theta[0], 2 * np.pi / len(found.phi)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from omnisight.calibrate.trust.evidence import Level
 from omnisight.optics.models.axial import Axial
+from omnisight.quality.evidence import Level
 from omnisight.report.markup import Markup, element, together
 from omnisight.report.material import Material
 from omnisight.report.numbers import with_sigma
@@ -52,30 +52,30 @@ def verdict(m: Material) -> Markup:
 
 def key_figures(m: Material) -> Markup:
     """Draw the figures that a reader asks for first."""
-    c, found = m.calibration, sum(bool(picture.views) for picture in m.pictures)
+    c, found = m.calibration, sum(bool(picture.views) for picture in m.images)
     middle, middle_angle = c.trust.uncertainty.median()
     pixels, angle, theta, _ = c.trust.uncertainty.worst()
     tiles = [
         (
-            "Error on pictures held out",
+            "Error on images held out",
             _px(c.held_out_rms),
-            "rms over pictures it was not calibrated on, without the corners that no model explains",
+            "rms over images it was not calibrated on, without the corners that no model explains",
         ),
-        ("Error on its own pictures", _px(c.rms), f"rms; the mean is {c.mean:.3f} px"),
+        ("Error on its own images", _px(c.rms), f"rms; the mean is {c.mean:.3f} px"),
         (
             "Uncertainty",
             _px(middle, "± "),
             f"and {np.degrees(middle_angle):.2g}° in most places; at worst {pixels:.2g} px and"
             f" {np.degrees(angle):.2g}°, {np.degrees(theta):.0f}° from the axis"
             if np.isfinite(pixels)
-            else "so few pictures do not tell it",
+            else "so few images do not tell it",
         ),
         ("Calibrated to", f"{np.degrees(m.reach):.0f}°", "from the axis: so far out corners were seen"),
-        ("Covered", f"{c.trust.coverage.share:.0%}", "of what the picture shows had corners in it"),
+        ("Covered", f"{c.trust.coverage.share:.0%}", "of what the image shows had corners in it"),
         *_viewpoint(m),
         (
-            "Pictures",
-            f"{found} of {len(m.pictures)}",
+            "Images",
+            f"{found} of {len(m.images)}",
             f"with {len(c.views.pixels)} corners, {int(c.outliers.sum())} of them doubtful",
         ),
     ]
@@ -109,7 +109,7 @@ def title(m: Material) -> Markup:
         element("h1", f"Camera calibration: {camera.model.name}{lens}"),
         element(
             "p",
-            f"Pictures of {camera.width} × {camera.height} px",
+            f"Images of {camera.width} × {camera.height} px",
             f" · {board.kind} {board}" if board is not None else None,
             f" · {made}" if made else None,
             class_="about",

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from omnisight.calibrate.candidates import Candidate
-from omnisight.calibrate.rays import Asked, RaysCalibration
+from omnisight.calibration.candidate import Candidate
+from omnisight.pipeline.noncentral import RaysCalibration
+from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.ray_camera import RayCamera
 from omnisight.report.axes import Axes, chart
 from omnisight.report.markup import Markup, element, together
@@ -44,11 +45,11 @@ SHOWN = (
 )
 
 
-def _how_to_take(asked: Asked) -> tuple[str, str, str]:
+def _how_to_take(asked: NonCentralityTest) -> tuple[str, str, str]:
     """Say how to read it beside a central camera."""
     return (
         SHOWN.format("The same camera was fitted with a viewpoint that moves along its axis;"),
-        "Pictures held out that are explained no better by a viewpoint that moves, and errors below the residuals"
+        "Images held out that are explained no better by a viewpoint that moves, and errors below the residuals"
         " themselves at the distances you work at.",
         "Calibrate with --model axial if you measure nearer or farther than the boards were: the file then has a ray,"
         " place and bearing, for each pixel."
@@ -58,21 +59,21 @@ def _how_to_take(asked: Asked) -> tuple[str, str, str]:
     )
 
 
-def _how_to_leave(asked: Asked, central: Candidate) -> tuple[str, str, str]:
+def _how_to_leave(asked: NonCentralityTest, central: Candidate) -> tuple[str, str, str]:
     """Say how to read it beside an axial camera."""
     return (
         SHOWN.format("That of this camera moves along its axis;"),
-        "Pictures held out that are explained better by a viewpoint that moves, and errors of the central camera well"
+        "Images held out that are explained better by a viewpoint that moves, and errors of the central camera well"
         " above the residuals at the distances you work at: there this camera is worth its distance.",
         "Give programs that take rays the file as it is. Those that take central cameras only get the one that fits at"
         " the distance you work at: omnisight convert --distance."
         if asked.needed or asked.open
-        else f"Take the central camera, --model {central.state.model.name}: these pictures ask for no more, and every"
+        else f"Take the central camera, --model {central.state.model.name}: these images ask for no more, and every"
         " program reads it.",
     )
 
 
-def _chart(asked: Asked) -> Markup:
+def _chart(asked: NonCentralityTest) -> Markup:
     degrees, left = np.degrees(asked.left.theta), asked.left
     top = max(float(np.nanmax(left.pixels, initial=LEAST)) * 1.12, LEAST)
     axes = Axes(
@@ -98,7 +99,7 @@ def _chart(asked: Asked) -> Markup:
     )
 
 
-def _table(asked: Asked) -> Markup:
+def _table(asked: NonCentralityTest) -> Markup:
     left = asked.left
     rows = [
         element(

@@ -1,7 +1,7 @@
 """Views: the one remap, and the cameras to remap to."""
 
 from omnisight.views.remapper import Remapper, remap
-from omnisight.views.targets import (
+from omnisight.views.view_cameras import (
     cube_face,
     cylinder,
     fisheye,

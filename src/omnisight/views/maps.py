@@ -16,7 +16,7 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     Parameters
     ----------
     source, target
-        The camera that took the picture, and the view.
+        The camera that took the image, and the view.
     target_from_source
         (3, 3) orthogonal; a reflection flips the view.
     """
@@ -29,13 +29,13 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     return u, v
 
 
-def extrapolated(source: Camera, target: Camera, target_from_source: Array) -> NDArray[np.bool_]:
+def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array) -> NDArray[np.bool_]:
     """Say which pixels of the target (H, W) look where the source was not calibrated; see `view_map`."""
     if source.theta_max is None:
         return np.zeros((target.height, target.width), np.bool_)
     rows = np.arange(target.height)
     past = np.empty((target.height, target.width), np.bool_)
-    for row in rows:  # a row at a time: bearings of all of it would be ten times the picture
+    for row in rows:  # a row at a time: bearings of all of it would be ten times the image
         pixels = np.stack([np.arange(target.width), np.full(target.width, row)], -1)
         bearings, valid = target.unproject(pixels)
         past[row] = valid & ~source.calibrated(bearings @ np.asarray(target_from_source, float))
@@ -70,7 +70,7 @@ def _stride(u: Floats, v: Floats, period: float | None, level: Floats | None, st
     return np.hypot(du, dv)
 
 
-def kept_share(source: Camera, target: Camera, target_from_source: Array, count: int = 200) -> float:
+def visible_fraction(source: Camera, target: Camera, target_from_source: Array, count: int = 200) -> float:
     """Give the share of the source's pixels that the view shows, of those that its camera can unproject."""
     u, v = np.meshgrid(np.linspace(0, source.width - 1, count), np.linspace(0, source.height - 1, count))
     bearings, valid = source.unproject(np.stack([u, v], -1))

@@ -1,4 +1,4 @@
-"""The one remap: from any camera's picture to any view."""
+"""The one remap: from any camera's image to any view."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -13,7 +13,7 @@ Image = NDArray[Any]
 Interpolation = Literal["nearest", "bilinear", "bicubic", "lanczos"]
 Border = float | Sequence[float] | Literal["edge", "reflect"]
 
-# Columns that a picture which goes around is continued by on each side, on the coarsest level it is taken from.
+# Columns that an image which goes around is continued by on each side, on the coarsest level it is taken from.
 AROUND = 8
 # A view this little smaller than its source needs no prefilter (log2 of the scale).
 SHARP_ENOUGH = 0.35
@@ -32,20 +32,20 @@ def remap(
     border: Border = 0.0,
     antialias: bool = True,
 ) -> Image:
-    """Turn a picture into a view.
+    """Turn an image into a view.
 
     Parameters
     ----------
     image
         (H, W) or (H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
     source, target
-        The camera that took the picture, and the view: a camera too.
+        The camera that took the image, and the view: a camera too.
     target_from_source
         (3, 3) that turns the source's bearings into the view's (`look`); the identity unless told otherwise.
     interpolation
         Between the source's pixels.
     border
-        What the source does not show: a value (or one per channel), or "edge" or "reflect" to continue the picture half
+        What the source does not show: a value (or one per channel), or "edge" or "reflect" to continue the image half
         a pixel past its edge and leave the rest 0.
     antialias
         Average source pixels where the view is smaller than the source.
@@ -57,7 +57,7 @@ def remap(
     Raises
     ------
     ValueError
-        If the picture's size is not its camera's; the message says how to scale the camera.
+        If the image's size is not its camera's; the message says how to scale the camera.
     """
     return Remapper(
         source, target, target_from_source, interpolation=interpolation, border=border, antialias=antialias
@@ -65,7 +65,7 @@ def remap(
 
 
 class Remapper:
-    """A remap whose map is kept: for video and folders of pictures.
+    """A remap whose map is kept: for video and folders of images.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Remapper:
         self._levels = self._build(u, v, depth)
 
     def __call__(self, image: Image) -> Image:
-        """Remap a picture of the source; see `remap`."""
+        """Remap an image of the source; see `remap`."""
         import cv2
 
         picture = self._check(image)
@@ -183,15 +183,15 @@ class Remapper:
 
     def _check(self, image: Image) -> Image:
         if image.ndim not in (2, 3) or (image.ndim == 3 and not 1 <= image.shape[2] <= 4):
-            raise ValueError(f"a picture is (H, W) or (H, W, 1 to 4), got shape {image.shape}")
+            raise ValueError(f"an image is (H, W) or (H, W, 1 to 4), got shape {image.shape}")
         if image.dtype.name not in ("uint8", "uint16", "float32", "float64"):
-            raise ValueError(f"a picture is uint8, uint16, float32 or float64, got {image.dtype}")
+            raise ValueError(f"an image is uint8, uint16, float32 or float64, got {image.dtype}")
         height, width = image.shape[:2]
         if (width, height) != self.source.size:
             raise ValueError(size_mismatch((width, height), self.source.size))
         if max(width, height) + 2 * self._around > LARGEST:
             raise ValueError(
-                f"a picture of {width}x{height} is too large: {LARGEST - 2 * self._around} px a side at most"
+                f"an image of {width}x{height} is too large: {LARGEST - 2 * self._around} px a side at most"
             )
         return np.ascontiguousarray(image)
 
@@ -213,19 +213,19 @@ def _goes_around(source: Camera) -> bool:
 
 
 def size_mismatch(found: tuple[int, int], expected: tuple[int, int]) -> str:
-    """Say that a picture is not of its camera's size, and what to do."""
+    """Say that an image is not of its camera's size, and what to do."""
     if min(expected) < 1:
         return (
-            f"the picture is {found[0]}x{found[1]}, and the camera's file does not say its size: write it into the file"
+            f"the image is {found[0]}x{found[1]}, and the camera's file does not say its size: write it into the file"
         )
-    said = f"the picture is {found[0]}x{found[1]}, the camera {expected[0]}x{expected[1]}"
+    said = f"the image is {found[0]}x{found[1]}, the camera {expected[0]}x{expected[1]}"
     ratios = found[0] / expected[0], found[1] / expected[1]
     if abs(ratios[0] - ratios[1]) < 0.01 * ratios[0]:
         times = f"{ratios[0]:.4g} times as large"
         return f"{said}: the same shape, {times}; if it was resized, scale the camera (--scale-camera)"
     if found == expected[::-1]:
         return f"{said}: turned by 90 degrees; was its EXIF rotation applied?"
-    return f"{said}: another shape; a camera is only valid for the pictures that it was calibrated with"
+    return f"{said}: another shape; a camera is only valid for the images that it was calibrated with"
 
 
 def magnification(remapper: Remapper) -> tuple[float, float]:

@@ -8,15 +8,15 @@ from scipy.optimize import brentq
 
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optics.catadioptric import Catadioptric
-from omnisight.optics.congruence import congruence
-from omnisight.optics.design.mirror import MirrorDesign
+from omnisight.optics.design.mirror_design import MirrorDesign
+from omnisight.optics.ray_jacobians import ray_jacobians
 from omnisight.optics.viewpoint import Viewpoint, best_viewpoint
 
 Array = NDArray[np.float64]
 
-# Radii of the picture that a curve has, and rings and spokes of the pixels that a viewpoint is sought for.
+# Radii of the image that a curve has, and rings and spokes of the pixels that a viewpoint is sought for.
 CURVE, RINGS, SPOKES = 400, 12, 24
-# A share of the picture's radius: its very middle, a cone's tip, has no direction.
+# A share of the image's radius: its very middle, a cone's tip, has no direction.
 FIRST = 1e-6
 # The rim itself may be missed by rounding, or by a mirror out of its place.
 EDGE = 1 - 1e-9
@@ -39,14 +39,14 @@ PLACES = {
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the picture shows elevations, from the rim inwards to the blind spot.
+    """How finely the image shows elevations, from the rim inwards to the blind spot.
 
     Attributes
     ----------
     theta
         (N,) angles from straight down, radians; the elevation is theta - pi/2.
     radius
-        (N,) of the picture, px.
+        (N,) of the image, px.
     up
         (N,) px per radian of elevation.
     around
@@ -75,7 +75,7 @@ class BlindSpot:
     theta
         From straight down to this angle (radians) nothing else is seen.
     radius
-        Of the spot in the picture, px.
+        Of the spot in the image, px.
     """
 
     theta: float
@@ -95,7 +95,7 @@ class Misalignment:
     rms_px, worst_px
         Their parallax at the working distance, px: no calibration mends it.
     moved_px
-        How far the picture moves at most, px: for one who relies on the drawing; calibration finds it.
+        How far the image moves at most, px: for one who relies on the drawing; calibration finds it.
     """
 
     said: str
@@ -138,9 +138,9 @@ def blind_spot(design: MirrorDesign) -> BlindSpot:
 
 
 def resolution(design: MirrorDesign, first: float) -> Resolution:
-    """Trace the picture from a radius (px) outwards to the rim."""
+    """Trace the image from a radius (px) outwards to the rim."""
     radii = np.linspace(max(first, FIRST * design.circle), design.circle * EDGE, CURVE)
-    found = congruence(design.system(), _right(design, radii))
+    found = ray_jacobians(design.system(), _right(design, radii))
     theta = _theta(found.rays.bearings)
     # With all azimuths alike, the bearing moves in its meridional plane along u, and across it along v.
     along, across = (np.linalg.norm(found.d_bearings[..., k], axis=-1) for k in range(2))
@@ -148,9 +148,9 @@ def resolution(design: MirrorDesign, first: float) -> Resolution:
 
 
 def viewpoint(design: MirrorDesign, blind: BlindSpot, **moved: float) -> Viewpoint:
-    """Find the best viewpoint for all of the picture outside of the blind spot; `moved` as in `MirrorDesign.system`."""
+    """Find the best viewpoint for all of the image outside of the blind spot; `moved` as in `MirrorDesign.system`."""
     edge = MOVED_EDGE * design.circle
-    # Rings of equal area, so that the picture's area is what counts.
+    # Rings of equal area, so that the image's area is what counts.
     radii = np.sqrt(np.linspace(min(blind.radius, 0.9 * edge) ** 2, edge**2, RINGS + 1)[1:])
     phi = 2 * np.pi * np.arange(SPOKES) / SPOKES
     pixels = np.array(design.centre) + radii[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], -1)
@@ -191,12 +191,12 @@ def misalignments(design: MirrorDesign, blind: BlindSpot) -> tuple[Misalignment,
 
 def _shift(design: MirrorDesign, moved: Catadioptric, pixels: Array) -> float:
     """Give how far (px) what lies in the directions of pixels (N, 2) is seen from there at most, far things."""
-    rays, _, d_bearings = congruence(moved, pixels)
+    rays, _, d_bearings = ray_jacobians(moved, pixels)
     turn = design.system().rays(pixels).bearings - rays.bearings
     return float(np.linalg.norm(np.linalg.pinv(d_bearings) @ turn[:, :, None], axis=1).max())
 
 
-def performance(design: MirrorDesign) -> Performance:
+def evaluate_design(design: MirrorDesign) -> Performance:
     """Find all of it.
 
     Raises

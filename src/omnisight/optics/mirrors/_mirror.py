@@ -52,7 +52,7 @@ class Mirror(Parametric):
     @property
     def convex(self) -> bool:
         """Whether what lies behind the surface is convex: no ray that leaves such a mirror meets it again."""
-        return bool(self.curvatures[0] >= 0)
+        return bool(self.curvature_bounds[0] >= 0)
 
     @classmethod
     def example(cls) -> Self:
@@ -92,7 +92,7 @@ class Mirror(Parametric):
         one, zero = np.ones_like(w), np.zeros_like(w)
         return (one, zero, zero), self.profile(w)
 
-    def charted(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def chart_coordinates(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Give the place in the chart of the point of the mirror at x, y."""
         return x, y
 
@@ -111,13 +111,13 @@ class Mirror(Parametric):
     def on_sheet(self, a: Array, b: Array) -> NDArray[np.bool_]:
         """Say whether a place of the chart is on the mirror's sheet of the surface, which goes on past rim and hole."""
         x, y, _ = self.surface(a, b)[0]
-        back_a, back_b = self.charted(x, y)
+        back_a, back_b = self.chart_coordinates(x, y)
         return np.abs(back_a - a) + np.abs(back_b - b) <= 1e-6 * (np.abs(a) + np.abs(b))
 
     def has(self, a: Array, b: Array) -> NDArray[np.bool_]:
         """Say whether a place of the chart is a point of the mirror."""
         x, y, _ = self.surface(a, b)[0]
-        return self.on_sheet(a, b) & self.within(x * x + y * y)
+        return self.on_sheet(a, b) & self.is_within_rim(x * x + y * y)
 
     # -- where it ends --------------------------------------------------------------------------------------------
 
@@ -145,7 +145,7 @@ class Mirror(Parametric):
         o, lead = rows(origins, 3, "origins")
         d, _ = rows(bearings, 3, "bearings")
         with np.errstate(all="ignore"):
-            distance = self.first(o, d)
+            distance = self.first_intersection(o, d)
             at = o + distance[:, None] * d
             # From the side that reflects.
             valid = np.isfinite(distance) & ((d * self.normal(at)).sum(-1) < 0)
@@ -158,7 +158,7 @@ class Mirror(Parametric):
         passes a root, and near one they are Newton's.
         """
         inf = np.full(len(origins), np.inf)
-        least, most = self.curvatures
+        least, most = self.curvature_bounds
         across = (bearings[:, :2] ** 2).sum(-1)
         # Between these distances the ray is nearer to the axis than the rim, and as high as the surface is.
         along = (origins[:, :2] * bearings[:, :2]).sum(-1)
@@ -169,7 +169,7 @@ class Mirror(Parametric):
         leave = np.where(level, inf, (-along + root) / across)
         low, high = (
             (z + np.array([[-1.0], [1.0]]) * 1e-9 * (abs(z) + self.rim) - origins[:, 2]) / bearings[:, 2]
-            for z in self.heights
+            for z in self.sag_bounds
         )
         slab = np.sort(np.stack([low[0], high[1]]), 0)
         flat = bearings[:, 2] == 0
@@ -222,4 +222,4 @@ class Mirror(Parametric):
     def clear(self, origins: Array, bearings: Array, lengths: Array) -> NDArray[np.bool_]:
         """Say which rays (N, 3) do not meet the mirror before that length (N,), after where they begin."""
         off = 1e-9 * (np.abs(origins).max(-1) + (self.rim if np.isfinite(self.rim) else 0.0))
-        return self.first(origins + off[:, None] * bearings, bearings) >= (lengths - off) * (1 - 1e-9)
+        return self.first_intersection(origins + off[:, None] * bearings, bearings) >= (lengths - off) * (1 - 1e-9)

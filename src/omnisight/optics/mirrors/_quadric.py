@@ -32,6 +32,6 @@ class Quadric(Mirror):
             step = 0.5 * f / df
             t = t - np.where(np.abs(step) < 1e-3 * np.abs(t), step, 0.0)
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-            hit = (t > 0) & (t < found) & (sign * (b * z + c) >= 0) & self.within(x * x + y * y)
+            hit = (t > 0) & (t < found) & (sign * (b * z + c) >= 0) & self.is_within_rim(x * x + y * y)
             found = np.where(hit, t, found)
         return found

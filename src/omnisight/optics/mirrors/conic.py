@@ -125,7 +125,7 @@ class Conic(Quadric):
         a = (2 * g, -2 * c * g**2, 4 * c * c * g**3)
         return a, (2 * w * g / self.radius, 2 * g**2 / self.radius, -4 * c * g**3 / self.radius)
 
-    def charted(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def chart_coordinates(self, x: Array, y: Array) -> tuple[Array, Array]:
         half = 1 + np.sqrt(np.maximum(1 - (1 - self.eccentricity**2) / self.radius**2 * (x * x + y * y), 0.0))
         return x / half, y / half
 

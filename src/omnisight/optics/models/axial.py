@@ -97,7 +97,7 @@ class Axial(RayModel):
 
     @property
     def period(self) -> float | None:
-        """The width in px after which the picture repeats, if it does."""
+        """The width in px after which the image repeats, if it does."""
         return self.lens.period
 
     def start(self, theta: ArrayLike) -> Array:

@@ -1,0 +1,1 @@
+"""Where to hold the board for the next image."""

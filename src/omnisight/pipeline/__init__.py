@@ -1,0 +1,1 @@
+"""Tasks: each is one function that reads like its algorithm, and one command of the command line."""

@@ -1,0 +1,1 @@
+"""Quality of a calibration: uncertainty, checks and verdict."""

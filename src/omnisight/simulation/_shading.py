@@ -1,0 +1,250 @@
+"""The compiled painter: the light that comes along rays, from filtered textures and the light on them."""
+
+# Compiled code takes its types from its arguments.
+# pyright: basic
+
+import math
+
+import numpy as np
+
+from omnisight.compiled import inner, outer
+from omnisight.simulation._shapes import ELLIPSOID, RECTANGLE, CYLINDER, chart, place
+from omnisight.simulation._trace import first_hit, to_local, world_normal
+
+PROBES = 8  # at most, along the longer side of a ray's footprint
+SHARPER = 0.75  # a texel may be this part of the footprint: several rays average
+# Sunlight, and what the sky gives beside it, in red, green and blue.
+SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
+LIFT = 1e-5  # metres by which rays to the light start off a face
+
+
+@inner
+def _between(start, width, height, u, v):
+    """Give where a place of a grid lies: its cell's index, the steps right and below, and its share of each."""
+    x = min(max(u * width - 0.5, 0.0), width - 1.0)
+    y = min(max(v * height - 0.5, 0.0), height - 1.0)
+    column, row = int(x), int(y)
+    fx, fy = x - column, y - row
+    right, below = (1 if column + 1 < width else 0), (width if row + 1 < height else 0)
+    return start + row * width + column, right, below, fx, fy
+
+
+@inner
+def _texel(world, level, u, v):
+    """Give the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
+    start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
+    at, right, below, fx, fy = _between(start, width, height, u, v)
+    texels, linear = world.texels, world.linear
+    r0, r1 = linear[texels[at, 0]], linear[texels[at + below, 0]]
+    g0, g1 = linear[texels[at, 1]], linear[texels[at + below, 1]]
+    b0, b1 = linear[texels[at, 2]], linear[texels[at + below, 2]]
+    r0 += fx * (linear[texels[at + right, 0]] - r0)
+    g0 += fx * (linear[texels[at + right, 1]] - g0)
+    b0 += fx * (linear[texels[at + right, 2]] - b0)
+    r1 += fx * (linear[texels[at + below + right, 0]] - r1)
+    g1 += fx * (linear[texels[at + below + right, 1]] - g1)
+    b1 += fx * (linear[texels[at + below + right, 2]] - b1)
+    return r0 + fy * (r1 - r0), g0 + fy * (g1 - g0), b0 + fy * (b1 - b0)
+
+
+@inner
+def _filtered(world, texture, u, v, ux, vx, uy, vy):
+    """Give the mean light of a texture over the parallelogram of two steps (ux, vx), (uy, vy) about (u, v).
+
+    Probes lie along the longer step, each in the level whose texels are as large as the shorter one.
+    """
+    first, count = world.textures[texture, 0], world.textures[texture, 1]
+    width, height = world.levels[first, 1], world.levels[first, 2]
+    a, b = math.hypot(ux * width, vx * height), math.hypot(uy * width, vy * height)
+    if a < b:
+        a, b, ux, vx = b, a, uy, vy
+    a, b = a * SHARPER, b * SHARPER
+    if not a > 1.0:
+        return _texel(world, first, u, v)
+    probes = int(min(math.ceil(a / max(b, 1.0)), PROBES))
+    level = max(0.0, math.log2(a / probes))
+    low = int(min(level, count - 1.0))
+    share = level - low if low + 1 < count else 0.0
+    r = g = b = 0.0
+    for i in range(probes):
+        s = (i + 0.5) / probes - 0.5
+        p, q = u + s * ux, v + s * vx
+        r0, g0, b0 = _texel(world, first + low, p, q)
+        if share > 0:
+            r1, g1, b1 = _texel(world, first + low + 1, p, q)
+            r0, g0, b0 = r0 + share * (r1 - r0), g0 + share * (g1 - g0), b0 + share * (b1 - b0)
+        r, g, b = r + r0, g + g0, b + b0
+    return r / probes, g / probes, b / probes
+
+
+@inner
+def _light(world, face, u, v):
+    """Give the light that falls on a place of a face, bilinear."""
+    start, width, height = world.faces[face, 1], world.faces[face, 2], world.faces[face, 3]
+    at, right, below, fx, fy = _between(start, width, height, u, v)
+    light = world.light
+    above = light[at] + fx * (light[at + right] - light[at])
+    under = light[at + below] + fx * (light[at + below + right] - light[at + below])
+    return above + fy * (under - above)
+
+
+@inner
+def _moved(world, solid, face, x, y, z, u, v, step):
+    """Give by how much (u, v) changes over a step (x, y, z) along a face."""
+    sx, sy, sz = to_local(world.local_from_world[solid], step[0], step[1], step[2])
+    kind = world.kinds[solid]
+    a, b = chart(kind, face, x + sx, y + sy, z + sz)
+    a -= u
+    if kind in (ELLIPSOID, CYLINDER):
+        a -= np.rint(a)  # across the seam
+    return a, b - v
+
+
+@inner
+def _on_face(t, d, n, origin_step, bearing_step):
+    """Give how far a hit moves along its face as the ray goes to its neighbour's."""
+    sx = origin_step[0] + t * bearing_step[0]
+    sy = origin_step[1] + t * bearing_step[1]
+    sz = origin_step[2] + t * bearing_step[2]
+    slope = d[0] * n[0] + d[1] * n[1] + d[2] * n[2]
+    slope = slope if abs(slope) > 1e-3 else 1e-3
+    back = (n[0] * sx + n[1] * sy + n[2] * sz) / slope
+    return sx - back * d[0], sy - back * d[1], sz - back * d[2]
+
+
+@inner
+def _radiance(world, o, d, ox, dx, oy, dy):
+    """Give the light (r, g, b) along a ray; o, d and their changes towards the neighbours across and down."""
+    t, solid, face = first_hit(world, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf)
+    if solid < 0:
+        if world.sky < 0:
+            return 0.0, 0.0, 0.0
+        u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
+        across, down = math.hypot(dx[0], math.hypot(dx[1], dx[2])), math.hypot(dy[0], math.hypot(dy[1], dy[2]))
+        wide = across / (2 * math.pi * max(math.hypot(d[0], d[2]), 1e-3))
+        return _filtered(world, world.sky, u, v, wide, 0.0, 0.0, down / math.pi)
+    m, kind = world.local_from_world[solid], world.kinds[solid]
+    px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+    x, y, z = to_local(m, px, py, pz)
+    x, y, z = x + m[0, 3], y + m[1, 3], z + m[2, 3]
+    u, v = chart(kind, face, x, y, z)
+    n = world_normal(world, solid, face, x, y, z)
+    row = world.first_face[solid] + face
+    ux, vx = _moved(world, solid, face, x, y, z, u, v, _on_face(t, d, n, ox, dx))
+    uy, vy = _moved(world, solid, face, x, y, z, u, v, _on_face(t, d, n, oy, dy))
+    r, g, b = _filtered(world, world.faces[row, 0], u, v, ux, vx, uy, vy)
+    light = float(_light(world, row, u, v))
+    sun = world.sun
+    if sun[3] > 0:
+        shine = 0.0
+        # A rectangle has two sides.
+        side = -1.0 if kind == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0 else 1.0
+        facing = side * (n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2])
+        if facing > 0:
+            lift = side * LIFT
+            sx, sy, sz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
+            if first_hit(world, sx, sy, sz, sun[0], sun[1], sun[2], 1e-6, np.inf)[1] < 0:
+                shine = sun[3] * facing
+        r *= light * SKYLIGHT[0] + shine * SUNLIGHT[0]
+        g *= light * SKYLIGHT[1] + shine * SUNLIGHT[1]
+        b *= light * SKYLIGHT[2] + shine * SUNLIGHT[2]
+        return r, g, b
+    return r * light, g * light, b * light
+
+
+@inner
+def _turned(rotation, v):
+    return (
+        rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
+        rotation[1, 0] * v[0] + rotation[1, 1] * v[1] + rotation[1, 2] * v[2],
+        rotation[2, 0] * v[0] + rotation[2, 1] * v[1] + rotation[2, 2] * v[2],
+    )
+
+
+@inner
+def _less(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inner
+def _neighbour(i, samples, end):
+    """Give a ray beside ray i: of the same pixel if it has several, so that how an image is cut changes nothing."""
+    if samples > 1:
+        return i + 1 if (i + 1) % samples else i - 1
+    return i + 1 if i + 1 < end else i - 1 if i > 0 else i
+
+
+@outer
+def paint(world, origins, bearings, rotations, translations, samples, image, first, last):
+    """Fill rows first to last of image (H, W, 3) with the light of rays, samples x samples for each pixel.
+
+    Rays (H samples, W samples, 3) are in the camera's frame, whose pose world_from_cam may differ in each row of
+    pixels: rotations (H, 3, 3), translations (H, 3). A ray that is NaN is black.
+    """
+    height, width = bearings.shape[0], bearings.shape[1]
+    for row in range(first, last):
+        turn, eye = rotations[row], translations[row]
+        for column in range(image.shape[1]):
+            r = g = b = 0.0
+            for j in range(row * samples, (row + 1) * samples):
+                for i in range(column * samples, (column + 1) * samples):
+                    bearing = bearings[j, i]
+                    if bearing[0] != bearing[0]:
+                        continue
+                    d, o = _turned(turn, bearing), _turned(turn, origins[j, i])
+                    across, down = _neighbour(i, samples, width), _neighbour(j, samples, height)
+                    dx = _less(_turned(turn, bearings[j, across]), d)
+                    dy = _less(_turned(turn, bearings[down, i]), d)
+                    ox = _less(_turned(turn, origins[j, across]), o)
+                    oy = _less(_turned(turn, origins[down, i]), o)
+                    # At the rim one neighbour may see nothing: the other tells, and a quarter turn of it.
+                    if dx[0] != dx[0]:
+                        dx, ox = dy, oy
+                    if dy[0] != dy[0]:
+                        dy, oy = dx, ox
+                    if dx[0] != dx[0]:
+                        dx = dy = ox = oy = (0.0, 0.0, 0.0)
+                    o = (o[0] + eye[0], o[1] + eye[1], o[2] + eye[2])
+                    cr, cg, cb = _radiance(world, o, d, ox, dx, oy, dy)
+                    r, g, b = r + cr, g + cg, b + cb
+            count = samples * samples
+            image[row, column, 0], image[row, column, 1], image[row, column, 2] = r / count, g / count, b / count
+
+
+@outer
+def illuminate(world, world_from_local, spots, directions, lamps, ambient, reach, light, first, last):
+    """Fill rows first to last of light with what falls on spots (N, 4) of solids: solid, face, u, v.
+
+    From all around, `ambient` as far as nothing stands within `reach`: directions (K, 3) are spread about z as the
+    cosine has it. From lamps (M, 4), points that shine down and their strengths, as the square of
+    their distance has it.
+    """
+    for i in range(first, last):
+        solid, face = int(spots[i, 0]), int(spots[i, 1])
+        x, y, z = place(world.kinds[solid], face, spots[i, 2], spots[i, 3])
+        nx, ny, nz = world_normal(world, solid, face, x, y, z)
+        m = world_from_local[solid]
+        px, py, pz = to_local(m, x, y, z)
+        px, py, pz = px + m[0, 3] + LIFT * nx, py + m[1, 3] + LIFT * ny, pz + m[2, 3] + LIFT * nz
+        # A frame about the normal (Duff et al. 2017, Building an orthonormal basis, revisited).
+        sign = 1.0 if nz >= 0 else -1.0
+        a = -1 / (sign + nz)
+        b = nx * ny * a
+        total = 0.0
+        for k in range(len(directions)):
+            s, c, n = directions[k, 0], directions[k, 1], directions[k, 2]
+            dx = s * (1 + sign * nx * nx * a) + c * b + n * nx
+            dy = s * sign * b + c * (sign + ny * ny * a) + n * ny
+            dz = -s * sign * nx - c * ny + n * nz
+            t, _, _ = first_hit(world, px, py, pz, dx, dy, dz, 1e-6, np.inf)
+            total += t / (t + reach) if t < np.inf else 1.0
+        total *= ambient / len(directions)
+        for k in range(len(lamps)):
+            lx, ly, lz = lamps[k, 0] - px, lamps[k, 1] - py, lamps[k, 2] - pz
+            far = math.sqrt(lx * lx + ly * ly + lz * lz)
+            lx, ly, lz = lx / far, ly / far, lz / far
+            # It shines down: y points there, and away from the spot it is -ly.
+            facing = (lx * nx + ly * ny + lz * nz) * max(-ly, 0.0)
+            if facing > 0 and first_hit(world, px, py, pz, lx, ly, lz, 1e-6, far - 1e-3)[1] < 0:
+                total += lamps[k, 3] * facing / (far * far)
+        light[i] = total

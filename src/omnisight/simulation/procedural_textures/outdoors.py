@@ -1,0 +1,215 @@
+"""Draws what stands in streets: fronts of houses, the road, cars, and the sky over it all."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.simulation.procedural_textures import materials
+from omnisight.simulation.procedural_textures.materials import Colour, Rng
+
+Bytes = NDArray[np.uint8]
+Array = NDArray[np.float64]
+
+SOFT = 16  # cv2.LINE_AA
+DENSITY = 64.0  # pixels per metre
+WALLS: tuple[Colour, ...] = (
+    *((158, 92, 72), (206, 190, 160), (178, 120, 92), (196, 204, 206), (222, 196, 140)),
+    *((142, 78, 66), (188, 172, 158), (206, 158, 132), (170, 186, 176), (232, 222, 200)),
+)
+SIGNS = ("BAKERY", "BOOKS", "CAFE", "HOTEL", "MUSIC", "FLOWERS", "PHARMACY", "SHOES", "TEA", "OPTICIAN")
+
+
+def front(rng: Rng, width: float, height: float) -> Bytes:
+    """Draw the front of a house: storeys of windows, a door, sometimes a shop."""
+    import cv2
+
+    colour = WALLS[int(rng.integers(len(WALLS)))]
+    if rng.random() < 0.55:
+        wall = materials.bricks(rng, width, height, colour, DENSITY)
+    else:
+        shape = (materials.px(height, DENSITY), materials.px(width, DENSITY))
+        wall = materials.finished(materials.toned(colour, materials.rough(rng, shape, 2 * DENSITY, 4.0)))
+    m = DENSITY
+    storeys, columns = max(int((height - 0.6) / 2.9), 1), max(int(width / 1.9), 2)
+    shop = rng.random() < 0.45
+    door = int(rng.integers(columns))
+    pitch, stone = width / columns, (214, 208, 196)
+    for storey in range(storeys):
+        floor = height - 0.3 - 2.9 * storey
+        cv2.rectangle(wall, (0, round((floor - 2.85) * m)), (wall.shape[1], round((floor - 2.74) * m)), stone, -1)
+        for column in range(columns):
+            middle = (column + 0.5) * pitch
+            if storey == 0 and column == door:
+                _door(wall, rng, middle, floor + 0.3)
+            elif storey == 0 and shop:
+                _window(wall, rng, (middle - 0.45 * pitch, floor - 2.15, 0.9 * pitch, 1.75))
+            else:
+                _window(wall, rng, (middle - 0.5, floor - 2.3, 1.0, 1.45))
+    if shop:
+        top, bottom = round((height - 3.25) * m), round((height - 2.7) * m)
+        paint = tuple(int(c) for c in rng.integers(20, 110, 3))
+        cv2.rectangle(wall, (round(0.2 * m), top), (wall.shape[1] - round(0.2 * m), bottom), paint, -1)
+        words = SIGNS[int(rng.integers(len(SIGNS)))]
+        (wide, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, 1.1, 2)
+        at = ((wall.shape[1] - wide) // 2, bottom - 9)
+        cv2.putText(wall, words, at, cv2.FONT_HERSHEY_DUPLEX, 1.1, (240, 230, 200), 2, SOFT)
+    cv2.rectangle(wall, (0, 0), (wall.shape[1], round(0.3 * m)), stone, -1)
+    for x in range(0, wall.shape[1], round(0.4 * m)):
+        cv2.rectangle(wall, (x, round(0.16 * m)), (x + round(0.2 * m), round(0.3 * m)), (168, 160, 150), -1)
+    return wall
+
+
+def _window(wall: Bytes, rng: Rng, place: tuple[float, float, float, float]) -> None:
+    import cv2
+
+    u, v, width, height = (round(x * DENSITY) for x in place)
+    frame = (236, 234, 228)
+    cv2.rectangle(wall, (u - 5, v - 5), (u + width + 5, v + height + 5), (120, 112, 104), -1)
+    cv2.rectangle(wall, (u - 2, v - 2), (u + width + 2, v + height + 2), frame, -1)
+    share = np.linspace(0, 1, height)[:, None, None]
+    pane = (
+        (1 - share) * np.array((128, 152, 176)) + share * np.array((44, 54, 66)) + rng.normal(0, 5, (height, width, 1))
+    )
+    if rng.random() < 0.6:  # curtains
+        cloth, side = rng.integers(150, 235, 3), int(width * rng.uniform(0.15, 0.32))
+        pane[:, :side] = pane[:, -side:] = cloth * (0.75 + 0.12 * np.sin(np.arange(side) * 0.9))[None, :, None]
+    if rng.random() < 0.35:  # a blind
+        pane[: int(height * rng.uniform(0.2, 0.6))] = rng.integers(170, 230, 3)
+    rows, columns = wall[v : v + height, u : u + width].shape[:2]
+    wall[v : v + height, u : u + width] = materials.finished(pane)[:rows, :columns]
+    for x in (u + width // 2,):
+        cv2.rectangle(wall, (x - 2, v), (x + 2, v + height), frame, -1)
+    cv2.rectangle(wall, (u, v + height // 3 - 2), (u + width, v + height // 3 + 1), frame, -1)
+    cv2.rectangle(wall, (u - 9, v + height + 5), (u + width + 9, v + height + 12), (206, 200, 188), -1)
+    if rng.random() < 0.4:  # flowers on the sill
+        for _ in range(40):
+            at = (int(rng.integers(u, u + width)), int(rng.normal(v + height - 3, 4)))
+            tone = ((70, 120, 50), (200, 60, 70), (230, 180, 60))[int(rng.integers(3))]
+            cv2.circle(wall, at, int(rng.integers(2, 5)), tone, -1, SOFT)
+
+
+def _door(wall: Bytes, rng: Rng, middle: float, floor: float) -> None:
+    import cv2
+
+    m = DENSITY
+    left, right, top, bottom = (round(x * m) for x in (middle - 0.5, middle + 0.5, floor - 2.25, floor))
+    paint = tuple(int(c) for c in rng.integers(30, 130, 3))
+    cv2.rectangle(wall, (left - 9, top - 9), (right + 9, bottom), (210, 204, 192), -1)
+    cv2.rectangle(wall, (left, top), (right, bottom), paint, -1)
+    for v0, v1 in ((0.05, 0.25), (0.3, 0.6), (0.65, 0.95)):
+        near, far = (round(left + s * (right - left)) for s in (0.15, 0.85))
+        start, end = (near, round(top + v0 * (bottom - top))), (far, round(top + v1 * (bottom - top)))
+        cv2.rectangle(wall, start, end, tuple(int(c * 0.7) for c in paint), 2)
+    cv2.circle(wall, (right - 9, (top + bottom) // 2), 3, (214, 190, 110), -1, SOFT)
+    number = str(int(rng.integers(1, 99)))
+    cv2.putText(wall, number, (right + 12, top + 30), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 90), 2, SOFT)
+
+
+def road(rng: Rng, width: float, length: float) -> Bytes:
+    """Draw a road that runs down the image, with lines, crossings and lids."""
+    import cv2
+
+    picture = materials.asphalt(rng, width, length, DENSITY)
+    m, rows, columns = DENSITY, picture.shape[0], picture.shape[1]
+    paint = np.zeros((rows, columns), np.float32)
+    for top in np.arange(0, length, 6.0):
+        paint[
+            round(top * m) : round((top + 3) * m), columns // 2 - round(0.07 * m) : columns // 2 + round(0.07 * m)
+        ] = 1
+    for edge in (0.25, width - 0.35):
+        paint[:, round(edge * m) : round((edge + 0.1) * m)] = 1
+    for crossing in (0.3, 0.72):
+        top = round(crossing * rows)
+        paint[top : top + round(3.4 * m)] = 0
+        for u in np.arange(0.4, width - 0.4, 1.0):
+            paint[top : top + round(3 * m), round(u * m) : round((u + 0.5) * m)] = 1
+    worn = 0.72 + 0.035 * materials.rough(rng, (rows, columns), 30, 2.5)
+    share = (paint * np.clip(worn, 0, 1))[..., None]
+    picture = materials.finished(picture * (1 - share) + share * np.array((226, 224, 214), np.float32))
+    for _ in range(int(length / 9)):
+        at = (int(rng.uniform(0.2, 0.8) * columns), int(rng.integers(rows)))
+        cv2.circle(picture, at, round(0.33 * m), (74, 72, 70), -1, SOFT)
+        cv2.circle(picture, at, round(0.29 * m), (104, 100, 96), 2, SOFT)
+        for k in range(-3, 4):
+            cv2.line(picture, (at[0] - 14, at[1] + 5 * k), (at[0] + 14, at[1] + 5 * k), (92, 88, 84), 1, SOFT)
+    return picture
+
+
+def car_side(rng: Rng, paint: Colour, *, cabin: bool) -> Bytes:
+    """Draw the side of a car's body, or of its cabin with the windows."""
+    import cv2
+
+    picture = np.full((96, 320, 3), paint, np.uint8)
+    if cabin:
+        for left, right in ((14, 154), (166, 306)):
+            cv2.rectangle(picture, (left, 10), (right, 92), (52, 62, 72), -1)
+            cv2.line(picture, (left + 20, 88), (left + 60, 14), (110, 124, 136), 6, SOFT)
+    else:
+        for x in (104, 196):
+            cv2.line(picture, (x, 0), (x, 88), tuple(int(c * 0.6) for c in paint), 2, SOFT)
+            cv2.rectangle(picture, (x + 12, 18), (x + 34, 24), (30, 30, 32), -1)
+        cv2.rectangle(picture, (0, 78), (320, 96), (36, 36, 38), -1)
+        cv2.line(picture, (0, 34), (320, 30), tuple(min(int(c * 1.25), 255) for c in paint), 2, SOFT)
+    return materials.finished(picture + rng.normal(0, 2, picture.shape))
+
+
+def car_end(paint: Colour, *, back: bool) -> Bytes:
+    """Draw the front or the back of a car's body."""
+    import cv2
+
+    picture = np.full((80, 192, 3), paint, np.uint8)
+    light = (190, 36, 30) if back else (240, 240, 226)
+    for left in (8, 148):
+        cv2.rectangle(picture, (left, 14), (left + 36, 34), light, -1)
+    cv2.rectangle(picture, (66, 44), (126, 62), (236, 236, 230), -1)
+    cv2.putText(picture, "OMNI 5", (70, 58), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 24), 1, SOFT)
+    cv2.rectangle(picture, (0, 66), (192, 80), (40, 40, 42), -1)
+    return picture
+
+
+def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
+    """Paint all directions of a fair day: blue, paler towards the horizon, clouds in a layer, and a glow at the sun."""
+    import cv2
+
+    height = width // 2
+    lon = ((np.arange(width) + 0.5) / width * 2 * np.pi - np.pi).astype(np.float32)
+    lat = (np.pi / 2 - (np.arange(height) + 0.5) / height * np.pi).astype(np.float32)
+    up = np.sin(lat)[:, None]
+    across, ahead = np.cos(lat)[:, None] * np.sin(lon), np.cos(lat)[:, None] * np.cos(lon)
+    rise = np.clip(up, 0, 1) ** 0.55
+    picture = (1 - rise)[..., None] * np.array((206, 222, 236), np.float32) + rise[..., None] * np.array(
+        (58, 112, 190), np.float32
+    )
+    picture = np.repeat(picture, width, 1)
+    # The clouds lie in a layer: what is near the horizon is far away, and small.
+    side = 1024
+    noise = np.zeros((side, side), np.float32)
+    for cells in (4, 8, 16, 32, 64, 128, 256):
+        noise += _wrapped(rng, side, cells) * np.float32(cells**-0.85)
+    noise = ((noise - noise.mean()) / noise.std()).astype(np.float32)
+    away = 150.0 / np.maximum(up, 0.045)
+    u, v = across * away % side, ahead * away % side
+    thick = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    lower = cv2.remap(noise, (u + 6) % side, (v + 6) % side, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    cover = np.clip((thick - 0.15) / 0.9, 0, 1)[..., None]
+    shade = np.clip(0.5 + 0.35 * (thick - lower) - 0.16 * np.clip(thick - 0.9, 0, 3), 0, 1)[..., None]
+    cloud = (1 - shade) * np.array((176, 186, 200), np.float32) + shade * np.array((255, 253, 248), np.float32)
+    cover *= np.clip((up[..., None] - 0.02) / 0.12, 0, 1) * 0.95
+    picture = picture * (1 - cover) + cloud * cover
+    x, y, z = (np.array(sun) / np.linalg.norm(sun)).astype(np.float32)
+    off = np.arccos(np.clip(across * x - up * y + ahead * z, -1, 1))
+    glow = (np.exp(-off / 0.16) * 90 + (off < 0.022) * 255).astype(np.float32)
+    haze = np.clip(-up * 6, 0, 1)[..., None]
+    picture = (picture + glow[..., None] * np.array((1, 0.96, 0.86), np.float32)) * (1 - haze) + haze * np.array(
+        (150, 158, 146), np.float32
+    )
+    return materials.finished(picture)
+
+
+def _wrapped(rng: Rng, side: int, cells: int) -> NDArray[np.float32]:
+    """Make smooth noise that repeats without a seam."""
+    import cv2
+
+    coarse = np.pad(rng.normal(0, 1, (cells, cells)).astype(np.float32), 2, mode="wrap")
+    step = side // cells
+    fine = cv2.resize(coarse, None, fx=step, fy=step, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(fine[2 * step : 2 * step + side, 2 * step : 2 * step + side], np.float32)

@@ -1,0 +1,218 @@
+"""Motions: poses over time, between them, in files and built in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import exp, log
+from omnisight.images import write_bytes
+
+Array = NDArray[np.float64]
+Corner = tuple[float, float, float]
+
+COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+LARGEST_FILE, LARGEST_POSES = 64 << 20, 500_000  # bytes, and rows
+FARTHEST = 1e9  # metres
+LONGEST_NUMBER = 40  # characters
+PRESETS = ("line", "loop", "still", "turn")
+KEYS = 96  # poses of a built-in motion, with what is between them interpolated
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Where a camera is over time.
+
+    Attributes
+    ----------
+    times
+        (N,) seconds, increasing.
+    poses
+        world_from_cam at each.
+    """
+
+    times: Array
+    poses: tuple[Pose, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no motion."""
+        if len(self.times) != len(self.poses) or not len(self.poses):
+            raise ValueError(f"a trajectory needs a time for each pose, got {len(self.times)} and {len(self.poses)}")
+        if (np.diff(self.times) <= 0).any():
+            raise ValueError("the times of a trajectory must increase")
+
+    def at(self, time: float) -> Pose:
+        """Give world_from_cam at a time: turned evenly from one pose to the next, and moved along a straight line.
+
+        Before the first pose and after the last it is theirs.
+        """
+        i = int(np.searchsorted(self.times, time, side="right")) - 1
+        if i < 0 or i >= len(self.poses) - 1:
+            return self.poses[0 if i < 0 else -1]
+        share = (time - self.times[i]) / (self.times[i + 1] - self.times[i])
+        a, b = self.poses[i], self.poses[i + 1]
+        if np.array_equal(a.rotation, b.rotation) and np.array_equal(a.translation, b.translation):
+            return a
+        turn = a.rotation @ exp(share * log(a.rotation.T @ b.rotation))
+        return Pose(turn, (1 - share) * a.translation + share * b.translation)
+
+    def rows(self, time: float, height: int, readout: float) -> Sequence[Pose]:
+        """Give where the camera is as each row is read, the middle row at a time.
+
+        Parameters
+        ----------
+        time
+            Seconds.
+        height
+            Rows.
+        readout
+            Seconds from the first row to the last.
+        """
+        offsets = (np.arange(height) - height // 2) / max(height - 1, 1) * readout
+        return [self.at(time + offset) for offset in offsets]
+
+
+def preset_trajectory(name: str, free: tuple[Corner, Corner], duration: float) -> Trajectory:
+    """Give a motion within a box that is free of solids.
+
+    Parameters
+    ----------
+    name
+        "loop": around, looking ahead; "line": along the longest side, looking ahead; "turn": on the spot; "still".
+    free
+        Low and high corner, metres.
+    duration
+        Seconds.
+
+    Raises
+    ------
+    ValueError
+        If there is no such motion.
+    """
+    if name not in PRESETS:
+        raise ValueError(f"there is no motion {name!r}; there are {', '.join(PRESETS)}")
+    low, high = np.array(free, float)
+    middle, half = (low + high) / 2, (high - low) / 2
+    share = np.linspace(0, 1, KEYS)
+    turn = 2 * np.pi * share
+    if name == "loop":
+        # It rises and falls twice, and leans a little, as what is carried does.
+        places = middle + half * np.stack([-np.cos(turn), 0.3 * np.sin(2 * turn), np.sin(turn)], -1)
+        heading = np.arctan2(half[0] * np.sin(turn), half[2] * np.cos(turn))
+        leaning = 0.06 * np.sin(2 * turn + 0.7)
+    elif name == "line":
+        along = half * (np.arange(3) == np.argmax(half))
+        places = middle + (2 * share[:, None] - 1) * along
+        heading = np.full(KEYS, np.arctan2(along[0], along[2]))
+        leaning = 0.03 * np.sin(3 * turn)
+    else:
+        places, leaning = np.tile(middle, (KEYS, 1)), np.zeros(KEYS)
+        heading = turn if name == "turn" else np.zeros(KEYS)
+    poses = [
+        Pose(exp(np.array((0, yaw, 0))) @ exp(np.array((0, 0, roll))), place)
+        for yaw, roll, place in zip(heading, leaning, places, strict=True)
+    ]
+    return Trajectory(share * duration, tuple(poses))
+
+
+def quaternion(rotation: ArrayLike) -> Array:
+    """Give (qx, qy, qz, qw), qw >= 0, of a rotation (3, 3)."""
+    w = log(rotation)
+    angle = float(np.linalg.norm(w))
+    return np.append(np.sinc(angle / (2 * np.pi)) / 2 * w, np.cos(angle / 2))
+
+
+def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
+    """Write the TUM format: `timestamp tx ty tz qx qy qz qw` in each line, world_from_cam, seconds and metres.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    lines = [f"# {' '.join(COLUMNS)}"]
+    for time, pose in zip(timestamps(trajectory.times), trajectory.poses, strict=True):
+        values = (*pose.translation, *quaternion(pose.rotation))
+        lines.append(f"{time} " + " ".join(f"{value:.9f}" for value in values))
+    write_bytes(path, ("\n".join(lines) + "\n").encode())
+
+
+def timestamps(times: Array) -> list[str]:
+    """Give times (N,), seconds, as text: to microseconds, or as exactly as it takes to tell them apart."""
+    texts = [f"{time:.6f}" for time in times]
+    return texts if len(set(texts)) == len(texts) else [np.format_float_positional(time, trim="0") for time in times]
+
+
+def read_trajectory(path: str | Path) -> Trajectory:
+    """Read the TUM format, or CSV of the same columns: by their names where a first line tells them, else in its order.
+
+    Without names a line holds these columns and no others: of other formats' longer lines, such as EuRoC's, the order
+    is not ours.
+
+    Raises
+    ------
+    ValueError
+        Naming the line, what is in it and what was expected.
+    OSError
+        If the file cannot be read.
+    """
+    path = Path(path)
+    if path.stat().st_size > LARGEST_FILE:
+        raise ValueError(
+            f"{path}: {path.stat().st_size >> 20} MB is no trajectory; at most {LARGEST_FILE >> 20} are read"
+        )
+    order: list[int] | None = None
+    times: list[float] = []
+    poses: list[Pose] = []
+    first = True
+    for number, line in enumerate(path.read_bytes().decode("utf-8-sig", "replace").splitlines(), 1):
+        words = line.strip().lstrip("#").replace(",", " ").replace(";", " ").split()
+        named = [word.lower() for word in words]
+        if first and set(COLUMNS) <= set(named):
+            order, first = [named.index(name) for name in COLUMNS], False
+            continue
+        if not words or line.lstrip().startswith("#"):
+            continue
+        first = False
+        time, pose = _row(words, order, f"{path}, line {number}")
+        if times and time <= times[-1]:
+            raise ValueError(
+                f"{path}, line {number}: the time {time:.15g} is not after {times[-1]:.15g}: times must increase"
+            )
+        times.append(time)
+        poses.append(pose)
+        if len(poses) > LARGEST_POSES:
+            raise ValueError(f"{path}: more than {LARGEST_POSES} poses")
+    if not poses:
+        raise ValueError(f"{path}: holds no poses; expected lines of {' '.join(COLUMNS)}")
+    return Trajectory(np.array(times), tuple(poses))
+
+
+def _row(words: list[str], order: list[int] | None, where: str) -> tuple[float, Pose]:
+    expected = f"expected {len(COLUMNS)} numbers, {' '.join(COLUMNS)}"
+    if len(words) != len(COLUMNS) if order is None else len(words) <= max(order):
+        raise ValueError(f"{where}: {len(words)} values; {expected}")
+    chosen = [words[i] for i in order] if order else words
+    values = np.array([_number(word, where, expected) for word in chosen])
+    if not np.isfinite(values).all() or (np.abs(values[1:]) > FARTHEST).any():
+        wrong = next(v for i, v in enumerate(values) if not np.isfinite(v) or (i and abs(v) > FARTHEST))
+        raise ValueError(f"{where}: {wrong:g} is out of range; {expected}")
+    q = values[4:]
+    length = float(np.linalg.norm(q))
+    if not 0.9 < length < 1.1:
+        raise ValueError(f"{where}: the quaternion {q.tolist()} has length {length:.3g}, not 1")
+    x, y, z, w = q / length
+    axis = np.array((x, y, z))
+    sine = float(np.linalg.norm(axis))
+    angle = 2 * np.arctan2(sine, w)
+    return float(values[0]), Pose(exp(axis / sine * angle if sine > 0 else axis), values[1:4])
+
+
+def _number(word: str, where: str, expected: str) -> float:
+    try:
+        return float(word if len(word) <= LONGEST_NUMBER else "")
+    except ValueError:
+        raise ValueError(f"{where}: {word[:LONGEST_NUMBER]!r} is no number; {expected}") from None

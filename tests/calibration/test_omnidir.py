@@ -1,0 +1,240 @@
+"""Mei's way: our `mei` is OpenCV's omnidir to the last digit, solves no worse, and starts from a mirror's border."""
+
+import numpy as np
+import pytest
+
+from omnisight.calibration.border import focal_from_line, start_from_border
+from omnisight.calibration.bundle_adjustment import refine
+from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.initial_camera import estimate_initial_camera
+from omnisight.calibration.multistart import multistart_refit
+from omnisight.calibration.resection import resect
+from omnisight.camera import Camera
+from omnisight.formats import load, save
+from omnisight.images import ImageField, collect_images, estimate_image_field, read_image, to_gray8
+from omnisight.images.ellipse import Ellipse
+from omnisight.models import model_class
+from omnisight.models.mei import Mei
+from omnisight.models.unified import Unified
+from omnisight.pipeline.central import calibrate_camera
+from omnisight.targets import Checkerboard
+from omnisight.targets.observations import Observations
+
+CAMERAS = {
+    "lens": Mei(478.0, 476.0, 512.3, 383.1, 1.07, -0.11, 0.03, 3e-4, -2e-4, 0.4),
+    "parabola": Mei(302.0, 303.0, 642.0, 521.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+    "hyperbola": Mei(250.0, 251.0, 320.0, 240.0, 0.8, 0.02, 1e-3, -1e-4, 4e-4, -0.3),
+    "pinhole": Mei(640.0, 641.0, 320.0, 240.0, 0.0, -0.2, 0.05, 1e-3, 2e-3),
+    "far": Mei(2100.0, 2110.0, 954.0, 955.0, 2.2, 0.4, 0.2, 1e-4, 1e-4),
+}
+
+
+@pytest.fixture(scope="module")
+def cv2():
+    found = pytest.importorskip("cv2")
+    if not hasattr(found, "omnidir"):
+        pytest.skip("needs cv2.omnidir, which opencv-contrib-python-headless has")
+    return found
+
+
+def directions(model, seed=0, count=500):
+    """Give points all over what the model sees, and their pixels."""
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(20 * count, 3)) * rng.uniform(0.3, 30, (20 * count, 1))
+    pixels, valid = model.project(points)
+    return points[valid][:count], pixels[valid][:count]
+
+
+def as_opencv(model):
+    k = np.array([[model.fx, model.skew, model.cx], [0, model.fy, model.cy], [0, 0, 1]])
+    return k, model.xi, np.array([model.k1, model.k2, model.p1, model.p2])
+
+
+def theirs(cv2, points, k, xi, d):
+    pixels, _ = cv2.omnidir.projectPoints(points[:, None], np.zeros(3), np.zeros(3), k, float(xi), d)
+    return pixels[:, 0]
+
+
+# -- one model ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("name", CAMERAS)
+def test_mei_projects_as_omnidir_does(cv2, name):
+    model = CAMERAS[name]
+    points, pixels = directions(model)
+    assert name == "pinhole" or (points[:, 2] < 0).any()
+    np.testing.assert_allclose(pixels, theirs(cv2, points, *as_opencv(model)), rtol=0, atol=1e-9 * np.abs(pixels).max())
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
+def test_a_file_of_opencvs_gives_the_same_rays(cv2, tmp_path, name, suffix):
+    model = CAMERAS[name]
+    k, xi, d = as_opencv(model)
+    path = tmp_path / f"omnidir.{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for key, value in {"camera_matrix": k, "xi": np.array([[xi]]), "distortion_coefficients": d[None]}.items():
+        storage.write(key, value)
+    for key, value in {"image_width": 1280, "image_height": 1024}.items():
+        storage.write(key, value)
+    storage.release()
+    camera = load(path)
+    points, pixels = directions(model)
+    bearings, valid = camera.unproject(pixels)
+    assert valid.all()
+    along = points / np.linalg.norm(points, axis=1, keepdims=True)
+    assert np.linalg.norm(np.cross(bearings, along), axis=1).max() < 1e-9
+    assert (np.einsum("ni,ni->n", bearings, along) > 0).all()
+    assert camera.size == (1280, 1024)
+
+
+@pytest.mark.peer
+@pytest.mark.parametrize("name", CAMERAS)
+def test_opencv_reads_our_file_and_projects_the_same(cv2, tmp_path, name):
+    model = CAMERAS[name]
+    path = tmp_path / "camera.yml"
+    save(Camera(model, (1280, 1024)), path, format="opencv")
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    k, d = (storage.getNode(key).mat() for key in ("camera_matrix", "distortion_coefficients"))
+    points, pixels = directions(model)
+    found = theirs(cv2, points, k, storage.getNode("xi").real(), d.ravel())
+    np.testing.assert_allclose(found, pixels, rtol=0, atol=1e-9 * np.abs(pixels).max())
+
+
+# -- one optimum -------------------------------------------------------------------------------------------------
+
+SIZES = {
+    "kaidan": (640, 480),
+    "mei": (1280, 1024),
+    "ai360_a": (1920, 1920),
+    "fish1": (1032, 778),
+    "fstereo_right": (960, 600),
+}
+
+
+def corners(data, name):
+    with np.load(data("corners") / f"{name}.npz") as stored:
+        board = Checkerboard(*(int(n) for n in stored["pattern"]))
+        return Observations.of([(board.points, pixels) for pixels in stored["corners"].astype(float)])
+
+
+def least_squares(begun, views):
+    """Refine as OpenCV does: every corner alike, and the skew estimated."""
+    start = multistart_refit(begun, model_class("mei"), views)
+    state = refine(start, views, freedom=FreeParameters.of(start.model, free=("skew",)), loss="squared").state
+    return state, float(np.sqrt((state.lengths(views) ** 2).mean()))
+
+
+@pytest.mark.peer
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SIZES)
+def test_our_least_squares_are_not_above_omnidirs_on_the_views_it_keeps(cv2, data, name):
+    views, size = corners(data, name), SIZES[name]
+    objects, images = ([x[g][None] for g in views.groups] for x in (views.points, views.pixels))
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
+    rms, *_, kept = cv2.omnidir.calibrate(objects, images, size, None, None, None, 0, criteria)
+    if kept.size == len(views):
+        state, ours = least_squares(estimate_initial_camera(views, size), views)
+        assert len(state.rotations) == len(views)
+    else:
+        some = views.subset(kept.ravel())
+        _, ours = least_squares(estimate_initial_camera(some, size), some)
+    # Both stop once nothing falls by more than about 1e-8.
+    assert ours <= rms * (1 + 1e-5)
+
+
+# -- one start ---------------------------------------------------------------------------------------------------
+
+PARABOLA = Unified(fx=300.0, fy=300.0, cx=640.0, cy=520.0, xi=1.0)
+
+
+def seen_at(model, theta, phi):
+    pixels, valid = model.project(np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]).T)
+    assert np.all(valid)
+    return pixels
+
+
+def field_of(model, theta, inner=False):
+    rim = seen_at(model, theta, 0.0)
+    radius = float(rim[0] - model.cx)
+    hole = Ellipse((model.cx, model.cy), (40.0, 40.0)) if inner else None
+    return ImageField((1280, 1024), Ellipse((model.cx, model.cy), (radius, radius)), hole)
+
+
+@pytest.mark.parametrize(("inner", "degrees"), [(True, 105.0), (False, 95.0)])
+def test_the_border_gives_centre_and_focal_length(inner, degrees):
+    usual = start_from_border(field_of(PARABOLA, np.radians(degrees), inner), (1280, 1024))
+    np.testing.assert_allclose(usual.params[:5], [300, 300, 640, 520, 1], rtol=1e-9)
+    told = start_from_border(field_of(PARABOLA, np.radians(80), inner), (1280, 1024), angle=np.radians(80))
+    np.testing.assert_allclose(told.params, usual.params, rtol=1e-9)
+
+
+def test_the_border_of_smaller_copies_is_scaled():
+    start = start_from_border(field_of(PARABOLA, np.radians(95)), (2560, 2048))
+    np.testing.assert_allclose(start.params[:4], [600, 600, 1280.5, 1040.5], rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_line_gives_the_focal_length_of_a_parabolic_mirror(count):
+    along = np.linspace(-4, 6, count)[:, None]
+    pixels, valid = PARABOLA.project(np.array([2.0, -1.0, -0.3]) + along * [0.3, 1.0, 0.4])
+    assert valid.all()
+    assert focal_from_line(pixels, (640.0, 520.0)) == pytest.approx(300.0, rel=1e-9)
+    start = start_from_border(field_of(PARABOLA, 1.2), (1280, 1024), line=pixels)
+    assert start.fx == pytest.approx(300.0, rel=1e-9)
+
+
+def test_what_tells_nothing_is_refused():
+    with pytest.raises(ValueError, match="no border of a mirror or lens is seen"):
+        start_from_border(ImageField((640, 480)), (640, 480))
+    with pytest.raises(ValueError, match="between 0 and pi"):
+        start_from_border(field_of(PARABOLA, 1.5), (1280, 1024), angle=4.0)
+    radial = PARABOLA.project(np.linspace(1, 5, 9)[:, None] * [1.0, 0.5, 0.0] + [0, 0, 1.0])[0]
+    with pytest.raises(ValueError, match="too near the image's centre"):
+        focal_from_line(radial, (640.0, 520.0))
+    with pytest.raises(ValueError, match=r"three or more finite pixels.*\(2, 2\)"):
+        focal_from_line(radial[:2], (640.0, 520.0))
+
+
+MIRRORS = {"mei": "mei_paracatadioptric", "kaidan": "kaidan_catadioptric"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MIRRORS)
+def test_calibration_from_a_mirrors_border_ends_where_ours_does(data, name):
+    pictures = collect_images([data(MIRRORS[name])])
+    field = estimate_image_field(to_gray8(read_image(path)) for path in pictures)
+    views, size = corners(data, name), SIZES[name]
+    start = start_from_border(field, size)
+    _, least = least_squares(estimate_initial_camera(views, size), views)
+    state, rms = least_squares(resect(start, views), views)
+    assert rms == pytest.approx(least, rel=1e-6)
+    assert np.hypot(start.cx - state.model.cx, start.cy - state.model.cy) < 3
+    whole = calibrate_camera(views, size, model="mei", loss="squared", free=("skew",), flat=True, start=start)
+    assert whole.rms == pytest.approx(least, rel=1e-6)
+
+
+def test_a_spherical_mirror_is_calibrated_from_its_border():
+    # A sphere under an orthographic camera: the ray at theta leaves where the normal is at theta/2, r = R sin(theta/2).
+    # Its scene is far away, so that it is as good as central; none of the conics, and xi and distortion take it up.
+    sphere = model_class("equisolid").from_dict({"fx": 225.0, "fy": 225.0, "cx": 641.0, "cy": 519.0})
+    board, rng = Checkerboard(8, 6), np.random.default_rng(0)
+    seen = []
+    for i in range(12):
+        theta, phi = np.radians(10 + 7 * i), 2.4 * i
+        towards = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
+        side = np.cross([0.0, 0.6, 0.8], towards)
+        side /= np.linalg.norm(side)
+        tilted = np.cross(towards, side) + 0.5 * towards
+        turn = np.stack([side, tilted / np.linalg.norm(tilted)])
+        pixels, valid = sphere.project((board.points[:, :2] - (3.5, 2.5)) @ turn + 9 * towards)
+        assert valid.all()
+        seen.append((board.points, pixels + rng.normal(0, 0.1, pixels.shape)))
+    views = Observations.of(seen)
+    rim = float(seen_at(sphere, np.radians(115), 0.0)[0] - 641.0)
+    field = ImageField((1280, 1024), Ellipse((641.0, 519.0), (rim, rim)), Ellipse((641.0, 519.0), (20.0, 20.0)))
+    state, rms = least_squares(resect(start_from_border(field, (1280, 1024)), views), views)
+    assert rms < 1.1 * 0.1 * np.sqrt(2)
+    assert state.model.xi > 0

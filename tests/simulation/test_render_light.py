@@ -1,0 +1,102 @@
+"""The renderer's light: what is constant stays so, noise is that of photons, and rims darken as they are told to."""
+
+import numpy as np
+import pytest
+from sights import GRAY, POSE, pixels_of, still_life
+
+import omnisight as om
+from omnisight.simulation import Renderer, Scene, Texture, ellipsoid, box, render
+from omnisight.simulation.texture import LINEAR
+
+# -- energy ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3])
+def test_a_constant_scene_is_constant_to_the_last_bit(sight, samples):
+    colour = Texture(np.full((37, 50, 3), (90, 120, 150), np.uint8))
+    shell = box((-3, -3, -3), (3, 3, 3), colour, "shell", inside=True, glow=1.0)
+    inner = ellipsoid((0.5, 0.2, 2.0), 0.4, colour, "ellipsoid", glow=1.0)
+    scene = Scene((shell, inner), sky=colour)
+    light = Renderer(sight, POSE, scene, samples=samples, vignette=0).light()
+    inside = sight.rays(pixels_of(sight)).valid
+    inside[[0, -1]] = inside[:, [0, -1]] = False  # at the rim a ray of a pixel may see nothing
+    for k in range(1, 3):
+        inside[k:] &= inside[:-k]
+        inside[:-k] &= inside[k:]
+        inside[:, k:] &= inside[:, :-k]
+        inside[:, :-k] &= inside[:, k:]
+    assert inside.sum() > 1000
+    assert (light[inside] == LINEAR[[90, 120, 150]]).all()
+
+
+def test_what_no_ray_meets_is_black_without_a_sky(sight):
+    assert not Renderer(sight, POSE, Scene(())).light().any()
+
+
+def test_light_adds_nothing_and_loses_nothing_in_textures(sight):
+    """The mean of a fine checkered wall is that of its colours, at any distance: no aliasing, no loss of light."""
+    squares = np.indices((512, 512)).sum(0) % 2
+    texture = Texture(np.repeat((squares * 255).astype(np.uint8)[..., None], 3, -1))
+    shell = box((-3, -3, -3), (3, 3, 3), texture, "shell", inside=True, glow=1.0)
+    light = Renderer(om.perspective(60, (80, 60)), POSE, Scene((shell,)), vignette=0).light()
+    assert abs(light.mean() - 0.5) < 0.01
+    assert light.std() < 0.06
+
+
+def test_exposure_doubles_the_light_for_each_stop():
+    shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
+    images = [
+        render(om.perspective(60, (20, 16)), scene=Scene((shell,)), vignette=0, noise=0, exposure=e).image
+        for e in (0, 1)
+    ]
+    assert (images[0] == 119).all()
+    assert LINEAR[images[1][0, 0, 0]] == pytest.approx(2 * LINEAR[119], rel=0.01)
+
+
+def test_noise_is_that_of_photons():
+    """At a middle gray it is as told; in light it grows as the root."""
+    from omnisight.simulation import develop
+    from omnisight.simulation.texture import to_linear
+
+    rng = np.random.default_rng(0)
+    for light in (0.1, 0.2158, 0.6):
+        image = develop(np.full((300, 300, 3), light, np.float32), rng, noise=4.0, blur=0)
+        assert to_linear(image / 255).std() / (4 / (255 * 1.0752)) == pytest.approx(np.sqrt(light / 0.2158), rel=0.06)
+        if light == 0.2158:
+            assert image.std() == pytest.approx(4.0, rel=0.03)
+
+
+# -- rims and files ----------------------------------------------------------------------------------------------
+
+
+def test_outside_the_image_circle_there_is_neither_light_nor_truth():
+    camera = om.fisheye(160, 200)
+    theta = np.radians((20.0, 80.0))
+    shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
+    renderer = Renderer(camera, om.Pose(), Scene((shell,)), theta=tuple(theta))
+    angle = camera.angle_of(pixels_of(camera))
+    seen = (angle > theta[0] + 0.05) & (angle < theta[1] - 0.05)
+    dark = (angle < theta[0] - 0.05) | (angle > theta[1] + 0.05) | np.isnan(angle)
+    light, truth = renderer.light(), renderer.truth()
+    assert light[dark].max() == 0
+    assert light[seen].min() > 0.1
+    assert (truth.instances[dark] == 0).all()
+    assert (truth.instances[seen] == 1).all()
+    assert np.isnan(truth.depth[dark]).all()
+
+
+def test_the_vignette_darkens_the_rim_alone():
+    shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
+    light = Renderer(om.fisheye(161, 180), om.Pose(), Scene((shell,)), vignette=0.5, theta=(0, np.pi / 2)).light()
+    middle, rim = light[80, 80, 0], light[80, 3, 0]
+    assert middle == pytest.approx(LINEAR[119])
+    assert 0.5 * middle < rim < 0.65 * middle
+
+
+def test_jpeg_is_near_and_not_the_same():
+    camera, scene = om.perspective(70, (160, 120)), still_life()
+    plain, packed = (render(camera, scene=scene, noise=0, jpeg=q).image for q in (None, 60))
+    assert plain.shape == packed.shape
+    assert 0 < np.abs(plain.astype(int) - packed).max() < 60
+    with pytest.raises(ValueError, match="jpeg must be from 1 to 100, got 0"):
+        render(camera, scene=scene, jpeg=0)

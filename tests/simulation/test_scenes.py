@@ -1,0 +1,122 @@
+"""The scenes: all of them can be walked through, and software that dense_correspondences features finds its way in them."""
+
+import cv2
+import numpy as np
+import pytest
+from sights import GRAY, still_life
+
+import omnisight as om
+from omnisight.geometry.rotation import exp
+from omnisight.images import to_gray8
+from omnisight.simulation import Renderer, Scene, ellipsoid, box, dense_correspondences, render, roof, scene_named, scene_names, cylinder
+from omnisight.simulation.trajectory import PRESETS, preset_trajectory
+
+NEXT = om.Pose(exp((0.02, 0.12, 0.03)), np.array((0.15, 0.03, 0.12)))
+
+
+def test_the_scenes_are_found_by_their_files():
+    assert {"boards", "lines", "room", "street"} <= set(scene_names())
+    with pytest.raises(ValueError, match="unknown scene 'moon'; there are: boards, lines"):
+        scene_named("moon")
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_nothing_stands_in_the_way_of_the_built_in_motions(name):
+    """Rays all around from their places meet nothing near, and something far."""
+    scene = scene_named(name)
+    rng = np.random.default_rng(0)
+    bearings = rng.normal(size=(200, 3))
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+    for motion in PRESETS:
+        for pose in preset_trajectory(motion, scene.free, 1.0).poses[::12]:
+            assert scene.solids_at(pose.translation) == [""]
+            met = scene.cast(np.tile(pose.translation, (200, 1)), bearings)
+            assert np.nanmin(met.distances) > 0.15
+            assert (met.instances > 0).mean() > 0.4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "side", "least"), [("room", 1000, 2000), ("street", 600, 1000)])
+def test_features_match_where_the_truth_says(name, side, least):
+    """SIFT: thousands of features in a megapixel; of those that match four fifths and more are right."""
+    scene, camera = scene_named(name), om.fisheye(side, 180)
+    views = [Renderer(camera, pose, scene, samples=1) for pose in (om.Pose(), NEXT)]
+    sift = cv2.SIFT_create()
+    (first, a), (second, b) = (sift.detectAndCompute(to_gray8(view().image), None) for view in views)
+    assert min(len(first), len(second)) >= least
+    pairs = cv2.BFMatcher().knnMatch(a, b, k=2)
+    good = [m for m, n in pairs if m.distance < 0.75 * n.distance]
+    assert len(good) > 0.4 * least
+    here = np.array([first[m.queryIdx].pt for m in good])
+    there = np.array([second[m.trainIdx].pt for m in good])
+    rays = camera.rays(here)
+    met = scene.cast(rays.origins, rays.bearings)
+    points = np.where(
+        np.isnan(met.distances)[:, None], 1e6 * rays.bearings, met.distances[:, None] * rays.bearings
+    )  # the sky is far away
+    expected, _ = camera.project(NEXT.inverse() @ points)
+    assert np.mean(np.linalg.norm(expected - there, axis=1) < 2) > 0.8
+
+
+def test_walking_through_the_room_shows_parallax():
+    """What is near moves more: no plane and no rotation alone explains it."""
+    camera = om.fisheye(200, 170)
+    first, second = (Renderer(camera, pose, scene_named("room")) for pose in (om.Pose(), NEXT))
+    truth, found = first.truth(), dense_correspondences(first, second)
+    bearings, _ = camera.unproject(_grid(camera))
+    turned, _ = camera.project(bearings @ NEXT.rotation)
+    moved = np.linalg.norm(found - turned, axis=-1)
+    near, far = truth.depth < 1.6, truth.depth > 2.6
+    assert np.nanmedian(moved[near]) > 1.5 * np.nanmedian(moved[far])
+
+
+def _grid(camera):
+    return np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).astype(float)
+
+
+def test_another_seed_is_another_scene_of_the_same_kind():
+    first, second = (scene_named("lines", seed) for seed in (0, 1))
+    assert first.names == second.names
+    images = [render(om.fisheye(100, 180), scene=scene, noise=0).image for scene in (first, second)]
+    assert (images[0] != images[1]).mean() > 0.05
+    assert scene_named("lines", 1) is second
+
+
+def test_wires_are_straight():
+    """The points of a wire lie about one line, through a lens that bends it."""
+    scene = scene_named("lines")
+    truth = Renderer(om.fisheye(500, 190), om.Pose(), scene).truth()
+    seen = 0
+    for name in scene.names:
+        points = truth.points[truth.instances == scene.instance(name)]
+        if not name.startswith("wire") or len(points) < 60:
+            continue
+        spread = np.linalg.svd(points - points.mean(0))[1] / np.sqrt(len(points))
+        assert spread[1] < 0.009  # the wire's own radius
+        assert spread[0] > 20 * spread[1]
+        seen += 1
+    assert seen > 10
+    with pytest.raises(ValueError, match="there is no 'rope' in the scene"):
+        scene.instance("rope")
+
+
+def test_what_holds_a_point_is_the_solid_that_it_lies_in():
+    """As rays tell it: from inside a closed solid every ray meets it, from the far side of its wall."""
+    turned = om.Pose(exp((0.3, 0.5, -0.2)), np.array((0.2, 0.1, -0.3)))
+    rng = np.random.default_rng(2)
+    points, bearings = rng.uniform(-2, 2, (300, 3)), rng.normal(size=(12, 3))
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+    for solid in (
+        ellipsoid((0, 0, 0), (1.2, 0.8, 1.5), GRAY, "solid"),
+        box((-1, -0.5, -1.4), (1, 0.9, 1.2), GRAY, "solid"),
+        cylinder((-0.5, -1, 0), (0.4, 1.2, 0.3), 0.9, GRAY, "solid"),
+        roof((-1.5, -1, -1), (1.5, 1, 1), GRAY, "solid"),
+    ):
+        scene = Scene((solid.moved(turned),))
+        met = scene.cast(points[:, None], bearings)
+        # The two ends of a line through a point inside a convex solid both meet it.
+        inside = ((met.instances > 0) & (scene.cast(points[:, None], -bearings).instances > 0)).all(1)
+        assert 10 < inside.sum() < 290
+        assert scene.solids_at(points) == ["solid" if i else "" for i in inside]
+    shell = Scene((box((-1, -1, -1), (1, 1, 1), GRAY, "hall", inside=True), still_life().solids[0]))
+    assert shell.solids_at([(0, 0, 0), (0, 0, 1.5)]) == ["", "hall"]
