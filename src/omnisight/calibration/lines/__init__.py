@@ -1,29 +1,33 @@
 """Calibration from images of straight lines."""
 
-from omnisight.calibration.lines.arcs import find_arcs
-from omnisight.calibration.lines.calibration import LinesCalibration, calibrate_lines
-from omnisight.calibration.lines.chains import Chains
-from omnisight.calibration.lines.circles import Circle, fit_circle, parabolic_camera
-from omnisight.calibration.lines.conic import line_conic
-from omnisight.calibration.lines.plumb import Lines, lines_of, refine_lines
-from omnisight.calibration.lines.polylines import read_polylines
-from omnisight.calibration.lines.rival import apart
-from omnisight.calibration.lines.uncertainty import Uncertainty, bearing_deviation
+from omnisight.calibration.lines.arc_detection import deduplicate_static_arcs, detect_arcs
+from omnisight.calibration.lines.estimation import LineEstimationOptions
+from omnisight.calibration.lines.line_conics import Circle, fit_circle, line_conic, parabolic_camera
+from omnisight.calibration.lines.observations import LineObservations, detect_lines, read_drawn_lines
+from omnisight.calibration.lines.pixel_chains import PixelChains
+from omnisight.calibration.lines.plumb_line import PlumbLineState, fit_line_planes, refine_plumb_lines
+from omnisight.calibration.lines.polyline_file import read_polylines
+from omnisight.calibration.lines.result import LinesCalibration
+from omnisight.calibration.lines.uncertainty import LinesUncertainty, bearing_difference, bearing_sigma
 
 __all__ = [
-    "Chains",
     "Circle",
-    "Lines",
+    "LineEstimationOptions",
+    "LineObservations",
     "LinesCalibration",
-    "Uncertainty",
-    "apart",
-    "bearing_deviation",
-    "calibrate_lines",
-    "find_arcs",
+    "LinesUncertainty",
+    "PixelChains",
+    "PlumbLineState",
+    "bearing_difference",
+    "bearing_sigma",
+    "deduplicate_static_arcs",
+    "detect_arcs",
+    "detect_lines",
     "fit_circle",
+    "fit_line_planes",
     "line_conic",
-    "lines_of",
     "parabolic_camera",
+    "read_drawn_lines",
     "read_polylines",
-    "refine_lines",
+    "refine_plumb_lines",
 ]

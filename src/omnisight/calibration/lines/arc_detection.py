@@ -15,7 +15,8 @@ DIRECTION_STEP_PX = 6
 MAX_TURN_RAD = np.radians(28.0)
 # Edge pixels near a corner are biased by it.
 TRIMMED_END_PX = 2
-# Maximum distance of an arc from a circle. Lines in hyperbolic mirrors are not circles, but short arcs are close to one.
+# Maximum distance of an arc from a circle. Line images in hyperbolic mirrors are not circles, but their short arcs are
+# close to circles.
 MAX_CIRCLE_DISTANCE_PX = 1.2
 # The border of the lens or mirror is an edge itself.
 BORDER_MARGIN_PX = 6.0

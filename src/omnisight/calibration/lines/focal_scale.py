@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
-from omnisight.optim.dense import least_squares
+from omnisight.optim.gauss_newton import gauss_newton
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,8 @@ MIN_SCALE_SIGMA = 0.02
 MAX_SCALE_AMBIGUITY = 0.5
 # Angles at which the families are fitted, and the fewest that determine their three parameters well.
 FIT_ANGLES, MIN_FIT_ANGLES = 60, 8
+# Step of the numerical derivatives of dimensionless quantities: near the cube root of the rounding error.
+DIFFERENCE_STEP = 1e-6
 
 
 def scale_bearing_sigma(model: CameraModel, pixels: Array) -> float:
@@ -78,9 +80,7 @@ def fix_focal_scale(free_parameters: FreeParameters, model: CameraModel, pixels:
     unit = 1 / np.maximum(np.sqrt((jacobian**2).sum((0, 1))), 1e-300)
     share = np.einsum("ni,niq->q", scaling, jacobian) * unit
     kept = np.linalg.svd(share[None])[2][1:].T
-    return dataclasses.replace(
-        free_parameters, directions=free_parameters.directions @ (unit[:, None] * kept)
-    )
+    return dataclasses.replace(free_parameters, directions=free_parameters.directions @ (unit[:, None] * kept))
 
 
 def _unified_profile(theta: Array, shape: float) -> Array:
@@ -102,17 +102,10 @@ def _fit_log_scale(profile: Callable[[Array, float], Array], theta: Array, radiu
         scaled = np.arctan2(np.exp(x[1]) * np.sin(theta), np.cos(theta))
         return np.exp(x[0]) * profile(scaled, float(x[2])) - radius
 
-    log_focal = float(np.log(radius.max() / profile(theta, 0.0).max()))
-    solution = least_squares(residuals, _with_central_differences(residuals), np.array([log_focal, 0.0, 0.0]))
-    return float(solution.state[1])
-
-
-def _with_central_differences(residuals: Callable[[Array], Array]) -> Callable[[Array], tuple[Array, Array]]:
-    """Return a function x -> residuals (N,) and their numerical Jacobian (N, P); x is of order one."""
-    step = 1e-6
-
-    def derivatives(x: Array) -> tuple[Array, Array]:
-        columns = [(residuals(x + d) - residuals(x - d)) / (2 * step) for d in step * np.eye(len(x))]
+    def linearize(x: Array) -> tuple[Array, Array]:
+        steps = DIFFERENCE_STEP * np.eye(3)
+        columns = [(residuals(x + d) - residuals(x - d)) / (2 * DIFFERENCE_STEP) for d in steps]
         return residuals(x), np.stack(columns, -1)
 
-    return derivatives
+    log_focal = float(np.log(radius.max() / profile(theta, 0.0).max()))
+    return float(gauss_newton(linearize, np.array([log_focal, 0.0, 0.0])).state[1])

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.models.unified import Unified
+from omnisight.optim.gauss_newton import gauss_newton
 
 Array = NDArray[np.float64]
 
@@ -84,7 +85,14 @@ def fit_circle(pixels: Array, *, iterations: int = 10) -> Circle:
     scale = float(np.sqrt(((pixels - mean) ** 2).sum(1).mean())) or 1.0
     q = (pixels - mean) / scale
     design = np.column_stack([(q**2).sum(1), q, np.ones(len(q))])
-    p, covariance = _minimize_distance(design, _pratt_fit(design), iterations)
+    solution = gauss_newton(
+        lambda p: _linearize_distance(design, p),
+        _pratt_fit(design),
+        retract=lambda p, step: _normalize(p + _tangent_basis(p) @ step),
+        max_iterations=iterations,
+    )
+    p, basis = solution.state, _tangent_basis(solution.state)
+    covariance = basis @ np.linalg.pinv(solution.hessian) @ basis.T
     # Coefficients in pixels: u = scale q + mean, and lengths grow by `scale`.
     to_pixels = np.zeros((4, 4))
     to_pixels[0, 0] = 1 / scale
@@ -120,24 +128,15 @@ def parabolic_camera(circles: Sequence[Circle]) -> Unified | None:
     return Unified(float(np.sqrt(f2)), float(np.sqrt(f2)), float(cx), float(cy), 1.0)
 
 
-def _minimize_distance(design: Array, p: Array, iterations: int) -> tuple[Array, Array]:
-    """Refine normalised coefficients (4,) by constrained Gauss-Newton; return them with their covariance (4, 4)."""
-    normal, basis = np.eye(3), np.eye(4)[:, 1:]
-    for _ in range(iterations):
-        f = design @ p
-        root = np.sqrt(np.maximum(1 + 4 * p[0] * f, EPSILON))
-        d = 2 * f / (1 + root)
-        # From A d^2 + d = F: dd = (dF - d^2 dA)/(1 + 2 A d).
-        d_coefficients = design.copy()
-        d_coefficients[:, 0] -= d * d
-        basis = _tangent_basis(p)
-        jacobian = (d_coefficients @ basis) / root[:, None]
-        normal = jacobian.T @ jacobian
-        step = np.linalg.lstsq(jacobian, -d, rcond=None)[0]
-        p = _normalize(p + basis @ step)
-        if np.abs(step).max() < 1e-10:
-            break
-    return p, basis @ np.linalg.pinv(normal) @ basis.T
+def _linearize_distance(design: Array, p: Array) -> tuple[Array, Array]:
+    """Return the distances (n,) and their Jacobian (n, 3) by steps along the constraint."""
+    f = design @ p
+    root = np.sqrt(np.maximum(1 + 4 * p[0] * f, EPSILON))
+    d = 2 * f / (1 + root)
+    # From A d^2 + d = F: dd = (dF - d^2 dA)/(1 + 2 A d).
+    d_coefficients = design.copy()
+    d_coefficients[:, 0] -= d * d
+    return d, (d_coefficients @ _tangent_basis(p)) / root[:, None]
 
 
 def _pratt_fit(design: Array) -> Array:

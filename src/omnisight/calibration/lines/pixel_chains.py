@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -32,7 +33,9 @@ class PixelChains:
     image_ids: NDArray[np.intp]
 
     @classmethod
-    def from_arrays(cls, chains: Sequence[ArrayLike], image_ids: Sequence[int] | NDArray[np.intp] | None = None) -> Self:
+    def from_arrays(
+        cls, chains: Sequence[ArrayLike], image_ids: Sequence[int] | NDArray[np.intp] | None = None
+    ) -> Self:
         """Concatenate chains of pixels (n, 2).
 
         Parameters
@@ -50,7 +53,7 @@ class PixelChains:
         """
         parts = [np.zeros((0, 2)), *(_checked_chain(chain, i + 1) for i, chain in enumerate(chains))]
         stops = np.cumsum([len(part) for part in parts]).tolist()
-        groups = tuple(slice(start, stop) for start, stop in zip(stops[:-1], stops[1:], strict=True))
+        groups = tuple(slice(start, stop) for start, stop in pairwise(stops))
         ids = np.zeros(len(groups), np.intp) if image_ids is None else np.asarray(image_ids, np.intp)
         if len(ids) != len(groups):
             raise ValueError(f"{len(groups)} lines, but image indices of {len(ids)} lines")

@@ -48,7 +48,7 @@ class PlumbLineState:
         return np.abs(_evaluate_residuals(self, chains).distance)
 
     def foot_points(self, chains: PixelChains) -> Array:
-        """Return the point (N, 3) of its line's great circle nearest to each pixel's bearing; NaN outside the domain."""
+        """Return the point (N, 3) of the line's great circle nearest to each bearing; NaN outside the domain."""
         bearings, _ = self.model.unproject_numpy(chains.pixels)
         n = self.normals[chains.chain_of_pixel]
         feet = bearings - (n * bearings).sum(1, keepdims=True) * n

@@ -194,7 +194,7 @@ def _information_by_plane(
     information, gradients = np.zeros((planes, count, count)), np.zeros((planes, count))
     for line in range(len(chains)):
         problem = PlumbLineProblem(chains.subset([line]), loss, free_parameters)
-        normal = problem.linearise(PlumbLineState(state.model, state.normals[line][None]))
+        normal = problem.linearize(PlumbLineState(state.model, state.normals[line][None]))
         schur, gradient, _, _ = normal.reduced()
         unobserved = np.diagonal(normal.shared) <= 0
         schur[unobserved], schur[:, unobserved] = 0.0, 0.0
