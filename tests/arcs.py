@@ -1,4 +1,4 @@
-"""Images of straight lines in cameras with known answers."""
+"""Simulated images of straight lines in cameras of known parameters."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ HYPERBOLIC = Unified(330.0, 330.0, 640.0, 512.0, 0.85)
 
 
 def line_images(model, count, noise=0.0, seed=0, pixels=80, radii=(100, 480)):
-    """See straight lines: arcs of 40 to 110 degrees of great circles, all around, with noise; and their normals."""
+    """Return noisy pixels along images of straight lines, each 40 to 110 degrees long, and the plane normals."""
     rng = np.random.default_rng(seed)
     arcs, normals = [], []
     while len(arcs) < count:

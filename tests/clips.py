@@ -1,4 +1,4 @@
-"""A rendered clip of a board that is carried about before a fisheye lens, for the tests of clips."""
+"""A rendered video of a board in front of a fisheye camera, for the tests of videos."""
 
 from functools import cache
 
@@ -12,43 +12,44 @@ from omnisight.targets import Checkerboard
 
 BOARD = Checkerboard(9, 6, 0.04)
 SETUP = fisheye_setup(480)
-PLACES, HELD, CARRIED, EMPTY = 8, 8, 5, 12
+POSE_COUNT, FRAMES_AT_REST, FRAMES_IN_MOTION, EMPTY_FRAMES = 8, 8, 5, 12
+# Exposure time over frame interval while the board moves.
+EXPOSURE = 0.1
 
 
 @cache
-def carried():
-    """Give the frames (H, W, 3) RGB and for each the place that the board is held at, or "carried", or "empty"."""
-    renderer, rng, middle = SETUP.renderer(samples=1), np.random.default_rng(3), BOARD.points.mean(0)
-    poses = [held.cam_from_board for held in SETUP.boards(PLACES, BOARD)]
-    seconds = [*poses[1:], poses[0]]
+def rendered_clip():
+    """Return frames (H, W, 3) RGB, and for each frame its pose index, "moving" or "empty"."""
+    renderer, rng, centre = SETUP.renderer(samples=1), np.random.default_rng(3), BOARD.points.mean(0)
+    poses = [board.cam_from_board for board in SETUP.boards(POSE_COUNT, BOARD)]
 
-    def shot(pose):
+    def render(pose):
         return renderer([BoardInScene(BOARD, pose)], noise=0).image.astype(np.float32)
 
-    def between(a, b, share):
-        turn = a.rotation @ so3.exp(share * so3.log(a.rotation.T @ b.rotation))
-        return Pose(turn, (1 - share) * (a @ middle) + share * (b @ middle) - turn @ middle)
+    def interpolate(a, b, t):
+        rotation = a.rotation @ so3.exp(t * so3.log(a.rotation.T @ b.rotation))
+        return Pose(rotation, (1 - t) * (a @ centre) + t * (b @ centre) - rotation @ centre)
 
     empty = renderer(noise=0).image.astype(np.float32)
-    clean, kinds = [], []
-    for place, (here, there) in enumerate(zip(poses, seconds, strict=True)):
-        clean += [shot(here)] * HELD
-        kinds += [place] * HELD
-        for k in range(CARRIED):  # the shutter is open for a tenth of the way from one frame to the next
-            shares = (k + 0.5 + np.array((0.0, 0.1))) / CARRIED
-            clean.append(np.mean([shot(between(here, there, share)) for share in shares], axis=0))
-            kinds.append("carried")
-        if place == PLACES // 2:
-            clean += [empty] * EMPTY
-            kinds += ["empty"] * EMPTY
+    clean, labels = [], []
+    for i, (pose, next_pose) in enumerate(zip(poses, [*poses[1:], poses[0]], strict=True)):
+        clean += [render(pose)] * FRAMES_AT_REST
+        labels += [i] * FRAMES_AT_REST
+        for k in range(FRAMES_IN_MOTION):
+            times = (k + 0.5 + np.array((0.0, EXPOSURE))) / FRAMES_IN_MOTION
+            clean.append(np.mean([render(interpolate(pose, next_pose, t)) for t in times], axis=0))
+            labels.append("moving")
+        if i == POSE_COUNT // 2:
+            clean += [empty] * EMPTY_FRAMES
+            labels += ["empty"] * EMPTY_FRAMES
     noise = 1.5 * rng.standard_normal(empty.shape, np.float32)
     noisy = [frame + np.roll(noise, rng.integers(99, size=2), (0, 1)) for frame in clean]
-    return [np.clip(np.rint(frame), 0, 255).astype(np.uint8) for frame in noisy], kinds
+    return [np.clip(np.rint(frame), 0, 255).astype(np.uint8) for frame in noisy], labels
 
 
-def write_clip(path, frames, coding="MJPG", rate=24):
+def write_clip(path, frames, codec="MJPG", frame_rate=24):
     """Write frames (H, W, 3) RGB as a video file."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*coding), rate, frames[0].shape[1::-1])
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), frame_rate, frames[0].shape[1::-1])
     assert writer.isOpened()
     writer.set(cv2.VIDEOWRITER_PROP_QUALITY, 95)
     for frame in frames:

@@ -1,4 +1,4 @@
-"""Corners of boards through lenses and mirrors of every field of view, and calibrations from them."""
+"""Simulated corners of boards for lenses and mirrors of every field of view, and calibrations from them."""
 
 from functools import cache
 
@@ -13,12 +13,12 @@ from omnisight.targets.observations import Observations
 BOARD = Checkerboard(9, 6)
 SIZE = (960, 960)
 CENTRE = (481.3, 476.2)
-RIM = 470.0  # px from the centre to the edge of the image's circle
-NOISE = 0.2
-# The length of a residual has two coordinates, each with the noise.
+RIM = 470.0  # radius of the image circle, px
+NOISE = 0.2  # of each coordinate (1 sigma), px
+# The length of a residual combines two coordinates.
 NOISE_RMS = NOISE * np.sqrt(2)
 
-# Field of view (degrees), and a lens or mirror that has it; the focal length follows.
+# Field of view (degrees) and the model of a lens or mirror that has it; `lens` computes the focal length.
 LENSES = {
     60: ("radial_tangential", {"k1": -0.12, "k2": 0.03, "p1": 1e-3, "p2": -5e-4, "k3": 0.0}),
     100: ("stereographic", {}),
@@ -31,27 +31,27 @@ LENSES = {
 
 
 def lens(fov, centre=CENTRE, **changes):
-    """Give the lens of that field of view, its rim RIM px from the centre."""
+    """Return the lens of a field of view (degrees) whose image circle has the radius RIM."""
     name, shape = LENSES[fov]
     half = np.radians(fov / 2)
-    rim = [[np.sin(half), 0.0, np.cos(half)]]
+    rim = np.array([[np.sin(half), 0.0, np.cos(half)]])
     plain = {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0, **shape}
-    radius = model_class(name).from_dict(plain).project(rim)[0][0, 0]
+    radius = model_class(name).from_dict(plain).project_numpy(rim)[0][0, 0]  # compiles nothing
     focal = RIM / radius
     return model_class(name).from_dict({**plain, "fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1], **changes})
 
 
-def facing(direction):
-    """Give the shortest rotation that turns the axis to a direction."""
+def rotation_to(direction):
+    """Return the smallest rotation that turns the optical axis to a direction."""
     axis = np.cross([0.0, 0.0, 1.0], direction)
     sine = np.linalg.norm(axis)
     return so3.exp(axis / max(sine, 1e-12) * np.arctan2(sine, direction[2]))
 
 
-def shoot(model, fov, rng, count=8, noise=NOISE, tilt=(0.35, 0.7), size=None):
-    """Pose boards towards directions spread over the cone, tilted, and see their corners with noise.
+def observe_boards(model, fov, rng, count=8, noise=NOISE, tilt=(0.35, 0.7), size=None):
+    """Return the board points and the noisy pixels of tilted boards spread over the field of view.
 
-    A board stays inside the cone; with a size, corners outside the image are left out.
+    Every board lies inside the field of view (degrees). With an image size, corners outside the image are removed.
     """
     middle = BOARD.points.mean(0)
     half = np.radians(fov / 2)
@@ -65,7 +65,7 @@ def shoot(model, fov, rng, count=8, noise=NOISE, tilt=(0.35, 0.7), size=None):
             towards = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
             about = rng.normal(size=2)
             lean = so3.exp([*(about / np.linalg.norm(about) * rng.uniform(*tilt)), 0.0])
-            turn = facing(towards) @ so3.exp([0.0, 0.0, rng.uniform(-3, 3)]) @ lean
+            turn = rotation_to(towards) @ so3.exp([0.0, 0.0, rng.uniform(-3, 3)]) @ lean
             points = (BOARD.points - middle) @ turn.T + distance * towards
             pixels, valid = model.project(points)
             if valid.all() and np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2]).max() < half:
@@ -78,9 +78,9 @@ def shoot(model, fov, rng, count=8, noise=NOISE, tilt=(0.35, 0.7), size=None):
 
 
 def bearing_error(camera, truth, theta_max):
-    """Give the largest angle (degrees) between the bearings that two cameras give a pixel, over a cone.
+    """Return the largest angle (degrees) between the bearings of two cameras for the same pixels, up to `theta_max`.
 
-    The cameras may be turned against each other: a centre a little aside is a rotation, and no pose of a board knows.
+    The best rotation between the cameras is removed: the poses of the boards absorb it.
     """
     theta = np.linspace(0.02, theta_max, 20)[:, None]
     phi = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -94,14 +94,14 @@ def bearing_error(camera, truth, theta_max):
 
 
 @cache
-def calibrated(fov, seed=0, count=8, noise=NOISE, **options):
+def calibrate_lens(fov, seed=0, count=8, noise=NOISE, **options):
+    """Return the true model and its calibration; every result is computed once per process."""
     truth = lens(fov)
-    views = shoot(truth, fov, np.random.default_rng(seed), count, noise)
+    views = observe_boards(truth, fov, np.random.default_rng(seed), count, noise)
     return truth, calibrate_camera(Observations.of(views), SIZE, **options)
 
 
-def shown(pictures, **options):
-    """Calibrate on the first images of a fisheye of 180 degrees."""
-    return calibrate_camera(
-        Observations.of(shoot(lens(180), 180, np.random.default_rng(0))[:pictures]), SIZE, **options
-    )
+def calibrate_first_views(count, **options):
+    """Calibrate a fisheye of 180 degrees with its first views."""
+    views = observe_boards(lens(180), 180, np.random.default_rng(0))[:count]
+    return calibrate_camera(Observations.of(views), SIZE, **options)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import SIZE, lens, shoot
+from lenses import SIZE, lens, observe_boards
 from omnisight.camera import Camera
 from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets.observations import Observations
@@ -11,7 +11,7 @@ from omnisight.targets.observations import Observations
 
 @pytest.fixture(scope="module")
 def views():
-    return shoot(lens(180), 180, np.random.default_rng(0), count=4)
+    return observe_boards(lens(180), 180, np.random.default_rng(0), count=4)
 
 
 SHAPES = {

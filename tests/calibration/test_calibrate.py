@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import CENTRE, LENSES, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
+from lenses import CENTRE, LENSES, NOISE_RMS, SIZE, bearing_error, calibrate_lens, lens, observe_boards
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.candidate import ENOUGH, FOLDS
 from omnisight.calibration.free_parameters import FreeParameters
@@ -19,7 +19,7 @@ from omnisight.targets.observations import Observations
 
 @pytest.mark.parametrize(("fov", "seed"), [*((fov, 0) for fov in LENSES), (60, 1), (180, 1), (280, 1)])
 def test_every_field_of_view_starts_without_a_guess_and_ends_at_the_noise(fov, seed):
-    truth, found = calibrated(fov, seed)
+    truth, found = calibrate_lens(fov, seed)
     # 8 images of 54 corners leave the camera about 0.95 of the noise to explain.
     assert 0.85 * NOISE_RMS < found.rms < 1.1 * NOISE_RMS
     assert 0.8 * found.rms < found.mean < found.rms
@@ -34,7 +34,7 @@ def test_every_field_of_view_starts_without_a_guess_and_ends_at_the_noise(fov, s
 def test_wrong_corners_are_outvoted_and_named(fov):
     truth = lens(fov)
     rng = np.random.default_rng(3)
-    views = shoot(truth, fov, rng)
+    views = observe_boards(truth, fov, rng)
     wrong = []
     for _, pixels in views:
         bad = rng.random(len(pixels)) < 0.1
@@ -52,7 +52,7 @@ def test_wrong_corners_are_outvoted_and_named(fov):
 def test_a_centre_far_from_the_pictures_middle_is_found(fov):
     size = (960, 720)
     truth = lens(fov, centre=(690.0, 230.0))
-    views = shoot(truth, fov, np.random.default_rng(5), count=14, size=size)
+    views = observe_boards(truth, fov, np.random.default_rng(5), count=14, size=size)
     found = calibrate_camera(Observations.of(views), size)
     assert found.rms < 1.1 * NOISE_RMS
     centre, _ = found.camera.project([0.0, 0.0, 1.0])
@@ -62,7 +62,7 @@ def test_a_centre_far_from_the_pictures_middle_is_found(fov):
 
 @pytest.mark.parametrize("fov", LENSES)
 def test_exact_corners_are_explained_exactly(fov):
-    truth, found = calibrated(fov, noise=0.0, model=LENSES[fov][0])
+    truth, found = calibrate_lens(fov, noise=0.0, model=LENSES[fov][0])
     assert found.rms < 1e-6
     assert bearing_error(found.camera, truth, found.camera.theta_max) < 1e-5
 
@@ -70,7 +70,7 @@ def test_exact_corners_are_explained_exactly(fov):
 @pytest.mark.parametrize("handed", [1.0, -1.0])
 def test_numbers_may_be_of_any_scale_and_the_board_seen_from_behind(handed):
     truth = lens(180)
-    views = shoot(truth, 180, np.random.default_rng(0))
+    views = observe_boards(truth, 180, np.random.default_rng(0))
     flip = np.array([handed, 1.0])
     metres = [(points * 1e-3, (pixels - CENTRE) * flip + CENTRE) for points, pixels in views]
     found = calibrate_camera(Observations.of(metres), SIZE, model="equisolid")
@@ -83,7 +83,7 @@ def test_numbers_may_be_of_any_scale_and_the_board_seen_from_behind(handed):
 
 @pytest.mark.parametrize("fov", LENSES)
 def test_auto_takes_what_represents_the_lens_and_says_why(fov):
-    _, found = calibrated(fov, 0)
+    _, found = calibrate_lens(fov, 0)
     asked = [c for c in found.candidates if c.held_out_rms is not None]
     assert len(asked) >= 2
     chosen = found.candidates[[c.state is found.state for c in found.candidates].index(True)]
@@ -92,7 +92,7 @@ def test_auto_takes_what_represents_the_lens_and_says_why(fov):
     assert NOISE_RMS * 0.9 < found.held_out_rms < 1.1 * NOISE_RMS
     assert found.held_out_rms <= 1.0101 * min(c.held_out_rms for c in asked)
     # One sentence: the model, its figure, and what it was measured against.
-    assert found.reason.startswith(f"{chosen.name}: {found.held_out_rms:.3f} px on images it was not calibrated on")
+    assert found.reason.startswith(f"{chosen.name}: {found.held_out_rms:.3f} px on images it was not calibrate_lens on")
     assert found.reason.endswith(".")
     assert ". " not in found.reason
     assert chosen is found.chosen is found.candidates[0]
@@ -101,14 +101,14 @@ def test_auto_takes_what_represents_the_lens_and_says_why(fov):
 
 
 def test_a_model_that_cannot_bend_so_far_is_worse_and_says_so_in_figures():
-    _, plain = calibrated(240, model="stereographic")
-    _, good = calibrated(240, model="double_sphere")
+    _, plain = calibrate_lens(240, model="stereographic")
+    _, good = calibrate_lens(240, model="double_sphere")
     assert plain.rms > 3 * good.rms
     assert plain.held_out_rms > 3 * good.held_out_rms
 
 
 def test_candidates_hold_their_figures():
-    _, found = calibrated(140, 0)
+    _, found = calibrate_lens(140, 0)
     for candidate in found.candidates:
         figures = candidate.as_dict()
         assert set(figures) == {"model", "parameters", "corners", "rms", "mean", "held_out_rms"}
@@ -119,7 +119,7 @@ def test_candidates_hold_their_figures():
 
 @pytest.mark.parametrize("fov", [100, 180, 280])
 def test_held_out_is_what_plain_refits_without_each_fifth_of_the_pictures_leave(fov):
-    _, found = calibrated(fov, 0)
+    _, found = calibrate_lens(fov, 0)
     views = found.views
     for candidate in (c for c in found.candidates if c.held_out_rms is not None):
         lengths = np.empty(len(views.pixels))
@@ -135,7 +135,7 @@ def test_held_out_is_what_plain_refits_without_each_fifth_of_the_pictures_leave(
 
 
 def test_of_many_corners_enough_compare_models_and_all_make_the_camera():
-    views = Observations.of(shoot(lens(180), 180, np.random.default_rng(3), count=40))
+    views = Observations.of(observe_boards(lens(180), 180, np.random.default_rng(3), count=40))
     assert len(views.pixels) > ENOUGH
     found = calibrate_camera(views, SIZE)
     chosen = found.chosen
@@ -153,7 +153,7 @@ def test_of_many_corners_enough_compare_models_and_all_make_the_camera():
 
 @pytest.mark.parametrize("model", ["unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam", "division"])
 def test_one_model_by_name(model):
-    _, found = calibrated(180, model=model)
+    _, found = calibrate_lens(180, model=model)
     assert found.camera.model.name == model
     assert {c.name.split()[0] for c in found.candidates} == {model}
 

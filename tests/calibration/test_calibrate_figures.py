@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import BOARD, CENTRE, NOISE, NOISE_RMS, SIZE, bearing_error, calibrated, lens, shoot
+from lenses import BOARD, CENTRE, NOISE, NOISE_RMS, SIZE, bearing_error, calibrate_lens, lens, observe_boards
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets.observations import Observations
@@ -13,7 +13,7 @@ from omnisight.targets.observations import Observations
 
 def skewed():
     truth = lens(280, skew=4.0)
-    return truth, Observations.of(shoot(truth, 280, np.random.default_rng(1), count=10))
+    return truth, Observations.of(observe_boards(truth, 280, np.random.default_rng(1), count=10))
 
 
 def test_a_skew_stands_still_unless_freed():
@@ -38,7 +38,7 @@ def test_a_fixed_parameter_is_not_estimated_and_has_no_deviation():
 @pytest.mark.parametrize("model", ["unified", "mei", "ocam", "kannala_brandt", "rational", "fisheye624"])
 def test_what_is_fixed_stays_where_a_known_camera_has_it(model):
     fov = 140
-    views = Observations.of(shoot(lens(fov), fov, np.random.default_rng(2)))
+    views = Observations.of(observe_boards(lens(fov), fov, np.random.default_rng(2)))
     known = calibrate_camera(views, SIZE, model=model).camera.model
     known = known.from_dict(known.to_dict() | {"cx": CENTRE[0] + 2, "cy": CENTRE[1] - 1})
     found = calibrate_camera(views, SIZE, model=model, start=known, fixed=("cx", "cy")).camera.model
@@ -49,7 +49,7 @@ def test_what_is_fixed_stays_where_a_known_camera_has_it(model):
 @pytest.mark.parametrize("fixed", ["fx", "fy"])
 def test_square_pixels_have_the_focal_length_that_is_fixed(fixed):
     fov = 140
-    views = Observations.of(shoot(lens(fov), fov, np.random.default_rng(2)))
+    views = Observations.of(observe_boards(lens(fov), fov, np.random.default_rng(2)))
     known = calibrate_camera(views, SIZE, model="kannala_brandt").camera.model
     known = known.from_dict(known.to_dict() | {fixed: 1.001 * known.fx})
     found = calibrate_camera(views, SIZE, model="kannala_brandt", start=known, fixed=(fixed,), square=True)
@@ -59,7 +59,7 @@ def test_square_pixels_have_the_focal_length_that_is_fixed(fixed):
 def test_least_squares_has_the_least_squares():
     truth = lens(180)
     rng = np.random.default_rng(3)
-    views = shoot(truth, 180, rng)
+    views = observe_boards(truth, 180, rng)
     for _, pixels in views:
         pixels[rng.random(len(pixels)) < 0.05] += 6
     joined = Observations.of(views)
@@ -74,9 +74,9 @@ def test_least_squares_has_the_least_squares():
 
 
 def test_the_covariance_predicts_the_spread():
-    truth, first = calibrated(240, 0, model="double_sphere")
+    truth, first = calibrate_lens(240, 0, model="double_sphere")
     predicted = np.sqrt(np.diag(first.camera.covariance))
-    exact = shoot(truth, 240, np.random.default_rng(0), noise=0.0)
+    exact = observe_boards(truth, 240, np.random.default_rng(0), noise=0.0)
     found = []
     for seed in range(25):
         rng = np.random.default_rng(seed)
@@ -89,7 +89,7 @@ def test_the_covariance_predicts_the_spread():
 
 
 def test_the_cameras_figures_are_those_of_the_calibration():
-    _, found = calibrated(180, 0)
+    _, found = calibrate_lens(180, 0)
     figures = found.camera.calibration
     assert figures["verdict"] == str(found.verdict)
     assert figures["reasons"] == list(found.verdict.reasons)
@@ -110,8 +110,8 @@ def test_the_cameras_figures_are_those_of_the_calibration():
 
 def test_progress_tells_its_stages_and_the_same_corners_give_the_same_camera():
     told = []
-    truth, first = calibrated(140, 0)
-    views = Observations.of(shoot(truth, 140, np.random.default_rng(0)))
+    truth, first = calibrate_lens(140, 0)
+    views = Observations.of(observe_boards(truth, 140, np.random.default_rng(0)))
     second = calibrate_camera(views, SIZE, progress=lambda *state: told.append(state))
     assert list(dict.fromkeys(stage for stage, _, _ in told)) == ["start", "fit", "hold out", "judge"]
     assert all(0 <= done <= total for _, done, total in told)

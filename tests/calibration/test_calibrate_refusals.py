@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import BOARD, NOISE_RMS, SIZE, lens, shoot, shown
+from lenses import BOARD, NOISE_RMS, SIZE, lens, observe_boards, calibrate_first_views
 from omnisight.geometry import rotation as so3
 from omnisight.models import model_names
 from omnisight.pipeline.central import calibrate_camera
@@ -12,8 +12,8 @@ from omnisight.targets.observations import Observations
 
 def test_too_few_pictures_are_refused_with_the_number_and_the_remedy():
     with pytest.raises(ValueError, match=r"2 images with a board are too few: 3 is the least.*tilted"):
-        shown(2)
-    forced = shown(2, force=True)
+        calibrate_first_views(2)
+    forced = calibrate_first_views(2, force=True)
     assert forced.rms < NOISE_RMS * 1.1
     assert forced.held_out_rms is None
     assert "too few images to hold any out" in forced.reason
@@ -21,7 +21,7 @@ def test_too_few_pictures_are_refused_with_the_number_and_the_remedy():
 
 @pytest.mark.parametrize("images", [1, 2])
 def test_a_forced_calibration_takes_few_parameters_and_is_doubted(images):
-    forced = shown(images, force=True)
+    forced = calibrate_first_views(images, force=True)
     assert forced.candidates[0].parameters <= 6
     assert str(forced.verdict) == "do not use"
     assert "leave" in forced.verdict.reasons[0]
@@ -34,13 +34,13 @@ def test_no_picture_at_all_is_refused_even_by_force(force):
 
 
 def test_a_picture_without_corners_is_refused_by_its_name():
-    view = shoot(lens(180), 180, np.random.default_rng(0))[3]
+    view = observe_boards(lens(180), 180, np.random.default_rng(0))[3]
     with pytest.raises(ValueError, match=r"b\.png: has no corners; leave it out"):
         Observations.of([view, (np.zeros((0, 3)), np.zeros((0, 2)))], ["a.png", "b.png"])
 
 
 def test_copies_of_a_picture_are_refused_and_named():
-    view = shoot(lens(180), 180, np.random.default_rng(0))[3]
+    view = observe_boards(lens(180), 180, np.random.default_rng(0))[3]
     views = Observations.of([view] * 3, ["a.png", "b.png", "c.png"])
     said = r"3 images with a board, but only 1 that differ \(a\.png = b\.png, a\.png = c\.png\): 3 is.*--force"
     with pytest.raises(ValueError, match=said):
@@ -72,26 +72,26 @@ def test_boards_that_never_tilt_are_doubted_with_the_angle():
 
 def test_an_unknown_model_lists_those_there_are():
     with pytest.raises(ValueError, match="unknown camera model 'fisheye9'") as said:
-        shown(8, model="fisheye9")
+        calibrate_first_views(8, model="fisheye9")
     assert all(name in str(said.value) for name in ("auto", *model_names()))
 
 
 def test_an_unknown_loss_is_refused():
     with pytest.raises(ValueError, match="loss must be 'huber' or 'squared', got 'cauchy'"):
-        shown(8, model="equisolid", loss="cauchy")
+        calibrate_first_views(8, model="equisolid", loss="cauchy")
 
 
 @pytest.mark.parametrize("options", [{"fixed": ("skwe",)}, {"free": ("skwe",)}])
 def test_a_parameter_that_the_model_lacks_is_refused(options):
     with pytest.raises(ValueError, match="unified has no skwe; it has fx, fy, cx, cy, xi, skew"):
-        shown(8, model="unified", **options)
+        calibrate_first_views(8, model="unified", **options)
 
 
 def hopeless():
     """Give corners that no camera explains, and a model that cannot reach the corners it is given."""
     rng = np.random.default_rng(0)
     noise = [(BOARD.points, rng.uniform(0, 960, (BOARD.size, 2))) for _ in range(6)]
-    return {"noise": (noise, "kannala_brandt"), "pinhole": (shoot(lens(280), 280, rng), "pinhole")}
+    return {"noise": (noise, "kannala_brandt"), "pinhole": (observe_boards(lens(280), 280, rng), "pinhole")}
 
 
 @pytest.mark.parametrize("case", ["noise", "pinhole"])
@@ -108,7 +108,7 @@ def test_what_explains_nothing_is_not_called_a_camera_without_a_word(case):
 
 
 def test_the_corners_given_are_left_alone():
-    views = shoot(lens(180), 180, np.random.default_rng(0))
+    views = observe_boards(lens(180), 180, np.random.default_rng(0))
     before = [(x.copy(), p.copy()) for x, p in views]
     calibrate_camera(Observations.of(views), SIZE, model="equisolid")
     assert all(

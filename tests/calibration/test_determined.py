@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import SIZE, lens, shoot
+from lenses import SIZE, lens, observe_boards
 from omnisight.camera import Camera
 from omnisight.models import model_class, model_names
 from omnisight.pipeline.central import calibrate_camera
@@ -36,7 +36,7 @@ def test_a_tenth_of_the_focal_length_is_a_tenth():
 
 
 def test_one_picture_leaves_the_distortion_open_and_eight_are_surer():
-    views = shoot(lens(180), 180, np.random.default_rng(0))
+    views = observe_boards(lens(180), 180, np.random.default_rng(0))
     one = calibrate_camera(Observations.of(views[:1]), SIZE, model="kannala_brandt", force=True, flat=True)
     (reason,) = [reason for reason in one.verdict.reasons if "parameters open" in reason]
     assert "k4 (+-" in reason

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from lenses import NOISE, NOISE_RMS, SIZE, lens, shoot
+from lenses import NOISE, NOISE_RMS, SIZE, lens, observe_boards
 from omnisight.calibration.evaluation import Figures, evaluate_camera
 from omnisight.camera import Camera
 from omnisight.corners import read_corners
@@ -23,7 +23,7 @@ COUNT = 6
 def seen(fov, seed=0, **options):
     """Give a lens and images of it."""
     truth = lens(fov)
-    return truth, Observations.of(shoot(truth, fov, np.random.default_rng(seed), COUNT, **options))
+    return truth, Observations.of(observe_boards(truth, fov, np.random.default_rng(seed), COUNT, **options))
 
 
 @pytest.mark.parametrize("fov", [100, 180, 280])
@@ -112,7 +112,7 @@ def test_corners_without_a_pixel_are_in_no_figure():
 
 def test_a_bent_board_is_let_bend():
     truth, views = seen(140, noise=0.02)
-    bent = views.points + np.outer(views.bows @ [0.03, -0.02], [0, 0, 1.0])
+    bent = views.points + np.outer(views.warp_basis @ [0.03, -0.02], [0, 0, 1.0])
     pictures = []
     pose = evaluate_camera(Camera(truth, SIZE), views).state
     for k, rows in enumerate(views.groups):

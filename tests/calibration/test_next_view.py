@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lenses import BOARD, CENTRE, RIM, SIZE, facing, lens
+from lenses import BOARD, CENTRE, RIM, SIZE, rotation_to, lens
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.residual_weights import ResidualWeights
@@ -35,7 +35,7 @@ def held(theta, phi, distance, rng):
     towards = polar(np.array(theta), np.array(phi))
     lean = rng.uniform(0, 2 * np.pi)
     tilt = rng.uniform(0.5, 0.8) * np.array([np.cos(lean), np.sin(lean), 0.0])
-    rotation = facing(towards) @ so3.exp([0.0, 0.0, rng.uniform(-3, 3)]) @ so3.exp(tilt)
+    rotation = rotation_to(towards) @ so3.exp([0.0, 0.0, rng.uniform(-3, 3)]) @ so3.exp(tilt)
     return rotation, distance * towards - rotation @ BOARD.points.mean(0)
 
 
@@ -78,7 +78,7 @@ def as_told(known, view):
     pixel, _ = known.camera.project(middle)
     bearing, valid = LENS.unproject(pixel)
     assert valid
-    turn = facing(bearing) @ facing(middle / np.linalg.norm(middle)).T
+    turn = rotation_to(bearing) @ rotation_to(middle / np.linalg.norm(middle)).T
     rotation = turn @ view.cam_from_board.rotation
     return rotation, np.linalg.norm(middle) * bearing - rotation @ BOARD.points.mean(0)
 

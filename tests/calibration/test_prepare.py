@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 ASKED = """
-from lenses import SIZE, lens, shoot
+from lenses import SIZE, lens, observe_boards
 from omnisight.calibration import _bundle_kernel, _pose_kernel
 from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets.observations import Observations
@@ -15,7 +15,7 @@ loops = [loop for kernel in (_bundle_kernel, _pose_kernel) for loop in vars(kern
 outer = [loop for loop in loops if type(loop._cache).__name__ == "_Kept"]
 prepare()
 before = [list(loop.signatures) for loop in outer]
-calibrate_camera(Observations.of(shoot(lens(180), 180, np.random.default_rng(0))), SIZE)
+calibrate_camera(Observations.of(observe_boards(lens(180), 180, np.random.default_rng(0))), SIZE)
 assert len(outer) == 5 and all(before), before
 assert [list(loop.signatures) for loop in outer] == before
 """

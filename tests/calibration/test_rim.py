@@ -79,7 +79,7 @@ def test_the_cost_falls_as_the_normal_equations_say(name, alike):
 def test_a_corner_held_at_the_rim_costs_the_same_wherever_it_is_only_past_its_weight():
     """Off by more than wrong corners are, but less sure of its place than others: it still pulls."""
     state, views, bundle = across_the_rim("kannala_brandt")
-    far = dataclasses.replace(views, pixels=views.pixels + np.array([2 * views.across, 0.0]))
+    far = dataclasses.replace(views, pixels=views.pixels + np.array([2 * views.pixel_span, 0.0]))
     less = ResidualWeights(0.2 * bundle.spread.roots, 1.0, 5.0)
     measured, told = slopes(state, Bundle(far, bundle.freedom, less))
     assert measured @ told / (np.linalg.norm(measured) * np.linalg.norm(told)) > 0.999

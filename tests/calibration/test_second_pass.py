@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import SIZE, bearing_error, lens, shoot
+from lenses import SIZE, bearing_error, lens, observe_boards
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.redetection import RedetectionStats, redetect
@@ -291,7 +291,7 @@ def sigma(size):
 
 def boards_of(model, seed=0, count=6, noise=0.2):
     """Give noisy views (points, pixels) of boards through a fisheye of 180 degrees."""
-    return shoot(model, 180, np.random.default_rng(seed), count=count, noise=noise)
+    return observe_boards(model, 180, np.random.default_rng(seed), count=count, noise=noise)
 
 
 def test_without_covariances_all_residuals_count_alike():

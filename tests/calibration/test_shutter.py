@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import BOARD, SIZE, facing, lens, shoot
+from lenses import BOARD, SIZE, rotation_to, lens, observe_boards
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.resection import resect
 from omnisight.geometry import rotation as so3
@@ -21,7 +21,7 @@ def rolled(model, speed, *, fov=140, noise=0.2, count=8, seed=1):
         velocity, turning = rng.normal(size=3) * speed, rng.normal(size=3) * speed / 8
         read = np.zeros(BOARD.size)
         for _ in range(8):  # when a corner is read depends on where it is seen
-            turns = so3.exp(read[:, None] * turning) @ (facing(towards) @ lean)
+            turns = so3.exp(read[:, None] * turning) @ (rotation_to(towards) @ lean)
             points = np.einsum("nij,nj->ni", turns, BOARD.points - middle) + 7 * towards + read[:, None] * velocity
             pixels, valid = model.project(points)
             assert valid.all()
@@ -71,5 +71,5 @@ def test_a_camera_on_its_side_reads_columns_and_is_not_taken_for_one_that_reads_
 
 
 def test_a_few_corners_tell_nothing():
-    views = Observations.of([(x[:8], p[:8]) for x, p in shoot(lens(140), 140, np.random.default_rng(0), count=3)])
+    views = Observations.of([(x[:8], p[:8]) for x, p in observe_boards(lens(140), 140, np.random.default_rng(0), count=3)])
     assert rolling_shutter(resect(lens(140), views), views) is None

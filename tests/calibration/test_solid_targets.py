@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lenses import SIZE, facing, lens
+from lenses import SIZE, rotation_to, lens
 from omnisight.calibration.board_pose import linear_board_poses, refine_board_poses
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.state import State
@@ -30,7 +30,7 @@ def pose(model, fov, rng, *, inside):
         return turn, -turn @ (SIDE * rng.uniform(0.25, 0.75, 3))
     theta, phi = np.radians(fov / 2) * 0.8 * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
     towards = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
-    turn = facing(towards) @ so3.exp(rng.normal(size=3))
+    turn = rotation_to(towards) @ so3.exp(rng.normal(size=3))
     return turn, rng.uniform(7, 14) * towards - turn @ np.full(3, SIDE / 2)
 
 

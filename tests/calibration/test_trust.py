@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from lenses import NOISE, SIZE, calibrated, lens, shoot
+from lenses import NOISE, SIZE, calibrate_lens, lens, observe_boards
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance, noise_covariance, scatter
 from omnisight.calibration.free_parameters import FreeParameters
@@ -42,7 +42,7 @@ def one(model, truth, views, **freedom):
 @pytest.mark.parametrize(("fov", "warp"), [(180, False), (280, True)])
 def test_simulated_calibrations_scatter_as_each_of_them_predicts(fov, warp):
     truth = lens(fov)
-    exact = shoot(truth, fov, np.random.default_rng(0), count=10, noise=0.0)
+    exact = observe_boards(truth, fov, np.random.default_rng(0), count=10, noise=0.0)
     bearings = cap(np.radians(fov / 2) * 0.95, 6)
     pixels, _ = truth.project(bearings)
     true = {True: [], False: []}
@@ -81,7 +81,7 @@ def shared(exact, seed):
 @pytest.mark.parametrize("count", [6, 14])
 def test_errors_that_the_corners_of_a_picture_share_are_in_what_a_camera_says_of_itself(count):
     truth = lens(180)
-    exact = shoot(truth, 180, np.random.default_rng(0), count=count, noise=0.0)
+    exact = observe_boards(truth, 180, np.random.default_rng(0), count=count, noise=0.0)
     bearings = cap(1.4, 6)
     pixels, _ = truth.project(bearings)
     true, said, noise, times = [], [], [], []
@@ -100,14 +100,14 @@ def test_errors_that_the_corners_of_a_picture_share_are_in_what_a_camera_says_of
 
 def test_pictures_that_differ_by_noise_alone_scatter_as_noise():
     truth = lens(180)
-    exact = shoot(truth, 180, np.random.default_rng(0), count=14, noise=0.0)
+    exact = observe_boards(truth, 180, np.random.default_rng(0), count=14, noise=0.0)
     times = [scatter(one(truth.name, truth, views)[0], views) for views in (noisy(exact, seed) for seed in range(20))]
     assert np.mean(times) == pytest.approx(1, abs=0.25)
 
 
 def test_one_picture_is_as_sure_as_noise_has_it():
     truth = lens(180)
-    views = noisy(shoot(truth, 180, np.random.default_rng(0), count=1, noise=0.0), 0)
+    views = noisy(observe_boards(truth, 180, np.random.default_rng(0), count=1, noise=0.0), 0)
     best, camera = one(truth.name, truth, views)
     np.testing.assert_allclose(camera.covariance, noise_covariance(best, views), rtol=1e-4)
 
@@ -126,7 +126,7 @@ def test_a_bearing_is_as_sure_as_its_pixel_over_the_focal_length():
 
 def test_more_noise_and_fewer_pictures_are_less_sure():
     truth = lens(180)
-    exact = shoot(truth, 180, np.random.default_rng(0), count=16, noise=0.0)
+    exact = observe_boards(truth, 180, np.random.default_rng(0), count=16, noise=0.0)
 
     def worst(views):
         return UncertaintyMap.of(one("equisolid", truth, views)[1]).worst()[0]
@@ -138,7 +138,7 @@ def test_more_noise_and_fewer_pictures_are_less_sure():
 
 def test_beyond_the_corners_the_map_says_so_and_is_less_sure():
     truth = lens(200)
-    views = noisy(shoot(truth, 120, np.random.default_rng(0), count=12, noise=0.0), 0)
+    views = noisy(observe_boards(truth, 120, np.random.default_rng(0), count=12, noise=0.0), 0)
     _, camera = one("kannala_brandt", truth, views)
     found = UncertaintyMap.of(camera)
     assert found.calibrated.any()
@@ -162,7 +162,7 @@ def of_model(camera):
 
 def test_halves_differ_as_predicted_where_there_is_only_noise():
     truth = lens(180)
-    exact = shoot(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
+    exact = observe_boards(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
     ratios = []
     for seed in range(12):
         views = noisy(exact, seed)
@@ -175,7 +175,7 @@ def test_halves_differ_as_predicted_where_there_is_only_noise():
 
 def test_halves_of_very_many_corners_are_calibrated_too():
     truth = lens(180)
-    exact = shoot(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
+    exact = observe_boards(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
     shaken = np.random.default_rng(1)
     views = [(np.tile(x, (60, 1)), np.tile(p, (60, 1))) for x, p in exact]
     views = Observations.of([(x, p + shaken.normal(0, NOISE, p.shape)) for x, p in views])
@@ -186,7 +186,7 @@ def test_halves_of_very_many_corners_are_calibrated_too():
 
 def test_halves_betray_a_model_that_is_too_poor_and_the_covariance_makes_up_for_it():
     truth = lens(200)
-    views = noisy(shoot(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
+    views = noisy(observe_boards(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
     found = calibrate_camera(views, SIZE, model="stereographic", flat=True)
     halves = found.trust.split_half
     assert halves is not None
@@ -198,7 +198,7 @@ def test_halves_betray_a_model_that_is_too_poor_and_the_covariance_makes_up_for_
 
 
 def test_few_pictures_have_no_halves():
-    _, found = calibrated(180, 0, 7, model="equisolid")
+    _, found = calibrate_lens(180, 0, 7, model="equisolid")
     assert found.trust.split_half is None
 
 
@@ -207,7 +207,7 @@ def test_few_pictures_have_no_halves():
 
 def test_the_spline_shows_what_a_poor_model_leaves_and_where():
     truth = lens(200)
-    views = noisy(shoot(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
+    views = noisy(observe_boards(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
     poor = calibrate_camera(views, SIZE, model="equidistant", flat=True)
     fine = calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
     left, none = poor.trust.spline_baseline, fine.trust.spline_baseline
@@ -225,7 +225,7 @@ def test_the_spline_shows_what_a_poor_model_leaves_and_where():
 
 def test_a_spline_that_pictures_do_not_tell_says_nothing_about_the_model():
     found = calibrate_camera(
-        noisy(shoot(lens(180), 180, np.random.default_rng(0), count=4, noise=0.0), 0, 0.1), SIZE, model="equisolid"
+        noisy(observe_boards(lens(180), 180, np.random.default_rng(0), count=4, noise=0.0), 0, 0.1), SIZE, model="equisolid"
     )
     ceiling = found.trust.spline_baseline
     assert ceiling.candidate.held_out_rms > 1.5 * found.held_out_rms
@@ -239,7 +239,7 @@ def test_a_spline_that_pictures_do_not_tell_says_nothing_about_the_model():
 def bent(exact_warp, seed=0, noise=0.1, fov=180, count=12):
     """See boards whose middle stands off the plane of their edges."""
     truth = lens(fov)
-    flat = Observations.of(shoot(truth, fov, np.random.default_rng(seed), count=count, noise=0.0))
+    flat = Observations.of(observe_boards(truth, fov, np.random.default_rng(seed), count=count, noise=0.0))
     state = dataclasses.replace(resect(truth, flat), warp=np.array(exact_warp, float))
     pixels, _ = truth.project(state.points(flat)[0])
     rng = np.random.default_rng(seed)
@@ -276,7 +276,7 @@ def test_a_flat_board_is_left_flat():
 
 @pytest.mark.parametrize("model", ["equisolid", "mei", "kannala_brandt", "ocam"])
 def test_square_pixels_have_one_focal_length(model):
-    _, found = calibrated(180, 0, model=model, square=True)
+    _, found = calibrate_lens(180, 0, model=model, square=True)
     values = found.camera.model.to_dict()
     if model == "ocam":
         assert (values["c"], values["d"], values["e"]) == (1.0, 0.0, 0.0)
@@ -285,5 +285,5 @@ def test_square_pixels_have_one_focal_length(model):
         rows = found.camera.covariance[:2]
         np.testing.assert_allclose(rows[0], rows[1])
     assert found.rms < 1.1 * NOISE * np.sqrt(2)
-    free = calibrated(180, 0, model=model)[1].candidates[0]
+    free = calibrate_lens(180, 0, model=model)[1].candidates[0]
     assert found.candidates[0].parameters == free.parameters - (2 if model == "ocam" else 1)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from lenses import BOARD, SIZE, calibrated, lens, shoot
+from lenses import BOARD, SIZE, calibrate_lens, lens, observe_boards
 from omnisight.calibration.resection import resect
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import polar
@@ -20,7 +20,7 @@ def noisy(exact, noise):
 
 
 def test_a_good_set_is_called_good():
-    _, found = calibrated(180, 0, 16, noise=0.1)
+    _, found = calibrate_lens(180, 0, 16, noise=0.1)
     assert str(found.verdict) == "good"
     assert found.verdict.reasons == ()
     assert found.camera.calibration["verdict"] == "good"
@@ -29,7 +29,7 @@ def test_a_good_set_is_called_good():
 def test_corners_on_one_side_only_are_called_so_and_the_side_is_named():
     truth = lens(180)
     seen = [
-        (x, p) for x, p in shoot(truth, 180, np.random.default_rng(0), count=40) if p[:, 0].min() > SIZE[0] / 2 + 20
+        (x, p) for x, p in observe_boards(truth, 180, np.random.default_rng(0), count=40) if p[:, 0].min() > SIZE[0] / 2 + 20
     ]
     assert len(seen) >= 6
     found = calibrate_camera(Observations.of(seen), SIZE, model="equisolid")
@@ -42,14 +42,14 @@ def test_corners_on_one_side_only_are_called_so_and_the_side_is_named():
 
 def test_corners_in_the_middle_only_name_the_rim():
     truth = lens(180)
-    views = Observations.of(shoot(truth, 90, np.random.default_rng(0), count=16))
+    views = Observations.of(observe_boards(truth, 90, np.random.default_rng(0), count=16))
     found = calibrate_camera(views, SIZE, model="equisolid")
     (said,) = [reason for reason in found.verdict.reasons if "of what the image shows" in reason]
     assert "degrees from the axis all around" in said
 
 
 def test_coverage_counts_what_is_shown():
-    _, found = calibrated(180, 0, 16)
+    _, found = calibrate_lens(180, 0, 16)
     coverage = Coverage.of(found.camera, found.state, found.views)
     assert coverage.corners[1:].sum() + coverage.corners[0, 0] == 16 * BOARD.size
     assert coverage.share > 0.6
@@ -78,7 +78,7 @@ def test_pictures_that_tilt_a_little_are_usable_and_the_tilt_is_told():
 
 @pytest.mark.parametrize("model", ["kannala_brandt", "unified"])
 def test_three_copies_of_a_picture_are_not_used(model):
-    view = shoot(lens(180), 180, np.random.default_rng(0))[3]
+    view = observe_boards(lens(180), 180, np.random.default_rng(0))[3]
     found = calibrate_camera(Observations.of([view] * 3), SIZE, model=model, force=True)
     assert str(found.verdict) == "do not use"
     assert "1 image leaves" in found.verdict.reasons[0]
@@ -86,7 +86,7 @@ def test_three_copies_of_a_picture_are_not_used(model):
 
 
 def test_a_camera_that_stands_still_before_a_board_that_does_has_one_picture():
-    exact = shoot(lens(180), 180, np.random.default_rng(0), count=2, noise=0.0)
+    exact = observe_boards(lens(180), 180, np.random.default_rng(0), count=2, noise=0.0)
     views = noisy(exact * 6, 0.15)
     found = calibrate_camera(views, SIZE, model="equisolid", force=True, flat=True)
     assert str(found.verdict) == "do not use"
@@ -94,14 +94,14 @@ def test_a_camera_that_stands_still_before_a_board_that_does_has_one_picture():
 
 
 def test_a_good_set_with_one_picture_twice_is_good_and_it_is_told():
-    exact = shoot(lens(180), 180, np.random.default_rng(0), count=14, noise=0.0)
+    exact = observe_boards(lens(180), 180, np.random.default_rng(0), count=14, noise=0.0)
     found = calibrate_camera(noisy([*exact, exact[3]], 0.1), SIZE, model="equisolid", flat=True)
     assert str(found.verdict) == "good"
     assert any("Images that repeat another one: 1 (view 3 = view 14)" in said for said in found.verdict.remarks)
 
 
 def test_a_model_forced_on_a_lens_it_does_not_describe_is_not_called_good():
-    views = noisy(shoot(lens(200), 200, np.random.default_rng(0), count=16, noise=0.0), 0.05)
+    views = noisy(observe_boards(lens(200), 200, np.random.default_rng(0), count=16, noise=0.0), 0.05)
     found = calibrate_camera(views, SIZE, model="equidistant", flat=True)
     assert str(found.verdict) != "good"
     (said,) = [reason for reason in found.verdict.reasons if "that a spline explains" in reason]
@@ -109,8 +109,8 @@ def test_a_model_forced_on_a_lens_it_does_not_describe_is_not_called_good():
 
 
 def test_pictures_of_another_camera_are_named():
-    own = shoot(lens(180), 180, np.random.default_rng(0), count=10)
-    other = shoot(lens(100), 100, np.random.default_rng(1), count=2)
+    own = observe_boards(lens(180), 180, np.random.default_rng(0), count=10)
+    other = observe_boards(lens(100), 100, np.random.default_rng(1), count=2)
     names = [f"{i}.png" for i in range(10)] + ["a.png", "b.png"]
     found = calibrate_camera(Observations.of([*own, *other], names), SIZE)
     (said,) = [reason for reason in found.verdict.reasons if "no common camera" in reason]
@@ -139,7 +139,7 @@ def test_parallel_boards_that_lean_from_the_axis_of_a_wide_lens_are_usable():
 
 
 def test_what_is_not_shown_is_no_gap():
-    _, found = calibrated(180, 0, 16)
+    _, found = calibrate_lens(180, 0, 16)
     coverage = Coverage.of(found.camera, found.state, found.views)
     corners, shown = coverage.corners.copy(), coverage.shown.copy()
     corners[:, 3:6] = 0
@@ -179,7 +179,7 @@ def test_a_moving_viewpoint_is_found_in_the_pictures_and_named_with_what_to_take
 
 
 def test_a_spline_that_ends_near_the_last_corner_does_not_fold_there():
-    found = calibrated(180, model="spline")[1]
+    found = calibrate_lens(180, model="spline")[1]
     model = found.camera.model
     assert model.theta_max < 1.1 * found.camera.theta_max
     assert model.fold_angle > 1.5 * found.camera.theta_max

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import scipy.io
 
-from lenses import BOARD, lens, shoot
+from lenses import BOARD, lens, observe_boards
 from omnisight.corners import corner_format_named, corner_format_names, read_corners
 from omnisight.formats import FormatError
 
 SIZE = (960, 962)
 STEP = 0.03
-VIEWS = shoot(lens(180), 180, np.random.default_rng(3), count=4)
+VIEWS = observe_boards(lens(180), 180, np.random.default_rng(3), count=4)
 NAMES = [f"shot-{k}.png" for k in range(4)]
 
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from lenses import BOARD, bearing_error, lens, shoot
+from lenses import BOARD, bearing_error, lens, observe_boards
 from omnisight.corners import read_corners
 from omnisight.formats import FormatError
 from omnisight.images import write_image
@@ -21,7 +21,7 @@ TRUTH = lens(180)
 @pytest.fixture
 def views():
     """Give what a test may spoil: points and pixels of eight images."""
-    made = shoot(TRUTH, 180, np.random.default_rng(5), count=8, noise=0.02)
+    made = observe_boards(TRUTH, 180, np.random.default_rng(5), count=8, noise=0.02)
     return [[points.copy(), pixels.copy()] for points, pixels in made]
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from clips import BOARD, CARRIED, HELD, PLACES, SETUP, carried, write_clip
+from clips import BOARD, FRAMES_AT_REST, FRAMES_IN_MOTION, POSE_COUNT, SETUP, rendered_clip, write_clip
 from lenses import bearing_error
 from omnisight.calibration import frame_selection as choosing
 from omnisight.calibration.frame_information import select_informative_frames
@@ -33,9 +33,9 @@ def cache(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    """A clip of a board held at places and carried between them, and what each of its frames shows."""
-    frames, kinds = carried()
-    return write_clip(tmp_path_factory.mktemp("clip") / "carried.avi", frames), kinds
+    """A clip of a board held at places and rendered_clip between them, and what each of its frames shows."""
+    frames, kinds = rendered_clip()
+    return write_clip(tmp_path_factory.mktemp("clip") / "clip.avi", frames), kinds
 
 
 @pytest.fixture(scope="module")
@@ -158,16 +158,16 @@ def test_a_look_through_tells_the_board_and_how_it_moves(shot, seen):
     kinds = shot[1]
     assert (str(seen.board), seen.count) == ("9x6", len(kinds))
     assert len(seen.frames) == -(-len(kinds) // 3)  # eight a second of 24
-    still = [frame.motion for frame in seen.found if kinds[frame.index] == kinds[frame.index - 1] != "carried"]
-    moving = [frame.motion for frame in seen.found if kinds[frame.index] == "carried"]
+    still = [frame.motion for frame in seen.found if kinds[frame.index] == kinds[frame.index - 1] != "moving"]
+    moving = [frame.motion for frame in seen.found if kinds[frame.index] == "moving"]
     assert max(still) < 0.5
     assert min(moving) > 3
     # Among three frames in a row the one that is looked at is one that stands still, if any does.
     for i, frame in enumerate(seen.frames):
         three = range(max(3 * i, 1), min(3 * i + 3, len(kinds)))
-        standing = [kinds[k - 1] == kinds[k] != "carried" for k in three]
+        standing = [kinds[k - 1] == kinds[k] != "moving" for k in three]
         assert frame.index // 3 == i
-        assert kinds[frame.index] != "carried" or not any(standing)
+        assert kinds[frame.index] != "moving" or not any(standing)
 
 
 def test_looks_are_bounded_whatever_a_file_declares(shot, monkeypatch):
@@ -175,7 +175,9 @@ def test_looks_are_bounded_whatever_a_file_declares(shot, monkeypatch):
     monkeypatch.setattr(looking, "MOST_LOOKS", 7)
     calls = []
     for declared in (None, 1, clip.declared_frames, 10**8):
-        found = looking.look_through(replace(clip, declared_frames=declared), BOARD, progress=lambda *c: calls.append(c))
+        found = looking.look_through(
+            replace(clip, declared_frames=declared), BOARD, progress=lambda *c: calls.append(c)
+        )
         assert 1 <= len(found.frames) <= 7
     assert all(0 < done <= total for done, total in calls)
 
@@ -191,7 +193,7 @@ def test_large_frames_are_looked_at_small_and_corners_are_where_they_were(shot, 
         )
         for frame in small.found
         for board, known in [(frame.boards[0], exact.get(frame.index))]
-        if known is not None and shot[1][frame.index] != "carried"
+        if known is not None and shot[1][frame.index] != "moving"
     ]
     assert len(off) > 15
     assert np.median(np.concatenate(off)) < 0.15
@@ -203,12 +205,12 @@ def test_one_still_frame_is_chosen_for_each_place(shot):
     indices = [int(p.stem.rsplit("-")[-1]) for p in chosen.paths]
     assert indices == sorted(indices)
     places = [kinds[i] for i in indices]
-    assert "carried" not in places
+    assert "moving" not in places
     assert "empty" not in places
-    assert len(set(places)) == len(places) >= PLACES - 1
+    assert len(set(places)) == len(places) >= POSE_COUNT - 1
     counts = f"{len(kinds)} frames, {chosen.looked} looked at, {chosen.found} with a board, {len(places)} chosen"
-    assert chosen.note == f"carried.avi: {counts}"
-    assert PLACES * (HELD + CARRIED) / 3 * 0.8 < chosen.found <= chosen.looked - 3
+    assert chosen.note == f"clip.avi: {counts}"
+    assert POSE_COUNT * (FRAMES_AT_REST + FRAMES_IN_MOTION) / 3 * 0.8 < chosen.found <= chosen.looked - 3
     gray = read_image(chosen.paths[0])
     (frame,) = Clip.open(path).frames({indices[0]})
     assert (gray == to_gray8(frame.image)).all()
