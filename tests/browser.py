@@ -1,4 +1,4 @@
-"""Finds a browser of the Chromium family; as a program it prints where it is, for `.ci/run`."""
+"""Path of a Chromium-based browser; as a script, print it for `.ci/run`."""
 
 import os
 import shutil
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
-PLACES = (
+PATHS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
     "C:/Program Files/Google/Chrome/Application/chrome.exe",
@@ -15,18 +15,18 @@ PLACES = (
 
 
 def find_browser():
-    """Give the path of a browser, or None; OMNISIGHT_BROWSER names one, which then must be there."""
+    """Return the path of a browser, or None; the environment variable OMNISIGHT_BROWSER overrides the search."""
     named = os.environ.get("OMNISIGHT_BROWSER")
     if named:
         if not Path(named).is_file():
-            raise FileNotFoundError(f"OMNISIGHT_BROWSER is {named}, which is no file")
+            raise FileNotFoundError(f"OMNISIGHT_BROWSER is {named}, which is not a file")
         return named
-    found = (shutil.which(name) for name in NAMES)
-    return next(filter(None, found), None) or next((place for place in PLACES if Path(place).is_file()), None)
+    commands = (shutil.which(name) for name in NAMES)
+    return next(filter(None, commands), None) or next((path for path in PATHS if Path(path).is_file()), None)
 
 
 if __name__ == "__main__":
     browser = find_browser()
     if browser is None:
-        sys.exit(f"no browser found: neither {', '.join(NAMES)} on the path nor one in its usual place")
+        sys.exit(f"no browser found: install one of {', '.join(NAMES)}, or set OMNISIGHT_BROWSER to its path")
     print(browser)

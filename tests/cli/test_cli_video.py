@@ -15,7 +15,7 @@ from omnisight.images import Clip, write_image
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    return write_clip(tmp_path_factory.mktemp("clip") / "rendered_clip.avi", rendered_clip()[0])
+    return write_clip(tmp_path_factory.mktemp("clip") / "board.avi", rendered_clip()[0])
 
 
 @pytest.fixture(autouse=True)
@@ -26,10 +26,10 @@ def frames_in_the_cache(environment, shared_cache, monkeypatch):
 def test_detect_takes_a_clip_and_says_what_it_chose(run, shot, tmp_path):
     status, out, err = run("detect", shot, "-o", tmp_path / "drawn")
     assert (status, err) == (0, "")
-    told = re.search(r"rendered_clip\.avi: (\d+) frames, (\d+) looked at, (\d+) with a board, (\d+) chosen", out)
+    told = re.search(r"board\.avi: (\d+) frames, (\d+) looked at, (\d+) with a board, (\d+) chosen", out)
     count, looked, found, chosen = map(int, told.groups())
     assert count > looked > found > chosen >= 5
-    lines = [line.split() for line in out.splitlines() if line.startswith("rendered_clip-")]
+    lines = [line.split() for line in out.splitlines() if line.startswith("board-")]
     assert len(lines) == chosen
     assert all(boards == "1" and int(corners) > 40 for _, boards, corners, *_ in lines)
     assert f"9x6: {chosen} of {chosen} images" in out
@@ -42,7 +42,7 @@ def test_a_clip_is_calibrated_as_pictures_are(run, shot, tmp_path):
     assert "with a board" in out
     camera = load(tmp_path / "camera.json")
     assert bearing_error(camera, SETUP.camera, np.radians(80)) < 0.1
-    assert all(name.startswith("rendered_clip-") for name in camera.provenance["images"])
+    assert all(name.startswith("board-") for name in camera.provenance["images"])
 
 
 def test_clips_and_pictures_of_one_size_go_together(run, shot, tmp_path):
@@ -52,7 +52,7 @@ def test_clips_and_pictures_of_one_size_go_together(run, shot, tmp_path):
     assert (status, err) == (0, "")
     names = [entry["name"] for entry in json.loads(out)["images"]]
     assert "image.png" in names
-    assert sum(name.startswith("rendered_clip-") for name in names) == len(names) - 1
+    assert sum(name.startswith("board-") for name in names) == len(names) - 1
     write_image(tmp_path / "small.png", picture[::2, ::2].copy())
     status, out, err = run("detect", tmp_path / "small.png", shot, "--json")
     assert (status, err) == (0, "")

@@ -1,4 +1,4 @@
-"""Clips: frames as they were written, bad files told apart, and the frames that a camera is best learned from."""
+"""Videos: decoding, invalid files, and the selection of frames for calibration."""
 
 import contextlib
 import re
@@ -23,7 +23,7 @@ from omnisight.targets.observations import Observations
 
 @pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory):
-    """Keep detections and frames out of the user's cache; what is compiled stays where it is."""
+    """Keep detections and frames out of the user's cache; compiled code stays in the shared cache."""
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
         for module in ("targets.cache", "calibrate.clip"):
@@ -33,9 +33,9 @@ def cache(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def shot(tmp_path_factory):
-    """A clip of a board held at places and rendered_clip between them, and what each of its frames shows."""
-    frames, kinds = rendered_clip()
-    return write_clip(tmp_path_factory.mktemp("clip") / "clip.avi", frames), kinds
+    """A clip of a board held at poses and rendered_clip between them, and what each of its frames shows."""
+    frames, labels = rendered_clip()
+    return write_clip(tmp_path_factory.mktemp("clip") / "clip.avi", frames), labels
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def seen(shot):
 
 
 def steps(count=10, size=(96, 64)):
-    """Frames that tell their index by their brightness, brighter on the right."""
+    """Return frames whose brightness identifies their index."""
     ramp = np.linspace(0, 40, size[0])[None, :, None]
     return [np.broadcast_to(20 * i + ramp, (size[1], size[0], 3)).astype(np.uint8) for i in range(count)]
 
@@ -54,7 +54,7 @@ def short(tmp_path):
     return write_clip(tmp_path / "short.avi", steps())
 
 
-def test_frames_come_in_order_with_their_time(short):
+def test_frames_are_in_order_with_time_stamps(short):
     clip = Clip.open(short)
     assert (clip.size, clip.frame_rate, clip.declared_frames, clip.rotation_deg) == ((96, 64), 24, 10, 0)
     frames = list(clip.frames())
@@ -71,7 +71,7 @@ def test_frames_are_rgb(tmp_path):
     assert frame.image.mean((0, 1)) == pytest.approx([200, 0, 0], abs=8)
 
 
-def test_wanted_frames_are_the_same_as_when_all_are_read(short):
+def test_selected_frames_equal_those_of_a_full_read(short):
     clip = Clip.open(short)
     all_frames = list(clip.frames())
     for frame in clip.frames({2, 7}):
@@ -80,8 +80,8 @@ def test_wanted_frames_are_the_same_as_when_all_are_read(short):
     assert list(clip.frames(())) == []
 
 
-def turned(path):
-    """Ask in an MP4's track header for a quarter turn."""
+def with_rotation(path):
+    """Set a rotation by 90 degrees in the track header of an MP4 file."""
     data = bytearray(path.read_bytes())
     matrix = data.index(b"tkhd") + 44
     one = 1 << 16
@@ -90,24 +90,24 @@ def turned(path):
     return path
 
 
-def test_rotation_is_ignored_unless_asked_for(tmp_path):
-    path = turned(write_clip(tmp_path / "portrait.mp4", steps(), "mp4v"))
-    as_read, shown = Clip.open(path), Clip.open(path, upright=True)
-    assert (as_read.size, shown.size, as_read.rotation_deg) == ((96, 64), (64, 96), 90)
-    frame, upright = (next(clip.frames()).image.astype(int) for clip in (as_read, shown))
+def test_rotation_is_ignored_by_default(tmp_path):
+    path = with_rotation(write_clip(tmp_path / "portrait.mp4", steps(), "mp4v"))
+    stored, displayed = Clip.open(path), Clip.open(path, upright=True)
+    assert (stored.size, displayed.size, stored.rotation_deg) == ((96, 64), (64, 96), 90)
+    frame, upright = (next(clip.frames()).image.astype(int) for clip in (stored, displayed))
     assert np.abs(np.rot90(frame, -1) - upright).max() <= 4
 
 
 BAD = {
-    "empty": (lambda good: b"", "empty file; copy it again"),
-    "text": (lambda good: b"I am no clip" * 99, "not a video (starts with b'I am ')"),
+    "empty": (lambda good: b"", "empty file; copy it from the camera again"),
+    "text": (lambda good: b"plain text" * 99, "not a video (starts with b'plain')"),
     "image": (
         lambda good: cv2.imencode(".png", np.zeros((9, 9), np.uint8))[1].tobytes(),
         "not a video (starts with b'\\x89PNG",
     ),
     "playlist": (lambda good: b"#EXTM3U\n#EXTINF:1,\nfile:///etc/hostname\n" * 20, "not a video"),
     "list": (lambda good: b"ffconcat version 1.0\nfile short.avi\n" * 20, "not a video"),
-    "cut": (lambda good: good[: len(good) // 2], "no index (moov): the recording or the copy was cut short"),
+    "truncated": (lambda good: good[: len(good) // 2], "no index (moov): the recording or the copy is truncated"),
     "damaged": (lambda good: good[:32] + bytes(len(good) - 32), "no index (moov)"),
     "endless": (lambda good: good[:4] + b"free" + b"\0\0\0\x08free" * 5000, "no index (moov)"),
     "header": (lambda good: b"RIFF\0\0\0\0AVI LIST" + bytes(900), "ffmpeg -i bad.mp4"),
@@ -115,23 +115,23 @@ BAD = {
 
 
 @pytest.mark.parametrize("how", BAD)
-def test_a_bad_file_is_told_by_name_with_what_to_do(tmp_path, capfd, how):
+def test_error_of_an_invalid_file_has_name_reason_and_advice(tmp_path, capfd, how):
     good = write_clip(tmp_path / "good.mp4", steps(), "mp4v").read_bytes()
     make, message = BAD[how]
     (tmp_path / "bad.mp4").write_bytes(make(good))
     with pytest.raises(UnreadableImage, match=r"^bad\.mp4: .*" + re.escape(message)):
         list(Clip.open(tmp_path / "bad.mp4").frames())
-    assert capfd.readouterr().err == ""  # the decoder says nothing of its own
+    assert capfd.readouterr().err == ""  # the decoder prints nothing
 
 
-def test_what_is_no_file_is_told(tmp_path):
+def test_missing_files_and_folders_are_unreadable(tmp_path):
     with pytest.raises(UnreadableImage, match=r"gone\.mp4: no such file"):
         Clip.open(tmp_path / "gone.mp4")
     with pytest.raises(UnreadableImage):
         Clip.open(tmp_path)
 
 
-def test_damage_anywhere_gives_frames_or_a_reason(tmp_path):
+def test_corrupt_files_decode_or_raise_unreadable(tmp_path):
     rng = np.random.default_rng(0)
     good = write_clip(tmp_path / "good.mp4", steps(), "mp4v").read_bytes()
     for _ in range(25):
@@ -144,7 +144,7 @@ def test_damage_anywhere_gives_frames_or_a_reason(tmp_path):
             assert all(frame.image.shape[1::-1] == clip.size for frame in clip.frames())
 
 
-def test_clips_are_collected_when_asked_for(tmp_path, short):
+def test_videos_are_collected_if_requested(tmp_path, short):
     assert collect_images([short], videos=True) == [short]
     assert collect_images([tmp_path], videos=True) == [short]
     with pytest.raises(ValueError, match=r"found 1 \.avi"):
@@ -154,23 +154,23 @@ def test_clips_are_collected_when_asked_for(tmp_path, short):
     assert [path.name for path in collect_images([tmp_path, short], videos=True)] == ["a.png", "short.avi"]
 
 
-def test_a_look_through_tells_the_board_and_how_it_moves(shot, seen):
-    kinds = shot[1]
-    assert (str(seen.board), seen.count) == ("9x6", len(kinds))
-    assert len(seen.frames) == -(-len(kinds) // 3)  # eight a second of 24
-    still = [frame.motion for frame in seen.found if kinds[frame.index] == kinds[frame.index - 1] != "moving"]
-    moving = [frame.motion for frame in seen.found if kinds[frame.index] == "moving"]
+def test_video_detection_finds_the_board_and_its_motion(shot, seen):
+    labels = shot[1]
+    assert (str(seen.board), seen.count) == ("9x6", len(labels))
+    assert len(seen.frames) == -(-len(labels) // 3)  # eight a second of 24
+    still = [frame.motion for frame in seen.found if labels[frame.index] == labels[frame.index - 1] != "moving"]
+    moving = [frame.motion for frame in seen.found if labels[frame.index] == "moving"]
     assert max(still) < 0.5
     assert min(moving) > 3
-    # Among three frames in a row the one that is looked at is one that stands still, if any does.
+    # Of three consecutive frames, the one that is searched is one without motion, if there is one.
     for i, frame in enumerate(seen.frames):
-        three = range(max(3 * i, 1), min(3 * i + 3, len(kinds)))
-        standing = [kinds[k - 1] == kinds[k] != "moving" for k in three]
+        three = range(max(3 * i, 1), min(3 * i + 3, len(labels)))
+        standing = [labels[k - 1] == labels[k] != "moving" for k in three]
         assert frame.index // 3 == i
-        assert kinds[frame.index] != "moving" or not any(standing)
+        assert labels[frame.index] != "moving" or not any(standing)
 
 
-def test_looks_are_bounded_whatever_a_file_declares(shot, monkeypatch):
+def test_number_of_searched_frames_is_bounded_for_any_declared_length(shot, monkeypatch):
     clip = Clip.open(shot[0])
     monkeypatch.setattr(looking, "MOST_LOOKS", 7)
     calls = []
@@ -182,7 +182,7 @@ def test_looks_are_bounded_whatever_a_file_declares(shot, monkeypatch):
     assert all(0 < done <= total for done, total in calls)
 
 
-def test_large_frames_are_looked_at_small_and_corners_are_where_they_were(shot, seen, monkeypatch):
+def test_corners_of_downsampled_frames_are_in_original_pixels(shot, seen, monkeypatch):
     monkeypatch.setattr(looking, "LOOK_PIXELS", 200_000)
     clip = Clip.open(shot[0])
     small = looking.look_through(clip, BOARD)
@@ -199,16 +199,16 @@ def test_large_frames_are_looked_at_small_and_corners_are_where_they_were(shot, 
     assert np.median(np.concatenate(off)) < 0.15
 
 
-def test_one_still_frame_is_chosen_for_each_place(shot):
-    path, kinds = shot
+def test_one_frame_without_motion_is_selected_per_pose(shot):
+    path, labels = shot
     chosen = choosing.choose_frames(path)
     indices = [int(p.stem.rsplit("-")[-1]) for p in chosen.paths]
     assert indices == sorted(indices)
-    places = [kinds[i] for i in indices]
-    assert "moving" not in places
-    assert "empty" not in places
-    assert len(set(places)) == len(places) >= POSE_COUNT - 1
-    counts = f"{len(kinds)} frames, {chosen.looked} looked at, {chosen.found} with a board, {len(places)} chosen"
+    poses = [labels[i] for i in indices]
+    assert "moving" not in poses
+    assert "empty" not in poses
+    assert len(set(poses)) == len(poses) >= POSE_COUNT - 1
+    counts = f"{len(labels)} frames, {chosen.looked} looked at, {chosen.found} with a board, {len(poses)} chosen"
     assert chosen.note == f"clip.avi: {counts}"
     assert POSE_COUNT * (FRAMES_AT_REST + FRAMES_IN_MOTION) / 3 * 0.8 < chosen.found <= chosen.looked - 3
     gray = read_image(chosen.paths[0])
@@ -216,7 +216,7 @@ def test_one_still_frame_is_chosen_for_each_place(shot):
     assert (gray == to_gray8(frame.image)).all()
 
 
-def test_the_camera_is_found_from_a_clip(shot):
+def test_a_camera_is_calibrated_from_a_video(shot):
     chosen = choosing.choose_frames(shot[0])
     result = calibrate_pictures(detect_boards(chosen.paths, cache=False), model="kannala_brandt")
     assert result.calibration.rms < 0.2
@@ -229,7 +229,7 @@ def test_a_second_run_reads_no_frame(shot, monkeypatch):
     assert choosing.choose_frames(shot[0]) == first
 
 
-def test_frames_that_were_deleted_are_written_again(shot, monkeypatch):
+def test_deleted_frames_are_written_again(shot, monkeypatch):
     first = choosing.choose_frames(shot[0])
     first.paths[1].unlink()
     monkeypatch.setattr(choosing, "look_through", None)
@@ -237,7 +237,7 @@ def test_frames_that_were_deleted_are_written_again(shot, monkeypatch):
     assert first.paths[1].is_file()
 
 
-def test_a_clip_that_was_cut_short_is_used_as_far_as_it_goes_and_says_so(shot, tmp_path):
+def test_a_truncated_video_is_used_up_to_its_end_with_a_note(shot, tmp_path):
     data = shot[0].read_bytes()
     (tmp_path / "cut.avi").write_bytes(data[: len(data) // 2])
     chosen = choosing.choose_frames(tmp_path / "cut.avi", BOARD)
@@ -246,7 +246,7 @@ def test_a_clip_that_was_cut_short_is_used_as_far_as_it_goes_and_says_so(shot, t
     assert 0.4 < chosen.count / len(shot[1]) < 0.6
 
 
-def test_where_no_frame_shows_the_board_a_few_others_do(shot):
+def test_frames_without_board_are_returned_if_no_frame_shows_it(shot):
     chosen = choosing.choose_frames(shot[0], Checkerboard(5, 3))
     assert (len(chosen.paths), chosen.found) == (3, 0)
     assert chosen.note.endswith("0 with a board, 0 chosen")
@@ -254,9 +254,9 @@ def test_where_no_frame_shows_the_board_a_few_others_do(shot):
 
 
 def boards(count=24, noise=0.1):
-    """Exact corners of boards all around a fisheye, and their noise."""
+    """Return a fisheye setup and noisy corners of boards in its field of view."""
     setup, rng = fisheye_setup(960), np.random.default_rng(1)
-    corners = [held.corners(setup.camera) for held in setup.boards(count, BOARD)]
+    corners = [board.corners(setup.camera) for board in setup.boards(count, BOARD)]
     return setup, [pixels + rng.normal(0, noise, pixels.shape) for pixels in corners]
 
 
@@ -264,7 +264,7 @@ def views_of(pixels):
     return Observations.of([(BOARD.points, p) for p in pixels])
 
 
-def test_boards_that_repeat_others_are_not_chosen_and_the_stillest_of_them_is():
+def test_of_repeated_poses_the_one_with_least_motion_is_selected():
     setup, pixels = boards(8)
     motion = np.concatenate([np.full(8, 3.0), np.zeros(8), np.full(8, 1.0)])
     chosen = select_informative_frames(
@@ -274,27 +274,27 @@ def test_boards_that_repeat_others_are_not_chosen_and_the_stillest_of_them_is():
     assert set(chosen) == set(range(8, 16))
 
 
-def test_a_board_that_no_camera_explains_with_the_others_is_left_out():
+def test_a_board_with_wrong_corners_is_not_selected():
     setup, pixels = boards(10)
     pixels[4] = pixels[4] @ [[1, 0.3], [0, 0.8]] + 6 * np.random.default_rng(2).standard_normal((BOARD.size, 2))
     assert 4 not in select_informative_frames(views_of(pixels), setup.camera.size, np.zeros(10))
 
 
-def test_many_boards_are_cut_down_to_those_that_say_most():
+def test_selected_boards_are_as_informative_as_evenly_spaced_ones():
     setup, pixels = boards(60)
     views = views_of(pixels)
     chosen = select_informative_frames(views, setup.camera.size, np.zeros(60))
     assert 20 <= len(chosen) <= 40
 
-    def reached(indices):
-        return bearing_error_of(views.subset(indices), setup)
+    def predicted_error(indices):
+        return predicted_bearing_error(views.subset(indices), setup)
 
     evenly = np.linspace(0, 59, len(chosen)).round().astype(int)
-    assert reached(chosen) < 1.2 * reached(evenly)
+    assert predicted_error(chosen) < 1.2 * predicted_error(evenly)
 
 
-def bearing_error_of(views, setup):
-    """Give the error (degrees) that the parameters' covariance foretells, in the mean over the corners."""
+def predicted_bearing_error(views, setup):
+    """Return the standard deviation of projected points that follows from the covariance of the parameters, px."""
     from omnisight.calibration.frame_information import _information
     from omnisight.calibration.resection import resect
 
