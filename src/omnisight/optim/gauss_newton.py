@@ -214,8 +214,8 @@ def gauss_newton_batch(
         if bounds:
             now = now.without(blocked_by_bounds(states, now.gradient, *bounds))
         step = now.step(damping[active])
-        predicted, threshold = now.decrease(step), tolerance * now.cost
-        if (stalled := predicted <= threshold).any():
+        predicted = now.decrease(step)
+        if (stalled := predicted <= tolerance * now.cost).any():
             converged[active[stalled]] = True
             active = active[~stalled]
             continue
@@ -231,7 +231,7 @@ def gauss_newton_batch(
             # The remaining decrease is about what the linearization missed plus what the damping withheld.
             missed = np.minimum(np.abs(1 - ratio), 1.0) * fall
             withheld = np.abs(now.decrease(now.step(np.zeros(len(active)))) - predicted)
-            converged[active] = accepted & (missed + withheld <= threshold)
+            converged[active] = accepted & (missed + withheld <= tolerance * new.cost)
         taken, rejected = active[accepted], active[~accepted]
         for values, others in zip((*_arrays(state), *normal), (*_arrays(states), *new), strict=True):
             values[taken] = others[accepted]
