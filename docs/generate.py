@@ -190,7 +190,7 @@ MARKS = {
 
 def curves() -> dict[str, str]:
     """Draw r(theta) of the example of every camera with an axis."""
-    from omnisight.cli._profile import radial_profile, to_svg
+    from omnisight.report.drawings.radial_profile import radial_profile, to_svg
 
     drawn: dict[str, str] = {}
     for name in om.model_names():

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from omnisight.cli._design_draw import draw_design
-from omnisight.cli._section import Section, legend, paper
+from omnisight.report.drawings.mirror_design import draw_design
+from omnisight.report.drawings.cross_section import Section, legend, paper
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
 from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
@@ -15,7 +15,7 @@ from omnisight.optics.design.specification import MirrorSpecification
 from omnisight.optics.design.performance import evaluate_design
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.report.axes import Axes
-from omnisight.report.markup import Markup, element, together
+from omnisight.report.html import Markup, element, together
 
 ASSETS = Path(__file__).parent / "assets"
 # The chapter's hyperbola, mm: a = 28, c = 38.5, the lens 66.5 from the vertex.

@@ -109,7 +109,7 @@ def test_drawings_hold_every_picture(run, shots, tmp_path):
 
 
 def test_a_drawing_that_fails_loses_no_result(run, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.cli._draw.draw_residuals", raising(OSError("no room")))
+    monkeypatch.setattr("omnisight.report.drawings.detections.draw_residuals", raising(OSError("no room")))
     status, out, err = run("calibrate", shots, *QUICK, "--draw", tmp_path / "drawn", "-o", tmp_path / "c.json")
     assert (status, err) == (2, "omnisight: no room\n")
     assert "written:" in out

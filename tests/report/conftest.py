@@ -9,7 +9,7 @@ from browser import find_browser
 from omnisight.optics.models.axial import Axial
 from omnisight.pipeline.noncentral import calibrate_rays
 from omnisight.quality.noncentral_test import evaluate_noncentrality
-from omnisight.report.material import Material
+from omnisight.report.report_data import Material
 from omnisight.simulation import fisheye_setup
 
 

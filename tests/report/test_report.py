@@ -13,11 +13,11 @@ from reporting import NAMES, calibrated, data_of, seen, written
 from omnisight.camera import Camera
 from omnisight.models import model_class
 from omnisight.report.axes import round_down, ticks
-from omnisight.report.markup import Markup, element
-from omnisight.report.material import Material, outwards_at
-from omnisight.report.numbers import with_sigma
-from omnisight.report.pictures import MOST, embedded_width
-from omnisight.report.residuals import Against
+from omnisight.report.html import Markup, element
+from omnisight.report.report_data import Material, outwards_at
+from omnisight.report.number_format import with_sigma
+from omnisight.report.sections.images import MOST, embedded_width
+from omnisight.report.sections.residuals import Against
 from omnisight.targets import Checkerboard, detect_boards
 
 

@@ -14,10 +14,10 @@ from omnisight.optics.models.axial import Axial
 from omnisight.pipeline.noncentral import calibrate_rays
 from omnisight.quality.central_limit import far_camera
 from omnisight.ray_camera import RayCamera
-from omnisight.report.material import Material
-from omnisight.report.numbers import with_sigma
+from omnisight.report.report_data import Material
+from omnisight.report.number_format import with_sigma
 from omnisight.report.page import page
-from omnisight.report.pictures import exaggeration
+from omnisight.report.sections.images import exaggeration
 from omnisight.simulation import fisheye_setup
 from omnisight.targets import Checkerboard
 

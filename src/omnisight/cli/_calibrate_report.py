@@ -9,7 +9,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.cli._console import console
-from omnisight.cli._draw import rows_of_pictures
+from omnisight.report.drawings.detections import rows_of_pictures
 from omnisight.cli._standouts import standouts
 from omnisight.formats import Written
 from omnisight.formats.native import to_json

@@ -8,7 +8,7 @@ import numpy as np
 
 from omnisight.calibration.evaluation import Evaluation, Ring
 from omnisight.cli._console import console
-from omnisight.cli._draw import rows_of_pictures
+from omnisight.report.drawings.detections import rows_of_pictures
 from omnisight.targets import Detections
 
 WORST = 8  # images that are listed

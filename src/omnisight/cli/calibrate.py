@@ -189,7 +189,7 @@ def calibrate(
     if failure is not None:
         raise failure
     if draw is not None:
-        from omnisight.cli._draw import draw_residuals
+        from omnisight.report.drawings.detections import draw_residuals
 
         off = found.state.residuals(found.views)
         bare = draw_residuals(result.search, found.views.pixels, off, found.outliers, draw, apply_exif=apply_exif)

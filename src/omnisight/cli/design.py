@@ -93,7 +93,7 @@ def design(
     else:
         print_report(made, shown)
     if output is not None:
-        from omnisight.cli._design_draw import draw_design
+        from omnisight.report.drawings.mirror_design import draw_design
         from omnisight.images import write_bytes
 
         write_bytes(output, draw_design(made, shown).encode())

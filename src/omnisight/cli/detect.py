@@ -54,7 +54,7 @@ def detect(
     """
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._detect_report import as_json, print_report
-    from omnisight.cli._draw import draw_boards
+    from omnisight.report.drawings.detections import draw_boards
     from omnisight.cli._names import drawings
     from omnisight.images import collect_images
 

@@ -107,7 +107,7 @@ def evaluate(
     else:
         print_report(search, names, found)
     if draw is not None:
-        from omnisight.cli._draw import draw_residuals
+        from omnisight.report.drawings.detections import draw_residuals
 
         judged = next(iter(found.values()))
         bare = draw_residuals(search, views.pixels, judged.residuals, judged.outliers, draw, apply_exif=apply_exif)

@@ -43,7 +43,7 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
         shown = _as_seen(next(iter(cameras.values())))
         if shown is None:
             raise ValueError(f"{camera}: a camera of rays without a lens of its own has no r(theta) to draw")
-        from omnisight.cli._profile import radial_profile, to_svg
+        from omnisight.report.drawings.radial_profile import radial_profile, to_svg
         from omnisight.images import write_bytes
 
         write_bytes(svg, to_svg(radial_profile(shown)).encode())
@@ -131,7 +131,7 @@ def _picture(camera: Any) -> str:
     """Say how a central camera shows the world, and give its curve r(theta)."""
     import numpy as np
 
-    from omnisight.cli._profile import radial_profile, to_text
+    from omnisight.report.drawings.radial_profile import radial_profile, to_text
 
     model = camera.model
     if camera.width:
@@ -178,7 +178,7 @@ def _fields(camera: Any) -> tuple[str, str, str]:
     """Give the angles between opposite edges and corners of the image, through its centre."""
     import numpy as np
 
-    from omnisight.cli._profile import radial_profile
+    from omnisight.report.drawings.radial_profile import radial_profile
 
     u0, v0 = radial_profile(camera).centre
     w, h = camera.width - 0.5, camera.height - 0.5

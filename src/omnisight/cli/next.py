@@ -112,7 +112,7 @@ def next(
     else:
         print_report(proposal, search, held)
     if draw is not None:
-        from omnisight.cli._next_draw import draw_proposal
+        from omnisight.report.drawings.next_view import draw_proposal
 
         draw_proposal(proposal, search, held, draw, apply_exif=apply_exif)
         if not json:

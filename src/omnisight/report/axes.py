@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.report.markup import Markup, element, short, together
+from omnisight.report.html import Markup, element, short, together
 
 Array = NDArray[np.float64]
 

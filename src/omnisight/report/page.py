@@ -12,21 +12,21 @@ from omnisight.pipeline.central import Calibration
 from omnisight.pipeline.noncentral import RaysCalibration
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.ray_camera import RayCamera
-from omnisight.report.coverage import coverage
-from omnisight.report.data import embedded
-from omnisight.report.downloads import downloads
-from omnisight.report.markup import Markup, element
-from omnisight.report.material import Figure, Material
-from omnisight.report.models import models
-from omnisight.report.parameters import parameters
-from omnisight.report.pictures import pictures
-from omnisight.report.profile import profile
-from omnisight.report.residuals import residuals
-from omnisight.report.scene import scene
-from omnisight.report.travel import travel
-from omnisight.report.uncertainty import uncertainty
-from omnisight.report.verdict import key_figures, title, verdict
-from omnisight.report.viewpoint import viewpoint
+from omnisight.report.sections.coverage import coverage
+from omnisight.report.json_data import embedded
+from omnisight.report.sections.downloads import downloads
+from omnisight.report.html import Markup, element
+from omnisight.report.report_data import Figure, Material
+from omnisight.report.sections.model_comparison import models
+from omnisight.report.sections.parameters import parameters
+from omnisight.report.sections.images import pictures
+from omnisight.report.sections.radial_profile import profile
+from omnisight.report.sections.residuals import residuals
+from omnisight.report.sections.board_poses import scene
+from omnisight.report.sections.pupil_shift import travel
+from omnisight.report.sections.projection_uncertainty import uncertainty
+from omnisight.report.sections.verdict import key_figures, title, verdict
+from omnisight.report.sections.noncentral_test import viewpoint
 from omnisight.targets import Detections
 
 # In the order of the page.

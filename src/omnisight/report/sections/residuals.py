@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.report.axes import WIDTH, Axes, chart, round_down
-from omnisight.report.markup import Markup, element, short, together
-from omnisight.report.material import Figure, Material
+from omnisight.report.html import Markup, element, short, together
+from omnisight.report.report_data import Figure, Material
 
 Array = NDArray[np.float64]
 

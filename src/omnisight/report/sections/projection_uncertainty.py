@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from omnisight.quality.checks import UNCERTAIN
 from omnisight.report.axes import chart
-from omnisight.report.colours import LogScale
-from omnisight.report.markup import Markup, element
-from omnisight.report.material import Figure, Material
-from omnisight.report.polar import SIDE, Polar
+from omnisight.report.color_scale import LogScale
+from omnisight.report.html import Markup, element
+from omnisight.report.report_data import Figure, Material
+from omnisight.report.polar_axes import SIDE, Polar
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from omnisight.quality.noncentral_test import SURE
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.quality.uncertainty import LAST
 from omnisight.report.axes import Axes, chart
-from omnisight.report.markup import element, together
-from omnisight.report.material import LEAST, Figure, Material
-from omnisight.report.profile import hatched
+from omnisight.report.html import element, together
+from omnisight.report.report_data import LEAST, Figure, Material
+from omnisight.report.sections.radial_profile import hatched
 
 ANGLES = 121
 # The frame is so many times as high as what lies in it where corners were seen.

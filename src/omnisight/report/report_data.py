@@ -19,8 +19,8 @@ from omnisight.quality.central_limit import far_camera
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.ray_camera import RayCamera
-from omnisight.report.markup import Markup, element
-from omnisight.report.numbers import with_sigma
+from omnisight.report.html import Markup, element
+from omnisight.report.number_format import with_sigma
 from omnisight.targets import Detections, ImageDetection
 
 Array = NDArray[np.float64]

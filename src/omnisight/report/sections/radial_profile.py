@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from omnisight.geometry.sphere import polar
 from omnisight.quality.uncertainty import LAST, Uncertainty
 from omnisight.report.axes import WIDTH, Axes, chart
-from omnisight.report.markup import Markup, element, together
-from omnisight.report.material import LEAST, STEP, Figure, Material, outwards_at
+from omnisight.report.html import Markup, element, together
+from omnisight.report.report_data import LEAST, STEP, Figure, Material, outwards_at
 
 Array = NDArray[np.float64]
 

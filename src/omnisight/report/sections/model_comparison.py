@@ -10,8 +10,8 @@ from omnisight.calibration.state import MIN_OUTSIDE_COST_PX
 from omnisight.pipeline.noncentral import RaysCalibration
 from omnisight.quality.spline_baseline import RINGS, SplineBaseline
 from omnisight.report.axes import Axes, chart
-from omnisight.report.markup import Markup, element, short, together
-from omnisight.report.material import Figure, Material
+from omnisight.report.html import Markup, element, short, together
+from omnisight.report.report_data import Figure, Material
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from omnisight.formats.native import to_json
-from omnisight.report.markup import Markup
-from omnisight.report.material import Material, Picture
+from omnisight.report.html import Markup
+from omnisight.report.report_data import Material, Picture
 
 VERSION = 1
 

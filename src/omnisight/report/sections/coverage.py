@@ -4,9 +4,9 @@ import numpy as np
 
 from omnisight.quality.coverage import ENOUGH, SECTORS, SIDES
 from omnisight.report.axes import chart
-from omnisight.report.markup import element
-from omnisight.report.material import Figure, Material
-from omnisight.report.polar import SIDE, Polar
+from omnisight.report.html import element
+from omnisight.report.report_data import Figure, Material
+from omnisight.report.polar_axes import SIDE, Polar
 
 
 def coverage(m: Material) -> Figure:

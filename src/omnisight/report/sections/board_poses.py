@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.report.axes import path_of, round_down
-from omnisight.report.colours import LogScale
-from omnisight.report.markup import Markup, element, short
-from omnisight.report.material import LEAST, Figure, Material
+from omnisight.report.color_scale import LogScale
+from omnisight.report.html import Markup, element, short
+from omnisight.report.report_data import LEAST, Figure, Material
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def _boards(m: Material) -> Array:
     state, views = m.calibration.state, m.calibration.views
     (left, top), (right, bottom) = views.extent
     outline = np.array([[left, top, 0], [right, top, 0], [right, bottom, 0], [left, bottom, 0]])[None]
-    if not views.planar:
+    if not views.is_planar:
         low, high = views.points.min(0), views.points.max(0)
         around = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
         outline = low + (high - low) * np.stack([around, around[:, [2, 0, 1]], around[:, [1, 2, 0]]])

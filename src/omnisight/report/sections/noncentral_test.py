@@ -7,8 +7,8 @@ from omnisight.pipeline.noncentral import RaysCalibration
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.ray_camera import RayCamera
 from omnisight.report.axes import Axes, chart
-from omnisight.report.markup import Markup, element, together
-from omnisight.report.material import LEAST, Figure, Material
+from omnisight.report.html import Markup, element, together
+from omnisight.report.report_data import LEAST, Figure, Material
 
 # How the distances are drawn, the nearest first.
 LINES = ("other", "curve", "ideal ideal-0")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from omnisight.optics.models.axial import Axial
-from omnisight.report.markup import Markup, element, together
-from omnisight.report.material import Figure, Material
-from omnisight.report.numbers import with_sigma
+from omnisight.report.html import Markup, element, together
+from omnisight.report.report_data import Figure, Material
+from omnisight.report.number_format import with_sigma
 
 # More rows than this are folded away.
 MANY = 24

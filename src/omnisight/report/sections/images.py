@@ -11,8 +11,8 @@ import numpy as np
 from omnisight.geometry.sphere import polar
 from omnisight.images import UnreadableImage, read_image, to_gray8
 from omnisight.report.axes import Axes, chart, dots_of, path_of, round_down
-from omnisight.report.markup import Markup, element, short, together
-from omnisight.report.material import LEAST, Figure, Material, Picture, name_of
+from omnisight.report.html import Markup, element, short, together
+from omnisight.report.report_data import LEAST, Figure, Material, Picture, name_of
 
 # Images are embedded this wide at most, px, and narrower where there are many: together they have so many pixels, of
 # which JPEG takes about a fifth of a byte each.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.report.axes import dots_of, path_of, ticks
-from omnisight.report.markup import Markup, element, short, together
+from omnisight.report.html import Markup, element, short, together
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnisight.report.markup import Markup, element, short, together
+from omnisight.report.html import Markup, element, short, together
 
 # Stops of viridis (van der Walt and Smith 2015, public domain): dark and blue is little, bright and yellow is much.
 STOPS = np.array(

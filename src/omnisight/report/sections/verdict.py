@@ -4,9 +4,9 @@ import numpy as np
 
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.evidence import Level
-from omnisight.report.markup import Markup, element, together
-from omnisight.report.material import Material
-from omnisight.report.numbers import with_sigma
+from omnisight.report.html import Markup, element, together
+from omnisight.report.report_data import Material
+from omnisight.report.number_format import with_sigma
 
 SIGNS = {Level.GOOD: "✓", Level.USABLE: "!", Level.DO_NOT_USE: "✕"}
 WORDS = {Level.GOOD: "Good", Level.USABLE: "Usable", Level.DO_NOT_USE: "Do not use"}

@@ -12,8 +12,8 @@ from omnisight.camera import Camera
 from omnisight.conversion import Conversion, convert_model
 from omnisight.formats import Format, FormatError, Written, format_named, format_names, save
 from omnisight.ray_camera import RayCamera
-from omnisight.report.markup import Markup, element, together
-from omnisight.report.material import Figure, Material
+from omnisight.report.html import Markup, element, together
+from omnisight.report.report_data import Figure, Material
 
 # A format that lacks the camera's model gets another one that was fitted to it, if it is so near, px.
 NEAR = 1.0

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibration.lines import Chains, LinesCalibration
-from omnisight.calibration.lines.plumb import tangent_bases
+from omnisight.calibration.lines import LinesCalibration, PixelChains
+from omnisight.calibration.lines.plumb_line import tangent_bases
 from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
 
@@ -18,7 +18,7 @@ MOST_CIRCLES = 60
 
 
 def draw_lines(
-    found: LinesCalibration, arcs: Chains, paths: Sequence[Path], folder: Path, *, apply_exif: bool = False
+    found: LinesCalibration, arcs: PixelChains, paths: Sequence[Path], folder: Path, *, apply_exif: bool = False
 ) -> None:
     """Draw into a copy of every image: lines green, arcs that are no lines red, the great circles of lines blue."""
     files = drawings(paths, folder)
@@ -27,7 +27,7 @@ def draw_lines(
         write_image(file, _drawn(found, arcs, i, to_gray8(read_image(path, apply_exif=apply_exif))))
 
 
-def _drawn(found: LinesCalibration, arcs: Chains, picture: int, gray: Any) -> Any:
+def _drawn(found: LinesCalibration, arcs: PixelChains, picture: int, gray: Any) -> Any:
     import cv2
 
     zoom = max(round(WIDE / max(gray.shape)), 1)
@@ -37,12 +37,12 @@ def _drawn(found: LinesCalibration, arcs: Chains, picture: int, gray: Any) -> An
         at = np.rint(((pixels + 0.5) * zoom - 0.5) * 16).astype(np.int32)
         cv2.polylines(canvas, [at], False, color, thick, cv2.LINE_AA, 4)
 
-    here = np.flatnonzero(found.chains.images == picture)
-    longest = here[np.argsort(-found.chains.spans[here], kind="stable")][:MOST_CIRCLES]
+    here = np.flatnonzero(found.lines.image_ids == picture)
+    longest = here[np.argsort(-found.lines.arc_lengths[here], kind="stable")][:MOST_CIRCLES]
     for normal in found.state.normals[longest]:
         for piece in _great_circle(found, normal, gray.shape):
             stroke(piece, CIRCLE, 1)
-    for arc in np.flatnonzero(arcs.images == picture):
+    for arc in np.flatnonzero(arcs.image_ids == picture):
         stroke(arcs.pixels[arcs.groups[arc]], USED if found.line_of_arc[arc] >= 0 else REFUSED, 2)
     said = f"{len(here)} lines, rms {found.rms:.3f} px"
     cv2.rectangle(canvas, (0, 0), (16 * len(said), 40), (0, 0, 0), -1)

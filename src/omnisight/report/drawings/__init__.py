@@ -1,0 +1,1 @@
+"""Drawings of results: images with overlays (PNG) and technical drawings (SVG)."""
