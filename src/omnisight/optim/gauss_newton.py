@@ -50,9 +50,10 @@ class NormalEquations(NamedTuple):
             weighted = residuals if weights is None else weights * residuals
             scaled = jacobian if weights is None else weights[..., None] * jacobian
             transposed = np.swapaxes(jacobian, -1, -2)
-            return cls(
-                0.5 * (residuals * weighted).sum(-1), (transposed @ weighted[..., None])[..., 0], transposed @ scaled
-            )
+            gradient = (transposed @ weighted[..., None])[..., 0]
+            # One problem as a matrix product: A^T A takes half the time of a general product.
+            hessian = (transposed[0] @ scaled[0])[None] if len(jacobian) == 1 else transposed @ scaled
+            return cls(0.5 * (residuals * weighted).sum(-1), gradient, hessian)
 
     def decrease(self, step: Array) -> Array:
         """Return the decrease (K,) of the quadratic model along steps (K, P)."""
@@ -229,9 +230,12 @@ def gauss_newton_batch(
             ratio = fall / predicted
             accepted = ratio > 0
             # The remaining decrease is about what the linearization missed plus what the damping withheld.
-            missed = np.minimum(np.abs(1 - ratio), 1.0) * fall
-            withheld = np.abs(now.decrease(now.step(np.zeros(len(active)))) - predicted)
-            converged[active] = accepted & (missed + withheld <= tolerance * new.cost)
+            remaining = np.minimum(np.abs(1 - ratio), 1.0) * fall
+            near = np.flatnonzero(accepted & (remaining <= tolerance * new.cost))
+            if len(near):
+                last = now.rows(near)
+                remaining[near] += np.abs(last.decrease(last.step(np.zeros(len(near)))) - predicted[near])
+                converged[active[near]] = remaining[near] <= tolerance * new.cost[near]
         taken, rejected = active[accepted], active[~accepted]
         for values, others in zip((*_arrays(state), *normal), (*_arrays(states), *new), strict=True):
             values[taken] = others[accepted]
