@@ -47,7 +47,7 @@ def test_what_is_said_to_be_hidden_is_not_found_from_elsewhere(name, monkeypatch
     points[:, 2] += 0.12
     _, valid = system.project(points)
     assert 0.1 < valid.mean() < 0.97
-    monkeypatch.setattr(Catadioptric, "_hidden", lambda _self, _u, points: np.zeros(len(points), bool))
+    monkeypatch.setattr(Catadioptric, "_proves_hidden", lambda _self, _u, points: np.zeros(len(points), bool))
     np.testing.assert_array_equal(system.project(points)[1], valid)
 
 

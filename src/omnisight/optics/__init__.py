@@ -7,4 +7,13 @@ from omnisight.optics.ray_model import RayModel
 from omnisight.optics.reflection import reflect
 from omnisight.optics.telecentric import Telecentric
 
-__all__ = ["Catadioptric", "Mirror", "PlacedMirror", "RayModel", "Telecentric", "mirror_class", "mirror_names", "reflect"]
+__all__ = [
+    "Catadioptric",
+    "Mirror",
+    "PlacedMirror",
+    "RayModel",
+    "Telecentric",
+    "mirror_class",
+    "mirror_names",
+    "reflect",
+]

@@ -242,7 +242,9 @@ def _step(placed: PlacedMirror, k: int, u: Array) -> float:
     """Return a step of parameter k that moves points of the mirror by 1e-5 of their distance from the lens."""
     rim = placed.mirror.rim
     if np.isfinite(rim):
-        u = np.stack(placed.mirror.chart_coordinates(*np.array([[0.7 * rim, 0.0, -0.5 * rim], [0.0, 0.7 * rim, -0.5 * rim]])))
+        u = np.stack(
+            placed.mirror.chart_coordinates(*np.array([[0.7 * rim, 0.0, -0.5 * rim], [0.0, 0.7 * rim, -0.5 * rim]]))
+        )
 
     def corners(params: Array) -> Array:
         p = placed.with_params(params)

@@ -77,9 +77,10 @@ class SeedRays:
     def nearest(self, points: Array, count: int) -> tuple[Array, NDArray[np.bool_]]:
         """Return candidate rays for points (N, 3) and whether each is close enough, both (count + 1, N).
 
-        The candidates are the `count` best local maxima of the alignment between ray and point, and the ray whose origin
-        is nearest to the point. A candidate is close enough if the point is within its distance to its neighbours;
-        duplicates of the first candidate are not. If no candidate is close enough, the mirrors do not show the point.
+        The candidates are the `count` best local maxima of the alignment between ray and point, and the ray whose
+        origin is nearest to the point. A candidate is close enough if the point is within its distance to its
+        neighbours; duplicates of the first candidate are not. If no candidate is close enough, the mirrors do not show
+        the point.
         """
         which = np.zeros((count + 1, len(points)), int)
         near = np.zeros(which.shape, np.bool_)
@@ -112,7 +113,7 @@ class SeedRays:
         return which, near
 
     def _peaks(self, score: Array, used: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-        """Return the rays (count, N) at local maxima of the score (N, len(used)), highest first, padded with the first."""
+        """Return the rays (count, N) at score maxima (N, len(used)), highest first, padded by the first."""
         grid = np.full((len(score), len(self.bearing_gap)), -np.inf)
         grid[:, used] = score
         grid = grid.reshape(len(score), -1, self.spokes)

@@ -6,9 +6,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.models._projector import Array
 from omnisight.geometry.rays import Rays
 from omnisight.models._parameter import parameter
+from omnisight.models._projector import Array
 from omnisight.models._protocol import rows
 from omnisight.optics.ray_model import RayModel
 

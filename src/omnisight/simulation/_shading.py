@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from omnisight.compiled import inner, outer
+from omnisight.compiled import njit_helper, njit_driver
 from omnisight.simulation._shapes import ELLIPSOID, RECTANGLE, CYLINDER, chart, place
 from omnisight.simulation._trace import first_hit, to_local, world_normal
 
@@ -18,7 +18,7 @@ SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
 LIFT = 1e-5  # metres by which rays to the light start off a face
 
 
-@inner
+@njit_helper
 def _between(start, width, height, u, v):
     """Give where a place of a grid lies: its cell's index, the steps right and below, and its share of each."""
     x = min(max(u * width - 0.5, 0.0), width - 1.0)
@@ -29,7 +29,7 @@ def _between(start, width, height, u, v):
     return start + row * width + column, right, below, fx, fy
 
 
-@inner
+@njit_helper
 def _texel(world, level, u, v):
     """Give the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
     start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
@@ -47,7 +47,7 @@ def _texel(world, level, u, v):
     return r0 + fy * (r1 - r0), g0 + fy * (g1 - g0), b0 + fy * (b1 - b0)
 
 
-@inner
+@njit_helper
 def _filtered(world, texture, u, v, ux, vx, uy, vy):
     """Give the mean light of a texture over the parallelogram of two steps (ux, vx), (uy, vy) about (u, v).
 
@@ -77,7 +77,7 @@ def _filtered(world, texture, u, v, ux, vx, uy, vy):
     return r / probes, g / probes, b / probes
 
 
-@inner
+@njit_helper
 def _light(world, face, u, v):
     """Give the light that falls on a place of a face, bilinear."""
     start, width, height = world.faces[face, 1], world.faces[face, 2], world.faces[face, 3]
@@ -88,7 +88,7 @@ def _light(world, face, u, v):
     return above + fy * (under - above)
 
 
-@inner
+@njit_helper
 def _moved(world, solid, face, x, y, z, u, v, step):
     """Give by how much (u, v) changes over a step (x, y, z) along a face."""
     sx, sy, sz = to_local(world.local_from_world[solid], step[0], step[1], step[2])
@@ -100,7 +100,7 @@ def _moved(world, solid, face, x, y, z, u, v, step):
     return a, b - v
 
 
-@inner
+@njit_helper
 def _on_face(t, d, n, origin_step, bearing_step):
     """Give how far a hit moves along its face as the ray goes to its neighbour's."""
     sx = origin_step[0] + t * bearing_step[0]
@@ -112,7 +112,7 @@ def _on_face(t, d, n, origin_step, bearing_step):
     return sx - back * d[0], sy - back * d[1], sz - back * d[2]
 
 
-@inner
+@njit_helper
 def _radiance(world, o, d, ox, dx, oy, dy):
     """Give the light (r, g, b) along a ray; o, d and their changes towards the neighbours across and down."""
     t, solid, face = first_hit(world, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf)
@@ -152,7 +152,7 @@ def _radiance(world, o, d, ox, dx, oy, dy):
     return r * light, g * light, b * light
 
 
-@inner
+@njit_helper
 def _turned(rotation, v):
     return (
         rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
@@ -161,12 +161,12 @@ def _turned(rotation, v):
     )
 
 
-@inner
+@njit_helper
 def _less(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@inner
+@njit_helper
 def _neighbour(i, samples, end):
     """Give a ray beside ray i: of the same pixel if it has several, so that how an image is cut changes nothing."""
     if samples > 1:
@@ -174,7 +174,7 @@ def _neighbour(i, samples, end):
     return i + 1 if i + 1 < end else i - 1 if i > 0 else i
 
 
-@outer
+@njit_driver
 def paint(world, origins, bearings, rotations, translations, samples, image, first, last):
     """Fill rows first to last of image (H, W, 3) with the light of rays, samples x samples for each pixel.
 
@@ -211,7 +211,7 @@ def paint(world, origins, bearings, rotations, translations, samples, image, fir
             image[row, column, 0], image[row, column, 1], image[row, column, 2] = r / count, g / count, b / count
 
 
-@outer
+@njit_driver
 def illuminate(world, world_from_local, spots, directions, lamps, ambient, reach, light, first, last):
     """Fill rows first to last of light with what falls on spots (N, 4) of solids: solid, face, u, v.
 

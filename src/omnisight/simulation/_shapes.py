@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from omnisight.compiled import inner
+from omnisight.compiled import njit_helper
 
 RECTANGLE, BOX, ELLIPSOID, CYLINDER, ROOF = range(5)
 
@@ -26,7 +26,7 @@ PLANES = np.array(
 )
 
 
-@inner
+@njit_helper
 def meet(kind, ox, oy, oz, dx, dy, dz, least):
     """Give the first distance > least, in lengths of the direction, at which a ray meets a shape, and the face."""
     if kind == RECTANGLE:
@@ -44,7 +44,7 @@ def meet(kind, ox, oy, oz, dx, dy, dz, least):
     return _cylinder(ox, oy, oz, dx, dy, dz, least)
 
 
-@inner
+@njit_helper
 def _roots(a, b, c):
     """Give both solutions of a t^2 + 2 b t + c = 0, the lesser first; inf where there is none."""
     under = b * b - a * c
@@ -56,7 +56,7 @@ def _roots(a, b, c):
     return min(first, second), max(first, second)
 
 
-@inner
+@njit_helper
 def _first(enter, enter_face, leave, leave_face, least):
     """Give where a ray first meets a convex solid past `least`, and which face: going in, or else coming out."""
     if enter > leave:
@@ -66,7 +66,7 @@ def _first(enter, enter_face, leave, leave_face, least):
     return (leave, leave_face) if leave > least else (np.inf, 0)
 
 
-@inner
+@njit_helper
 def _convex(first, count, ox, oy, oz, dx, dy, dz, least):
     enter, leave, enter_face, leave_face = -np.inf, np.inf, 0, 0
     for face in range(count):
@@ -90,7 +90,7 @@ def _convex(first, count, ox, oy, oz, dx, dy, dz, least):
     return _first(enter, enter_face, leave, leave_face, least)
 
 
-@inner
+@njit_helper
 def _cylinder(ox, oy, oz, dx, dy, dz, least):
     """Do so for a closed cylinder around y, from 0 to 1: faces side, top, bottom."""
     enter, leave, enter_face, leave_face = -np.inf, np.inf, 0, 0
@@ -113,7 +113,7 @@ def _cylinder(ox, oy, oz, dx, dy, dz, least):
     return _first(enter, enter_face, leave, leave_face, least)
 
 
-@inner
+@njit_helper
 def normal(kind, face, x, y, z):
     """Give the outward normal, of any length, at a point of a face."""
     if kind == RECTANGLE:
@@ -129,7 +129,7 @@ def normal(kind, face, x, y, z):
     return 0.0, (-1.0 if face == 1 else 1.0), 0.0
 
 
-@inner
+@njit_helper
 def chart(kind, face, x, y, z):
     """Give (u, v) of a point of a face, or of one near it."""
     if kind == RECTANGLE:
@@ -153,7 +153,7 @@ def chart(kind, face, x, y, z):
     return (x + 1) / 2, (z + 1) / 2
 
 
-@inner
+@njit_helper
 def place(kind, face, u, v):
     """Give the point of a face that has (u, v): `chart` backwards."""
     if kind == RECTANGLE:

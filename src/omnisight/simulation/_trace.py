@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnisight.compiled import inner, outer
+from omnisight.compiled import njit_helper, njit_driver
 from omnisight.simulation._shapes import meet, normal
 
 
@@ -62,7 +62,7 @@ class World(NamedTuple):
     sky: int
 
 
-@inner
+@njit_helper
 def to_local(m, x, y, z):
     """Map a direction by the linear part of (3, 4)."""
     return (
@@ -72,7 +72,7 @@ def to_local(m, x, y, z):
     )
 
 
-@inner
+@njit_helper
 def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
     """Give distance, solid and face of what a ray meets first between two distances; inf and -1 where nothing."""
     best, solid, best_face = most, -1, 0
@@ -99,7 +99,7 @@ def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
     return (best if solid >= 0 else np.inf), solid, best_face
 
 
-@inner
+@njit_helper
 def world_normal(world, solid, face, x, y, z):
     """Give the unit normal (world frame) of the side that is seen, at a local point of a face."""
     m = world.local_from_world[solid]
@@ -111,7 +111,7 @@ def world_normal(world, solid, face, x, y, z):
     return nx * scale, ny * scale, nz * scale
 
 
-@outer
+@njit_driver
 def cast(world, origins, bearings, distances, normals, instances, first, last):
     """Fill rows first to last of distances (N,), normals (N, 3) and instances (N,): what rays (N, 3) meet, exactly.
 

@@ -1,8 +1,7 @@
-"""Mirrors of revolution: each file of this folder that does not begin with an underscore holds one.
+"""Mirrors of revolution. Each file of this folder without a leading underscore defines one.
 
-The frame of a mirror: its origin in the vertex, z along the axis, pointing from the lens into the mirror. The sag
-z(rho) says how far behind the vertex the surface lies at the distance rho from the axis. Light is reflected by the side
-that looks towards -z.
+Frame of a mirror: the origin is the vertex; z is the axis and points from the lens into the mirror. The sag z(rho) is
+the height of the surface behind the vertex at distance rho from the axis. The side that faces -z reflects.
 """
 
 from omnisight.extensions import class_in, names_in
@@ -12,16 +11,16 @@ __all__ = ["Mirror", "mirror_class", "mirror_names"]
 
 
 def mirror_names() -> tuple[str, ...]:
-    """Give the names of all mirrors, sorted: the names of the files here."""
+    """Return the names of all mirrors, sorted."""
     return names_in(__name__)
 
 
 def mirror_class(name: str) -> type[Mirror]:
-    """Give the mirror of that name.
+    """Return the mirror class of a name.
 
     Raises
     ------
     ValueError
-        If there is no such mirror; the message lists the names.
+        If the name is unknown; the message lists the known names.
     """
     return class_in(__name__, name, Mirror, "mirror")

@@ -1,4 +1,4 @@
-"""What every mirror gives: its surface from a profile, and where rays meet it."""
+"""The base class of mirrors: a surface of revolution from its profile, and its intersection with rays."""
 
 from functools import cached_property
 from typing import Any, Self
@@ -12,68 +12,70 @@ from omnisight.models._protocol import rows
 
 Array = NDArray[np.float64]
 
-# Steps towards the surface, after which a ray that keeps grazing it is said to miss.
-STEPS = 200
+# Steps towards the surface, after which a grazing ray counts as a miss.
+MAX_STEPS = 200
+# Relative tolerance of the rim, for rounding of rho^2.
+RIM_TOLERANCE = 1e-14
+# Samples of the profile that bound its sag and curvature.
+PROFILE_SAMPLES = 1025
 
 
 def outer_rim() -> Any:
-    """Declare the distance from the axis at which a mirror ends."""
+    """Declare the radius of a mirror."""
     return parameter("distance of the rim from the axis", unit="m", low=0.0, default=np.inf, free=False)
 
 
 def inner_rim() -> Any:
-    """Declare the distance from the axis within which a mirror has a hole."""
-    return parameter("radius of the hole in the middle", unit="m", low=0.0, default=0.0, free=False)
+    """Declare the radius of the hole around the axis of a mirror."""
+    return parameter("radius of the central hole", unit="m", low=0.0, default=0.0, free=False)
 
 
 class Mirror(Parametric):
     """A mirror of revolution.
 
-    A subclass is a frozen dataclass whose fields are its parameters, `rim` and `hole` the last. It writes `profile`,
-    and `first` if it knows better than to step along rays. Lengths are metres, or all of another unit.
+    A subclass is a frozen dataclass whose fields are its parameters; `rim` and `hole` are the last. It implements
+    `profile`, and `first_intersection` if there is a closed form. Lengths are in metres or any other single unit.
     """
 
     rim: float
     hole: float
 
     def __post_init__(self) -> None:
-        """Refuse a mirror of which there is nothing."""
+        """Check that the rim is larger than the hole."""
         if not self.rim > self.hole >= 0:
-            raise ValueError(
-                f"a mirror lies between its hole and its rim: 0 <= hole < rim, got {self.hole}, {self.rim}"
-            )
+            raise ValueError(f"a mirror needs 0 <= hole < rim, got hole {self.hole} and rim {self.rim}")
 
-    # -- what a mirror writes -----------------------------------------------------------------------------------
+    # -- to be implemented by a mirror ----------------------------------------------------------------------------
 
     def profile(self, w: Array) -> tuple[Array, Array, Array]:
-        """Give the sag s and its derivatives ds/dw and d2s/dw2, as functions of w = rho^2; NaN where there is none."""
+        """Return the sag s, ds/dw and d2s/dw2 as functions of w = rho^2; NaN where undefined."""
         raise NotImplementedError
 
     @property
     def convex(self) -> bool:
-        """Whether what lies behind the surface is convex: no ray that leaves such a mirror meets it again."""
+        """Whether the body behind the surface is convex, so that a reflected ray never meets the mirror again."""
         return bool(self.curvature_bounds[0] >= 0)
 
     @classmethod
     def example(cls) -> Self:
-        """Give a typical mirror of this shape, for tests and docs."""
+        """Return a typical mirror of this shape, for tests and docs."""
         raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the parameters by name, without the rim of an endless mirror."""
+        """Return the parameters by name, without an infinite rim."""
         return {name: value for name, value in super().to_dict().items() if np.isfinite(value)}
 
     # -- the surface --------------------------------------------------------------------------------------------
 
     def sag(self, rho: ArrayLike) -> Array:
-        """Give how far (...) the surface lies behind its vertex at the distances rho (...) from the axis."""
+        """Return the height (...) of the surface behind its vertex at distances rho (...) from the axis."""
         with np.errstate(all="ignore"):
             return self.profile(np.asarray(rho, float) ** 2)[0]
 
     def normal(self, points: ArrayLike) -> Array:
-        """Give the unit normals (..., 3) at points (..., 3) of the surface, towards the side that reflects.
+        """Return the unit normals (..., 3) at points (..., 3) of the surface, towards the reflecting side.
 
-        Only their x and y are looked at: the normal is that of the surface at this distance from the axis.
+        Only x and y of the points are used.
         """
         p = np.asarray(points, float)
         x, y = p[..., 0], p[..., 1]
@@ -82,22 +84,22 @@ class Mirror(Parametric):
             n = np.stack([twice * x, twice * y, np.full_like(x, -1.0)], -1)
             return n / np.sqrt((n * n).sum(-1, keepdims=True))
 
-    # -- the chart: where light meets the mirror is searched for in it --------------------------------------------
+    # -- the chart (surface coordinates) in which reflection points are computed ------------------------------------
 
     def chart(self, w: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
-        """Give A and B, each with two derivatives, of the chart (x, y, z) = (a A(w), b A(w), B(w)), w = a^2 + b^2.
+        """Return A and B, each with two derivatives by w, of the chart (x, y, z) = (a A, b A, B), w = a^2 + b^2.
 
-        Unless a mirror has a smoother one, it is (x, y, z) = (a, b, s).
+        The default is (x, y, z) = (a, b, s). A mirror may override it by a smoother one.
         """
         one, zero = np.ones_like(w), np.zeros_like(w)
         return (one, zero, zero), self.profile(w)
 
     def chart_coordinates(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Give the place in the chart of the point of the mirror at x, y."""
+        """Return the chart coordinates (a, b) of the mirror's point at x, y."""
         return x, y
 
     def surface(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
-        """Give the point (3, N) at a place of the chart, its derivatives by a, b (2, 3, N) and aa, ab, bb (3, 3, N)."""
+        """Return points (3, N) at chart coordinates, with derivatives by a, b (2, 3, N) and aa, ab, bb (3, 3, N)."""
         (f, df, ddf), (z, dz, ddz) = self.chart(a * a + b * b)
         cross, slope = 2 * a * b * df, 2 * dz
         d_a = np.stack([f + 2 * a * a * df, cross, a * slope])
@@ -109,117 +111,118 @@ class Mirror(Parametric):
         return np.stack([a * f, b * f, z]), np.stack([d_a, d_b]), np.stack([d_aa, d_ab, d_bb])
 
     def on_sheet(self, a: Array, b: Array) -> NDArray[np.bool_]:
-        """Say whether a place of the chart is on the mirror's sheet of the surface, which goes on past rim and hole."""
+        """Return whether chart coordinates are on the mirror's sheet of the surface, ignoring rim and hole."""
         x, y, _ = self.surface(a, b)[0]
         back_a, back_b = self.chart_coordinates(x, y)
         return np.abs(back_a - a) + np.abs(back_b - b) <= 1e-6 * (np.abs(a) + np.abs(b))
 
-    def has(self, a: Array, b: Array) -> NDArray[np.bool_]:
-        """Say whether a place of the chart is a point of the mirror."""
+    def contains(self, a: Array, b: Array) -> NDArray[np.bool_]:
+        """Return whether chart coordinates are a point of the mirror."""
         x, y, _ = self.surface(a, b)[0]
         return self.on_sheet(a, b) & self.is_within_rim(x * x + y * y)
 
-    # -- where it ends --------------------------------------------------------------------------------------------
-
-    def within(self, w: Array) -> NDArray[np.bool_]:
-        """Say whether w = rho^2 lies between the hole and the rim."""
-        return (w <= self.rim**2 * (1 + 1e-14)) & (w >= self.hole**2 * (1 - 1e-14))
+    def is_within_rim(self, w: Array) -> NDArray[np.bool_]:
+        """Return whether w = rho^2 lies between the hole and the rim."""
+        return (w <= self.rim**2 * (1 + RIM_TOLERANCE)) & (w >= self.hole**2 * (1 - RIM_TOLERANCE))
 
     # -- rays ---------------------------------------------------------------------------------------------------
 
     def intersect(self, origins: ArrayLike, bearings: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Give where rays meet the mirror.
+        """Intersect rays with the mirror.
 
         Parameters
         ----------
         origins, bearings
-            (..., 3) in the mirror's frame; bearings of unit length.
+            (..., 3) in the mirror frame; bearings of unit length.
 
         Returns
         -------
         distance
-            (...) along the ray to where it first meets the mirror; NaN where not valid.
+            (...) along the ray to the first intersection; NaN where not valid.
         valid
-            (...), whether it does, and on the side that reflects.
+            (...), whether the ray meets the mirror on its reflecting side.
         """
         o, lead = rows(origins, 3, "origins")
         d, _ = rows(bearings, 3, "bearings")
         with np.errstate(all="ignore"):
             distance = self.first_intersection(o, d)
             at = o + distance[:, None] * d
-            # From the side that reflects.
             valid = np.isfinite(distance) & ((d * self.normal(at)).sum(-1) < 0)
         return np.where(valid, distance, np.nan).reshape(lead), valid.reshape(lead)
 
-    def first(self, origins: Array, bearings: Array) -> Array:
-        """Give the distances (N,) at which rays (N, 3) first meet the mirror, from either side; inf where they do not.
+    def first_intersection(self, origins: Array, bearings: Array) -> Array:
+        """Return the distances (N,) at which rays (N, 3) first meet the mirror from either side; inf if they miss.
 
-        With f = z - s(rho) along the ray and bounds on its second derivative by the curvature of the profile, no step
-        passes a root, and near one they are Newton's.
+        Bounds on the curvature of the profile bound the second derivative of f = z - s(rho) along the ray. The
+        resulting steps never pass a root and become Newton steps close to it.
         """
-        inf = np.full(len(origins), np.inf)
-        least, most = self.curvature_bounds
+        low_curvature, high_curvature = self.curvature_bounds
         across = (bearings[:, :2] ** 2).sum(-1)
-        # Between these distances the ray is nearer to the axis than the rim, and as high as the surface is.
-        along = (origins[:, :2] * bearings[:, :2]).sum(-1)
-        off = (origins[:, :2] ** 2).sum(-1) - self.rim**2
-        root = np.sqrt(along * along - across * off)
-        level = across == 0
-        enter = np.where(level, np.where(off <= 0, -inf, inf), (-along - root) / across)
-        leave = np.where(level, inf, (-along + root) / across)
-        low, high = (
-            (z + np.array([[-1.0], [1.0]]) * 1e-9 * (abs(z) + self.rim) - origins[:, 2]) / bearings[:, 2]
-            for z in self.sag_bounds
-        )
-        slab = np.sort(np.stack([low[0], high[1]]), 0)
-        flat = bearings[:, 2] == 0
-        enter = np.fmax(np.fmax(enter, np.where(flat, -inf, slab[0])), 0.0)
-        leave = np.fmin(leave, np.where(flat, inf, slab[1]))
-        found, t = inf.copy(), enter.copy()
-        rest = np.flatnonzero((enter <= leave) & np.isfinite(enter))
-        for _ in range(STEPS):
-            if not len(rest):
+        enter, leave = self._cylinder_interval(origins, bearings)
+        found, t = np.full(len(origins), np.inf), enter.copy()
+        active = np.flatnonzero((enter <= leave) & np.isfinite(enter))
+        for _ in range(MAX_STEPS):
+            if not len(active):
                 break
-            o, d = origins[rest], bearings[rest]
-            at = o + t[rest, None] * d
+            o, d = origins[active], bearings[active]
+            at = o + t[active, None] * d
             w = at[:, 0] ** 2 + at[:, 1] ** 2
             s, ds, _ = self.profile(np.minimum(w, self.rim**2))
             f = at[:, 2] - s
             df = d[:, 2] - 2 * ds * (at[:, 0] * d[:, 0] + at[:, 1] * d[:, 1])
             towards = np.where(f < 0, df, -df)
-            bend = np.maximum(np.where(f < 0, -least, most), 0.0) * across[rest]
-            # The nearest place at which f may vanish; each form where it does not cancel.
+            bend = np.maximum(np.where(f < 0, -low_curvature, high_curvature), 0.0) * across[active]
+            # The smallest step at which f can vanish, in the form that does not cancel.
             root = np.sqrt(towards**2 + 2 * bend * np.abs(f))
             step = np.where(towards > 0, 2 * np.abs(f) / (towards + root), (root - towards) / bend)
-            # On the surface but for rounding, which may have put it on either side.
-            there = np.abs(f) <= 1e-15 * (t[rest] + np.abs(o).max(-1))
-            t[rest] += np.where(there, -f / df, np.where(np.isnan(step), np.inf, step))
-            there &= w <= self.rim**2 * (1 + 1e-14)
-            through = there & (w < self.hole**2)
-            found[rest[there & ~through]] = t[rest[there & ~through]]
-            # Through the hole: go on behind it.
-            t[rest[through]] += 1e-9 * self.rim
-            rest = rest[(~there | through) & (t[rest] <= leave[rest] * (1 + 1e-14))]
+            # On the surface up to rounding, possibly on the other side.
+            hit = np.abs(f) <= 1e-15 * (t[active] + np.abs(o).max(-1))
+            t[active] += np.where(hit, -f / df, np.where(np.isnan(step), np.inf, step))
+            hit &= w <= self.rim**2 * (1 + RIM_TOLERANCE)
+            in_hole = hit & (w < self.hole**2)
+            found[active[hit & ~in_hole]] = t[active[hit & ~in_hole]]
+            # Continue behind the hole.
+            t[active[in_hole]] += 1e-9 * self.rim
+            active = active[(~hit | in_hole) & (t[active] <= leave[active] * (1 + RIM_TOLERANCE))]
         return found
 
+    def _cylinder_interval(self, origins: Array, bearings: Array) -> tuple[Array, Array]:
+        """Return the distances (N,) between which rays are inside the cylinder that bounds the mirror."""
+        inf = np.full(len(origins), np.inf)
+        across = (bearings[:, :2] ** 2).sum(-1)
+        along = (origins[:, :2] * bearings[:, :2]).sum(-1)
+        outside = (origins[:, :2] ** 2).sum(-1) - self.rim**2
+        root = np.sqrt(along * along - across * outside)
+        axial = across == 0
+        enter = np.where(axial, np.where(outside <= 0, -inf, inf), (-along - root) / across)
+        leave = np.where(axial, inf, (-along + root) / across)
+        low, high = (
+            (z + np.array([[-1.0], [1.0]]) * 1e-9 * (abs(z) + self.rim) - origins[:, 2]) / bearings[:, 2]
+            for z in self.sag_bounds
+        )
+        slab = np.sort(np.stack([low[0], high[1]]), 0)
+        level = bearings[:, 2] == 0
+        enter = np.fmax(np.fmax(enter, np.where(level, -inf, slab[0])), 0.0)
+        return enter, np.fmin(leave, np.where(level, inf, slab[1]))
+
     @cached_property
-    def curvatures(self) -> tuple[float, float]:
-        """Give bounds of the second derivatives of the sag by x and y within the rim: the least and the most."""
-        w = (self.rim * np.linspace(0, 1, 1025)) ** 2
+    def curvature_bounds(self) -> tuple[float, float]:
+        """Lower and upper bound of the second derivatives of the sag by x and y within the rim."""
+        w = (self.rim * np.linspace(0, 1, PROFILE_SAMPLES)) ** 2
         _, ds, dds = self.profile(w)
         bends = np.concatenate([2 * ds, 2 * ds + 4 * w * dds])
         slack = 1e-4 * float(np.ptp(bends))
-        least, most = float(bends.min()), float(bends.max())
-        return (least - slack if least < 0 else least), (most + slack if most > 0 else most)
+        low, high = float(bends.min()), float(bends.max())
+        return (low - slack if low < 0 else low), (high + slack if high > 0 else high)
 
     @cached_property
-    def heights(self) -> tuple[float, float]:
-        """Give the least and the largest sag within the rim."""
-        s = self.sag(self.rim * np.linspace(0, 1, 1025))
+    def sag_bounds(self) -> tuple[float, float]:
+        """Lower and upper bound of the sag within the rim."""
+        s = self.sag(self.rim * np.linspace(0, 1, PROFILE_SAMPLES))
         slack = 1e-4 * float(np.ptp(s))
         return float(s.min()) - slack, float(s.max()) + slack
 
-    def clear(self, origins: Array, bearings: Array, lengths: Array) -> NDArray[np.bool_]:
-        """Say which rays (N, 3) do not meet the mirror before that length (N,), after where they begin."""
+    def is_unobstructed(self, origins: Array, bearings: Array, lengths: Array) -> NDArray[np.bool_]:
+        """Return which rays (N, 3) do not meet the mirror between their start and a length (N,)."""
         off = 1e-9 * (np.abs(origins).max(-1) + (self.rim if np.isfinite(self.rim) else 0.0))
         return self.first_intersection(origins + off[:, None] * bearings, bearings) >= (lengths - off) * (1 - 1e-9)

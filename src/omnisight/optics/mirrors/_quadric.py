@@ -1,4 +1,4 @@
-"""Mirrors that are quadrics of revolution: rays meet them in closed form."""
+"""Mirrors that are quadrics of revolution: intersection with rays in closed form."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from omnisight.optics.mirrors._mirror import Array, Mirror
 
 
 class Quadric(Mirror):
-    """A (x^2 + y^2) + B z^2 + 2 C z = 0, of which the mirror is one sheet."""
+    """One sheet of A (x^2 + y^2) + B z^2 + 2 C z = 0."""
 
     def quadric(self) -> tuple[float, float, float, float]:
-        """Give A, B, C, and the sign that B z + C has on the sheet."""
+        """Return A, B, C, and the sign of B z + C on the mirror's sheet."""
         raise NotImplementedError
 
-    def first(self, origins: Array, bearings: Array) -> Array:
+    def first_intersection(self, origins: Array, bearings: Array) -> Array:
         a, b, c, sign = self.quadric()
         (ox, oy, oz), (dx, dy, dz) = origins.T, bearings.T
         # f(t) = p t^2 + 2 q t + r
@@ -20,12 +20,12 @@ class Quadric(Mirror):
         p = a * (dx * dx + dy * dy) + b * dz * dz
         q = a * (ox * dx + oy * dy) + gz * dz
         r = a * (ox * ox + oy * oy) + (gz + c) * oz
-        # The sum that does not cancel.
+        # The root form without cancellation.
         q_root = -(q + np.copysign(np.sqrt(q * q - p * r), q))
         near, far = r / q_root, q_root / p
         found = np.full(len(origins), np.inf)
         for t in (near, far):
-            # Once Newton: near a tangent the square root has lost digits.
+            # One Newton step, because the square root loses digits near a tangent.
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
             f = a * (x * x + y * y) + (b * z + 2 * c) * z
             df = a * (x * dx + y * dy) + (b * z + c) * dz

@@ -1,4 +1,4 @@
-"""Even aspheres: a conic section and a polynomial."""
+"""Even aspheres: a conic section plus a polynomial."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.models._parameter import parameter
-from omnisight.optics.mirrors._mirror import Array, Mirror, inner_rim
+from omnisight.optics.mirrors._mirror import RIM_TOLERANCE, Array, Mirror, inner_rim
 
 
 @dataclass(frozen=True)
 class Asphere(Mirror):
     """z(rho) = C rho^2 / (1 + sqrt(1 - (1 + k) C^2 rho^2)) + b0 rho^4 + b1 rho^6 + ...
 
-    The even asphere of optical design (ISO 10110-12): the curvature C at the vertex, the conic constant k = -e^2, and
-    coefficients of the even powers from the fourth on. It is given out to its rim, where the square root must be real.
+    The even asphere of optical design (ISO 10110-12): curvature C at the vertex, conic constant k = -e^2, and
+    coefficients of the even powers from the fourth. The square root must be real up to the rim.
     """
 
     curvature: float = parameter("curvature at the vertex, 1/R", unit="1/m", free=False)
@@ -25,12 +25,12 @@ class Asphere(Mirror):
     hole: float = inner_rim()
 
     def __post_init__(self) -> None:
-        """Refuse a rim where the profile has no height."""
+        """Check that the profile is defined up to the rim."""
         super().__post_init__()
         if not np.isfinite(self.rim) or (1 + self.conic) * (self.curvature * self.rim) ** 2 >= 1:
             raise ValueError(
-                f"the rim of an asphere must lie where its conic section has a height: (1 + conic) (curvature rim)^2 < "
-                f"1, got conic {self.conic:g}, curvature {self.curvature:g} and rim {self.rim:g}"
+                "the profile of an asphere must be defined up to its rim: (1 + conic) (curvature rim)^2 < 1, got conic"
+                f" {self.conic:g}, curvature {self.curvature:g} and rim {self.rim:g}"
             )
 
     def profile(self, w: Array) -> tuple[Array, Array, Array]:
@@ -43,8 +43,8 @@ class Asphere(Mirror):
         return s, ds, dds
 
     def on_sheet(self, a: Array, b: Array) -> NDArray[np.bool_]:
-        # Past its rim a polynomial may do anything.
-        return a * a + b * b <= self.rim**2 * (1 + 1e-14)
+        # The polynomial is not meaningful beyond the rim.
+        return a * a + b * b <= self.rim**2 * (1 + RIM_TOLERANCE)
 
     @classmethod
     def example(cls) -> Self:

@@ -12,10 +12,11 @@ from omnisight.optics.mirrors._quadric import Quadric
 
 @dataclass(frozen=True)
 class Cone(Quadric):
-    """z = rho / tan(half_angle): its tip towards the lens, or, past 90 degrees, a funnel.
+    """z = rho / tan(half_angle): a cone with its apex towards the lens, or a funnel if half_angle > 90 degrees.
 
-    The tip has no normal and shows nothing. Of a pinhole on the axis the viewpoints lie on a circle (Baker and Nayar, A
-    theory of single-viewpoint catadioptric image formation, IJCV 1999, 3.3: the pinhole would have to be the tip).
+    The apex has no normal and reflects nothing. A pinhole on the axis sees viewpoints on a circle; a single viewpoint
+    would need the pinhole at the apex (Baker and Nayar, A theory of single-viewpoint catadioptric image formation, IJCV
+    1999, section 3.3).
     """
 
     half_angle: float = parameter("angle between the axis and the surface", unit="rad", low=0.0, high=np.pi, free=False)
@@ -23,14 +24,14 @@ class Cone(Quadric):
     hole: float = inner_rim()
 
     def __post_init__(self) -> None:
-        """Refuse a needle."""
+        """Check the half angle."""
         super().__post_init__()
         if self.half_angle <= 0 or self.half_angle >= np.pi:
-            raise ValueError(f"the half angle of a cone lies between 0 and pi (radians), got {self.half_angle:g}")
+            raise ValueError(f"the half angle of a cone must be between 0 and pi radians, got {self.half_angle:g}")
 
     @property
     def slope(self) -> float:
-        """How fast the sag grows with rho."""
+        """The derivative of the sag by rho."""
         return 1 / float(np.tan(self.half_angle))
 
     def profile(self, w: Array) -> tuple[Array, Array, Array]:

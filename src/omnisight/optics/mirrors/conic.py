@@ -13,13 +13,13 @@ from omnisight.optics.mirrors._quadric import Quadric
 
 @dataclass(frozen=True)
 class Conic(Quadric):
-    """A conic section turned around the axis through its foci.
+    """A conic section rotated about the axis through its foci.
 
     z(rho) = rho^2 / (R (1 + sqrt(1 - (1 - e^2) rho^2/R^2))), with R the radius of curvature at the vertex and e the
-    eccentricity: the sheet of rho^2 + (1 - e^2) z^2 = 2 R z that holds the vertex, of an ellipse the half of it.
+    eccentricity: the sheet of rho^2 + (1 - e^2) z^2 = 2 R z that contains the vertex (for an ellipse half of it).
 
-    R > 0 is convex as the lens sees it, R < 0 concave. The foci lie at z = R/(1 + e), which is the viewpoint of a
-    convex mirror, and at z = R/(1 - e), where the lens belongs that sees from one point.
+    R > 0 is convex as seen from the lens, R < 0 concave. The foci are at z = R/(1 + e), the viewpoint of a convex
+    mirror, and at z = R/(1 - e), the lens position that gives a single viewpoint.
     """
 
     radius: float = parameter("radius of curvature at the vertex, half the latus rectum", unit="m", free=False)
@@ -28,26 +28,28 @@ class Conic(Quadric):
     hole: float = inner_rim()
 
     def __post_init__(self) -> None:
-        """Refuse a point."""
+        """Check that the radius is not 0."""
         super().__post_init__()
         if self.radius == 0:
-            raise ValueError("the radius at the vertex of a conic section is not 0: above it convex, below it concave")
+            raise ValueError(
+                "the vertex radius of a conic mirror must not be 0: positive is convex, negative is concave"
+            )
 
-    # -- by name ------------------------------------------------------------------------------------------------
+    # -- constructors -------------------------------------------------------------------------------------------
 
     @classmethod
     def sphere(cls, radius: float, rim: float | None = None) -> Self:
-        """Make a ball of that radius; below 0 a bowl. All of the half that faces the lens, unless a rim is given."""
+        """Make a sphere of a radius (negative: concave). The default rim is that of the hemisphere facing the lens."""
         return cls(radius, 0.0, abs(radius) if rim is None else rim)
 
     @classmethod
     def parabola(cls, latus_rectum: float, rim: float) -> Self:
-        """Make a paraboloid 2 z = rho^2 / R of that latus rectum 2 R; below 0 concave."""
+        """Make a paraboloid 2 z = rho^2 / R with the latus rectum 2 R (negative: concave)."""
         return cls(latus_rectum / 2, 1.0, rim)
 
     @classmethod
     def hyperbola(cls, a: float, c: float, rim: float) -> Self:
-        """Make the convex hyperboloid with the semi-axis a and the foci 2 c apart; c > a > 0.
+        """Make the convex hyperboloid with semi-axis a and focal distance 2 c; c > a > 0.
 
         Raises
         ------
@@ -60,7 +62,7 @@ class Conic(Quadric):
 
     @classmethod
     def ellipse(cls, a: float, c: float, rim: float) -> Self:
-        """Make the concave ellipsoid with the semi-axis a and the foci 2 c apart, seen from within; a > c >= 0.
+        """Make the concave ellipsoid with semi-axis a and focal distance 2 c, seen from inside; a > c >= 0.
 
         Raises
         ------
@@ -71,11 +73,11 @@ class Conic(Quadric):
             raise ValueError(f"an ellipse has a > c >= 0, got a = {a}, c = {c}")
         return cls(-(a * a - c * c) / a, c / a, rim)
 
-    # -- what is known of it ------------------------------------------------------------------------------------
+    # -- properties ---------------------------------------------------------------------------------------------
 
     @property
     def foci(self) -> tuple[float, float]:
-        """Where on the axis the foci are: R/(1 + e), and R/(1 - e), which a parabola has at infinity."""
+        """The z of the foci: R/(1 + e), and R/(1 - e), which is infinite for a parabola."""
         e = self.eccentricity
         return self.radius / (1 + e), self.radius / (1 - e) if e != 1 else -np.copysign(np.inf, self.radius)
 
@@ -92,15 +94,15 @@ class Conic(Quadric):
 
     @property
     def epsilon(self) -> float:
-        """The parameter of the unified model of this mirror with the lens in its focus: 2 e/(1 + e^2).
+        """The parameter xi of the unified model of this mirror with the lens in its focus: 2 e/(1 + e^2).
 
-        Equal to d/sqrt(d^2 + L^2/4) with the distance d between the foci and the latus rectum L. Table 1 of the
-        chapter prints sqrt(d^2 + 4 l^2), which holds only if l is a quarter of the latus rectum.
+        This equals d/sqrt(d^2 + L^2/4) with the focal distance d and the latus rectum L. Table 1 of the book chapter
+        prints sqrt(d^2 + 4 l^2), which holds only if l is a quarter of the latus rectum.
         """
         e = self.eccentricity
         return 2 * e / (1 + e * e)
 
-    # -- the mirror ---------------------------------------------------------------------------------------------
+    # -- implementation of Mirror -------------------------------------------------------------------------------
 
     def profile(self, w: Array) -> tuple[Array, Array, Array]:
         share = (1 - self.eccentricity**2) / self.radius**2
@@ -109,7 +111,7 @@ class Conic(Quadric):
         return w / (self.radius * (1 + q)), ds, 0.5 * share * ds / (q * q)
 
     def normal(self, points: ArrayLike) -> Array:
-        # Without the slope, which is infinite where a ball is widest.
+        # Not from the slope, which is infinite at the equator of a sphere.
         p = np.asarray(points, float)
         x, y = p[..., 0] / self.radius, p[..., 1] / self.radius
         square = 1 - (1 - self.eccentricity**2) * (x * x + y * y)
@@ -118,8 +120,8 @@ class Conic(Quadric):
         return n / np.sqrt((n * n).sum(-1, keepdims=True))
 
     def chart(self, w: Array) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
-        # The rational one, rho = 2 v/(1 + c v^2) and z = rho v/R with c = (1 - e^2)/R^2: smooth where an ellipse is
-        # widest, which x and y are not.
+        # The rational chart rho = 2 v/(1 + c v^2), z = rho v/R with c = (1 - e^2)/R^2 is smooth at the equator of an
+        # ellipsoid; x and y are not.
         c = (1 - self.eccentricity**2) / self.radius**2
         g = 1 / (1 + c * w)
         a = (2 * g, -2 * c * g**2, 4 * c * c * g**3)

@@ -9,7 +9,7 @@ from omnisight.optics.mirrors._quadric import Quadric
 
 @dataclass(frozen=True)
 class Plane(Quadric):
-    """z = 0: the lens sees the world as its mirror image would."""
+    """z = 0: equivalent to a lens at the mirror image of the real one."""
 
     rim: float = outer_rim()
     hole: float = inner_rim()

@@ -1,4 +1,4 @@
-"""Non-central cameras to calibrate: each file of this folder that does not begin with an underscore holds one."""
+"""Non-central camera models for calibration. Each file of this folder without a leading underscore defines one."""
 
 from omnisight.extensions import class_in, names_in
 from omnisight.optics.ray_model import RayModel
@@ -7,16 +7,16 @@ __all__ = ["ray_model_class", "ray_model_names"]
 
 
 def ray_model_names() -> tuple[str, ...]:
-    """Give the names of all non-central cameras, sorted: the names of the files here."""
+    """Return the names of all non-central camera models, sorted."""
     return names_in(__name__)
 
 
 def ray_model_class(name: str) -> type[RayModel]:
-    """Give the non-central camera of that name.
+    """Return the non-central camera model of a name.
 
     Raises
     ------
     ValueError
-        If there is no such camera; the message lists the names.
+        If the name is unknown; the message lists the known names.
     """
     return class_in(__name__, name, RayModel, "non-central camera")
