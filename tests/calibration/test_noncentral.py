@@ -109,7 +109,7 @@ def test_a_camera_of_rays_knows_what_it_is(case):
     assert camera.model.name == "axial"
     assert camera.unit == "m"
     assert camera.size == SIZE
-    assert camera.calibration["travel"] == pytest.approx(camera.model.travel(camera.theta_min, camera.theta_max))
+    assert camera.calibration["travel"] == pytest.approx(camera.model.pupil_shift(camera.theta_min, camera.theta_max))
     assert camera.covariance.shape == (camera.model.params.size,) * 2
     assert camera.calibration["central_held_out_rms"] == case.rays.central.held_out_rms
     assert camera.theta_max == pytest.approx(case.central.camera.theta_max, abs=0.15)

@@ -87,7 +87,7 @@ def drawn_again():
     noise, found = np.random.default_rng(5), []
     for _ in range(80):
         seen = dataclasses.replace(views, pixels=views.pixels + NOISE * noise.standard_normal(views.pixels.shape))
-        found.append((fit("again", start.state, seen, start.freedom, loss="huber"), seen))
+        found.append((fit("again", start.state, seen, start.free_parameters, loss="huber"), seen))
     return found
 
 
@@ -105,7 +105,7 @@ def test_it_is_as_sure_of_what_is_far_as_calibrations_of_other_noise_agree(drawn
 
 def test_it_is_as_sure_of_its_travel_as_calibrations_of_other_noise_agree(drawn_again):
     cone = 0.0, REACH
-    lengths = [c.state.model.travel(*cone) for c, _ in drawn_again]
+    lengths = [c.state.model.pupil_shift(*cone) for c, _ in drawn_again]
     cameras = [ray_camera(*of) for of in drawn_again[:10]]
     stated = [PupilShift.between(camera.model, camera.covariance, cone) for camera in cameras]
     assert stated[0].length == pytest.approx(lengths[0])

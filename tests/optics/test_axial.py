@@ -117,7 +117,7 @@ def test_the_start_of_a_ray_is_gennerys(pupil):
             float((t / mpmath.sin(t) - 1) * sum(e * t ** (2 * k) for k, e in enumerate(pupil)))
             for t in map(mpmath.mpf, theta.tolist())
         ]
-    np.testing.assert_allclose(Axial(LENS, pupil).start(theta), exact, rtol=1e-11, atol=1e-16)
+    np.testing.assert_allclose(Axial(LENS, pupil).pupil_z(theta), exact, rtol=1e-11, atol=1e-16)
 
 
 @pytest.mark.parametrize("name", model_names())
@@ -156,8 +156,8 @@ def test_near_points_before_the_caustic_and_behind_are_not_seen():
     model = Axial(Equirectangular.example(), (0.2,))
     # Neighbouring rays at theta cross s' sin(theta) along the ray.
     theta = np.array([0.5, 1.0, 1.5])
-    slope = (model.start(theta + 1e-6) - model.start(theta - 1e-6)) / 2e-6 * np.sin(theta)
-    start = model.start(theta)[:, None] * (0.0, 0.0, 1.0)
+    slope = (model.pupil_z(theta + 1e-6) - model.pupil_z(theta - 1e-6)) / 2e-6 * np.sin(theta)
+    start = model.pupil_z(theta)[:, None] * (0.0, 0.0, 1.0)
     bearings = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], -1)
     beyond = model.project(start + (1.3 * slope)[:, None] * bearings)
     assert beyond[1].all()
@@ -169,8 +169,8 @@ def test_near_points_before_the_caustic_and_behind_are_not_seen():
 
 def test_the_travel_is_that_of_the_starts():
     model = Axial(LENS, (0.01,))
-    assert model.travel(0.0, np.pi / 2) == pytest.approx(0.01 * (np.pi / 2 - 1))
-    assert model.travel(1.0, 1.0) == 0
+    assert model.pupil_shift(0.0, np.pi / 2) == pytest.approx(0.01 * (np.pi / 2 - 1))
+    assert model.pupil_shift(1.0, 1.0) == 0
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_residuals_are_split_at_the_ray_that_passes_the_corner(axial):
     np.testing.assert_allclose(np.hypot(along, across), axial.calibration.residual_lengths, rtol=1e-9)
     points = axial.calibration.state.points(axial.calibration.views)[0]
     model = axial.camera.model
-    start = model.start(axial.theta)
+    start = model.pupil_z(axial.theta)
     # From where that ray starts, the corner lies at its angle, but for the residual.
     angle = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2] - start)
     np.testing.assert_allclose(axial.theta, angle, atol=1e-6)
@@ -83,7 +83,7 @@ def test_it_draws_how_far_the_viewpoint_moves(text, axial):
     assert re.search(r"by [\d.]+ ± [\d.]+ mm", drawn)
     true = RayCamera(Axial(axial.camera.model.lens, (0.012,)), axial.camera.size)
     cone = axial.camera.theta_min, axial.reach
-    assert abs(travel.length - true.model.travel(*cone)) < 5 * travel.length_sigma
+    assert abs(travel.length - true.model.pupil_shift(*cone)) < 5 * travel.length_sigma
     boards = np.linalg.norm(axial.calibration.state.points(axial.calibration.views)[0], axis=1)
     near, far = (float(value) for value in re.search(r"Corners were (\S+) mm to (\S+) mm away", drawn).groups())
     assert 1e3 * boards.min() * 0.99 <= near < far <= 1e3 * boards.max() * 1.01

@@ -119,7 +119,7 @@ def _viewpoint(camera: Any) -> None:
     print(f"lengths     in {'metres' if camera.unit == 'm' else camera.unit}")
     if isinstance(camera.model, Axial):
         first, last = camera.theta_min, camera.theta_max or camera.model.theta_max
-        travel = camera.model.travel(first, last)
+        travel = camera.model.pupil_shift(first, last)
         said = f"{1e3 * travel:.3g} mm" if camera.unit == "m" else f"{travel:.3g} {camera.unit}"
         print(
             f"viewpoint   moves by {said} along the axis, {math.degrees(first):.0f} to {math.degrees(last):.0f} degrees"

@@ -126,8 +126,8 @@ def _refined(
     views, usable, central = calibration.views, ~calibration.outliers, calibration.chosen
     start = placed(whole(model, views), views)
     still = (*fixed, *(name for name in idle(model) if name not in free))
-    freedom = FreeParameters.of(start.model, fixed=still, free=free, warp=central.freedom.warp)
-    found = fit(model.name, start, views, freedom, loss=loss)
+    free_parameters = FreeParameters.of(start.model, fixed=still, free=free, warp=central.free_parameters.warp)
+    found = fit(model.name, start, views, free_parameters, loss=loss)
     if not found.rms <= HOPELESS * central.rms:
         raise ValueError(
             f"{model.name}: refined from the camera to start from, it is {found.rms:.2f} px off, a central"
@@ -190,7 +190,7 @@ def _concluded(
 ) -> RaysCalibration:
     best, views = ranked[0], calibration.views
     state = best.state
-    outliers = ResidualWeights.of(state, views).outliers(state, views)
+    outliers = ResidualWeights.estimate(state, views).outliers(state, views)
     model = cast(RayModel, state.model)
     bearings = model.rays(views.pixels[~outliers])[1]
     angles = angle_from_axis(bearings)
@@ -209,7 +209,7 @@ def _concluded(
     first = float(np.nanmin(angles)) if calibration.camera.theta_min or not isinstance(model, Axial) else 0.0
     last = float(np.nanmax(angles))
     if isinstance(model, Axial):
-        figures["travel"] = model.travel(first, last)
+        figures["travel"] = model.pupil_shift(first, last)
     camera = RayCamera(
         model,
         calibration.camera.size,

@@ -83,7 +83,7 @@ class CentralApproximationError:
         bearings = polar(*(angle.ravel() for angle in grid))
         seen, shown = axial.lens.project_numpy(bearings)
         shown &= np.all((seen >= -0.5) & (seen < np.array(size) - 0.5), axis=-1)
-        start = axial.start(grid[0].ravel())[:, None] * (0.0, 0.0, 1.0)
+        start = axial.pupil_z(grid[0].ravel())[:, None] * (0.0, 0.0, 1.0)
         taken, back = central.unproject_numpy(seen)
         off, turned = list[Array](), list[Array]()
         for distance in distances:

@@ -53,7 +53,7 @@ class PupilShift:
         """
         count = len(model.pupil)
         alone = [Axial(model.lens, tuple(row)) for row in np.eye(count)]
-        effect = np.stack([one.start(theta) - one.start(first) for one in alone], -1)
+        effect = np.stack([one.pupil_z(theta) - one.pupil_z(first) for one in alone], -1)
         return cls(theta, effect @ np.array(model.pupil), effect, covariance[-count:, -count:])
 
     @classmethod

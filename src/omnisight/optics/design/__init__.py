@@ -1,1 +1,1 @@
-"""Mirrors made to order: from a field of view, a sensor and a size to a mirror, its lens, and what they show."""
+"""Design of mirror cameras: from field of view, sensor and sizes to the mirror, its lens and their performance."""

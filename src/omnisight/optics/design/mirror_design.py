@@ -1,4 +1,4 @@
-"""Makes a mirror camera to order."""
+"""Design of a mirror camera from its specification."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,18 +9,18 @@ from scipy.optimize import brentq
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
 from omnisight.optics.catadioptric import Catadioptric
-from omnisight.optics.design.shapes import KINDS, Kind
-from omnisight.optics.design.specification import FILL, MirrorSpecification
+from omnisight.optics.design.shapes import KINDS, MirrorKind
+from omnisight.optics.design.specification import FILL_FRACTION, MirrorSpecification
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.placed_mirror import PlacedMirror
 from omnisight.optics.telecentric import Telecentric
 
-# Taken where the order leaves it open: the half angle under which the lens sees the rim, and the rim's diameter.
-BETA = np.radians(20.0)
-DIAMETER = 0.06
-# The narrowest and the widest lens that is thought of, half angles.
-NARROW, WIDE = np.radians(0.2), np.radians(70.0)
+# Defaults: half angle of the lens at the rim of the mirror (a common C-mount lens), and diameter of the rim.
+DEFAULT_LENS_HALF_ANGLE_RAD = np.radians(20.0)
+DEFAULT_DIAMETER_M = 0.06
+# Half angles of the narrowest and the widest practical lens.
+MIN_LENS_HALF_ANGLE_RAD, MAX_LENS_HALF_ANGLE_RAD = np.radians(0.2), np.radians(70.0)
 
 
 @dataclass(frozen=True)
@@ -29,21 +29,21 @@ class MirrorDesign:
 
     Attributes
     ----------
-    order
-        What was asked for.
+    specification
+        The requirements.
     mirror
-        In metres, its rim included.
+        Shape and rim, metres.
     distance
-        From the lens' centre (of a telecentric lens: its front) to the mirror's vertex, metres.
+        From the lens centre (for a telecentric lens: its front) to the mirror's vertex, metres.
     focal
-        Of the lens, metres; None of a telecentric one.
+        Focal length of the lens, metres; None for a telecentric lens.
     magnification
-        Of a telecentric lens, sensor over mirror; None of another.
+        Sensor size over mirror size of a telecentric lens; None otherwise.
     circle
         Radius of the mirror's image, px.
     """
 
-    order: MirrorSpecification
+    specification: MirrorSpecification
     mirror: Conic | Cone
     distance: float
     focal: float | None
@@ -53,32 +53,32 @@ class MirrorDesign:
     @property
     def central(self) -> bool:
         """Whether it has a single viewpoint."""
-        return KINDS[self.order.kind].central
+        return KINDS[self.specification.kind].central
 
     @property
     def centre(self) -> tuple[float, float]:
-        """The pixel of the axis: the middle of the sensor."""
-        width, height = self.order.size
+        """Pixel of the axis: the centre of the sensor."""
+        width, height = self.specification.size
         return (width - 1) / 2, (height - 1) / 2
 
     def system(self, *, across: float = 0.0, along: float = 0.0, tilt: float = 0.0) -> Catadioptric:
-        """Give the camera to trace; its mirror may be moved (metres), or tilted about its vertex (radians)."""
+        """Return the camera for ray tracing, optionally with a displaced (metres) or tilted (radians) mirror."""
         placed = PlacedMirror(self.mirror, tilt_y=tilt, tx=across, tz=self.distance + along)
         return Catadioptric(self._lens(), (placed,))
 
     def _lens(self) -> Pinhole | Telecentric:
         if self.magnification is not None:
-            scale = self.magnification / self.order.pixel
+            scale = self.magnification / self.specification.pixel
             return Telecentric(scale, scale, *self.centre)
         assert self.focal is not None
-        focal = self.focal / self.order.pixel
+        focal = self.focal / self.specification.pixel
         return Pinhole(focal, focal, *self.centre)
 
     def model(self) -> Unified:
-        """Give the unified model of a central design, in a frame that does not flip: x right, z down to the lens.
+        """Return the unified model of a central design, in an unmirrored frame: x right, z down to the lens.
 
-        That is the lens' frame turned by 180 degrees about y, its origin in the viewpoint: fx is negative, as a mirror
-        exchanges left and right.
+        This is the lens frame rotated by 180 degrees about y, with its origin at the viewpoint. fx is negative, because
+        the mirror exchanges left and right.
 
         Raises
         ------
@@ -87,107 +87,116 @@ class MirrorDesign:
         """
         if not self.central or not isinstance(self.mirror, Conic):
             raise ValueError(
-                f"a {self.order.kind} mirror has no single viewpoint, and the unified model is of such that have one:"
-                " trace its system()"
+                f"a {self.specification.kind} mirror has no single viewpoint, which the unified model requires: use"
+                " system() for ray tracing"
             )
         if self.magnification is not None:
-            scale = self.magnification / self.order.pixel
-            found = Unified.from_parabola(self.mirror.latus_rectum, scale, self.centre)
+            scale = self.magnification / self.specification.pixel
+            unified = Unified.from_parabola(self.mirror.latus_rectum, scale, self.centre)
         else:
             assert self.focal is not None
             e = self.mirror.eccentricity
-            found = Unified.from_hyperbola(1.0, e, self.focal / self.order.pixel, self.centre)
-        return found.with_params(found.params * np.array([-1, 1, 1, 1, 1, 1]))
+            unified = Unified.from_hyperbola(1.0, e, self.focal / self.specification.pixel, self.centre)
+        return unified.with_params(unified.params * np.array([-1, 1, 1, 1, 1, 1]))
 
 
-def design_mirror(order: MirrorSpecification) -> MirrorDesign:
-    """Find the mirror, its lens and their distance.
+def design_mirror(specification: MirrorSpecification) -> MirrorDesign:
+    """Compute the mirror, its lens and their distance.
 
-    What the order leaves open of focal length, diameter and distance follows from the rest: two of them settle the
-    third. With fewer, the lens sees the rim under `BETA` (a cone: under the field asked for), and the rim is `DIAMETER`
-    wide. With all three the sensor is filled as far as they go.
+    Two of focal length, diameter and distance determine the third. With fewer, the lens sees the rim at
+    `DEFAULT_LENS_HALF_ANGLE_RAD` (for a cone: at the field of view), and the diameter is `DEFAULT_DIAMETER_M`. With all
+    three, the image may be smaller than the sensor.
 
     Raises
     ------
     ValueError
-        If it cannot be, with the reason and what to change.
+        If the specification is impossible; the message has the reason and the remedy.
     """
-    kind = KINDS[order.kind]
-    beta = 0.0 if kind.parallel else _half_angle(order, kind)
-    _must_show(order, beta)
-    if order.diameter is not None:
-        rim = order.diameter / 2
-    elif order.distance is not None and not kind.parallel:
-        rim = order.distance / kind.shape(order.theta, beta, 1.0)[1]
+    kind = KINDS[specification.kind]
+    beta = 0.0 if kind.parallel else _lens_half_angle(specification, kind)
+    _check_rim(specification, beta)
+    if specification.diameter is not None:
+        rim = specification.diameter / 2
+    elif specification.distance is not None and not kind.parallel:
+        rim = specification.distance / kind.shape(specification.theta, beta, 1.0)[1]
     else:
-        rim = DIAMETER / 2
-    mirror, distance = kind.shape(order.theta, beta, rim)
+        rim = DEFAULT_DIAMETER_M / 2
+    mirror, distance = kind.shape(specification.theta, beta, rim)
+    image_radius = specification.max_image_radius * FILL_FRACTION
     if kind.parallel:
-        size = order.half * FILL
-        distance = order.distance or distance
-        return MirrorDesign(order, mirror, distance, None, size / rim, size / order.pixel)
-    focal = order.focal or order.half * FILL / np.tan(beta)
-    circle = float(focal * np.tan(beta) / order.pixel)
-    if circle > order.half / order.pixel * (1 + 1e-9):
+        distance = specification.distance or distance
+        magnification, circle = image_radius / rim, image_radius / specification.pixel
+        return MirrorDesign(specification, mirror, distance, None, magnification, circle)
+    focal = specification.focal or image_radius / np.tan(beta)
+    circle = float(focal * np.tan(beta) / specification.pixel)
+    if circle > specification.max_image_radius / specification.pixel * (1 + 1e-9):
         raise ValueError(
             f"with a focal length of {_mm(focal)} the mirror's image is {2 * circle:.0f} px wide, the sensor"
-            f" {min(order.size)}: take {_mm(order.half * FILL / np.tan(beta))}, a smaller mirror, or more distance"
+            f" {min(specification.size)} px: use {_mm(image_radius / np.tan(beta))}, a smaller mirror or a larger"
+            " distance"
         )
-    return MirrorDesign(order, mirror, distance, float(focal), None, circle)
+    return MirrorDesign(specification, mirror, distance, float(focal), None, circle)
 
 
-def _half_angle(order: MirrorSpecification, kind: Kind) -> float:
-    """Give the half angle under which the lens sees the rim."""
-    if order.diameter is not None and order.distance is not None:
-        return _angle_of_sizes(order, kind, order.diameter, order.distance)
-    if order.focal is not None:
-        return float(np.arctan(order.half * FILL / order.focal))
-    return order.up + order.down if order.kind == "conical" else float(BETA)
+def _lens_half_angle(specification: MirrorSpecification, kind: MirrorKind) -> float:
+    """Return the half angle at which the lens sees the rim."""
+    if specification.diameter is not None and specification.distance is not None:
+        return _half_angle_of_sizes(specification, kind, specification.diameter, specification.distance)
+    if specification.focal is not None:
+        return float(np.arctan(specification.max_image_radius * FILL_FRACTION / specification.focal))
+    if specification.kind == "conical":
+        return specification.up + specification.down
+    return float(DEFAULT_LENS_HALF_ANGLE_RAD)
 
 
-def _angle_of_sizes(order: MirrorSpecification, kind: Kind, diameter: float, distance: float) -> float:
-    """Find the half angle at which a mirror so wide has its lens so far away: the narrower, the farther."""
+def _half_angle_of_sizes(
+    specification: MirrorSpecification, kind: MirrorKind, diameter: float, distance: float
+) -> float:
+    """Return the half angle for which a mirror of a diameter has its lens at a distance; it decreases with distance."""
 
     def excess(beta: float) -> float:
-        return kind.shape(order.theta, beta, diameter / 2)[1] - distance
+        return kind.shape(specification.theta, beta, diameter / 2)[1] - distance
 
-    widest = float(min(WIDE, order.theta * 0.999, (np.pi - order.theta) * 0.999))
-    if excess(NARROW) < 0:
-        raise ValueError(f"a distance of {_mm(distance)} is too far for a mirror of {_mm(diameter)}")
+    narrowest, theta = MIN_LENS_HALF_ANGLE_RAD, specification.theta
+    widest = float(min(MAX_LENS_HALF_ANGLE_RAD, theta * 0.999, (np.pi - theta) * 0.999))
+    if excess(narrowest) < 0:
+        raise ValueError(f"a distance of {_mm(distance)} is too large for a mirror of {_mm(diameter)}: reduce it")
     if excess(widest) > 0:
-        nearest = kind.shape(order.theta, widest, diameter / 2)[1]
+        nearest = kind.shape(theta, widest, diameter / 2)[1]
         raise ValueError(
-            f"a {order.kind} mirror of {_mm(diameter)} that shows {_degrees(order.up)} degrees up needs a lens"
-            f" {_mm(nearest)} away or farther, got {_mm(distance)}: give more distance or a smaller mirror"
+            f"a {specification.kind} mirror of {_mm(diameter)} that shows {_degrees(specification.up)} degrees up needs"
+            f" a lens distance of at least {_mm(nearest)}, got {_mm(distance)}: increase the distance or use a smaller"
+            " mirror"
         )
-    return float(brentq(excess, NARROW, widest, xtol=1e-14, rtol=1e-14))  # pyright: ignore[reportArgumentType]
+    return float(brentq(excess, narrowest, widest, xtol=1e-14, rtol=1e-14))  # pyright: ignore[reportArgumentType]
 
 
-def _must_show(order: MirrorSpecification, beta: float) -> None:
-    """Refuse a rim that the lens could not see, or would see the wrong way round."""
-    said = f"the lens sees the rim at {np.degrees(beta):.1f} degrees from the axis"
-    mend = "ask for less up, or for a longer lens"
-    if order.kind == "conical":
-        said = f"a cone shows as many degrees of elevation as half its lens, {np.degrees(beta):.1f} here"
-        mend = "ask for less up or down; twice up and once down make less than 90"
-    if 0 < beta < NARROW:
+def _check_rim(specification: MirrorSpecification, beta: float) -> None:
+    """Raise if the lens cannot see the rim in the required direction."""
+    state = f"the lens sees the rim at {np.degrees(beta):.1f} degrees from the axis"
+    remedy = "reduce --up, or use a longer focal length"
+    if specification.kind == "conical":
+        state = f"the field of a cone equals the half angle of its lens, {np.degrees(beta):.1f} degrees here"
+        remedy = "reduce --up or --down; 2 up + down must be less than 90"
+    if 0 < beta < MIN_LENS_HALF_ANGLE_RAD:
         raise ValueError(
-            f"with a focal length of {_mm(order.focal)} the lens sees the mirror within {_degrees(2 * beta)} degrees,"
-            f" less than the {_degrees(2 * NARROW)} that are thought of: choose a shorter one"
+            f"with a focal length of {_mm(specification.focal)} the mirror fills only {_degrees(2 * beta)} degrees,"
+            f" less than {_degrees(2 * MIN_LENS_HALF_ANGLE_RAD)}: use a shorter focal length"
         )
-    if order.theta + beta >= np.pi:
-        most = 90 - np.degrees(beta)
+    if specification.theta + beta >= np.pi:
         raise ValueError(
-            f"{said}, and no mirror shows more than {most:.1f} degrees up to it, --up is {_degrees(order.up)}: {mend}"
+            f"{state}, so no mirror shows more than {90 - np.degrees(beta):.1f} degrees up, --up is"
+            f" {_degrees(specification.up)}: {remedy}"
         )
-    if order.theta <= beta:
+    if specification.theta <= beta:
         raise ValueError(
-            f"{said}, and is to show {_degrees(order.theta)} degrees there: that takes no convex mirror, but a lens"
+            f"{state} and would have to show {_degrees(specification.theta)} degrees there, which no convex mirror"
+            " does: increase --up, or use a longer focal length"
         )
-    if order.kind == "conical" and order.up + order.down > beta * (1 + 1e-9):
+    field = specification.up + specification.down
+    if specification.kind == "conical" and field > beta * (1 + 1e-9):
         raise ValueError(
-            f"{said}, and {_degrees(order.up + order.down)} are asked for: ask for less, or leave focal length or"
-            " distance open"
+            f"{state}, but the field is {_degrees(field)} degrees: reduce it, or leave focal length or distance out"
         )
 
 

@@ -1,4 +1,4 @@
-"""What a mirror camera shows, how finely, and how much it minds being put together badly: all by tracing rays."""
+"""Performance of a mirror design by ray tracing: blind spot, resolution, viewpoint, sensitivity to misalignment."""
 
 from dataclasses import dataclass
 
@@ -14,43 +14,43 @@ from omnisight.optics.viewpoint import Viewpoint, best_viewpoint
 
 Array = NDArray[np.float64]
 
-# Radii of the image that a curve has, and rings and spokes of the pixels that a viewpoint is sought for.
-CURVE, RINGS, SPOKES = 400, 12, 24
-# A share of the image's radius: its very middle, a cone's tip, has no direction.
-FIRST = 1e-6
-# The rim itself may be missed by rounding, or by a mirror out of its place.
-EDGE = 1 - 1e-9
-MOVED_EDGE = 0.98
-# A mirror that is moved by more than this share of its rim is no longer before the lens.
-LEFT = 0.25
-# Degrees by which a field may be missed, for rounding.
-SLACK = 1e-3
-# Where the mirror is put, by what is said of it.
-PLACES = {
+# Samples of the resolution curve, and rings and spokes of the pixels for the viewpoint.
+CURVE_SAMPLES, RINGS, SPOKES = 400, 12, 24
+# Inner image radius as a share of the outer one; the apex of a cone reflects nothing.
+MIN_RADIUS_FRACTION = 1e-6
+# Outer image radius as a share of the nominal one: inside by rounding, or to stay on a displaced mirror.
+EDGE_FRACTION = 1 - 1e-9
+DISPLACED_EDGE_FRACTION = 0.98
+# Displacements larger than this share of the rim radius are skipped: the mirror would leave the lens's view.
+MAX_DISPLACEMENT_FRACTION = 0.25
+# Tolerance of the field of view, for rounding.
+FIELD_TOLERANCE_DEG = 1e-3
+# Misalignments of the mirror, by description.
+MISALIGNMENTS = {
     "as designed": {},
-    "0.1 mm too far": {"along": 1e-4},
-    "1 mm too far": {"along": 1e-3},
-    "0.1 mm across": {"across": 1e-4},
-    "1 mm across": {"across": 1e-3},
-    "tilted 0.1°": {"tilt": float(np.radians(0.1))},
-    "tilted 1°": {"tilt": float(np.radians(1.0))},
+    "0.1 mm axial": {"along": 1e-4},
+    "1 mm axial": {"along": 1e-3},
+    "0.1 mm lateral": {"across": 1e-4},
+    "1 mm lateral": {"across": 1e-3},
+    "tilt 0.1°": {"tilt": float(np.radians(0.1))},
+    "tilt 1°": {"tilt": float(np.radians(1.0))},
 }
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely the image shows elevations, from the rim inwards to the blind spot.
+    """Angular resolution of the image, from the blind spot outwards to the rim.
 
     Attributes
     ----------
     theta
         (N,) angles from straight down, radians; the elevation is theta - pi/2.
     radius
-        (N,) of the image, px.
+        (N,) image radii, px.
     up
         (N,) px per radian of elevation.
     around
-        (N,) px per radian of a great circle across it: per radian of azimuth, over sin(theta).
+        (N,) px per radian along the horizontal great circle: per radian of azimuth, over sin(theta).
     """
 
     theta: Array
@@ -59,23 +59,23 @@ class Resolution:
     around: Array
 
     def at(self, theta: Array) -> "Resolution":
-        """Give it at other angles, between those that it has."""
+        """Return the resolution at other angles, by linear interpolation."""
         order = np.argsort(self.theta)
-        own = self.theta[order]
-        radius, up, around = (np.interp(theta, own, v[order]) for v in (self.radius, self.up, self.around))
+        known = self.theta[order]
+        radius, up, around = (np.interp(theta, known, v[order]) for v in (self.radius, self.up, self.around))
         return Resolution(theta, radius, up, around)
 
 
 @dataclass(frozen=True)
 class BlindSpot:
-    """Where the camera sees itself, or nothing.
+    """The region below the camera where it sees only itself, or nothing.
 
     Attributes
     ----------
     theta
-        From straight down to this angle (radians) nothing else is seen.
+        Half angle of the region around straight down, radians.
     radius
-        Of the spot in the image, px.
+        Radius of the region in the image, px.
     """
 
     theta: float
@@ -84,21 +84,21 @@ class BlindSpot:
 
 @dataclass(frozen=True)
 class Misalignment:
-    """What is left of the single viewpoint with the mirror out of its place.
+    """The effect of a misaligned mirror.
 
     Attributes
     ----------
-    said
-        What is wrong, such as "0.1 mm across".
+    description
+        The misalignment, such as "0.1 mm lateral".
     rms, worst
-        Distance of rays from their best viewpoint, metres.
+        Distance of the rays from their best viewpoint, metres.
     rms_px, worst_px
-        Their parallax at the working distance, px: no calibration mends it.
+        Parallax at the working distance, px. Calibration of a central model cannot remove it.
     moved_px
-        How far the image moves at most, px: for one who relies on the drawing; calibration finds it.
+        Largest image displacement, px. Calibration determines it.
     """
 
-    said: str
+    description: str
     rms: float
     worst: float
     rms_px: float
@@ -108,7 +108,7 @@ class Misalignment:
 
 @dataclass(frozen=True)
 class Performance:
-    """What a design comes to."""
+    """The performance of a mirror design."""
 
     blind: BlindSpot
     resolution: Resolution
@@ -117,40 +117,40 @@ class Performance:
 
 
 def blind_spot(design: MirrorDesign) -> BlindSpot:
-    """Find the pixels whose rays come back to the camera's own body; a telecentric lens is as wide as the mirror."""
+    """Compute the blind spot: pixels whose rays hit the camera body. A telecentric lens is as wide as the mirror."""
     system = design.system()
-    lens_radius = max(design.order.body / 2, design.mirror.rim if design.focal is None else 0.0)
+    lens_radius = max(design.specification.body / 2, design.mirror.rim if design.focal is None else 0.0)
 
-    def beside(radius: float) -> float:
-        """Give how far from the body a ray passes the height of the lens."""
+    def clearance(radius: float) -> float:
+        """Return the distance from the body at which the ray of an image radius passes the lens plane."""
         origin, bearing, _ = system.rays(_right(design, np.array(radius)))
         if bearing[2] >= 0:
             return np.inf
         return float(np.hypot(*(origin - origin[2] / bearing[2] * bearing)[:2])) - lens_radius
 
-    first, last = FIRST * design.circle, design.circle * EDGE
-    if beside(last) <= 0:
-        return BlindSpot(design.order.theta, design.circle)
-    if beside(first) >= 0:  # a cone shows nothing straight down
+    first, last = MIN_RADIUS_FRACTION * design.circle, design.circle * EDGE_FRACTION
+    if clearance(last) <= 0:
+        return BlindSpot(design.specification.theta, design.circle)
+    if clearance(first) >= 0:  # a cone shows nothing straight down
         return BlindSpot(float(_theta(system.rays(_right(design, np.array(first))).bearings)), 0.0)
-    radius = float(brentq(beside, first, last))  # pyright: ignore[reportArgumentType]
+    radius = float(brentq(clearance, first, last))  # pyright: ignore[reportArgumentType]
     return BlindSpot(float(_theta(system.rays(_right(design, np.array(radius))).bearings)), radius)
 
 
 def resolution(design: MirrorDesign, first: float) -> Resolution:
-    """Trace the image from a radius (px) outwards to the rim."""
-    radii = np.linspace(max(first, FIRST * design.circle), design.circle * EDGE, CURVE)
-    found = ray_jacobians(design.system(), _right(design, radii))
-    theta = _theta(found.rays.bearings)
-    # With all azimuths alike, the bearing moves in its meridional plane along u, and across it along v.
-    along, across = (np.linalg.norm(found.d_bearings[..., k], axis=-1) for k in range(2))
+    """Compute the resolution from an image radius (px) outwards to the rim."""
+    radii = np.linspace(max(first, MIN_RADIUS_FRACTION * design.circle), design.circle * EDGE_FRACTION, CURVE_SAMPLES)
+    jacobians = ray_jacobians(design.system(), _right(design, radii))
+    theta = _theta(jacobians.rays.bearings)
+    # By symmetry the bearing moves within its meridional plane along u, and across it along v.
+    along, across = (np.linalg.norm(jacobians.d_bearings[..., k], axis=-1) for k in range(2))
     return Resolution(theta, radii, 1 / along, 1 / across)
 
 
 def viewpoint(design: MirrorDesign, blind: BlindSpot, **moved: float) -> Viewpoint:
-    """Find the best viewpoint for all of the image outside of the blind spot; `moved` as in `MirrorDesign.system`."""
-    edge = MOVED_EDGE * design.circle
-    # Rings of equal area, so that the image's area is what counts.
+    """Estimate the best viewpoint of the image outside the blind spot; `moved` as in `MirrorDesign.system`."""
+    edge = DISPLACED_EDGE_FRACTION * design.circle
+    # Rings of equal area weight the image by area.
     radii = np.sqrt(np.linspace(min(blind.radius, 0.9 * edge) ** 2, edge**2, RINGS + 1)[1:])
     phi = 2 * np.pi * np.arange(SPOKES) / SPOKES
     pixels = np.array(design.centre) + radii[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], -1)
@@ -158,69 +158,68 @@ def viewpoint(design: MirrorDesign, blind: BlindSpot, **moved: float) -> Viewpoi
 
 
 def misalignments(design: MirrorDesign, blind: BlindSpot) -> tuple[Misalignment, ...]:
-    """Put the mirror out of its place in every way, and see what becomes of the viewpoint.
-
-    A mirror so small that the lens would hardly see it any more is not moved so far.
+    """Evaluate the viewpoint for every entry of `MISALIGNMENTS` that keeps the mirror in the lens's view.
 
     Raises
     ------
     ValueError
-        If things at the working distance lie within the mirror, or between the rays.
+        If the working distance is smaller than the mirror or than the distance of a ray from the viewpoint.
     """
-    if design.order.working_distance <= design.mirror.rim:
+    distance, rim = design.specification.working_distance, design.mirror.rim
+    if distance <= rim:
         raise ValueError(
-            f"the mirror is {2e3 * design.mirror.rim:.4g}mm wide: what is {1e3 * design.order.working_distance:.4g}mm"
-            " from the viewpoint lies within it; give a larger working distance"
+            f"the working distance {1e3 * distance:.4g}mm is inside the mirror, which is {2e3 * rim:.4g}mm wide: use a"
+            " larger working distance"
         )
-    found: list[Misalignment] = []
-    for said, moved in PLACES.items():
-        if max(moved.get("along", 0.0), moved.get("across", 0.0)) > LEFT * design.mirror.rim:
+    results: list[Misalignment] = []
+    for description, moved in MISALIGNMENTS.items():
+        if max(moved.get("along", 0.0), moved.get("across", 0.0)) > MAX_DISPLACEMENT_FRACTION * rim:
             continue
         point = viewpoint(design, blind, **moved)
-        if point.worst >= design.order.working_distance:
+        if point.worst >= distance:
             raise ValueError(
-                f"rays pass the viewpoint at up to {1e3 * point.worst:.3g}mm, and the working distance is"
-                f" {1e3 * design.order.working_distance:.4g}mm: give a larger one"
+                f"rays miss the viewpoint by up to {1e3 * point.worst:.3g}mm, more than the working distance"
+                f" {1e3 * distance:.4g}mm: use a larger working distance"
             )
-        error = point.parallax(design.order.working_distance)
+        error = point.parallax(distance)
         rms = float(np.sqrt(np.mean(error**2)))
-        shift = _shift(design, design.system(**moved), point.pixels)
-        found.append(Misalignment(said, point.rms, point.worst, rms, float(error.max()), shift))
-    return tuple(found)
+        shift = _max_image_shift(design, design.system(**moved), point.pixels)
+        results.append(Misalignment(description, point.rms, point.worst, rms, float(error.max()), shift))
+    return tuple(results)
 
 
-def _shift(design: MirrorDesign, moved: Catadioptric, pixels: Array) -> float:
-    """Give how far (px) what lies in the directions of pixels (N, 2) is seen from there at most, far things."""
+def _max_image_shift(design: MirrorDesign, moved: Catadioptric, pixels: Array) -> float:
+    """Return the largest image displacement (px) of distant points at pixels (N, 2)."""
     rays, _, d_bearings = ray_jacobians(moved, pixels)
     turn = design.system().rays(pixels).bearings - rays.bearings
     return float(np.linalg.norm(np.linalg.pinv(d_bearings) @ turn[:, :, None], axis=1).max())
 
 
 def evaluate_design(design: MirrorDesign) -> Performance:
-    """Find all of it.
+    """Evaluate a mirror design.
 
     Raises
     ------
     ValueError
-        If the camera's own body hides some of the field asked for.
+        If the camera body hides a part of the specified field of view.
     """
     blind = blind_spot(design)
-    down, hidden = np.degrees([design.order.down, blind.theta])
-    if down > 90 - hidden + SLACK:
+    down, hidden = np.degrees([design.specification.down, blind.theta])
+    if down > 90 - hidden + FIELD_TOLERANCE_DEG:
         raise ValueError(
-            f"the camera hides what is more than {np.floor(900 - 10 * hidden) / 10:.1f} degrees below the horizon,"
-            f" --down is {down:.4g}:"
-            " ask for less, or for a larger mirror, more distance or a smaller body"
+            f"the camera body hides everything more than {np.floor(900 - 10 * hidden) / 10:.1f} degrees below the"
+            f" horizon, --down is {down:.4g}: reduce --down, or use a larger mirror, a larger distance or a smaller"
+            " body"
         )
     return Performance(blind, resolution(design, blind.radius), viewpoint(design, blind), misalignments(design, blind))
 
 
 def _right(design: MirrorDesign, radius: Array) -> Array:
-    """Give the pixels (..., 2) to the right of the axis by so many px."""
+    """Return the pixels (..., 2) at a distance (px) to the right of the axis."""
     u, v = design.centre
     return np.stack([u + radius, np.full_like(radius, v)], -1)
 
 
 def _theta(bearings: Array) -> Array:
-    """Give the angle from straight down, which is back to the lens."""
+    """Return the angle from straight down (towards the lens)."""
     return angle_from_axis(-bearings)

@@ -1,13 +1,13 @@
-"""The shapes of mirrors by the field they show: one function per kind.
+"""Mirror shapes for a field of view: one function per kind.
 
-Every one is told the angle theta, from the axis towards the lens, at which the rim shows the world, the half angle beta
-under which the lens sees the rim, and the rim's radius. At a mirror whose surface leans by alpha against the plane
-across the axis, a ray that leaves the lens at beta goes out at
+Parameters of each function: the angle theta, from straight down (towards the lens), of the scene direction reflected at
+the rim; the half angle beta at which the lens sees the rim; and the radius of the rim. If the surface is inclined by
+alpha to the plane across the axis, a ray that leaves the lens at beta is reflected to
 
-    theta = 2 alpha + beta,
+    theta = 2 alpha + beta.
 
-so that theta and beta at the rim settle a mirror that has one parameter beside its size. All show the rim as long as
-theta + beta < 180 degrees: there the ray grazes it.
+Theta and beta at the rim therefore determine a mirror with one shape parameter. theta + beta must be less than 180
+degrees, where the ray grazes the rim.
 """
 
 from collections.abc import Callable
@@ -20,32 +20,32 @@ from omnisight.optics.mirrors.conic import Conic
 
 
 @dataclass(frozen=True)
-class Kind:
+class MirrorKind:
     """A kind of mirror.
 
     Attributes
     ----------
     shape
-        From theta and beta, radians, and the rim's radius to the mirror and the distance of the lens from its vertex.
+        Function of theta, beta (radians) and the rim radius; returns the mirror and the distance from lens to vertex.
     central
-        Whether it has a single viewpoint.
+        Whether the camera has a single viewpoint.
     parallel
-        Whether its lens is telecentric: beta is 0, and the distance is free.
-    said
-        What it is, in a few words.
+        Whether the lens is telecentric: beta is 0 and the distance is arbitrary.
+    description
+        A few words for reports.
     """
 
     shape: Callable[[float, float, float], tuple[Conic | Cone, float]]
     central: bool
     parallel: bool
-    said: str
+    description: str
 
 
 def hyperbolic(theta: float, beta: float, rim: float) -> tuple[Conic, float]:
-    """Give the hyperboloid with the lens in its far focus.
+    """Return the hyperboloid with the lens in its far focus.
 
-    A ray from focus to focus keeps tan(beta/2)/tan(theta/2) = (e - 1)/(e + 1); from the near focus the surface is
-    R/(1 + e cos(theta)) away.
+    A ray via both foci has tan(beta/2)/tan(theta/2) = (e - 1)/(e + 1). The surface is at the distance R/(1 + e
+    cos(theta)) from the near focus.
     """
     q = np.tan(beta / 2) / np.tan(theta / 2)
     e = (1 + q) / (1 - q)
@@ -54,27 +54,27 @@ def hyperbolic(theta: float, beta: float, rim: float) -> tuple[Conic, float]:
 
 
 def parabolic(theta: float, beta: float, rim: float) -> tuple[Conic, float]:
-    """Give the paraboloid, rho = R tan(theta/2); the lens may stand anywhere, three rims away for a start."""
+    """Return the paraboloid rho = R tan(theta/2). The lens distance is arbitrary; 3 rim radii by default."""
     del beta
     return Conic(radius=float(rim / np.tan(theta / 2)), eccentricity=1.0, rim=rim), 3 * rim
 
 
 def spherical(theta: float, beta: float, rim: float) -> tuple[Conic, float]:
-    """Give the sphere, rho = R sin(alpha)."""
+    """Return the sphere rho = R sin(alpha)."""
     alpha = (theta - beta) / 2
     sag = rim * np.tan(alpha / 2)
     return Conic(radius=float(rim / np.sin(alpha)), eccentricity=0.0, rim=rim), float(rim / np.tan(beta) - sag)
 
 
 def conical(theta: float, beta: float, rim: float) -> tuple[Cone, float]:
-    """Give the cone, that leans by alpha everywhere: it shows from theta - beta to theta, as much as the lens sees."""
+    """Return the cone of constant inclination alpha; its field is theta - beta to theta."""
     alpha = (theta - beta) / 2
     return Cone(half_angle=float(np.pi / 2 - alpha), rim=rim), float(rim / np.tan(beta) - rim * np.tan(alpha))
 
 
 KINDS = {
-    "hyperbolic": Kind(hyperbolic, True, False, "a hyperboloid, the lens in its far focus"),
-    "parabolic": Kind(parabolic, True, True, "a paraboloid under a telecentric lens"),
-    "spherical": Kind(spherical, False, False, "a sphere, without a single viewpoint"),
-    "conical": Kind(conical, False, False, "a cone, without a single viewpoint"),
+    "hyperbolic": MirrorKind(hyperbolic, True, False, "hyperboloid with the lens in its far focus"),
+    "parabolic": MirrorKind(parabolic, True, True, "paraboloid with a telecentric lens"),
+    "spherical": MirrorKind(spherical, False, False, "sphere, no single viewpoint"),
+    "conical": MirrorKind(conical, False, False, "cone, no single viewpoint"),
 }

@@ -1,4 +1,4 @@
-"""What a mirror is ordered by."""
+"""The requirements of a mirror camera."""
 
 from dataclasses import dataclass
 
@@ -6,36 +6,36 @@ import numpy as np
 
 from omnisight.optics.design.shapes import KINDS
 
-# How much of the sensor's shorter side the image of the mirror takes where the lens is chosen to suit.
-FILL = 0.98
-# Metres; what is larger is a unit mistaken for another.
-LARGEST = {"pixel": 1e-4, "focal length": 1.0, "diameter": 10.0, "distance": 100.0, "body": 10.0}
+# Share of the sensor's shorter side that the mirror's image fills if the lens is chosen automatically.
+FILL_FRACTION = 0.98
+# Larger values (metres) are rejected: they come from a wrong unit.
+MAX_LENGTH_M = {"pixel": 1e-4, "focal length": 1.0, "diameter": 10.0, "distance": 100.0, "body": 10.0}
 
 
 @dataclass(frozen=True)
 class MirrorSpecification:
-    """What a mirror camera has to be; the mirror hangs above its lens, the axis upright.
+    """Requirements of a mirror camera. The mirror is above the lens and the axis is vertical.
 
     Attributes
     ----------
     kind
         One of `KINDS`.
     up, down
-        How far it sees above and below the horizon, radians.
+        Field of view above and below the horizon, radians.
     size
         (width, height) of the sensor, px.
     pixel
-        Side of a pixel, metres.
+        Pixel pitch, metres.
     focal
-        Of the lens, metres; None to have it chosen.
+        Focal length of the lens, metres; None to choose it automatically.
     diameter
-        Of the mirror's rim, metres; None to have it chosen.
+        Diameter of the mirror's rim, metres; None to choose it automatically.
     distance
-        From the lens' centre to the mirror's vertex, metres; None to have it chosen.
+        From the lens centre to the mirror's vertex, metres; None to choose it automatically.
     body
-        Diameter of the lens and of what else of the camera the mirror sees beside it, metres.
+        Diameter of the camera body as the mirror sees it, metres.
     working_distance
-        How far things are, metres: what a lost viewpoint costs is told there.
+        Scene distance, metres, at which the parallax of a misaligned mirror is evaluated.
     """
 
     kind: str
@@ -50,41 +50,46 @@ class MirrorSpecification:
     working_distance: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse what no mirror can be."""
+        """Check that all values are possible."""
         if self.kind not in KINDS:
-            raise ValueError(f"unknown kind of mirror {self.kind!r}; there are: {', '.join(KINDS)}")
+            raise ValueError(f"unknown kind of mirror {self.kind!r}; choose one of: {', '.join(KINDS)}")
+        self._check_field()
+        self._check_lengths()
+        if min(self.size) < 16 or max(self.size) > 10**5:
+            raise ValueError(f"sensor of {self.size[0]}x{self.size[1]} px: width and height must be from 16 to 100000")
+        if self.focal is not None and KINDS[self.kind].parallel:
+            raise ValueError(
+                f"a {self.kind} mirror needs a telecentric lens, which has a magnification instead of a focal length:"
+                " leave the focal length out, or choose a hyperbolic mirror"
+            )
+
+    def _check_field(self) -> None:
         up, down = np.degrees([self.up, self.down])
         if not (-90 < up < 90 and -90 < down <= 90):
             raise ValueError(
-                f"up and down are degrees above and below the horizon, less than 90, got {up:g} and {down:g}"
+                f"up and down are angles above and below the horizon, less than 90 degrees, got {up:g} and {down:g}"
             )
         if up + down < 1:
             raise ValueError(
-                f"the field from {-down:g} to {up:g} degrees is empty: up and down are counted from the horizon,"
+                f"the field from {-down:g} to {up:g} degrees is empty: up and down are measured from the horizon;"
                 " up 20 and down 60 is a field of 80 degrees"
             )
+
+    def _check_lengths(self) -> None:
         lengths = {"pixel": self.pixel, "focal length": self.focal, "diameter": self.diameter}
         lengths |= {"distance": self.distance, "body": self.body, "working distance": self.working_distance}
         for name, value in lengths.items():
             if value is not None and not 0 < value < np.inf:
                 raise ValueError(f"the {name} must be a positive length, got {value}")
-            if value is not None and value > (most := LARGEST.get(name, np.inf)):
-                raise ValueError(f"the {name} is {value:.4g} m, the most thought of is {most:g} m: is its unit right?")
-        if min(self.size) < 16 or max(self.size) > 10**5:
-            few = "few" if min(self.size) < 16 else "many"
-            raise ValueError(f"the sensor has {self.size[0]}x{self.size[1]} px: too {few} for an image")
-        if self.focal is not None and KINDS[self.kind].parallel:
-            raise ValueError(
-                f"a {self.kind} mirror needs a telecentric lens, that has a magnification in place of a focal length:"
-                " leave the focal length out, or choose a hyperbolic mirror"
-            )
+            if value is not None and value > (limit := MAX_LENGTH_M.get(name, np.inf)):
+                raise ValueError(f"the {name} is {value:.4g} m, more than {limit:g} m: check its unit")
 
     @property
     def theta(self) -> float:
-        """The largest angle seen, from the axis towards the lens (straight down), radians."""
+        """Largest angle in view, from straight down (towards the lens), radians."""
         return np.pi / 2 + self.up
 
     @property
-    def half(self) -> float:
-        """The largest radius of the mirror's image that the sensor holds, metres."""
+    def max_image_radius(self) -> float:
+        """Largest radius of the mirror's image that fits the sensor, metres."""
         return min(self.size) * self.pixel / 2

@@ -1,4 +1,4 @@
-"""A camera with an axis whose rays start along it: fisheyes with a moving pupil, mirrors off their focus, spheres."""
+"""The axial camera model: rays start along the optical axis, as for fisheyes with entrance pupil shift and mirrors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,52 +17,54 @@ from omnisight.optics.ray_model import RayModel
 
 Array = NDArray[np.float64]
 
-# A ray straight backwards meets the axis nowhere, or everywhere: past this angle there are none.
-LAST = np.radians(179.0)
-# Radians below which theta/sin(theta) - 1 is written as its series.
-NEAR = 0.02
-# Newton's steps at most, and the last of them that matters (radians): the next would be its square.
-STEPS, SETTLED = 6, 1e-9
-# Angles that are looked through, where these do not settle, for one where they will, and how often it is halved down.
-ANGLES, HALVINGS = 91, 20
+# A ray at 180 degrees coincides with the axis, so the start point is undefined there.
+MAX_OFF_AXIS_RAD = np.radians(179.0)
+# Below this angle theta/sin(theta) - 1 uses its series, which does not cancel.
+SERIES_LIMIT_RAD = 0.02
+# Newton iterations, and the last step that needs no further one (convergence is quadratic).
+MAX_NEWTON_STEPS, STEP_TOLERANCE_RAD = 6, 1e-9
+# If Newton fails: samples of theta that bracket the root, and bisections of the bracket.
+BRACKET_SAMPLES, BISECTIONS = 91, 20
 
 
 @dataclass(frozen=True)
 class Axial(RayModel):
-    """A central camera for the bearings, and the place on its axis from where each ray starts.
+    """A central camera for the bearings, plus the start point of each ray on the optical axis.
 
-    A lens or a mirror that is the same all around its axis sends every ray through the axis: the ray of a pixel is seen
-    along the bearing that `lens` gives, at the angle theta from the axis, and starts at (0, 0, s(theta)) with
+    All rays of a rotationally symmetric lens or mirror meet the axis. The ray of a pixel has the bearing given by
+    `lens`, at the angle theta from the axis, and starts at (0, 0, s(theta)) with
 
         s(theta) = (theta/sin(theta) - 1) (e0 + e1 theta^2 + e2 theta^4 ...)
 
-    (Gennery, Generalized camera calibration including fish-eye lenses, IJCV 68, 2006, where it is the entrance pupil of
-    a fisheye; the model is known as CAHVORE). A constant is left out: a camera moved along its axis is the same camera,
-    so that s(0) = 0. For mirrors it is as good: what a ray misses the origin by, s sin(theta) = (theta - sin(theta))
-    (e0 + ...), is smooth up to 180 degrees, as it is for a sphere, whose rays far out pass the axis at a distance. Two
-    coefficients leave 0.1 % of the travel of a sphere, seen to 145 degrees, and 2 % of that of a hyperbola off its
-    focus, three a sixth of these or less; polynomials in theta^2 leave up to a hundred times as much of the sphere.
+    (Gennery, Generalized camera calibration including fish-eye lenses, IJCV 68, 2006: the entrance pupil shift of a
+    fisheye; the model is known as CAHVORE). There is no constant term, because a translation along the axis is part of
+    the pose: s(0) = 0. The model also suits mirrors: the distance of a ray from the origin, s sin(theta) = (theta -
+    sin(theta)) (e0 + ...), is smooth up to 180 degrees. Residual with two coefficients: 0.1 % of the shift of a sphere
+    up to 145 degrees, 2 % of that of a hyperbola off its focus. A third coefficient divides it by 6 or more.
+    Polynomials in theta^2 leave up to 100 times as much for the sphere.
 
-    Valid for points past the place where neighbouring rays cross (the caustic), at positive distance along their ray.
+    Valid for points beyond the caustic (where neighbouring rays cross) at positive distance along their ray.
 
     Attributes
     ----------
     lens
-        Any central camera; its theta is the ray's.
+        Any central camera model.
     pupil
         (e0, e1 ...), in the unit of the points; all zero for a central camera.
     """
 
     lens: CameraModel
-    pupil: tuple[float, ...] = parameter("of the place on the axis: at theta^0, theta^2 ...", unit="m", default=(0.0,))
+    pupil: tuple[float, ...] = parameter(
+        "coefficients of the entrance pupil shift, of theta^0, theta^2 ...", unit="m", default=(0.0,)
+    )
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the lens' model as "lens", and the parameters by name."""
+        """Return the name of the lens model as "lens", and the parameters by name."""
         return {"lens": self.lens.name, **super().to_dict()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make it from what `to_dict` gives.
+        """Make it from the result of `to_dict`.
 
         Raises
         ------
@@ -77,22 +79,22 @@ class Axial(RayModel):
             raise ValueError(f"model {cls.name}: missing pupil0")
         names = cls.coefficient_names(len(pupil), "pupil")
         if unknown := sorted(set(pupil) - set(names)):
-            raise ValueError(f"model {cls.name}: of {len(pupil)} coefficients none is {', '.join(unknown)}")
+            raise ValueError(f"model {cls.name}: unknown {', '.join(unknown)}; expected {', '.join(names)}")
         return cls(
             model_class(str(values["lens"])).from_dict(lens),
             tuple(finite(pupil[name], f"{cls.name}.{name}") for name in names),
         )
 
-    # -- the axis ---------------------------------------------------------------------------------------------
+    # -- the start points on the axis -------------------------------------------------------------------------
 
     @property
     def theta_max(self) -> float:
         """The angle from the axis (radians) that bounds the valid cone."""
-        return min(self.lens.theta_max, LAST) if any(self.pupil) else self.lens.theta_max
+        return min(self.lens.theta_max, MAX_OFF_AXIS_RAD) if any(self.pupil) else self.lens.theta_max
 
     @property
     def fold_angle(self) -> float:
-        """The angle (radians) at which the image of its lens folds over."""
+        """The angle (radians) beyond which the projection of the lens is not injective."""
         return self.lens.fold_angle
 
     @property
@@ -100,102 +102,102 @@ class Axial(RayModel):
         """The width in px after which the image repeats, if it does."""
         return self.lens.period
 
-    def start(self, theta: ArrayLike) -> Array:
-        """Give s(theta) (...), the place on the axis from where rays at these angles (radians) start."""
+    def pupil_z(self, theta: ArrayLike) -> Array:
+        """Return s(theta) (...): z of the start point of rays at angles (...) from the axis, radians."""
         angles = np.asarray(theta, float)
-        return self._start(angles, np.sin(angles), np.cos(angles))[0]
+        return self._pupil_z(angles, np.sin(angles), np.cos(angles))[0]
 
-    def travel(self, theta_min: float, theta_max: float) -> float:
-        """Give how far the viewpoint moves along the axis between two angles (radians), in the unit of the pupil."""
-        return float(np.ptp(self.start(np.linspace(theta_min, min(theta_max, self.theta_max), 181))))
+    def pupil_shift(self, theta_min: float, theta_max: float) -> float:
+        """Return the length of axis covered by start points between two angles (radians), in the unit of `pupil`."""
+        return float(np.ptp(self.pupil_z(np.linspace(theta_min, min(theta_max, self.theta_max), 181))))
 
-    def _start(self, theta: Array, sine: Array, cosine: Array) -> tuple[Array, Array]:
-        """Give s and s'(theta)/sin(theta)."""
-        base, slope, per_sine = _stretch(theta, sine, cosine)
-        e, along = _polynomial(self.pupil, theta * theta)
-        return base * e, slope * e + 2 * base * per_sine * along
+    def _pupil_z(self, theta: Array, sine: Array, cosine: Array) -> tuple[Array, Array]:
+        """Return s and s'(theta)/sin(theta)."""
+        base, slope, per_sine = _basis(theta, sine, cosine)
+        e, d_e = _polynomial(self.pupil, theta * theta)
+        return base * e, slope * e + 2 * base * per_sine * d_e
 
-    def _seen(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-        """Give the directions (N, 3) in which the lens sees points, whether it does, and their angles (N,).
+    def _directions(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Return the directions (N, 3) from start point to point, whether they exist, and their angles (N,).
 
-        The ray at theta passes a point, rho beside the axis and at z along it, by F = rho cos(theta) - (z - s)
-        sin(theta). F is not negative on the axis; the ray that is seen is where it falls through zero.
+        The signed distance of the ray at theta from the point (rho, z) is F = rho cos(theta) - (z - s) sin(theta). F >=
+        0 at theta = 0; the ray of the point is the first zero crossing.
         """
         rho, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         theta = np.arctan2(rho, z)
         if not any(self.pupil):
             return points, np.ones(len(points), np.bool_), theta
-        theta, start, found = self._newton(rho, z, theta)
-        if len(rest := np.flatnonzero(~found)):
-            theta[rest], start[rest], found[rest] = self._newton(rho[rest], z[rest], self._near(rho[rest], z[rest]))
-        return points - start[:, None] * (0.0, 0.0, 1.0), found, theta
+        theta, start, valid = self._newton(rho, z, theta)
+        if len(rest := np.flatnonzero(~valid)):
+            theta[rest], start[rest], valid[rest] = self._newton(rho[rest], z[rest], self._bracket(rho[rest], z[rest]))
+        return points - start[:, None] * (0.0, 0.0, 1.0), valid, theta
 
     def _newton(self, rho: Array, z: Array, theta: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Give the angles (N,) near others at which F falls through zero, where these rays start, if there are any."""
-        start, found = theta, np.isfinite(theta)
-        for _ in range(STEPS):
+        """Return the zero crossings of F near angles (N,), the start points of these rays, and convergence."""
+        start, valid = theta, np.isfinite(theta)
+        for _ in range(MAX_NEWTON_STEPS):
             theta = np.minimum(theta, self.theta_max)
             sine, cosine = np.sin(theta), np.cos(theta)
-            start, bend = self._start(theta, sine, cosine)
+            start, d_start = self._pupil_z(theta, sine, cosine)
             along = z - start
             ahead = rho * sine + along * cosine
-            slope = bend * sine * sine - ahead
+            slope = d_start * sine * sine - ahead
             step = (along * sine - rho * cosine) / slope
-            theta, start = theta + step, start + bend * sine * step
-            found = (np.abs(step) < SETTLED) & (slope < 0) & (ahead > 0) & (theta <= self.theta_max)
-            if found.all():
+            theta, start = theta + step, start + d_start * sine * step
+            valid = (np.abs(step) < STEP_TOLERANCE_RAD) & (slope < 0) & (ahead > 0) & (theta <= self.theta_max)
+            if valid.all():
                 break
-        return theta, start, found
+        return theta, start, valid
 
-    def _near(self, rho: Array, z: Array) -> Array:
-        """Give angles (N,) near those at which F first falls through zero; NaN where it does not."""
+    def _bracket(self, rho: Array, z: Array) -> Array:
+        """Return angles (N,) just below the first zero crossing of F by bisection; NaN if there is none."""
         low = np.full_like(rho, np.nan)
-        angles = np.linspace(0, self.theta_max, ANGLES)
-        starts, before = self.start(angles), rho
-        for k in range(1, ANGLES):
+        angles = np.linspace(0, self.theta_max, BRACKET_SAMPLES)
+        starts, previous = self.pupil_z(angles), rho
+        for k in range(1, BRACKET_SAMPLES):
             f = rho * np.cos(angles[k]) - (z - starts[k]) * np.sin(angles[k])
-            low = np.where(np.isnan(low) & (before >= 0) & (f < 0), angles[k - 1], low)
-            before = f
+            low = np.where(np.isnan(low) & (previous >= 0) & (f < 0), angles[k - 1], low)
+            previous = f
         high = low + angles[1]
-        for _ in range(HALVINGS):
+        for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            beside = rho * np.cos(middle) - (z - self.start(middle)) * np.sin(middle)
-            low, high = np.where(beside >= 0, middle, low), np.where(beside >= 0, high, middle)
+            f = rho * np.cos(middle) - (z - self.pupil_z(middle)) * np.sin(middle)
+            low, high = np.where(f >= 0, middle, low), np.where(f >= 0, high, middle)
         return low
 
     # -- rays and pixels --------------------------------------------------------------------------------------
 
     def rays(self, pixels: ArrayLike) -> Rays:
-        """Give the rays of pixels (..., 2): they start on the axis."""
+        """Return the rays of pixels (..., 2); they start on the axis."""
         bearings, valid = self.lens.unproject(pixels)
         theta = angle_from_axis(bearings)
         with np.errstate(invalid="ignore"):
             valid &= theta <= self.theta_max
             bearings = np.where(valid[..., None], bearings, np.nan)
-            origins = np.where(valid, self.start(theta), np.nan)[..., None] * (0.0, 0.0, 1.0)
+            origins = np.where(valid, self.pupil_z(theta), np.nan)[..., None] * (0.0, 0.0, 1.0)
         return Rays(origins, bearings, valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Project points (..., 3), in the unit of the pupil, to pixels (..., 2) and their validity."""
+        """Project points (..., 3), in the unit of `pupil`, to pixels (..., 2) and their validity (...)."""
         flat, lead = rows(points, 3, "points")
         with np.errstate(all="ignore"):
-            directions, found, _ = self._seen(flat)
+            directions, exists, _ = self._directions(flat)
         pixels, valid = self.lens.project(directions)
-        valid &= found
+        valid &= exists
         pixels[~valid] = np.nan
         return pixels.reshape(*lead, 2), valid.reshape(lead)
 
     def project_numpy(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Do as `project`, in plain numpy, for points (N, 3)."""
+        """Project points (N, 3) in plain NumPy."""
         with np.errstate(all="ignore"):
-            directions, found, _ = self._seen(points)
+            directions, exists, _ = self._directions(points)
         pixels, valid = self.lens.project_numpy(directions)
-        return np.where(found[:, None], pixels, np.nan), valid & found
+        return np.where(exists[:, None], pixels, np.nan), valid & exists
 
     def project_with_jacobians(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:
-        """Project points and differentiate, by the implicit function theorem.
+        """Project points and differentiate by the implicit function theorem.
 
-        With q = X - s e_z seen by the lens and d = |q|: theta turns with the point and with s, so that
+        With q = X - s e_z and d = |q|, theta depends on the point and on s:
         ds (1 - s' sin(theta)/d) = s' (cos(theta) drho - sin(theta) dz)/d + (ds/de) de.
 
         Returns
@@ -207,31 +209,31 @@ class Axial(RayModel):
         """
         flat, lead = rows(points, 3, "points")
         with np.errstate(all="ignore"):
-            q, found, theta = self._seen(flat)
+            q, exists, theta = self._directions(flat)
             pixels, valid, d_q, d_lens = self.lens.project_with_jacobians(q)
             d = np.linalg.norm(q, axis=1)
             x, y, z = (q / d[:, None]).T
             sine, cosine = np.sin(theta), np.cos(theta)
-            _, bend = self._start(theta, sine, cosine)
-            own = 1 - bend * (x * x + y * y) / d
-            gradient = (bend / (d * own))[:, None] * np.stack([x * z, y * z, -(x * x + y * y)], -1)
+            _, slope = self._pupil_z(theta, sine, cosine)
+            implicit = 1 - slope * (x * x + y * y) / d
+            gradient = (slope / (d * implicit))[:, None] * np.stack([x * z, y * z, -(x * x + y * y)], -1)
             d_start = -d_q[:, :, 2]
-            base, _, _ = _stretch(theta, sine, cosine)
-            by_pupil = (base / own)[:, None] * theta[:, None] ** (2 * np.arange(len(self.pupil)))
+            base, _, _ = _basis(theta, sine, cosine)
+            by_pupil = (base / implicit)[:, None] * theta[:, None] ** (2 * np.arange(len(self.pupil)))
             d_point = d_q + d_start[:, :, None] * gradient[:, None, :]
             d_params = np.concatenate([d_lens, d_start[:, :, None] * by_pupil[:, None, :]], -1)
-        valid &= found
+        valid &= exists
         return shaped(lead, pixels, valid, d_point, d_params)
 
     @classmethod
     def example(cls) -> Self:
-        """Give a fisheye whose pupil moves by 4 mm on the way to its rim; lengths in metres."""
+        """Return a fisheye with an entrance pupil shift of 4 mm; lengths in metres."""
         return cls(KannalaBrandt.example(), (0.006, 0.0004))
 
 
-def _stretch(theta: Array, sine: Array, cosine: Array) -> tuple[Array, Array, Array]:
-    """Give theta/sin(theta) - 1, its derivative over sin(theta), and theta/sin(theta)."""
-    near = theta < NEAR
+def _basis(theta: Array, sine: Array, cosine: Array) -> tuple[Array, Array, Array]:
+    """Return theta/sin(theta) - 1, its derivative over sin(theta), and theta/sin(theta)."""
+    near = theta < SERIES_LIMIT_RAD
     sine = np.where(near, 1.0, sine)
     per_sine = theta / sine
     slope = (1 - per_sine * cosine) / (sine * sine)
@@ -245,7 +247,7 @@ def _stretch(theta: Array, sine: Array, cosine: Array) -> tuple[Array, Array, Ar
 
 
 def _polynomial(coefficients: tuple[float, ...], t: Array) -> tuple[Array, Array]:
-    """Give a polynomial and its derivative by t."""
+    """Return a polynomial and its derivative by t."""
     value, slope = np.zeros_like(t), np.zeros_like(t)
     for c in reversed(coefficients):
         slope = slope * t + value
