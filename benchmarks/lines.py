@@ -1,8 +1,8 @@
-"""Calibrating from lines: how its errors grow with noise, and fall with the number of lines.
+"""Accuracy of the calibration from lines against noise and the number of lines.
 
-`python -m benchmarks.lines [trials]` prints the first tables of docs/guide/lines.md; with `rendered` in place of the
-number how true calibrations of rendered images are, with `real` how lines compare with boards on real images, with
-`shapes` what real cameras take from the scale.
+`python -m benchmarks.lines [trials]` prints the first tables of docs/guide/lines.md. With `rendered` instead of the
+number it evaluates rendered images, with `real` it compares lines with boards on real images, and with `shapes` it
+measures the scale error for real cameras.
 """
 
 import sys
@@ -10,8 +10,9 @@ import sys
 import numpy as np
 
 from benchmarks import lines_real, lines_rendered
-from omnisight.calibration.lines import Chains, apart, bearing_deviation, calibrate_lines
+from omnisight.calibration.lines import LineObservations, PixelChains, bearing_difference, bearing_sigma
 from omnisight.models.unified import Unified
+from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions, calibrate_lines
 
 SIZE = (1280, 1024)
 MIRRORS = {
@@ -25,7 +26,7 @@ PIXELS = 100
 
 
 def line_images(model: Unified, count: int, noise: float, rng: np.random.Generator) -> list[np.ndarray]:
-    """See lines in general position: 40 to 120 degrees of great circles, between 100 and 480 px from the centre."""
+    """Project lines in general position: 40 to 120 degrees of great circles, between 100 and 480 px from the centre."""
     arcs: list[np.ndarray] = []
     while len(arcs) < count:
         normal = rng.normal(size=3)
@@ -40,11 +41,12 @@ def line_images(model: Unified, count: int, noise: float, rng: np.random.Generat
 
 
 def errors(truth: Unified, known: dict[str, float], count: int, noise: float, seed: int) -> list[float]:
-    """Give errors of xi, focal length (%), centre (px) and bearings (degrees, rms), and what is stated of these."""
+    """Return errors of xi, focal length (%), centre (px) and bearings (degrees, rms), and the stated bearing error."""
     arcs = line_images(truth, count, noise, np.random.default_rng(seed))
     try:
-        found = calibrate_lines(Chains.of(arcs), SIZE, known=known, trusted=True)
-    except ValueError:  # no camera found: as wrong as can be
+        observations = LineObservations(PixelChains.from_arrays(arcs), SIZE, all_inliers=True)
+        found = calibrate_lines(observations, CalibrateLinesOptions(fixed=known))
+    except ValueError:  # no camera was estimated
         return [np.inf] * 5
     model = found.camera.model
     values = model.to_dict()
@@ -52,9 +54,9 @@ def errors(truth: Unified, known: dict[str, float], count: int, noise: float, se
         abs(values["xi"] - truth.xi),
         100 * abs(values["fx"] / truth.fx - 1),
         float(np.hypot(values["cx"] - truth.cx, values["cy"] - truth.cy)),
-        float(np.degrees(apart(model, truth, np.concatenate(arcs)))),
-        # The camera is of this shape exactly: nothing is to be said of others.
-        float(np.degrees(bearing_deviation(model, found.uncertainty.covariance, np.concatenate(arcs)))),
+        float(np.degrees(bearing_difference(model, truth, np.concatenate(arcs)))),
+        # The camera follows the unified model exactly, so the scale uncertainty does not apply.
+        float(np.degrees(bearing_sigma(model, found.uncertainty.covariance, np.concatenate(arcs)))),
     ]
 
 

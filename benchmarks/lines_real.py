@@ -1,6 +1,6 @@
-"""Calibrating from lines on real images, against the board calibration of the same camera.
+"""Calibration from lines on real images, compared with the board calibration of the same camera.
 
-`python -m benchmarks.lines real [sets]`; the variable OMNISIGHT_DATA says where the images are.
+`python -m benchmarks.lines real [sets]`; the variable OMNISIGHT_DATA names the folder of the images.
 """
 
 import os
@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.lines import Chains, LinesCalibration, bearing_deviation, calibrate_lines, find_arcs
-from omnisight.calibration.lines.scale import shape_doubt
+from omnisight.calibration.lines import LineObservations, LinesCalibration, PixelChains, bearing_sigma, detect_lines
+from omnisight.calibration.lines.focal_scale import scale_ambiguity
 from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.geometry import rotation as so3
-from omnisight.images import estimate_image_field, read_image, to_gray8
+from omnisight.images import read_image
+from omnisight.pipeline.calibrate_lines import calibrate_lines
 from omnisight.pipeline.central import Calibration, calibrate_camera
 from omnisight.targets import Checkerboard, Detection, detect_boards
 from omnisight.targets.observations import Observations
@@ -30,44 +31,44 @@ SETS = {
     "sourishg left": ("stereo_fisheye_sourishg/left*.jpg", Checkerboard(9, 6)),
     "camodocal": ("camodocal_fisheye/*.png", Checkerboard(9, 6)),
 }
-# Calibrations by others.
+# Published calibrations.
 FILES = (
     "with_calibration/woodscape_front/front.json",
     "with_calibration/ocam_test_fisheye/calib_results_fisheye.txt",
     "with_calibration/ocam_matsuren/calib_results_0.txt",
 )
-# Images whose edges are traced, evenly out of a set.
-PICTURES = 8
-STEP = 12  # px between the pixels that are compared
+# Images whose edges are detected, evenly spaced in a set.
+EDGE_IMAGES = 8
+STEP = 12  # px between compared pixels
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Two calibrations of one camera: bearings of the same pixels, degrees, the frames turned to fit best.
+    """Bearing differences of two calibrations of one camera after a best rotation, degrees.
 
     Attributes
     ----------
-    rms, most
-        What the bearings differ by.
+    rms, maximum
+        Difference of the bearings.
     stated
-        What the lines state of them (one standard deviation), rms over the same pixels.
+        Standard deviation that the calibration from lines states, rms over the same pixels.
     board
-        What the board calibration states.
+        Standard deviation that the board calibration states.
     """
 
     rms: float
-    most: float
+    maximum: float
     stated: float
     board: float
 
     @property
     def ratio(self) -> float:
-        """How many times the difference is what both state together."""
+        """The difference divided by the combined standard deviation."""
         return self.rms / float(np.hypot(self.stated, self.board))
 
 
 def compare(found: LinesCalibration, board: Calibration) -> Compared:
-    """Compare at the pixels of the image that both the lines and the boards reach."""
+    """Compare at the pixels inside the calibrated field of view of both."""
     camera = found.camera
     size = np.array(camera.size)
     pixels = np.stack(np.meshgrid(*(np.arange(STEP / 2, n, STEP) for n in size)), -1).reshape(-1, 2)
@@ -77,13 +78,13 @@ def compare(found: LinesCalibration, board: Calibration) -> Compared:
         common = seen_a & seen_b & (a[:, 2] > np.cos(camera.theta_max)) & (b[:, 2] > np.cos(board.camera.theta_max))
     a, b, pixels = a[common], b[common], pixels[common]
     off = np.linalg.norm(a @ so3.nearest(b.T @ a).T - b, axis=1)
-    own = bearing_deviation(board.camera.model, board.camera.covariance, pixels)
-    stated = found.deviation_at(pixels)
+    own = bearing_sigma(board.camera.model, board.camera.covariance, pixels)
+    stated = found.bearing_sigma_at(pixels)
     return Compared(*(float(np.degrees(x)) for x in (np.sqrt((off**2).mean()), off.max(), stated, own)))
 
 
 def rows_and_columns(points: Array, ids: Array, pixels: Array) -> Iterator[Array]:
-    """Give the corners (n, 2) of each row and column of a board, four and more."""
+    """Yield the corners (n, 2) of each row and column with at least four."""
     for axis in (0, 1):
         for value in np.unique(points[ids, axis]):
             chosen = np.flatnonzero(points[ids, axis] == value)
@@ -92,26 +93,23 @@ def rows_and_columns(points: Array, ids: Array, pixels: Array) -> Iterator[Array
 
 
 def measure(name: str) -> Iterator[tuple[str, LinesCalibration, Compared]]:
-    """Calibrate a set by its boards, by their rows and columns, and by the edges of its scenes."""
+    """Calibrate a set from its boards, from their rows and columns, and from the edges of its scenes."""
     truth, seen, paths = on_boards(name, "mei")
     board, size = SETS[name][1], truth.camera.size
     rows = [(line, i) for i, d in seen for line in rows_and_columns(board.points, d.ids, d.pixels)]
-    found = calibrate_lines(Chains.of([r for r, _ in rows], [i for _, i in rows]), size, trusted=True)
+    chains = PixelChains.from_arrays([r for r, _ in rows], [i for _, i in rows])
+    found = calibrate_lines(LineObservations(chains, size, all_inliers=True))
     yield "rows of corners", found, compare(found, truth)
-    few = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, PICTURES).round().astype(int))]
-    grays = [to_gray8(read_image(path)) for path in few]
-    field = estimate_image_field(grays)
-    arcs = [(arc, i) for i, gray in enumerate(grays) for arc in find_arcs(gray, field)]
-    centre = None if field.outer is None else np.array(field.outer.centre)
-    found = calibrate_lines(Chains.of([a for a, _ in arcs], [i for _, i in arcs]), size, centre=centre)
+    few = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, EDGE_IMAGES).round().astype(int))]
+    found = calibrate_lines(detect_lines(few))
     yield f"edges of {len(few)} scenes", found, compare(found, truth)
 
 
 def shapes(camera: Camera) -> tuple[float, float, float]:
-    """Give the factor on tan(theta) with which the unified model explains perfect lines through a camera.
+    """Return the factor on tan(theta) of the unified model fitted to exact lines of a camera.
 
-    It is what the shape of the camera, and nothing else, takes from the scale that lines tell. Also given: how far two
-    families of shapes disagree on it, which is what is stated, and the lines' rms.
+    It is the scale error caused by the camera's radial profile alone. Also return the scale ambiguity, which is the
+    stated uncertainty, and the rms distance of the lines.
     """
     rng = np.random.default_rng(0)
     reach = min(camera.theta_max or np.pi, np.radians(100))
@@ -124,22 +122,23 @@ def shapes(camera: Camera) -> tuple[float, float, float]:
         pixels, valid = camera.model.project_numpy(bearings)
         if valid.all() and (bearings[:, 2] > np.cos(reach)).all() and camera.in_image(pixels).all():
             arcs.append(pixels)
-    found = calibrate_lines(Chains.of(arcs), camera.size, trusted=True)
+    observations = LineObservations(PixelChains.from_arrays(arcs), camera.size, all_inliers=True)
+    found = calibrate_lines(observations)
     pixels = np.concatenate(arcs)
     a, b = found.camera.model.unproject_numpy(pixels)[0], camera.model.unproject_numpy(pixels)[0]
     factors = np.exp(np.linspace(-0.2, 0.2, 201))
-    factor = float(min(factors, key=lambda k: apart_turned(a * (k, k, 1.0), b)))
-    return factor, shape_doubt(found.camera.model, a), found.rms
+    factor = float(min(factors, key=lambda k: rotated_difference(a * (k, k, 1.0), b)))
+    return factor, scale_ambiguity(found.camera.model, a), found.rms
 
 
-def apart_turned(a: Array, b: Array) -> float:
-    """Give the angle (rms) between directions (N, 3), turned to fit best."""
+def rotated_difference(a: Array, b: Array) -> float:
+    """Return the angle (rms) between directions (N, 3) after a best rotation."""
     a = a / np.linalg.norm(a, axis=1, keepdims=True)
     return float(np.sqrt(((a @ so3.nearest(b.T @ a).T - b) ** 2).sum(1).mean()))
 
 
 def report_shapes(only: list[str]) -> None:
-    """Print what real cameras take from the scale."""
+    """Print the scale error and ambiguity of real cameras."""
     print("| camera | its model | factor on tan(theta) | families disagree | lines off px |")
     print("|---|---|---|---|---|")
 
@@ -158,7 +157,7 @@ def report_shapes(only: list[str]) -> None:
 
 
 def on_boards(name: str, model: str) -> tuple[Calibration, list[tuple[int, Detection]], list[Path]]:
-    """Calibrate a set by its boards; give their detections by image, and the images, too."""
+    """Calibrate a set from its boards; return the calibration, the detections by image and the image files."""
     pattern, board = SETS[name]
     paths = sorted(DATA.glob(pattern))
     seen = [(i, p.detection) for i, p in enumerate(detect_boards(paths, board).images) if p.detection is not None]
@@ -175,7 +174,7 @@ def report(only: list[str]) -> None:
             continue
         for source, found, c in measure(name):
             print(
-                f"| {name} | {source} | {len(found.chains)} | {found.rms:.3f} | {c.rms:.2f} | {c.most:.2f} |"
+                f"| {name} | {source} | {len(found.lines)} | {found.rms:.3f} | {c.rms:.2f} | {c.maximum:.2f} |"
                 f" {c.stated:.2f} | {c.board:.2f} | {c.ratio:.1f} |",
                 flush=True,
             )

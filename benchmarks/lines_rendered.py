@@ -1,7 +1,7 @@
-"""Calibrating from lines on rendered images, whose cameras are known exactly.
+"""Calibration from lines on rendered images with known cameras.
 
-`python -m benchmarks.lines rendered [tuning|test] [name ...]`. The cameras named tuning are those that constants may be
-chosen by; those named test are looked at when all is chosen.
+`python -m benchmarks.lines rendered [tuning|test] [name ...]`. Constants may be tuned on the cameras of the tuning half,
+and are then evaluated on the test half.
 """
 
 import zlib
@@ -11,7 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.lines import Chains, LinesCalibration, apart, calibrate_lines, find_arcs
+from omnisight.calibration.lines import (
+    LineObservations,
+    LinesCalibration,
+    PixelChains,
+    bearing_difference,
+    detect_arcs,
+)
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
@@ -22,33 +28,34 @@ from omnisight.models.equidistant import Equidistant
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.radial_polynomial import RadialPolynomial
 from omnisight.models.unified import Unified
+from omnisight.pipeline.calibrate_lines import calibrate_lines
 from omnisight.simulation import Renderer, scene_named
 
 Bytes = NDArray[np.uint8]
 
-# The ring before the rim: its radius as a share of the rim's, and how far its middle is off, per axis: as of four real
-# cameras (0.4 %, see calibrate/lines/border.py).
-RING, ASIDE = 0.98, 0.0045
+# Radius of the aperture as a share of the image circle's, and standard deviation of its centre per axis as a share of
+# the radius, as for four real cameras (0.4 %, see BORDER_CENTRE_SIGMA).
+APERTURE_SHARE, APERTURE_CENTRE_SIGMA = 0.98, 0.0045
 SCENES = ("room", "street", "lines")
 COUNTS = (1, 3)
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A camera to be found from lines.
+    """A camera to estimate from lines.
 
     Attributes
     ----------
     name
-        What it is called.
+        Name in the tables.
     half
         tuning or test.
     model, size
-        The truth, and its images' (width, height).
+        True model and image size (width, height).
     theta_deg
-        From which angle to which it sees, degrees from the axis.
+        Smallest and largest visible angle off-axis, degrees.
     sensor
-        What its sensor does: blur in px, noise of 255, quality of its JPEG.
+        Blur (px), noise (of 255) and JPEG quality.
     """
 
     name: str
@@ -60,11 +67,11 @@ class Subject:
 
     @property
     def mirror(self) -> bool:
-        """Whether it looks into a mirror: that shows the camera itself in the middle."""
+        """Whether the camera looks into a mirror, which shows the camera itself in the centre."""
         return self.theta_deg[0] > 0
 
-    def pictures(self, scene: str, count: int, seed: int) -> list[Bytes]:
-        """Take gray images (H, W) of a scene from different places, turned at random."""
+    def images(self, scene: str, count: int, seed: int) -> list[Bytes]:
+        """Render gray images (H, W) of a scene from random poses."""
         rng = np.random.default_rng(seed)
         place = scene_named(scene, seed % 2)
         low, high = np.array(place.free)
@@ -79,24 +86,24 @@ class Subject:
                 place,
                 theta=(np.radians(self.theta_deg[0]), np.radians(self.theta_deg[1])),
             )
-            grays.append(self.framed(to_gray8(renderer(rng=rng, blur=blur, noise=noise, jpeg=jpeg).image)))
+            grays.append(self.with_aperture(to_gray8(renderer(rng=rng, blur=blur, noise=noise, jpeg=jpeg).image)))
         return grays
 
-    def framed(self, gray: Bytes) -> Bytes:
-        """Put a ring before the image's rim (H, W), not quite around the principal point, as that of real ones."""
+    def with_aperture(self, gray: Bytes) -> Bytes:
+        """Mask the image (H, W) outside a circular aperture that is slightly decentred, as in real cameras."""
         if self.theta_deg[1] >= 180:
             return gray
         values, theta = self.model.to_dict(), np.radians(self.theta_deg[1])
         centre = np.array((values["cx"], values["cy"]))
         rim = self.model.project_numpy(np.array([[0.0, np.sin(theta), np.cos(theta)]]))[0][0]
         radius = float(np.linalg.norm(rim - centre))
-        centre += ASIDE * radius * np.random.default_rng(zlib.crc32(self.name.encode())).normal(size=2)
+        centre += APERTURE_CENTRE_SIGMA * radius * np.random.default_rng(zlib.crc32(self.name.encode())).normal(size=2)
         away = np.linalg.norm(np.stack(np.meshgrid(*(np.arange(n) for n in self.size)), -1) - centre, axis=-1)
-        return np.rint(gray * np.clip(RING * radius - away + 0.5, 0, 1)).astype(np.uint8)
+        return np.rint(gray * np.clip(APERTURE_SHARE * radius - away + 0.5, 0, 1)).astype(np.uint8)
 
 
 def unified(size: tuple[int, int], radius: float, theta_deg: float, aside: tuple[float, float], xi: float) -> Unified:
-    """Give a mirror or lens that shows an angle from the axis in a circle of that radius, its centre aside, px."""
+    """Return a unified camera that shows `theta_deg` at `radius` px, with its centre shifted by `aside` px."""
     focal = radius * (np.cos(np.radians(theta_deg)) + xi) / np.sin(np.radians(theta_deg))
     flip = -1 if xi <= 1 else 1
     return Unified(flip * focal, focal, size[0] / 2 + aside[0], size[1] / 2 + aside[1], xi)
@@ -204,7 +211,7 @@ SUBJECTS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a camera, in degrees over the pixels of its lines; infinite where it was refused."""
+    """Difference from the truth and stated standard deviation over the pixels of the lines, degrees."""
 
     lines: int
     difference: float
@@ -212,41 +219,40 @@ class Outcome:
 
     @property
     def ratio(self) -> float:
-        """How many times the difference is what is stated."""
+        """The difference divided by the stated standard deviation."""
         return self.difference / self.stated
 
 
-def trace(grays: Sequence[Bytes]) -> tuple[Chains, NDArray[np.float64] | None]:
-    """Trace edges as `omnisight calibrate-lines` does; give the middle of the border, too."""
+def observe(grays: Sequence[Bytes], size: tuple[int, int]) -> LineObservations:
+    """Detect arcs as `omnisight calibrate-lines` does."""
     field = estimate_image_field(grays)
-    arcs = [(arc, i) for i, gray in enumerate(grays) for arc in find_arcs(gray, field)]
-    middle = None if field.outer is None else np.array(field.outer.centre)
-    return Chains.of([a for a, _ in arcs], [i for _, i in arcs]), middle
+    arcs = [(arc, i) for i, gray in enumerate(grays) for arc in detect_arcs(gray, field)]
+    centre = None if field.outer is None else np.array(field.outer.centre)
+    return LineObservations(PixelChains.from_arrays([a for a, _ in arcs], [i for _, i in arcs]), size, centre)
 
 
 def difference(found: LinesCalibration, truth: CameraModel) -> float:
-    """Give by how much bearings differ from the truth, degrees, rms over the lines' pixels, turned to fit best.
+    """Return the bearing difference from the truth, degrees, rms over the lines' pixels.
 
-    Lines do not tell a mirror image from what it shows, fx from -fx: the truth is taken with the one that is found.
+    Lines do not determine handedness, the sign of fx, so the truth is compared with a positive fx.
     """
     values = truth.to_dict()
     values["fx"] = abs(values["fx"])
     same = truth.with_params([values[name] for name in truth.param_names])
-    return float(np.degrees(apart(found.camera.model, same, found.chains.thinned(150).pixels)))
+    return float(np.degrees(bearing_difference(found.camera.model, same, found.lines.subsample(150).pixels)))
 
 
 def attempt(subject: Subject, grays: Sequence[Bytes]) -> Outcome | str:
-    """Trace and calibrate; give what is said where that is refused."""
-    arcs, middle = trace(grays)
+    """Detect arcs and calibrate; return the error message if that fails."""
     try:
-        found = calibrate_lines(arcs, subject.size, centre=middle)
+        found = calibrate_lines(observe(grays, subject.size))
     except ValueError as error:
         return str(error)
-    return Outcome(len(found.chains), difference(found, subject.model), float(np.degrees(found.bearing_sd)))
+    return Outcome(len(found.lines), difference(found, subject.model), float(np.degrees(found.bearing_sigma)))
 
 
 def runs(half: str, only: Sequence[str] = ()) -> Iterator[tuple[Subject, str, int, int]]:
-    """Give each camera of a half with two scenes, seen in one image and in three, and the seed of their places."""
+    """Yield each camera of a half with two scenes, one and three images, and the seed of their poses."""
     for i, subject in enumerate(s for s in SUBJECTS if s.half == half):
         if not only or subject.name.startswith(tuple(only)):
             for j, count in enumerate(COUNTS):
@@ -254,7 +260,7 @@ def runs(half: str, only: Sequence[str] = ()) -> Iterator[tuple[Subject, str, in
 
 
 def report(arguments: Sequence[str]) -> None:
-    """Print the tables of both halves, or of the one that is named; of all cameras, or of those that are."""
+    """Print the tables of the named halves and cameras, by default all."""
     halves = [half for half in ("tuning", "test") if half in arguments] or ["tuning", "test"]
     only = [name for name in arguments if name not in halves]
     for half in halves:

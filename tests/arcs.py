@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from omnisight.calibration.lines import LineObservations, PixelChains
 from omnisight.models.unified import Unified
+from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions, calibrate_lines
 
 SIZE = (1280, 1024)
 PARABOLIC = Unified(300.0, 300.0, 652.0, 498.0, 1.0)
@@ -25,3 +27,14 @@ def line_images(model, count, noise=0.0, seed=0, pixels=80, radii=(100, 480)):
             arcs.append(seen + noise * rng.normal(size=seen.shape))
             normals.append(n)
     return arcs, np.array(normals)
+
+
+def calibrate_drawn(arcs, border_centre=None, size=SIZE, **options):
+    """Calibrate from arcs (n, 2) that are all images of lines."""
+    observations = LineObservations(PixelChains.from_arrays(arcs), size, border_centre, all_inliers=True)
+    return calibrate_lines(observations, CalibrateLinesOptions(**options))
+
+
+def calibrate_arcs(chains, size=SIZE, border_centre=None):
+    """Calibrate from arcs some of which are not images of lines."""
+    return calibrate_lines(LineObservations(chains, size, border_centre))

@@ -1,28 +1,25 @@
-"""Images of lines: conics and circles are right, and plumb lines find cameras."""
+"""Geometry of line images (conics, circles) and plumb-line refinement."""
 
 import mpmath
 import numpy as np
 import pytest
 
-from arcs import HYPERBOLIC, PARABOLIC, SIZE, line_images
+from arcs import HYPERBOLIC, PARABOLIC, calibrate_drawn, line_images
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.lines import (
-    Chains,
-    Lines,
-    apart,
-    calibrate_lines,
+    PixelChains,
+    PlumbLineState,
+    bearing_difference,
     fit_circle,
+    fit_line_planes,
     line_conic,
-    lines_of,
     parabolic_camera,
-    refine_lines,
+    refine_plumb_lines,
 )
-from omnisight.calibration.lines.plumb import PlumbLine
+from omnisight.calibration.lines.plumb_line import PlumbLineProblem
 from omnisight.models import model_class
 from omnisight.models.unified import Unified
 from omnisight.optim.loss import Huber
-
-# -- geometry ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("xi", [0.3, 0.85, 1.0, 1.4])
@@ -51,20 +48,20 @@ def test_the_conic_of_a_parabolic_mirror_is_the_circle_of_the_closed_form():
     assert np.sqrt(centre @ centre - conic[2, 2]) == pytest.approx(float(radius), abs=1e-9)
 
 
-def test_three_circles_give_the_parabolic_camera():
+def test_three_circles_determine_the_parabolic_camera():
     arcs, _ = line_images(PARABOLIC, 3)
     found = parabolic_camera([fit_circle(arc) for arc in arcs])
     assert found.params == pytest.approx(PARABOLIC.params, abs=1e-6)
 
 
-def test_two_circles_and_parallel_lines_give_none():
+def test_two_circles_or_parallel_lines_determine_no_camera():
     arcs, _ = line_images(PARABOLIC, 2)
     assert parabolic_camera([fit_circle(arc) for arc in arcs]) is None
     across = np.stack([np.linspace(0, 100, 20), np.zeros(20)], -1)
     assert parabolic_camera([fit_circle(across + np.array([0, 30 * k])) for k in range(3)]) is None
 
 
-def test_a_line_through_the_centre_counts_as_a_circle_does():
+def test_lines_through_the_centre_constrain_the_parabolic_camera():
     arcs, _ = line_images(PARABOLIC, 2)
     for direction in ((1.0, 0.3), (-0.2, 1.0)):
         arcs.append(np.array([652.0, 498.0]) + np.linspace(100, 400, 50)[:, None] * direction)
@@ -72,18 +69,18 @@ def test_a_line_through_the_centre_counts_as_a_circle_does():
     assert found.params == pytest.approx(PARABOLIC.params, abs=1e-5)
 
 
-def test_a_short_arc_is_fitted_by_distance_and_not_by_algebra():
-    # An algebraic fit (Kasa) of 30 degrees of a circle of 200 px, 1 px of noise, is 10 to 20 % too small.
+def test_a_short_arc_is_fitted_without_bias():
+    # The algebraic fit of Kasa to 30 degrees of a circle of 200 px with 1 px of noise is 10 to 20 % too small.
     turn = np.linspace(0, np.radians(30), 60)
     true = np.stack([500 + 200 * np.cos(turn), 400 + 200 * np.sin(turn)], -1)
-    curvature, spread = [], []
+    curvature, stated = [], []
     for seed in range(200):
         circle = fit_circle(true + np.random.default_rng(seed).normal(size=true.shape))
         curvature.append(2 * abs(circle.coefficients[0]))
-        spread.append(2 * np.sqrt(circle.covariance[0, 0]))
+        stated.append(2 * np.sqrt(circle.covariance[0, 0]))
     deviation = np.std(curvature)
     assert np.mean(curvature) == pytest.approx(1 / 200, abs=3 * deviation / np.sqrt(200))
-    assert np.mean(spread) == pytest.approx(deviation, rel=0.2)
+    assert np.mean(stated) == pytest.approx(deviation, rel=0.2)
 
 
 def test_distances_from_a_circle_are_exact():
@@ -93,20 +90,17 @@ def test_distances_from_a_circle_are_exact():
     assert np.abs(circle.distance(points)) == pytest.approx([40, 10, 0, 25], abs=1e-6)
 
 
-# -- the plumb line ----------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["unified", "mei", "ocam", "kannala_brandt", "double_sphere", "equidistant"])
-def test_the_gradient_is_that_of_the_cost(name):
+def test_the_gradient_matches_finite_differences_of_the_cost(name):
     model = model_class(name).example()
     arcs, normals = line_images(model, 4, noise=0.4, radii=(20, 300))
-    chains = Chains.of(arcs)
+    chains = PixelChains.from_arrays(arcs)
     bent = model.with_params(model.params * (1 + 2e-3 * np.cos(np.arange(model.params.size))))
-    state = Lines(bent, normals)
-    problem = PlumbLine(chains, Huber(), FreeParameters.of(model))
+    state = PlumbLineState(bent, normals)
+    problem = PlumbLineProblem(chains, Huber(), FreeParameters.of(model))
     normal = problem.linearize(state)
     gradient = np.concatenate([normal.shared_gradient, normal.local_gradient.ravel()])
-    # Steps that change pixels alike, whatever the unit of the parameter.
+    # Steps of equal effect in pixels, whatever the unit of the parameter.
     size = np.concatenate([1 / np.sqrt(np.diagonal(normal.shared)), np.full(8, 1e-2)]) * 1e-2
     for i in range(len(gradient)):
         step = np.zeros(len(gradient))
@@ -115,52 +109,52 @@ def test_the_gradient_is_that_of_the_cost(name):
         assert slope == pytest.approx(gradient[i] * size[i], abs=2e-3 * np.abs(gradient * size).max())
 
 
-def test_distances_are_those_of_the_image_in_pixels():
+def test_distances_are_measured_in_pixels():
     (arc,), normals = line_images(HYPERBOLIC, 1)
     tangent = np.gradient(arc, axis=0)
     across = np.stack([-tangent[:, 1], tangent[:, 0]], -1) / np.linalg.norm(tangent, axis=1, keepdims=True)
-    moved = Chains.of([arc + 1.5 * across])
-    assert Lines(HYPERBOLIC, normals).distances(moved) == pytest.approx(np.full(len(arc), 1.5), abs=0.02)
+    moved = PixelChains.from_arrays([arc + 1.5 * across])
+    assert PlumbLineState(HYPERBOLIC, normals).distances(moved) == pytest.approx(np.full(len(arc), 1.5), abs=0.02)
 
 
 @pytest.mark.parametrize("name", ["unified", "equidistant", "equisolid", "orthographic"])
-def test_the_plumb_line_finds_a_rigid_model_from_lines_alone(name):
+def test_lines_alone_determine_a_model_with_a_fixed_profile(name):
     truth = model_class(name).example()
     truth = truth.with_params([truth.params[0], *truth.params[[0, 2, 3]], *truth.params[4:]])
     if "skew" in truth.param_names:
         truth = model_class(name).from_dict(truth.to_dict() | {"skew": 0.0})
     arcs, _ = line_images(truth, 8, radii=(30, 300))
-    chains = Chains.of(arcs)
+    chains = PixelChains.from_arrays(arcs)
     off = truth.with_params(truth.params * np.array([1.04, 1.04, 1.01, 0.99, *[1.03] * (truth.params.size - 4)]))
-    found = refine_lines(lines_of(off, chains), chains, FreeParameters.of(off, square=True)).state
+    found = refine_plumb_lines(fit_line_planes(off, chains), chains, FreeParameters.of(off, square=True)).state
     assert found.distances(chains).max() < 1e-5
     assert found.model.params == pytest.approx(truth.params, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["ocam", "kannala_brandt", "mei"])
-def test_a_model_that_bends_freely_keeps_the_scale_of_the_unified_model(name):
+def test_a_model_with_a_free_profile_keeps_the_scale_of_the_unified_model(name):
     arcs, _ = line_images(HYPERBOLIC, 12, noise=0.1)
-    found = calibrate_lines(Chains.of(arcs), SIZE, model=name, trusted=True)
-    assert found.scale_held
+    found = calibrate_drawn(arcs, model=name)
+    assert found.estimate.is_scale_fixed
     assert any("the scale of" in warning for warning in found.warnings)
-    assert apart(found.camera.model, HYPERBOLIC, np.concatenate(arcs)) < 3 * found.bearing_sd
-    assert found.bearing_sd < np.radians(1)
+    assert bearing_difference(found.camera.model, HYPERBOLIC, np.concatenate(arcs)) < 3 * found.bearing_sigma
+    assert found.bearing_sigma < np.radians(1)
 
 
-def test_a_rigid_model_that_scaling_changes_into_itself_is_known_for_one():
+def test_a_model_closed_under_scaling_gets_a_fixed_scale():
     truth = model_class("fov")(430.0, 430.0, 640.0, 512.0, 0.92)
     arcs, _ = line_images(truth, 12, noise=0.1)
-    assert calibrate_lines(Chains.of(arcs), SIZE, model="fov", trusted=True).scale_held
-    assert not calibrate_lines(Chains.of(arcs), SIZE, model="equidistant", trusted=True).scale_held
+    assert calibrate_drawn(arcs, model="fov").estimate.is_scale_fixed
+    assert not calibrate_drawn(arcs, model="equidistant").estimate.is_scale_fixed
 
 
-def test_a_pinhole_is_refused_for_its_lines_are_straight_whatever_it_is():
+def test_a_pinhole_is_rejected():
     arcs, _ = line_images(Unified(400.0, 400.0, 640.0, 512.0, 0.2), 8, radii=(20, 300))
     with pytest.raises(ValueError, match="lines do not determine the parameters of pinhole"):
-        calibrate_lines(Chains.of(arcs), SIZE, model="pinhole", trusted=True)
+        calibrate_drawn(arcs, model="pinhole")
 
 
-def test_lines_that_a_lens_without_distortion_shows_determine_no_camera():
+def test_lines_without_distortion_determine_no_camera():
     arcs, _ = line_images(Unified(400.0, 400.0, 640.0, 512.0, 0.0), 12, noise=0.3, radii=(20, 300))
-    with pytest.raises(ValueError, match="the lines do not determine the camera: bearings are known to"):
-        calibrate_lines(Chains.of(arcs), SIZE, trusted=True)
+    with pytest.raises(ValueError, match="the lines do not determine the camera: the standard deviation"):
+        calibrate_drawn(arcs)

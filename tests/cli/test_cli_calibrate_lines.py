@@ -1,6 +1,7 @@
 """omnisight calibrate-lines."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ def room(tmp_path_factory):
 
 @pytest.fixture
 def drawn(tmp_path):
-    """Give an image and a file of ten lines through a parabolic mirror."""
+    """Write a blank image and a file of ten lines seen in a parabolic mirror."""
     rng = np.random.default_rng(0)
     lines = []
     while len(lines) < 10:
@@ -37,12 +38,14 @@ def drawn(tmp_path):
     return tmp_path
 
 
-def test_one_picture_of_a_room_calibrates_a_mirror(run, room, tmp_path):
+def test_one_image_of_a_room_calibrates_a_mirror(run, room, tmp_path):
     status, out, err = run("calibrate-lines", room, "-o", tmp_path / "camera.json", "--draw", tmp_path / "drawn")
     assert (status, err) == (0, "")
-    assert out.startswith("model unified\nparameter ")
-    assert "not determined by lines: handedness" in out
-    assert f"written: {tmp_path / 'camera.json'}" in out
+    assert out.startswith("parameter ")
+    assert re.search(r"^camera +unified, 480x360, lines up to \d+° off-axis, \d+ lines,", out, re.MULTILINE)
+    assert re.search(r"^accuracy +rms 0\.\d+ px; bearings [\d.]+° \(1σ\)$", out, re.MULTILINE)
+    assert "unknown   handedness" in out
+    assert f"written   {tmp_path / 'camera.json'}" in out
     camera = load(tmp_path / "camera.json")
     assert camera.size == (480, 360)
     assert camera.calibration["method"] == "lines"
@@ -59,35 +62,35 @@ def test_one_picture_of_a_room_calibrates_a_mirror(run, room, tmp_path):
     assert ((sheet[..., 1] > 180) & (sheet[..., 0] < 120)).sum() > 1000
 
 
-def test_drawn_lines_and_what_is_known_are_used(run, drawn):
+def test_drawn_lines_and_fixed_parameters_are_used(run, drawn):
     camera = drawn / "c.json"
     given = ("--lines", drawn / "lines.json", "--fix", "xi=1")
     status, out, err = run("calibrate-lines", drawn / "blank.png", *given, "--json", "-o", camera)
     assert (status, err) == (0, "")
-    said = json.loads(out)
-    assert said["lines"] == said["arcs"] == 10
-    assert said["camera"]["params"]["xi"] == 1
-    assert said["deviations"]["xi"] == 0
+    result = json.loads(out)
+    assert result["lines"] == result["arcs"] == 10
+    assert result["camera"]["params"]["xi"] == 1
+    assert result["deviations"]["xi"] == 0
     off = load(camera).model.params - TRUTH.params
     assert np.abs(off).max() < 2
-    assert np.abs(off[0]) < 4 * said["deviations"]["fx"]
-    assert 0 < said["bearing_sd_deg"] < 0.5
+    assert np.abs(off[0]) < 4 * result["deviations"]["fx"]
+    assert 0 < result["bearing_sd_deg"] < 0.5
     assert load(camera).provenance["lines"] == "lines.json"
 
 
-def test_what_cannot_work_is_refused_in_one_line(refuses, drawn):
+def test_invalid_input_is_rejected_in_one_line(refuses, drawn):
     blank, lines = drawn / "blank.png", drawn / "lines.json"
     assert "0 lines are too few" in refuses("calibrate-lines", blank)
-    assert "--fix: unified has no k1" in refuses("calibrate-lines", blank, "--fix", "k1=0")
+    assert "unified has no k1; it has fx" in refuses("calibrate-lines", blank, "--fix", "k1=0")
     assert "such as xi=1, got 'xi'" in refuses("calibrate-lines", blank, "--fix", "xi")
     assert "there is no folder" in refuses("calibrate-lines", blank, "-o", drawn / "none" / "c.json")
     assert "unknown camera model" in refuses("calibrate-lines", blank, "--model", "nonsense")
     (drawn / "bad.json").write_text('{"other.png": []}')
-    assert "names other.png, which is none of the images" in refuses(
+    assert "names other.png, which is not one of the images" in refuses(
         "calibrate-lines", blank, "--lines", drawn / "bad.json"
     )
     write_image(drawn / "mask.png", np.zeros((5, 5), np.uint8))
-    assert "mask.png: is 5 x 5 px, the images 1280 x 1024" in refuses(
+    assert "mask.png: is 5 x 5 px, the images are 1280 x 1024" in refuses(
         "calibrate-lines", blank, "--mask", drawn / "mask.png"
     )
     write_image(drawn / "small.png", np.zeros((50, 50), np.uint8))

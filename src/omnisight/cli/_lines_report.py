@@ -1,82 +1,62 @@
-"""What `omnisight calibrate-lines` says when it is done."""
+"""Report of `omnisight calibrate-lines`."""
 
 import json
-from collections.abc import Mapping
 
 import numpy as np
 
 from omnisight.calibration.lines import LinesCalibration
-from omnisight.camera import Camera
 from omnisight.cli._console import console
-from omnisight.formats import Written
+from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
 
 
-def as_json(found: LinesCalibration, camera: Camera) -> None:
-    """Print one object on stdout, and nothing else."""
-    deviations = np.sqrt(np.diagonal(found.uncertainty.covariance))
-    said = {
+def print_json(calibration: LinesCalibration) -> None:
+    """Print the calibration as one JSON object."""
+    camera, uncertainty = calibration.camera, calibration.uncertainty
+    sigmas = np.sqrt(np.diagonal(uncertainty.covariance)).tolist()
+    result = {
         "model": camera.model.name,
-        "lines": len(found.chains),
-        "arcs": len(found.line_of_arc),
-        "rms": found.rms,
-        "sigma": found.uncertainty.sigma,
-        "inflation": found.uncertainty.inflation,
-        "deviations": dict(zip(camera.model.param_names, deviations.tolist(), strict=True)),
-        "bearing_sd_deg": float(np.degrees(found.bearing_sd)),
-        "model_error_deg": float(np.degrees(found.misfit)),
-        "not_determined": list(open_questions(found)),
-        "warnings": list(found.warnings),
+        "lines": len(calibration.lines),
+        "arcs": len(calibration.arcs),
+        "rms": calibration.rms,
+        "sigma": uncertainty.sigma,
+        "inflation": uncertainty.inflation,
+        "deviations": dict(zip(camera.model.param_names, sigmas, strict=True)),
+        "bearing_sd_deg": float(np.degrees(calibration.bearing_sigma)),
+        "model_error_deg": float(np.degrees(calibration.estimate.model_error)),
+        "not_determined": list(calibration.undetermined),
+        "warnings": list(calibration.warnings),
         "camera": to_json(camera),
     }
-    print(json.dumps(said, indent=2, allow_nan=False))
+    print(json.dumps(result, indent=2, allow_nan=False))
 
 
-def open_questions(found: LinesCalibration) -> tuple[str, ...]:
-    """Say what the lines leave open."""
-    return (
-        "handedness: whether a mirror exchanges left and right",
-        *(["the scale of tan(theta)"] if found.scale_held else []),
-    )
-
-
-def print_report(found: LinesCalibration, known: Mapping[str, float], written: Written | None) -> None:
-    """Print the parameters with their deviations, and what to make of them."""
+def print_report(calibration: LinesCalibration, written: SaveResult | None) -> None:
+    """Print the parameters with their standard deviations, the accuracy, warnings and the file written."""
     from rich.table import Table
 
-    out = console()
-    table = Table("parameter", "value", "deviation", "unit", "", box=None, pad_edge=False)
+    out, camera = console(), calibration.camera
+    table = Table("parameter", "value", "1σ", "unit", "", box=None, pad_edge=False)
     for column in table.columns[1:3]:
         column.justify = "right"
-    model = found.camera.model
-    deviations = np.sqrt(np.diagonal(found.uncertainty.covariance))
-    for parameter, value, deviation in zip(model.parameters, model.params, deviations, strict=True):
-        why = "known" if parameter.name in known else "fixed"
-        table.add_row(
-            parameter.name,
-            f"{value:.6g}",
-            f"{deviation:.2g}" if deviation else why,
-            parameter.unit,
-            parameter.doc,
-        )
-    out.print(f"model {model.name}")
+    sigmas = np.sqrt(np.diagonal(calibration.uncertainty.covariance))
+    for parameter, value, sigma in zip(camera.model.parameters, camera.model.params, sigmas, strict=True):
+        sigma_text = f"{sigma:.2g}" if sigma else "fixed"
+        table.add_row(parameter.name, f"{value:.6g}", sigma_text, parameter.unit, parameter.doc)
     out.print(table)
     out.print()
-    used = int((found.line_of_arc >= 0).sum())
-    out.print(
-        f"{len(found.chains)} lines of {used} arcs, {len(found.line_of_arc) - used} arcs are no lines;"
-        f" rms {found.rms:.3f} px; lines reach {np.degrees(found.camera.theta_max or 0):.0f} degrees from the axis",
-        soft_wrap=True,
-    )
-    out.print(
-        f"bearings where the lines are: {np.degrees(found.bearing_sd):.2g} degrees (one standard deviation:"
-        f" of the lines, widened {np.sqrt(found.uncertainty.inflation):.1f} times for the pixels of one edge err"
-        f" together, and of {'the model' if found.shape_known else 'the model and its scale'})",
-        soft_wrap=True,
-    )
-    out.print(f"not determined by lines: {'; '.join(open_questions(found))}", soft_wrap=True)
-    for warning in found.warnings:
-        out.print(f"note: {warning}", soft_wrap=True)
-    out.print(
-        f"written: {written.path}" if written is not None else "nothing written: give -o camera.json", soft_wrap=True
-    )
+    inliers = int((calibration.line_of_arc >= 0).sum())
+    rows = [
+        (
+            "camera",
+            f"{camera.model.name}, {camera.width}x{camera.height}, lines up to"
+            f" {np.degrees(camera.theta_max or 0):.0f}° off-axis, {len(calibration.lines)} lines,"
+            f" {inliers} of {len(calibration.arcs)} arcs are inliers",
+        ),
+        ("accuracy", f"rms {calibration.rms:.3f} px; bearings {np.degrees(calibration.bearing_sigma):.2g}° (1σ)"),
+        ("unknown", "; ".join(calibration.undetermined)),
+        *(("warning", warning) for warning in calibration.warnings),
+        ("written", str(written.path) if written is not None else "nothing; add -o camera.json to write the camera"),
+    ]
+    for label, text in rows:
+        out.print(f"{label:<10}{text}", soft_wrap=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -67,8 +68,11 @@ def calibrate_lines(
     line_of_arc[kept] = estimate.consensus.line_of_arc
     is_duplicate = duplicate_of >= 0
     line_of_arc[is_duplicate] = line_of_arc[duplicate_of[is_duplicate]]
+    provenance: dict[str, Any] = {"images": list(observations.image_names)}
+    if options.lines is not None:
+        provenance["lines"] = options.lines.name
     return LinesCalibration.from_estimate(
-        estimate, observations.arcs, line_of_arc, observations.size, is_xi_fixed="xi" in options.fixed
+        estimate, observations, line_of_arc, is_xi_fixed="xi" in options.fixed, provenance=provenance
     )
 
 
@@ -84,7 +88,7 @@ def load_line_observations(
     """
     if isinstance(source, LineObservations):
         return source
-    items = [source] if isinstance(source, str | PathLike) else list(source)
+    items: list[object] = [source] if isinstance(source, str | PathLike) else list(source)
     if not all(isinstance(item, str | PathLike) for item in items):
         raise ValueError(
             "source must be a folder, image files, glob patterns or LineObservations, got"

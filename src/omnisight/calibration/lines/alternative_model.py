@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.free_parameters import FreeParameters, squared
+from omnisight.calibration.free_parameters import FreeParameters, with_square_pixels
 from omnisight.calibration.lines.consensus import select_lines
 from omnisight.calibration.lines.focal_scale import fix_focal_scale
 from omnisight.calibration.lines.pixel_chains import PixelChains
@@ -46,7 +46,7 @@ def convert_model(
         model = cls.fit(bearings[valid], samples.pixels[valid], fixed=FIXED_PARAMETERS)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ValueError(f"{cls.name} cannot represent this camera: {error}") from None
-    return PlumbLineState((squared(model) if square else model).with_values(fixed), state.normals)
+    return PlumbLineState((with_square_pixels(model) if square else model).with_values(fixed), state.normals)
 
 
 def estimate_model_error(

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 # Residual of a pixel outside the model's domain: large, but finite, so that the optimisation can continue.
 OUT_OF_DOMAIN_PX = 50.0
 # Threshold of the Huber loss in robust standard deviations, and its lower bound for exact data.
-HUBER_SIGMAS, MIN_HUBER_PX = 4.0, 1e-3
+OUTLIER_SIGMA, MIN_HUBER_PX = 4.0, 1e-3
 # Median of |x| for a standard normal variable.
 NORMAL_MEDIAN = 0.6744897501960817
 
@@ -164,7 +164,7 @@ def refine_plumb_lines(
 
 def huber_loss(sigma: float) -> Huber:
     """Return the Huber loss for residuals with the given standard deviation, px."""
-    return Huber(max(HUBER_SIGMAS * sigma, MIN_HUBER_PX))
+    return Huber(max(OUTLIER_SIGMA * sigma, MIN_HUBER_PX))
 
 
 def line_sigma(state: PlumbLineState, chains: PixelChains) -> float:

@@ -1,12 +1,14 @@
 """The result of a calibration from lines, with its warnings."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.lines.estimation import REFINED_PIXELS, LineEstimate
 from omnisight.calibration.lines.focal_scale import scale_bearing_sigma
+from omnisight.calibration.lines.observations import LineObservations
 from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.plumb_line import PlumbLineState
 from omnisight.calibration.lines.uncertainty import LinesUncertainty, bearing_sigma
@@ -63,11 +65,11 @@ class LinesCalibration:
     def from_estimate(
         cls,
         estimate: LineEstimate,
-        arcs: PixelChains,
+        observations: LineObservations,
         line_of_arc: NDArray[np.intp],
-        size: tuple[int, int],
         *,
         is_xi_fixed: bool,
+        provenance: dict[str, Any],
     ) -> "LinesCalibration":
         """Assemble the camera, its figures and the warnings."""
         state, lines, uncertainty = estimate.consensus.state, estimate.consensus.lines, estimate.uncertainty
@@ -88,9 +90,16 @@ class LinesCalibration:
             "model_error_deg": float(np.degrees(estimate.model_error)),
             "scale_fixed": estimate.is_scale_fixed,
         }
-        camera = Camera(state.model, size, theta_max=theta_max, calibration=figures, covariance=uncertainty.covariance)
+        camera = Camera(
+            state.model,
+            observations.size,
+            theta_max=theta_max,
+            calibration=figures,
+            covariance=uncertainty.covariance,
+            provenance=provenance,
+        )
         warnings = _warnings(estimate, rms, sigma, len(line_of_arc))
-        return cls(camera, estimate, arcs, line_of_arc, is_xi_fixed, sigma, rms, warnings)
+        return cls(camera, estimate, observations.arcs, line_of_arc, is_xi_fixed, sigma, rms, warnings)
 
     @property
     def state(self) -> PlumbLineState:
