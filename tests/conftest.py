@@ -1,27 +1,45 @@
-"""Fixtures that several test files share."""
+"""Fixtures of several test files, and the settings of every test process."""
 
 import os
+
+# The processes of the tests share the cores already. More threads for small matrices and images double the processor
+# time. Both variables are read when numpy and OpenCV are imported, and subprocesses inherit them.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
+
+from compiling import STEPS, compile_step
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Share a folder out among processes; a file that is named has begun before they would have."""
+    """Run folders in one process per core, and single files in this process, which starts sooner."""
     return None if any(Path(argument).is_dir() for argument in config.args) else 0
+
+
+def pytest_xdist_setupnodes(config, specs):
+    """Compile everything once before the workers start: otherwise each compiles what it needs, often the same."""
+    if config.args == config.getini("testpaths"):
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(len(specs), mp_context=spawn) as pool:
+            list(pool.map(compile_step, STEPS))
 
 
 @pytest.fixture
 def data():
-    """Give the folder of a set of real images by its name; the test skips where the set is not there."""
+    """Return a function from the name of a data set of real images to its folder; skip the test without the set."""
     base = ROOT / os.environ.get("OMNISIGHT_DATA", "../shared/data")
 
     def folder(name):
         path = base / name
         if not path.exists():
-            pytest.skip(f"needs {name} in {base}; OMNISIGHT_DATA says where")
+            pytest.skip(f"needs {name} in {base}; the variable OMNISIGHT_DATA names that folder")
         return path
 
     return folder
@@ -29,15 +47,15 @@ def data():
 
 @pytest.fixture
 def fresh_detections(tmp_path_factory, monkeypatch):
-    """Keep what is found in images for this run alone, in all of its processes: another may find otherwise."""
+    """Cache detections for this run only, shared by its processes: another version may detect other corners."""
     folder = tmp_path_factory.getbasetemp()
     folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
-    monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: folder / "found")
+    monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: folder / "detections")
 
 
 @pytest.fixture
-def get(tmp_path):
-    """Give a function that reads the camera of a calibration file's text."""
+def load_text(tmp_path):
+    """Return a function that reads the camera of a calibration file with the given text."""
     from omnisight.formats import load
 
     def camera(text):
