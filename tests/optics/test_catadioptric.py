@@ -124,7 +124,7 @@ def test_a_ball_answers_alhazens_problem():
         up = b3 - (b3 @ right) * right
         up /= np.linalg.norm(up)
         a, b = complex(np.linalg.norm(a3)), complex(b3 @ right, b3 @ up)
-        roots = np.whitening([np.conj(a * b), -np.conj(a + b), 0, a + b, -a * b])
+        roots = np.roots([np.conj(a * b), -np.conj(a + b), 0, a + b, -a * b])
         roots = roots[np.abs(np.abs(roots) - 1) < 1e-6]
         shows = ((roots.conj() * a).real > 1) & ((roots.conj() * b).real > 1)
         assert shows.sum() == 1
