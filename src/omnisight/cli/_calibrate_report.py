@@ -9,15 +9,15 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.cli._console import console
-from omnisight.report.drawings.detections import rows_of_pictures
 from omnisight.cli._standouts import standouts
-from omnisight.formats import Written
+from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
 from omnisight.pipeline.central import Calibration
 from omnisight.pipeline.noncentral import RaysCalibration
 from omnisight.pipeline.pictures import PicturesCalibration
 from omnisight.quality.evidence import Level
 from omnisight.ray_camera import RayCamera
+from omnisight.report.drawings.detections import rows_of_pictures
 from omnisight.targets import Checkerboard, Detections, PointTarget
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def print_report(
     result: PicturesCalibration,
     names: Sequence[str],
     seconds: Mapping[str, float],
-    written: Written | None,
+    written: SaveResult | None,
     viewpoint: "Callable[[Console], None]",
 ) -> None:
     """Print the tables and what to make of them; `viewpoint` prints whether rays meet in a point."""

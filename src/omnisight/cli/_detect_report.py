@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from omnisight.cli._console import console
-from omnisight.cli._names import labels
+from omnisight.images.output_paths import image_labels
 from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection, PointTarget
 
 CLIPPED, DARK = 253, 70
@@ -14,7 +14,7 @@ BLURRED = 2.5  # px
 
 def as_json(search: Detections) -> None:
     """Print one object on stdout, and nothing else."""
-    names = labels([picture.path for picture in search.images])
+    names = image_labels([picture.path for picture in search.images])
     field = search.field
     result = {
         "format": "omnisight-corners",
@@ -47,7 +47,7 @@ def print_report(search: Detections) -> None:
     table = Table("image", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
     for column in table.columns[1:6]:
         column.justify = "right"
-    for picture, name in zip(search.images, labels([p.path for p in search.images]), strict=True):
+    for picture, name in zip(search.images, image_labels([p.path for p in search.images]), strict=True):
         table.add_row(
             name,
             str(len(picture.boards) or "-"),

@@ -1,21 +1,11 @@
-"""Files that a command writes, and what they say of their making."""
+"""Output files of a command."""
 
 import tempfile
 from pathlib import Path
 
 
-def made_now() -> dict[str, str]:
-    """Give what the provenance of a camera begins with: the program and the date."""
-    import datetime
-
-    import omnisight
-
-    date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    return {"tool": f"omnisight {omnisight.__version__}", "date": date}
-
-
 def must_be_writable(output: Path) -> None:
-    """Refuse, before any work, a file that could not be written after it."""
+    """Raise before any work if an output file cannot be written."""
     if output.is_dir():
         raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'camera.json'}")
     if not output.parent.is_dir():

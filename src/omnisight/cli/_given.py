@@ -1,6 +1,5 @@
 """What a command is given to look at: images, or corners that something else found."""
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +55,7 @@ class Given:
             If there is nothing, or an option cannot be read or is of no use for images.
         """
         from omnisight.cli._size import parse_size
-        from omnisight.images import VIDEO_EXTENSIONS, IMAGE_EXTENSIONS, collect_images, expand_path
+        from omnisight.images import IMAGE_EXTENSIONS, VIDEO_EXTENSIONS, collect_images, expand_path
 
         found = [path for item in inputs for path in expand_path(item)]
         seen = any(path.suffix.lower() in (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) for path in found)
@@ -77,14 +76,14 @@ class Given:
         ValueError
             If a file of corners cannot be read, or the files leave something open.
         """
-        from omnisight.calibration.warm_up import prepare
+        from omnisight.calibration.warm_up import start_warm_up
         from omnisight.cli._board import search_boards
         from omnisight.corners import read_corners
         from omnisight.targets import parse_length
 
         if not self.corners:
             # Boards, once found, are not to wait for code to be loaded or compiled.
-            threading.Thread(target=prepare).start()
+            start_warm_up()
             return search_boards(self.paths, self.board, self.square, report, apply_exif=apply_exif, cache=cache)
         side = None if self.square is None else parse_length(self.square)
         return read_corners(self.paths, board=self.board, square=side, size=self.size, which=self.which)

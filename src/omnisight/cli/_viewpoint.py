@@ -24,9 +24,9 @@ def print_viewpoint(out: "Console", asked: NonCentralityTest | None, found: Cali
         column.justify = "right"
     left = asked.left
     for k in range(len(left.distances)):
-        worst = f"{np.degrees(left.worst_angles[k]):.3f}"
+        worst = f"{np.degrees(left.max_angles[k]):.3f}"
         table.add_row(
-            f"{asked.distance(k)} away is off by", f"{left.rms_pixels[k]:.3f}", f"{left.worst_pixels[k]:.3f}", worst
+            f"{asked.distance(k)} away is off by", f"{left.rms_pixels[k]:.3f}", f"{left.max_pixels[k]:.3f}", worst
         )
     moves, rays = asked.needed or asked.open, isinstance(found, RaysCalibration)
     if moves or rays:

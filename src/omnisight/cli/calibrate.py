@@ -97,10 +97,10 @@ def calibrate(
     from omnisight.cli._classic import classic_camera, print_classic, steps
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._given import Given
-    from omnisight.cli._names import drawings, labels, spare
     from omnisight.cli._start import drawn, must_fit
     from omnisight.cli._viewpoint import print_viewpoint, viewpoint_json
     from omnisight.formats import save
+    from omnisight.images.output_paths import drawing_paths, image_labels, refuse_overwrite
     from omnisight.models import model_names
     from omnisight.optics.models import ray_model_names
     from omnisight.pipeline.noncentral import calibrate_rays
@@ -124,12 +124,12 @@ def calibrate(
     board = asked_board(pattern, square, target)
     given = Given.of(pictures, board, square=square, image_size=image_size, which=which)
     if draw is not None:
-        drawings(given.paths, draw)
-    spare([file for file in (output, report) if file is not None], [*given.paths, *([target] if target else [])])
+        drawing_paths(given.paths, draw)
+    refuse_overwrite([file for file in (output, report) if file is not None], [*given.paths, *([target] if target else [])])
     with progress(quiet or json) as tell:
         search = given.search(tell, apply_exif=apply_exif, cache=cache)
         # Named before any is dropped: a second --drop then still finds what the first table called so.
-        names = labels([picture.path for picture in search.images])
+        names = image_labels([picture.path for picture in search.images])
         search = _without(search, names, drop or [])
         names = [name for name in names if name not in (drop or [])]
         detected = time.perf_counter()
@@ -259,10 +259,10 @@ def _kind(board: Any) -> str:
 def _with_provenance(camera: Any, search: Any) -> Any:
     import dataclasses
 
-    from omnisight.cli._files import made_now
+    from omnisight.pipeline.provenance import tool_provenance
 
     provenance = {
-        **made_now(),
+        **tool_provenance(),
         "pattern": str(search.board),
         "target": search.board.to_dict(),
         "images": [p.path.name for p in search.found],

@@ -56,25 +56,26 @@ def calibrate_lines(
     """
     from dataclasses import replace
 
-    from omnisight.cli._files import made_now, must_be_writable
+    from omnisight.cli._files import must_be_writable
     from omnisight.cli._lines_report import print_json, print_report
-    from omnisight.cli._names import drawings, spare
     from omnisight.formats import save
     from omnisight.images import collect_images
+    from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions
     from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate
+    from omnisight.pipeline.provenance import tool_provenance
 
     options = CalibrateLinesOptions(model, _parse_fixed(fix or []), mask=mask, lines=lines, apply_exif=apply_exif)
     paths = collect_images(images)
     # Check the outputs before the calibration, which takes a while.
     if output is not None:
         must_be_writable(output)
-        spare([output], [*paths, *([lines] if lines else []), *([mask] if mask else [])])
+        refuse_overwrite([output], [*paths, *([lines] if lines else []), *([mask] if mask else [])])
     if draw is not None:
-        drawings(paths, draw)
+        drawing_paths(paths, draw)
     with progress(quiet or json) as report:
         calibration = calibrate(paths, options, progress=report)
-    camera = replace(calibration.camera, provenance={**made_now(), **calibration.camera.provenance})
+    camera = replace(calibration.camera, provenance={**tool_provenance(), **calibration.camera.provenance})
     calibration = replace(calibration, camera=camera)
     # Write the camera first, so that a failed drawing does not lose it.
     written = save(camera, output) if output is not None else None

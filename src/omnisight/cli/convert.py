@@ -48,7 +48,7 @@ def convert(
 
     from omnisight.cli._central import central_camera
     from omnisight.conversion import conversions, convert_model
-    from omnisight.formats import format_named, save
+    from omnisight.formats import get_format, save
     from omnisight.models import model_names
 
     if to in model_names():
@@ -59,7 +59,7 @@ def convert(
         print(f"central     {source.model.name}, at most {fitted['differs_px']:.2g} px off for what is {distance} away")
         if fitted.get("mirrored"):
             print("frame       in the mirror's viewpoint; left and right are exchanged as in the image (view --flip)")
-    chosen = format_named(to)
+    chosen = get_format(to)
     limit = None if max_theta is None else float(np.radians(max_theta))
     if model is not None and model not in chosen.MODELS:
         raise ValueError(f"{chosen.TITLE} has no model {model}; it has {', '.join(chosen.MODELS)}")

@@ -93,8 +93,8 @@ def design(
     else:
         print_report(made, shown)
     if output is not None:
-        from omnisight.report.drawings.mirror_design import draw_design
         from omnisight.images import write_bytes
+        from omnisight.report.drawings.mirror_design import draw_design
 
         write_bytes(output, draw_design(made, shown).encode())
         if not json:
@@ -174,10 +174,10 @@ def _must_be(file: Path, suffix: str) -> None:
 def _camera(made: Any, shown: Any) -> Any:
     """Give the camera of a design: of a central one its model, of another its lens and mirror, to be traced."""
     from omnisight.camera import Camera
-    from omnisight.cli._files import made_now
+    from omnisight.pipeline.provenance import tool_provenance
     from omnisight.ray_camera import RayCamera
 
-    source = made_now() | {"source": f"omnisight design mirror --kind {made.specification.kind}"}
+    source = tool_provenance() | {"source": f"omnisight design mirror --kind {made.specification.kind}"}
     if not made.central:
         # In the lens' frame, whose z looks up into the mirror.
         limits = {"theta_max": math.pi - shown.blind.theta, "theta_min": math.pi - made.specification.theta}

@@ -54,15 +54,15 @@ def detect(
     """
     from omnisight.cli._board import asked_board, search_boards
     from omnisight.cli._detect_report import as_json, print_report
-    from omnisight.report.drawings.detections import draw_boards
-    from omnisight.cli._names import drawings
     from omnisight.images import collect_images
+    from omnisight.images.output_paths import drawing_paths
+    from omnisight.report.drawings.detections import draw_boards
 
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures, videos=True)
     folder = output if output is not None or json else FOLDER
     if folder is not None:
-        drawings(paths, folder)
+        drawing_paths(paths, folder)
     with progress(quiet or json) as report:
         search = search_boards(paths, board, square, report, apply_exif=apply_exif, cache=cache)
         if all(picture.size is None for picture in search.images):
@@ -74,7 +74,7 @@ def detect(
         else:
             print_report(search)
         if folder is not None:
-            files = drawings([picture.path for picture in search.images], folder)
+            files = drawing_paths([picture.path for picture in search.images], folder)
             draw_boards(search, files, apply_exif=apply_exif, progress=lambda done, all_: report("draw", done, all_))
     if folder is not None and not json:
         print(f"drawn: {folder}")

@@ -79,8 +79,8 @@ def evaluate(
     from omnisight.cli._detect_report import advice
     from omnisight.cli._evaluate_report import as_json, print_report
     from omnisight.cli._given import Given
-    from omnisight.cli._names import drawings, labels
     from omnisight.formats import load
+    from omnisight.images.output_paths import drawing_paths, image_labels
     from omnisight.targets.observations import Observations
 
     (first, path), *others = _labelled([camera, *(compare or [])]).items()
@@ -88,10 +88,10 @@ def evaluate(
     board = asked_board(pattern, square, target)
     given = Given.of(pictures, board, square=square, image_size=image_size, which=which)
     if draw is not None:
-        drawings(given.paths, draw)
+        drawing_paths(given.paths, draw)
     with progress(quiet or json) as tell:
         search = given.search(tell, apply_exif=apply_exif, cache=cache)
-        names = labels([picture.path for picture in search.images])
+        names = image_labels([picture.path for picture in search.images])
         if not search.found:
             why = advice(search.board) if search.board is not None else "give --pattern, such as 9x6, or --target"
             raise ValueError(f"no board in {len(search.images)} images: {search.hint or why}")
@@ -117,10 +117,10 @@ def evaluate(
 
 def _labelled(files: list[Path]) -> dict[str, Path]:
     """Name the cameras to a reader; one that is given twice is judged once."""
-    from omnisight.cli._names import labels
+    from omnisight.images.output_paths import image_labels
 
     once = list({path.resolve(): path for path in files}.values())
-    return dict(zip(labels(once), once, strict=True))
+    return dict(zip(image_labels(once), once, strict=True))
 
 
 def _must_fit(camera: "Camera | RayCamera", label: str, search: "Detections") -> None:

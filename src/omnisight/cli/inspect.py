@@ -43,21 +43,21 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
         shown = _as_seen(next(iter(cameras.values())))
         if shown is None:
             raise ValueError(f"{camera}: a camera of rays without a lens of its own has no r(theta) to draw")
-        from omnisight.report.drawings.radial_profile import radial_profile, to_svg
         from omnisight.images import write_bytes
+        from omnisight.report.drawings.radial_profile import radial_profile, to_svg
 
         write_bytes(svg, to_svg(radial_profile(shown)).encode())
         print(f"written: {svg}")
 
 
 def _describe(camera: Any, path: Path) -> None:
-    from omnisight.formats import format_named, format_names
+    from omnisight.formats import format_names, get_format
     from omnisight.ray_camera import RayCamera
 
     model = camera.model
     source = camera.provenance.get("format", "native")
     source = source if source in format_names() else "native"
-    print(f"file        {path.name}: {format_named(source).TITLE}")
+    print(f"file        {path.name}: {get_format(source).TITLE}")
     print(f"model       {model.name}: {(type(model).__doc__ or '').strip().splitlines()[0]}")
     _parameters(camera)
     print(f"size        {camera.width} x {camera.height} px" if camera.width else "size        not in the file")
@@ -68,7 +68,7 @@ def _describe(camera: Any, path: Path) -> None:
     for key, value in camera.calibration.items():
         _tell(key, value)
     print("convention  x right, y down, z forward; integer pixel = pixel centre, top-left is (0, 0)")
-    print(f"its file    {format_named(source).CONVENTION}")
+    print(f"its file    {get_format(source).CONVENTION}")
     for key, value in camera.provenance.items():
         text = str(value)
         print(f"from        {key}: {text if len(text) < 90 else text[:87] + '...'}")

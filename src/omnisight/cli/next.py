@@ -74,9 +74,9 @@ def next(
     from omnisight.cli._board import asked_board
     from omnisight.cli._central import central_camera
     from omnisight.cli._given import Given
-    from omnisight.cli._names import labels, spare
     from omnisight.cli._next_board import held_board
     from omnisight.cli._next_report import as_json, print_report
+    from omnisight.images.output_paths import image_labels, refuse_overwrite
     from omnisight.next_view.information_prior import InformationPrior
     from omnisight.next_view.proposal import propose
     from omnisight.targets.observations import Observations
@@ -94,7 +94,7 @@ def next(
         if not search.found:
             raise ValueError(_none_found(search))
         if draw is not None:  # images may lie beside the corners
-            spare([draw], [picture.path for picture in search.images])
+            refuse_overwrite([draw], [picture.path for picture in search.images])
         if min(source.size) < 1:  # its file does not say: the images do
             source = dataclasses.replace(source, size=search.size)
         if source.size != search.size:
@@ -104,7 +104,7 @@ def next(
             )
         search, held = held_board(search, board, asked=asked is not None)
         report("propose", 0, 1)
-        known = InformationPrior.of(source, Observations.of_search(search, labels([p.path for p in search.images])))
+        known = InformationPrior.of(source, Observations.of_search(search, image_labels([p.path for p in search.images])))
         proposal = propose(known, held, search.field, count)
         report("propose", 1, 1)
     if json:
@@ -135,9 +135,9 @@ def _board_of(source: Any, file: Path) -> Any:
 
 def _must_be_apart(draw: Path, given: "Given") -> None:
     """Refuse, before any work, a drawing that would be lost, or be taken for an image of the set."""
-    from omnisight.cli._names import spare
+    from omnisight.images.output_paths import refuse_overwrite
 
-    spare([draw], given.paths)
+    refuse_overwrite([draw], given.paths)
     if draw.is_dir():
         raise ValueError(f"{draw}: is a folder; name an image in it, such as {draw / 'next.png'}")
     if not draw.parent.is_dir():

@@ -107,9 +107,9 @@ def view(
     import numpy as np
 
     from omnisight.cli._central import central_camera
-    from omnisight.cli._names import outputs, spare
     from omnisight.formats import save
     from omnisight.images import collect_images, read_image, write_image
+    from omnisight.images.output_paths import output_paths, refuse_overwrite
     from omnisight.views.maps import extrapolation_mask
     from omnisight.views.remapper import Remapper
 
@@ -119,8 +119,8 @@ def view(
     several = len(paths) > 1
     if several and output.is_file():
         raise ValueError(f"{output}: is a file; {len(paths)} images go to a folder")
-    files = outputs(paths, output) if several or output.is_dir() else [output]
-    spare([*files, *([mask] if mask else [])], paths)
+    files = output_paths(paths, output) if several or output.is_dir() else [output]
+    refuse_overwrite([*files, *([mask] if mask else [])], paths)
     if several:
         output.mkdir(parents=True, exist_ok=True)
     options: Any = {"interpolation": interpolation, "antialias": antialias}

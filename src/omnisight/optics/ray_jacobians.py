@@ -51,10 +51,11 @@ def ray_jacobians(camera: HasRays, pixels: ArrayLike) -> RayJacobians:
     """
     flat, lead = rows(pixels, 2, "pixels")
     rays = camera.rays(flat)
-    derivatives = _reflected_derivatives if isinstance(camera, Catadioptric) else _finite_differences
-    d_origins, d_bearings = (
-        np.where(rays.valid[:, None, None], d, np.nan).reshape(*lead, 3, 2) for d in derivatives(camera, flat)
-    )
+    if isinstance(camera, Catadioptric):
+        derivatives = _reflected_derivatives(camera, flat)
+    else:
+        derivatives = _finite_differences(camera, flat)
+    d_origins, d_bearings = (np.where(rays.valid[:, None, None], d, np.nan).reshape(*lead, 3, 2) for d in derivatives)
     shaped = Rays(rays.origins.reshape(*lead, 3), rays.bearings.reshape(*lead, 3), rays.valid.reshape(lead))
     return RayJacobians(shaped, d_origins, d_bearings)
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
+from omnisight.images.output_paths import drawing_paths
 from omnisight.targets import Detection, Detections, ImageDetection, PointTarget
 
 BARE = np.uint8(40)
@@ -33,7 +33,7 @@ def draw_residuals(
     Residuals (N, 2) of corners (N, 2) are in the order of the search. Give what to say of corners that were given
     without their image: those are drawn on a bare sheet.
     """
-    files = drawings([picture.path for picture in search.found], folder)
+    files = drawing_paths([picture.path for picture in search.found], folder)
     folder.mkdir(parents=True, exist_ok=True)
     bare = 0
     for picture, rows, file in zip(search.found, rows_of_pictures(search), files, strict=True):

@@ -8,8 +8,8 @@ import numpy as np
 
 from omnisight.calibration.lines import LinesCalibration, PixelChains
 from omnisight.calibration.lines.plumb_line import tangent_bases
-from omnisight.cli._names import drawings
 from omnisight.images import read_image, to_gray8, write_image
+from omnisight.images.output_paths import drawing_paths
 
 USED, REFUSED, CIRCLE = (60, 230, 60), (255, 60, 60), (60, 110, 230)
 WIDE = 1600  # px; images are drawn about so large
@@ -21,7 +21,7 @@ def draw_lines(
     found: LinesCalibration, arcs: PixelChains, paths: Sequence[Path], folder: Path, *, apply_exif: bool = False
 ) -> None:
     """Draw into a copy of every image: lines green, arcs that are no lines red, the great circles of lines blue."""
-    files = drawings(paths, folder)
+    files = drawing_paths(paths, folder)
     folder.mkdir(parents=True, exist_ok=True)
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
         write_image(file, _drawn(found, arcs, i, to_gray8(read_image(path, apply_exif=apply_exif))))

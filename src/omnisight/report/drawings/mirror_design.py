@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.cli._design_report import field_said, lens_said, shape_said
-from omnisight.report.drawings.cross_section import Section, legend, paper
 from omnisight.optics.caustic import caustic
 from omnisight.optics.design.mirror_design import MirrorDesign
 from omnisight.optics.design.performance import Performance
 from omnisight.optics.design.shapes import KINDS
 from omnisight.report.axes import Axes
+from omnisight.report.drawings.cross_section import Section, legend, paper
 from omnisight.report.html import Markup, element, together
 
 Array = NDArray[np.float64]

@@ -1,0 +1,65 @@
+"""Labels and output files for images that may come from several folders."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from omnisight.images.collect import IMAGE_EXTENSIONS
+
+
+def image_labels(paths: Sequence[Path]) -> list[str]:
+    """Return a label for each image: its file name, preceded by the folder if needed to make labels unique."""
+    return _first_unique(paths, lambda p: p.name, lambda p: f"{p.parent.name}/{p.name}") or [str(p) for p in paths]
+
+
+def output_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
+    """Return a unique PNG file in the folder for each image.
+
+    Raises
+    ------
+    ValueError
+        If an output file is one of the images.
+    """
+    stems = _first_unique(
+        paths,
+        lambda p: p.stem,
+        lambda p: p.name.replace(".", "_"),
+        lambda p: f"{p.parent.name}_{p.name.replace('.', '_')}",
+    ) or [f"{i + 1}_{p.stem}" for i, p in enumerate(paths)]
+    files = [folder / f"{stem}.png" for stem in stems]
+    refuse_overwrite(files, paths)
+    return files
+
+
+def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
+    """Return a unique PNG file in the folder for a drawing on each image.
+
+    Raises
+    ------
+    ValueError
+        If an output file is one of the images, the folder contains the images, or it is not a folder.
+    """
+    files = output_paths(paths, folder)
+    if folder.resolve() in {path.parent.resolve() for path in paths}:
+        raise ValueError(f"{folder}: contains the images, so the drawings would be read as images next time")
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"{folder}: is a file; choose a folder")
+    if folder.suffix.lower() in IMAGE_EXTENSIONS and not folder.exists():
+        raise ValueError(f"{folder}: has the name of an image; choose a folder for the drawings")
+    return files
+
+
+def refuse_overwrite(files: Iterable[Path], images: Iterable[Path]) -> None:
+    """Raise if an output file is one of the input images."""
+    inputs = {image.resolve() for image in images}
+    for file in files:
+        if file.resolve() in inputs:
+            raise ValueError(f"{file}: is one of the images and would be overwritten; choose another output")
+
+
+def _first_unique(paths: Sequence[Path], *naming: Callable[[Path], str]) -> list[str] | None:
+    """Return the names of the first scheme that gives every path a different name, ignoring case."""
+    for scheme in naming:
+        names = [scheme(path) for path in paths]
+        if len({name.casefold() for name in names}) == len(names):
+            return names
+    return None
