@@ -1,56 +1,71 @@
-"""Run all benchmarks, or those named: `python -m benchmarks points views calibration render startup`.
+"""Run benchmarks: `python -m benchmarks [NAME ...]`.
 
-`boards`, which takes a quarter of an hour, `solvers`, `noncentral` and `verdict`, which take some minutes, and
-`convergence`, which takes an hour, run only where they are named; `python -m benchmarks.boards`, `.convergence` and
-`.verdict` have options, and `python -m benchmarks.solvers` takes names of sets.
+The speed comparisons with other libraries run in a few minutes, all of them or those named:
+
+    points       project and unproject a million points; OpenCV, pycolmap
+    views        remap images; OpenCV
+    calibration  bundle adjustment; cv2.omnidir
+    render       the renderer
+    startup      import and first use in a new process
+
+The following run one at a time and take options, for example `python -m benchmarks boards --quick`:
+
+    boards       board detection; OpenCV. 15 minutes, with --quick 5
+    solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
+    noncentral   errors of central and axial models for non-central cameras. 5 minutes
+    verdict      agreement of the verdict with the true error. 10 minutes
+    convergence  share of calibrations that reach the optimum. 1 hour, with --quick 5 minutes
+
+`python -m benchmarks.lines` evaluates the calibration from lines. The environment is described in CONTRIBUTING.md.
 """
 
+import argparse
+import importlib
 import os
 import sys
+from collections.abc import Sequence
 
+# Set before numba is imported: all timings are with two threads.
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
 import cv2
 
-from benchmarks import calibration, points, render, startup, views
-from benchmarks.race import table
+RACES = ("points", "views", "calibration", "render", "startup")
+EVALUATIONS = ("boards", "solvers", "noncentral", "verdict", "convergence")
 
-ALL = {"points": points, "views": views, "calibration": calibration, "render": render, "startup": startup}
 
-if not hasattr(cv2, "omnidir"):
-    sys.exit(
-        "the peers are missing: pip install '.[bench]', then"
-        " pip install --force-reinstall --no-deps opencv-contrib-python-headless"
+def main(arguments: Sequence[str]) -> None:
+    """Run one evaluation with its options, or the races that are named."""
+    if arguments and arguments[0] in EVALUATIONS:
+        prepare_opencv()
+        importlib.import_module(f"benchmarks.{arguments[0]}").main(list(arguments[1:]))
+        return
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-cv2.setNumThreads(2)
-chosen = sys.argv[1:] or list(ALL)
-if "boards" in chosen:
-    from benchmarks import boards
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*RACES, *EVALUATIONS, []], help="see above")
+    names = parser.parse_args(arguments).names
+    if alone := [name for name in names if name in EVALUATIONS]:
+        parser.error(f"{alone[0]} runs alone: python -m benchmarks {alone[0]}")
+    prepare_opencv()
+    run_races(names or RACES)
 
-    boards.main([])
-    chosen.remove("boards")
-if "solvers" in chosen:
-    from benchmarks import solvers
 
-    solvers.main([])
-    chosen.remove("solvers")
-if "convergence" in chosen:
-    from benchmarks import convergence
+def prepare_opencv() -> None:
+    """Use two threads; exit if OpenCV is not the build with cv2.omnidir."""
+    if not hasattr(cv2, "omnidir"):
+        sys.exit("cv2.omnidir is missing: create the environment of benchmarks/requirements.txt, see CONTRIBUTING.md")
+    cv2.setNumThreads(2)
 
-    convergence.main([])
-    chosen.remove("convergence")
-if "noncentral" in chosen:
-    from benchmarks import noncentral
 
-    noncentral.main()
-    chosen.remove("noncentral")
-if "verdict" in chosen:
-    from benchmarks import verdict
+def run_races(names: Sequence[str]) -> None:
+    """Run the named speed comparisons and print their table."""
+    from benchmarks.race import table
 
-    verdict.main([])
-    chosen.remove("verdict")
-if not chosen:
-    sys.exit()
-races = [race for name in chosen for race in ALL[name].run()]
-print(f"OpenCV {cv2.__version__}, two threads, medians of runs in turn\n")
-print(table(races))
+    races = [race for name in names for race in importlib.import_module(f"benchmarks.{name}").run()]
+    print(f"OpenCV {cv2.__version__}, two threads, medians of alternating runs\n")
+    print(table(races))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -96,9 +96,9 @@ def fitted(name: str, start: State, views: Observations) -> State:
     return Candidate.fit(name, start, views, FreeParameters.of(start.model), loss="huber").state
 
 
-def compared(state: State, views: Observations, spread: ResidualWeights) -> State:
+def compared(state: State, views: Observations, weights: ResidualWeights) -> State:
     """Bring a result to the bottom of the cost that it is compared by: a few steps, too few to go anywhere else."""
-    return refine(state, views, spread=spread, iterations=30).state
+    return refine(state, views, weights=weights, iterations=30).state
 
 
 def from_truth(made: Scene, models: Sequence[str] = MODELS) -> dict[str, State]:
@@ -134,8 +134,8 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
     for key, true_start in from_truth(made, models).items():
         best = fitted(key, true_start, made.views)
         # Where a corner begins to count as doubtful follows from the residuals: one threshold, to compare.
-        spread = ResidualWeights.of(best, made.views)
-        best, threshold = compared(best, made.views, spread), spread.threshold
+        weights = ResidualWeights.estimate(best, made.views)
+        best, threshold = compared(best, made.views, weights), weights.threshold
         unit = float(cost(best, made.views, threshold)[made.clean].sum())
         # What calibrate_camera does with a model's name; a polynomial's other degrees are left out.
         begun = time.perf_counter()
@@ -145,8 +145,8 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
             continue
         found = fitted(key, started[key], made.views)
         own = time.perf_counter() - begun
-        found = compared(found, made.views, spread)
-        minimised = Bundle(made.views, FreeParameters.of(best.model), spread).cost
+        found = compared(found, made.views, weights)
+        minimised = Bundle(made.views, FreeParameters.of(best.model), weights).cost
         above = minimised(found) - minimised(best)
         count = 0.5 * float(made.clean.sum())
         apart = float(np.sqrt(max(unit + above, 0.0) / count) - np.sqrt(unit / count))
@@ -210,12 +210,17 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--real", action="store_true", help="real corners instead of the matrix")
     parser.add_argument("--only", help="one cell by its text, or all that contain it")
     parser.add_argument("--model", help="one camera model")
+    parser.add_argument("--share", type=float, default=1.0, help="part of the cells, drawn at random, 0 to 1")
+    parser.add_argument("--seed", type=int, default=0, help="of the random part")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     chosen = parser.parse_args(arguments)
     if chosen.real:
         print(real_table())
         return
     cells = [c for c in matrix(quick=chosen.quick) if chosen.only is None or chosen.only in str(c)]
+    if chosen.share < 1:
+        drawn = np.random.default_rng(chosen.seed).permutation(len(cells))[: round(chosen.share * len(cells))]
+        cells = [cells[i] for i in sorted(drawn)]
     if not cells and chosen.only and chosen.only.count("/") == 6:
         cells = [Cell.parse(chosen.only)]
     runs, begun = list[Run](), time.perf_counter()

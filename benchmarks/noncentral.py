@@ -5,6 +5,7 @@ other means than the model's, and true rays are asked, so far along them, by how
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ CAMERAS = {
 }
 
 
-def main() -> None:
+def main(_: Sequence[str] = ()) -> None:
     """Calibrate each camera, central and axial, and print what is left."""
     print("| camera | | " + " | ".join(f"at {distance:g} m" for distance in DISTANCES) + " | held out | needed |")
     print("|---" * (len(DISTANCES) + 4) + "|")

@@ -68,7 +68,7 @@ class Session:
         What to calibrate.
     """
 
-    pictures: int
+    images: int
     noise: float
     reach: float = 1.0
     sector: tuple[float, float] | None = None
