@@ -13,9 +13,9 @@ from omnisight.calibration.frame_information import MOST, select_informative_fra
 from omnisight.images import MAX_FRAMES, Clip, write_image
 from omnisight.targets import Board
 from omnisight.targets.cache import cache_key, load_entry, save_entry
-from omnisight.targets.clip import SeenClip, look_through
-from omnisight.targets.grids.search import DETECTOR_VERSION
+from omnisight.targets.clip_detection import ClipDetections, detect_in_clip
 from omnisight.targets.observations import Observations
+from omnisight.targets.raw_detections import DETECTOR_VERSION
 
 CHOICE_VERSION = 1
 # Frames that are given where none shows the board, so that the answer can say what they show instead.
@@ -83,7 +83,7 @@ def choose_frames(
     key = cache_key(digest.encode(), "clip", board and board.to_dict(), apply_exif, DETECTOR_VERSION, CHOICE_VERSION)
     choice = _from_entry(load_entry(key)) if cache else None
     if choice is None:
-        seen = look_through(clip, board, progress=progress)
+        seen = detect_in_clip(clip, board, progress=progress)
         choice = _Choice(tuple(_chosen(seen, clip.size)), seen.count, len(seen.frames), len(seen.found))
         if cache:
             save_entry(key, vars(choice))
@@ -112,9 +112,9 @@ def _from_entry(entry: dict[str, Any] | None) -> _Choice | None:
         return None
 
 
-def _chosen(seen: SeenClip, size: tuple[int, int]) -> list[int]:
+def _chosen(seen: ClipDetections, size: tuple[int, int]) -> list[int]:
     if seen.board is None or not seen.found:
-        others = [frame for frame in seen.frames if frame.grids] or list(seen.frames)
+        others = [frame for frame in seen.frames if frame.has_grid] or list(seen.frames)
         return sorted({others[i].index for i in np.linspace(0, len(others) - 1, FEW).round().astype(int)})
     points = seen.board.points
     boards = [max(frame.boards, key=len) for frame in seen.found]

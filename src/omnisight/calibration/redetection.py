@@ -16,10 +16,13 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import UnreadableImage, read_image, to_gray8
 from omnisight.models import CameraModel
 from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection
-from omnisight.targets.grids.evidence import EXPLAINED, FAINT, Measured
-from omnisight.targets.grids.search import as_grid, find_grids
+from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST
+from omnisight.targets.detectors import measure
+from omnisight.targets.detectors.checkerboard.board_assignment import assign_to_board
+from omnisight.targets.detectors.checkerboard.grid_search import as_grid, find_grids
+from omnisight.targets.detectors.checkerboard.lattice_completion import drop_false_corners
+from omnisight.targets.detectors.checkerboard.measured_lattice import MeasuredLattice
 from omnisight.targets.observations import Observations
-from omnisight.targets.placing import place
 from omnisight.views import perspective, remap
 
 Array = NDArray[np.float64]
@@ -108,7 +111,7 @@ def redetect(
     board = search.board
     if not isinstance(board, Board):  # none, or one whose corners were given
         return search, RedetectionStats()
-    gate = ResidualWeights.of(state, views).threshold
+    gate = ResidualWeights.estimate(state, views).threshold
     first = np.concatenate([[0], np.cumsum([len(p.boards) for p in search.images])])
     camera = Camera(state.model, search.size)
 
@@ -167,15 +170,15 @@ def _again(
         pixels, valid = model.project_numpy(points @ rotation.T + translation)
         return np.where(valid[:, None], pixels, np.nan)
 
-    shift = SPAN * board.reach * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    shift = SPAN * board.window_step * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     seen = project((board.points[:, None] + shift).reshape(-1, 3)).reshape(-1, 5, 2)
     there = seen[:, 0]
     steps = np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], 1) / (2 * SPAN)
     bends = np.stack([seen[:, 1] + seen[:, 2], seen[:, 3] + seen[:, 4]], 1) / 2 - there[:, None]
     start = there.copy()
     start[detection.ids] = detection.pixels
-    found = board.measure(gray, start, steps, bends / SPAN**2)
-    pixels = found.pixels - board.offset(project)
+    found = measure(gray, board, start, steps, bends / SPAN**2)
+    pixels = found.pixels - board.measurement_offset(project)
     off = np.linalg.norm(pixels - there, axis=1)
     step = np.linalg.norm(steps, axis=-1).min(1)
     room, more = np.minimum(max(gate, 1.0), STRAY * step), np.minimum(LENIENT * max(gate, 1.0), STRAY * step)
@@ -183,11 +186,11 @@ def _again(
     known[detection.ids] = True
     left = 1 - found.explained
     usual = np.nanmedian(left[known]) if np.isfinite(left[known]).any() else 0.0
-    most = np.where(known, 1 - EXPLAINED, min(POORER[0] + POORER[1] * usual, 1 - EXPLAINED))
+    most = np.where(known, 1 - MIN_EXPLAINED, min(POORER[0] + POORER[1] * usual, 1 - MIN_EXPLAINED))
     clear = (left < most) & (np.trace(found.covariance, axis1=1, axis2=2) < VAGUE**2)
-    contrast = found.amplitude if board.bright is None else np.where(board.bright, found.amplitude, -found.amplitude)
+    contrast = found.amplitude if board.bright_ahead is None else np.where(board.bright_ahead, found.amplitude, -found.amplitude)
     level = np.nanmedian(contrast[known]) if np.isfinite(contrast[known]).any() else np.nan
-    clear &= contrast * np.sign(level) > FAINT * abs(level)  # the other way round in a mirror
+    clear &= contrast * np.sign(level) > MIN_RELATIVE_CONTRAST * abs(level)  # the other way round in a mirror
     good = clear & (off < np.where(known, more, room))
     ids = np.flatnonzero(good)
     new = good & ~known
@@ -214,7 +217,7 @@ def _settled(
     rotation, translation = cam_from_board
     diagonal, last = board.points[board.columns + 1], board.points[-1]
     poses = [(detection.ids, rotation, translation)]
-    if not board.symmetric:  # else half a turn changes nothing
+    if not board.is_symmetric:  # else half a turn changes nothing
         poses.append((board.size - 1 - detection.ids, rotation * (-1, -1, 1), translation + rotation @ last))
     tries: list[tuple[Detection, RedetectionStats]] = []
     for half, (ids, turned, origin) in enumerate(poses):
@@ -225,7 +228,7 @@ def _settled(
         j, i = np.divmod(ids, board.columns)
         for down in range(-int(j.min()), board.rows - int(j.max())):
             for right in range(-int(i.min()), board.columns - int(i.max())):
-                if board.symmetric or (down + right) % 2 == half:  # the colours agree
+                if board.is_symmetric or (down + right) % 2 == half:  # the colours agree
                     shifted = replace(ordered, ids=ordered.ids + down * board.columns + right)
                     pose = turned, origin - turned @ (np.array([right, down, 0]) * diagonal)
                     tries.append(_again(gray, board, shifted, model, pose, gate))
@@ -254,11 +257,11 @@ def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]
             bearings, _ = target.unproject(grid.pixels)
             pixels, valid = camera.project(bearings @ rotation)
             lattice = np.where(valid[..., None], pixels, np.nan)
-            measured = Measured.empty(lattice.shape)
-            measured.measure(gray, lattice, grid.there)
-            measured.check(gray, np.ones(grid.shape, bool))
+            measured = MeasuredLattice.empty(lattice.shape)
+            measured.measure(gray, lattice, grid.present)
+            drop_false_corners(gray, measured)
             found = as_grid(gray, measured)
-            placed = None if found is None else place(found, board)
+            placed = None if found is None else assign_to_board(found, board)
             if placed is not None and (not best or len(placed) > len(best[0])):
                 best = [placed]
         if best and len(best[0]) == board.size:

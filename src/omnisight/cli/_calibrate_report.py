@@ -162,7 +162,7 @@ def _notes(search: Detections, names: Sequence[str], calibration: Calibration | 
 def _about(search: Detections) -> list[str]:
     notes: list[str] = []
     board = search.board
-    if isinstance(board, Checkerboard) and board.symmetric:
+    if isinstance(board, Checkerboard) and board.is_symmetric:
         notes.append(
             f"a {board} board looks the same upside-down: fine for one camera, unsafe for several;"
             f" {board.columns}x{board.rows - 1} would not."

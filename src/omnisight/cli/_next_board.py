@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from omnisight.targets import Board, Checkerboard, Detections, PointTarget
-from omnisight.targets.boards.checkerboard import SMALLEST
+from omnisight.targets.boards.checkerboard import MIN_CORNERS
 
 
 def held_board(search: Detections, told: Board | None, *, asked: bool) -> tuple[Detections, Board]:
@@ -51,5 +51,5 @@ def _as_large(target: PointTarget) -> Checkerboard:
     nearest, _ = KDTree(target.points).query(target.points, k=2)
     sides = np.ptp(target.points[:, :2], axis=0)
     step = max(float(np.median(nearest[:, 1])), float(np.sqrt(sides.prod() / len(target.points))))
-    columns, rows = (max(SMALLEST, round(side / step) + 1) for side in sides.tolist())
+    columns, rows = (max(MIN_CORNERS, round(side / step) + 1) for side in sides.tolist())
     return Checkerboard(columns, rows, square=step if target.unit == "m" else None)

@@ -84,14 +84,14 @@ def target(
     print(f"written  {pdf}, {svg.name}, {json.name}")
     print(f"print    {ruler.removeprefix('Print ')} Measure the board as well, and glue it to something flat")
     print(f"then     omnisight calibrate images/ --target {json}")
-    if board.symmetric:
+    if board.is_symmetric:
         print(f"note     {_symmetry(board)}")
 
 
 def _board(kind: str, pattern: str, asked: dict[str, Any]) -> Any:
     """Build the board from what was asked for, and what is usual."""
     from omnisight.targets.boards import board_class
-    from omnisight.targets.boards._markers import full_name
+    from omnisight.targets.boards._aruco import full_name
     from omnisight.targets.boards._protocol import parse_pattern
     from omnisight.targets.length import format_length, parse_length
 
@@ -100,7 +100,7 @@ def _board(kind: str, pattern: str, asked: dict[str, Any]) -> Any:
     if "dictionary" in values:
         values["dictionary"] = full_name(values["dictionary"])
     for field in dataclasses.fields(cls):
-        share, of = field.metadata.get("usual", (None, None))
+        share, of = field.metadata.get("default", (None, None))
         if field.name in values and field.type == "float" and not field.metadata.get("length"):
             values[field.name] = _number(field.name, values[field.name])
         elif field.name not in values and of in values:
@@ -108,7 +108,7 @@ def _board(kind: str, pattern: str, asked: dict[str, Any]) -> Any:
         elif field.name not in values and share is not None and of is None:
             values[field.name] = share
     for field in dataclasses.fields(cls):
-        if field.name not in values and field.default is dataclasses.MISSING and "usual" not in field.metadata:
+        if field.name not in values and field.default is dataclasses.MISSING and "default" not in field.metadata:
             raise ValueError(f"the target {kind} needs --{field.name}, a length with its unit, such as 24mm")
     return cls.from_dict(values)
 
@@ -157,7 +157,7 @@ def _symmetry(board: Any) -> str:
     """Say what a symmetric board lacks, and the nearest that has it."""
     near = ((1, 0), (0, 1), (-1, 0), (0, -1))
     others = [dataclasses.replace(board, columns=board.columns + i, rows=board.rows + j) for i, j in near]
-    better = next(str(other) for other in others if not other.symmetric)
+    better = next(str(other) for other in others if not other.is_symmetric)
     return (
         f"{board.kind} {board} looks the same upside-down"
         f"{', and its corners after every quarter turn' if board.columns == board.rows else ''}: one camera can be"

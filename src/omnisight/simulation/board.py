@@ -47,7 +47,7 @@ class BoardInScene:
         low, high = _paper(self.board)
         turns = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
         edge = np.concatenate([turns[i] + t * (turns[i + 1] - turns[i]) for i in range(4)])
-        thick = THICK * _measured(self.board).quiet
+        thick = THICK * _measured(self.board).quiet_zone
         return self.cam_from_board @ np.concatenate(
             [np.pad(edge, ((0, 0), (0, 1)), constant_values=z) for z in (0, thick)]
         )
@@ -64,7 +64,7 @@ class BoardInScene:
 def board_solid(board: Board, world_from_board: Pose, name: str) -> Solid:
     """Give a board at a place in a scene, printed on a sheet that its points lie on; its back is white."""
     low, high = _paper(board)
-    thick = THICK * _measured(board).quiet
+    thick = THICK * _measured(board).quiet_zone
     textures = {"near": printed(board), "other": Texture.plain((PAPER, PAPER, PAPER))}
     return box((*low, 0.0), (*high, thick), textures, name).moved(world_from_board)
 
@@ -80,7 +80,7 @@ def printed(board: Board) -> Texture:
     """
     known = _measured(board)
     low, high = _paper(board)
-    columns, rows = (round(float(side) * TEXELS / known.quiet) * FINER for side in high - low)
+    columns, rows = (round(float(side) * TEXELS / known.quiet_zone) * FINER for side in high - low)
     if max(columns, rows) > LARGEST * FINER:
         raise ValueError(f"the {board} board is too fine to be drawn")
     ink = np.zeros((rows, columns), np.bool_)
@@ -122,5 +122,5 @@ def _paper(board: Board) -> tuple[Array, Array]:
     """Give the top left and the bottom right corner of the paper, in the frame of the board's points."""
     known = _measured(board)
     left, top, right, bottom = known.extent
-    margin = MARGIN * known.quiet
+    margin = MARGIN * known.quiet_zone
     return np.array((left - margin, top - margin)), np.array((right + margin, bottom + margin))

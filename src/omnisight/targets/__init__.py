@@ -1,12 +1,12 @@
-"""What is held in front of a camera to calibrate it, and how it is found in images."""
+"""Calibration targets: boards, their printing, and their detection in images."""
 
-from .boards import Board, board_class, board_kinds
-from .boards.checkerboard import Checkerboard
-from .detection import Detection
-from .find import Detections, ImageDetection, detect_boards
-from .given import PointTarget
-from .length import parse_length
-from .placing import detect_checkerboard
+from omnisight.targets.boards import Board, board_class, board_kinds
+from omnisight.targets.boards.checkerboard import Checkerboard
+from omnisight.targets.detection import detect_boards, detect_checkerboard
+from omnisight.targets.detections import Detection, Detections, ImageDetection
+from omnisight.targets.detectors import detect
+from omnisight.targets.length import parse_length
+from omnisight.targets.point_target import PointTarget
 
 __all__ = [
     "Board",
@@ -17,6 +17,7 @@ __all__ = [
     "PointTarget",
     "board_class",
     "board_kinds",
+    "detect",
     "detect_boards",
     "detect_checkerboard",
     "parse_length",

@@ -1,7 +1,7 @@
-"""Remembers detections between runs, by the content of the image file.
+"""Cache of detections, keyed by the content of the image file.
 
-One small JSON file per image in the user's cache folder. The key covers the file's bytes, the board and the
-detector's version, so no entry ever goes stale; one that cannot be read is as good as none.
+There is one small JSON file per image in the user's cache folder. The key covers the file's bytes, the board and the
+detector's version, so no entry becomes stale; an unreadable one is ignored.
 """
 
 import hashlib
@@ -15,14 +15,14 @@ from omnisight.images import write_bytes
 
 
 def cache_key(data: bytes, *parameters: object) -> str:
-    """Digest of a file's bytes and of everything else that its result depends on."""
+    """Return a digest of a file's bytes and of everything else that its result depends on."""
     digest = hashlib.sha256(data)
     digest.update(repr(parameters).encode())
     return digest.hexdigest()
 
 
 def load_entry(key: str) -> dict[str, Any] | None:
-    """Read an entry; None if there is none, or none that can be read."""
+    """Read an entry; None if it is missing or unreadable."""
     try:
         entry = json.loads(_path(key).read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -31,7 +31,7 @@ def load_entry(key: str) -> dict[str, Any] | None:
 
 
 def save_entry(key: str, entry: dict[str, Any]) -> None:
-    """Write an entry. A cache that cannot be written costs time, never a run."""
+    """Write an entry; a cache that is not writable is not an error."""
     with suppress(OSError):
         path = _path(key)
         path.parent.mkdir(parents=True, exist_ok=True)

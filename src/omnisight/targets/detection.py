@@ -1,52 +1,184 @@
-"""What a detector found in one image."""
+"""Detect a board in a set of images: determine which board it is, and explain every image without one."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import os
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from omnisight.targets.boards import Board
+from omnisight.images import UnreadableImage
+from omnisight.targets.boards import Board
+from omnisight.targets.boards.checkerboard import Checkerboard
+from omnisight.targets.detections import Detection, Detections, ImageDetection, boards_note
+from omnisight.targets.detectors import detect
+from omnisight.targets.detectors.checkerboard.board_assignment import (
+    MIN_FILLED_SHARE,
+    assign_to_board,
+    most_common_pattern,
+)
+from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
+from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, sizes_note
+from omnisight.targets.raw_detections import RawDetections, detect_in_file
+from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
+from omnisight.targets.set_field import estimate_set_field, sample_indices
+
+Pattern = tuple[int, int]
+Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, eq=False)
-class Detection:
-    """Board points seen in one image; part of a board is a detection too.
+def detect_boards(
+    paths: Iterable[str | Path],
+    board: Board | None = None,
+    *,
+    square: float | None = None,
+    apply_exif: bool = False,
+    cache: bool = True,
+    progress: Progress | None = None,
+) -> Detections:
+    """Detect a board in image files.
 
-    Attributes
+    Images whose size differs from that of most images with a board are left out, with a note: they are from another
+    camera.
+
+    Parameters
     ----------
-    ids : (N,) array of int
-        Which rows of `Board.points`, ascending.
-    pixels : (N, 2) array of float64
-        Where they were seen: (u, v), integers at pixel centres, the top-left pixel is (0, 0).
-    covariance : (N, 2, 2) array of float64
-        Of `pixels`, in px^2.
-    located : bool
-        Whether the place on the board is sure. If not, `ids` are those of one of several places that look the same: the
-        steps between the points are right, which is all that a camera is calibrated from, but the origin may not be.
-    board : Board or None
-        The board whose points `ids` number; None where it was not told.
-    note : str
-        What the user should know, such as that the print is not quite the board that was asked for; may be empty.
+    paths : iterable of str or Path
+    board : Board, optional
+        Without one, checkerboards are detected, of the size that most images agree on.
+    square : float, optional
+        Side in metres of such a checkerboard's squares.
+    apply_exif : bool
+        Rotate images by their EXIF orientation first.
+    cache : bool
+        Use detections from earlier runs, and store these for later ones.
+    progress : callable, optional
+        Called with (images done, number of images) after each.
     """
+    paths = [Path(path) for path in paths]
+    results = _detect_in_files(paths, board, apply_exif, cache, progress)
+    readable = [(path, raw) for path, raw in zip(paths, results, strict=True) if isinstance(raw, RawDetections)]
+    size = most_common_size([(raw.size, bool(raw.grids or raw.boards)) for _, raw in readable])
+    used = [(path, raw) for path, raw in readable if raw.size == size]
+    pattern = most_common_pattern([raw.grids for _, raw in used])
+    if board is None and pattern is not None:
+        board = Checkerboard(*pattern, square=square)
+    field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
+    images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
+    images = [with_field_remark(image, field) for image in images]
+    notes: list[str] = []
+    if size is not None:
+        notes += filter(None, [sizes_note([(path.name, raw.size) for path, raw in readable], size)])
+        images = images if apply_exif else _with_orientation_remark(images, results)
+        images, note = with_duplicate_remarks(images, size)
+        notes += note
+    if board is not None:
+        notes += mirrored_markers_note(images, board)
+    hint = _pattern_hint([raw for _, raw in used], images, board, pattern) if isinstance(board, Checkerboard) else None
+    return Detections(board, images, hint, field, tuple(notes))
 
-    ids: NDArray[np.int64]
-    pixels: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    located: bool = True
-    note: str = ""
-    board: Board | None = None
 
-    def __post_init__(self) -> None:
-        count = len(self.ids)
-        if self.ids.ndim != 1 or self.pixels.shape != (count, 2) or self.covariance.shape != (count, 2, 2):
-            raise ValueError(
-                f"expected ids (N,), pixels (N, 2) and covariance (N, 2, 2), got shapes {self.ids.shape},"
-                f" {self.pixels.shape} and {self.covariance.shape}"
+def detect_checkerboard(gray: NDArray[np.uint8], board: Checkerboard) -> Detection | None:
+    """Detect a checkerboard in a gray image (H, W) of uint8; None if there is none.
+
+    Of several checkerboards, the one with most corners is returned. Corners that are inconsistent with their neighbours
+    are left out, so the result may hold part of the board.
+
+    Raises
+    ------
+    ValueError
+        If `gray` is not an 8-bit gray image.
+    """
+    return next(iter(detect(gray, board)), None)
+
+
+def _detect_in_files(
+    paths: Sequence[Path], board: Board | None, apply_exif: bool, cache: bool, progress: Progress | None
+) -> list[RawDetections | UnreadableImage]:
+    """Detect in all files, in threads; the error for those that cannot be read."""
+    samples = set(sample_indices(len(paths)).tolist())
+
+    def detect_in(index: int) -> RawDetections | UnreadableImage:
+        keep = index in samples
+        try:
+            return detect_in_file(paths[index], board, apply_exif=apply_exif, cache=cache, keep_thumbnail=keep)
+        except UnreadableImage as error:
+            return error
+
+    results: list[RawDetections | UnreadableImage] = []
+    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
+        for result in pool.map(detect_in, range(len(paths))):
+            results.append(result)
+            if progress is not None:
+                progress(len(results), len(paths))
+    return results
+
+
+def _image_detection(
+    path: Path, raw: RawDetections | UnreadableImage, board: Board | None, size: tuple[int, int] | None
+) -> ImageDetection:
+    if isinstance(raw, UnreadableImage):
+        return ImageDetection(path, note=str(raw))
+    if size is not None and raw.size != size:
+        return ImageDetection(path, note=size_mismatch_note(raw.size, size))
+    detections = [replace(detection, board=board) for detection in raw.boards]  # cached without it
+    assigned: list[CornerGrid] = []
+    if isinstance(board, Checkerboard):
+        for grid in raw.grids:
+            detection = assign_to_board(grid, board)
+            if detection is not None:
+                detections.append(detection)
+                assigned.append(grid)
+    return ImageDetection(
+        path,
+        raw.size,
+        tuple(detections),
+        _note(raw, detections, board),
+        sharpness=raw.sharpness,
+        exposure=assigned[0].white if assigned else raw.exposure,
+        blur=assigned[0].blur if assigned else float("nan"),
+    )
+
+
+def _note(raw: RawDetections, detections: Sequence[Detection], board: Board | None) -> str:
+    if board is None:
+        return "no checkerboard detected"
+    if not detections:
+        columns, rows = raw.grids[0].pattern if raw.grids else (0, 0)
+        return f"no {board} board detected" + (f", but one of {columns}x{rows}" if raw.grids else "")
+    return boards_note(detections, board)
+
+
+def _with_orientation_remark(
+    images: Sequence[ImageDetection], results: Sequence[RawDetections | UnreadableImage]
+) -> list[ImageDetection]:
+    """Add a remark to the first image whose EXIF orientation is ignored."""
+    remarked = list(images)
+    for i, raw in enumerate(results):
+        if isinstance(raw, RawDetections) and raw.orientation != 1:
+            remarked[i] = images[i].with_remark(
+                f"EXIF orientation {raw.orientation} ignored, here and in the other images: the sensor does not rotate"
             )
+            break
+    return remarked
 
-    def __len__(self) -> int:
-        return len(self.ids)
+
+def _pattern_hint(
+    raw: Sequence[RawDetections], images: Sequence[ImageDetection], board: Checkerboard, pattern: Pattern | None
+) -> str | None:
+    """Return a hint if more images show another checkerboard than the requested one."""
+    if pattern is None or sorted(pattern) == sorted((board.columns, board.rows)):
+        return None
+    count = sum(any(grid.pattern == pattern for grid in r.grids) for r in raw)
+    complete = sum(any(len(d) > MIN_FILLED_SHARE * board.size for d in image.boards) for image in images)
+    if count <= complete:
+        return None
+    columns, rows = pattern
+    counted_squares = sorted((board.columns - 1, board.rows - 1)) == sorted(pattern)
+    reason = f"{board} squares have {columns}x{rows} inner corners" if counted_squares else "did you count squares?"
+    return (
+        f"found a {columns}x{rows} grid of inner corners in {count}/{len(raw)} images, but the requested board is"
+        f" {board} ({reason}). Use --pattern {columns}x{rows}."
+    )

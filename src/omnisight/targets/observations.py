@@ -1,40 +1,55 @@
-"""The boards of a calibration as flat arrays."""
+"""Observed board points of all images of one camera, as flat arrays: what every stage of a calibration takes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.targets import Detections
+from omnisight.images import ImageField
+from omnisight.targets.detections import Detections
 
 Array = NDArray[np.float64]
 
-# Corners of a view that are always kept: a pose needs some.
-FEW = 12
+# Points of a view that thinning always keeps: a pose needs six, and some may be outliers.
+MIN_POINTS_PER_VIEW = 12
+# Asymmetry of a covariance matrix relative to its mean variance that is rounding.
+COVARIANCE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Observations:
-    """Corners of boards seen in images, all of them in one array.
+    """Board points and the pixels at which they were observed, of all views of one camera.
+
+    A view is one board in one image.
 
     Attributes
     ----------
     points
-        (N, 3) corners in the frame of their board: in z = 0, or anywhere on a rigid body.
+        (N, 3) board points in the frame of their board: in the plane z = 0, or anywhere on a rigid body.
     pixels
-        (N, 2) where they are seen.
+        (N, 2) where they were observed.
     covariance
-        (N, 2, 2) of `pixels`, px^2; zero where it is not known.
+        (N, 2, 2) of `pixels`, px^2; zero where it is unknown.
     groups
-        One slice of the rows per view: a board in an image.
+        One slice of the rows per view.
     names
-        One name per view.
+        One name per view: that of its image.
     extent
-        (2, 2) least and greatest (x, y) of the board: what `bows` are relative to.
+        (2, 2) least and greatest (x, y) of the board, to which `warp_basis` is relative.
+    size
+        (width, height) of the images, px; (0, 0) if unknown.
+    unit
+        Unit of `points`: "m", or "squares" if the size of a square is unknown.
+    field
+        Image field: where the lens or mirror shows anything; None if unknown.
+    detections
+        Per-image detection results behind the observations; None if they came from arrays or were reduced.
+    image_names
+        One display name per image of `detections`.
     """
 
     points: Array
@@ -43,155 +58,233 @@ class Observations:
     groups: tuple[slice, ...]
     names: tuple[str, ...]
     extent: Array
+    size: tuple[int, int] = (0, 0)
+    unit: str = "squares"
+    field: ImageField | None = None
+    detections: Detections | None = None
+    image_names: tuple[str, ...] = ()
 
     @classmethod
-    def of(
+    def from_arrays(
         cls,
-        views: Sequence[Sequence[ArrayLike]],
+        board_points: Sequence[ArrayLike],
+        pixels: Sequence[ArrayLike],
+        covariance: Sequence[ArrayLike] | None = None,
+        *,
+        size: tuple[int, int],
         names: Sequence[str] | None = None,
         extent: ArrayLike | None = None,
+        unit: str = "squares",
     ) -> Self:
-        """Join views, each (points (n, 3), pixels (n, 2)) or (points, pixels, covariance (n, 2, 2)).
+        """Join one array of board points and one of pixels per view.
 
-        Points may be (n, 2), on the plane z = 0, and both may be lists, of any real type, or (n, 1, k) or (1, n, k) as
-        OpenCV writes them. The extent is that of all corners unless told otherwise.
+        Parameters
+        ----------
+        board_points
+            One (n, 3) array per view, or (n, 2) for points in the plane z = 0. Arrays may also be nested lists, of any
+            real type, or (n, 1, k) or (1, n, k) as OpenCV writes them.
+        pixels
+            One (n, 2) array per view: (u, v), the centre of the top-left pixel is (0, 0).
+        covariance
+            One (n, 2, 2) array per view, px^2; unknown if omitted.
+        size
+            (width, height) of the images, px.
+        names
+            One name per view; "view 0", "view 1", ... if omitted.
+        extent
+            (2, 2) least and greatest (x, y) of the board; those of the points if omitted.
+        unit
+            Unit of the board points: "m" or "squares".
 
         Raises
         ------
         ValueError
-            If a view's arrays do not fit together, are empty, or are not finite, or a covariance is none.
+            If the numbers of arrays differ, the arrays of a view do not fit together, are empty or not finite, a
+            covariance is not symmetric and positive semi-definite, or pixels lie outside the image.
         """
-        names = tuple(names) if names is not None else tuple(f"view {i}" for i in range(len(views)))
-        points, pixels, covariance = [np.zeros((0, 3))], [np.zeros((0, 2))], [np.zeros((0, 2, 2))]
-        groups, start = list[slice](), 0
-        for name, (view_points, view_pixels, *rest) in zip(names, views, strict=True):
-            x, p = (_rows(values, name) for values in (view_points, view_pixels))
-            c = np.asarray(rest[0], float) if rest else np.zeros((len(x), 2, 2))
-            if x.ndim != 2 or x.shape[1] not in (2, 3) or p.shape != (len(x), 2):
-                got = f"{np.shape(view_points)} and {np.shape(view_pixels)}"
-                raise ValueError(f"{name}: needs points (n, 3) or (n, 2) and pixels (n, 2), got {got}")
-            if not len(x):
-                raise ValueError(f"{name}: has no corners; leave it out")
-            if c.shape != (len(x), 2, 2):
-                raise ValueError(f"{name}: needs a covariance (n, 2, 2), got {c.shape} with {len(x)} corners")
-            if not (finite := np.isfinite(x).all(1) & np.isfinite(p).all(1) & np.isfinite(c).all((1, 2))).all():
-                k = int(np.argmin(finite))
-                raise ValueError(
-                    f"{name}: a corner is not a finite number: row {k}, point {x[k].tolist()}, pixel {p[k].tolist()};"
-                    " leave out corners that were not seen"
-                )
-            if (wrong := ~_covariances(c)).any():
-                k = int(np.argmax(wrong))
-                raise ValueError(
-                    f"{name}: row {k}: {c[k].tolist()} is no covariance: not symmetric, or below 0 one way"
-                )
-            if x.shape[1] == 2:
-                x = np.concatenate([x, np.zeros((len(x), 1))], 1)
-            points.append(x)
-            pixels.append(p)
-            covariance.append(c)
-            groups.append(slice(start, start + len(x)))
-            start += len(x)
-        corners = np.concatenate(points)
+        _check_lists(board_points, pixels, covariance)
+        names = tuple(names) if names is not None else tuple(f"view {i}" for i in range(len(pixels)))
+        if len(names) != len(pixels):
+            raise ValueError(f"needs one name per view, got {len(names)} names and {len(pixels)} views")
+        covariances = [None] * len(pixels) if covariance is None else covariance
+        views = [_view(*arrays) for arrays in zip(names, board_points, pixels, covariances, strict=True)]
+        x, p, c = (
+            np.concatenate([empty, *parts])
+            for empty, *parts in zip((np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2, 2))), *views, strict=True)
+        )
         if extent is None:
-            extent = [corners[:, :2].min(0), corners[:, :2].max(0)] if len(corners) else np.zeros((2, 2))
-        joined = corners, np.concatenate(pixels), np.concatenate(covariance)
-        return cls(*joined, tuple(groups), names, np.asarray(extent, float))
+            extent = [x[:, :2].min(0), x[:, :2].max(0)] if len(x) else np.zeros((2, 2))
+        groups = _slices([len(view[0]) for view in views])
+        return cls(x, p, c, groups, names, np.asarray(extent, float), _checked_size(size, p), unit)
 
     @classmethod
-    def of_search(cls, search: Detections, names: Sequence[str] | None = None) -> Self:
-        """Give every board that was found, image by image; `names` are the images'.
+    def from_detections(cls, detections: Detections, image_names: Sequence[str] | None = None) -> Self:
+        """Join every detected board, image by image.
 
-        A board seen twice in an image gives two views, the second named `image #2`.
+        A second board in an image is a view of its own, named `image #2`.
+
+        Parameters
+        ----------
+        detections
+            Detected boards.
+        image_names
+            One display name per image; the file names if omitted.
         """
-        if search.board is None:
-            return cls.of([])
-        names = [picture.path.name for picture in search.images] if names is None else names
-        points = search.board.points
-        views = [(points[d.ids], d.pixels, d.covariance) for picture in search.images for d in picture.boards]
-        labels = [
-            name if k == 0 else f"{name} #{k + 1}"
-            for name, picture in zip(names, search.images, strict=True)
-            for k in range(len(picture.boards))
+        names = tuple(image_names or (image.path.name for image in detections.images))
+        boards = [
+            (name if k == 0 else f"{name} #{k + 1}", detection)
+            for name, image in zip(names, detections.images, strict=True)
+            for k, detection in enumerate(image.boards)
         ]
-        return cls.of(views, labels, [points[:, :2].min(0), points[:, :2].max(0)])
+        points = np.zeros((0, 3)) if detections.board is None else detections.board.points
+        observations = cls.from_arrays(
+            [points[detection.ids] for _, detection in boards],
+            [detection.pixels for _, detection in boards],
+            [detection.covariance for _, detection in boards],
+            size=(0, 0),
+            names=[name for name, _ in boards],
+            extent=[points[:, :2].min(0), points[:, :2].max(0)] if len(points) else None,
+            unit="squares" if detections.board is None else detections.board.unit,
+        )
+        return replace(
+            observations, size=detections.size, field=detections.field, detections=detections, image_names=names
+        )
 
     def __len__(self) -> int:
-        """Give the number of views."""
+        """Return the number of views."""
         return len(self.groups)
 
+    def __repr__(self) -> str:
+        """Summarize the observations in one line."""
+        return f"Observations({len(self)} views, {len(self.pixels)} points, size={self.size}, unit={self.unit!r})"
+
     @cached_property
-    def planar(self) -> bool:
-        """Whether all corners lie in z = 0, as those of a board do."""
+    def is_planar(self) -> bool:
+        """Whether all board points lie in the plane z = 0."""
         return not self.points[:, 2].any()
 
     @cached_property
-    def across(self) -> float:
-        """How far apart corners lie in the images, px."""
+    def pixel_span(self) -> float:
+        """Diagonal of the bounding box of all pixels, px."""
         return float(np.linalg.norm(np.ptp(self.pixels, axis=0))) if len(self.pixels) else 0.0
 
     @cached_property
     def view_of_row(self) -> NDArray[np.intp]:
-        """(N,) the view of each corner."""
-        return np.repeat(np.arange(len(self)), [g.stop - g.start for g in self.groups])
+        """(N,) the view of each point."""
+        return np.repeat(np.arange(len(self)), [group.stop - group.start for group in self.groups])
 
     @cached_property
-    def bows(self) -> Array:
-        """(N, 2) how far a board bent by one unit across x, or across y, stands off its plane at each corner.
+    def warp_basis(self) -> Array:
+        """(N, 2) displacement along z at each point for a unit of board warp along x and along y.
 
-        1 - x^2 and 1 - y^2 with the board between -1 and 1, as mrcal does: nought at the edges, one in the middle.
+        1 - x^2 and 1 - y^2 with the board between -1 and 1, as in mrcal: zero at the edges, one in the middle.
         """
         middle, half = self.extent.mean(0), np.ptp(self.extent, axis=0) / 2
         return 1 - ((self.points[:, :2] - middle) / np.where(half > 0, half, 1.0)) ** 2
 
     def rows(self, views: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
-        """Give the rows of the corners of some of the views."""
+        """Return the rows of the points of some of the views."""
         return np.concatenate([np.arange(0), *(np.arange(self.groups[i].start, self.groups[i].stop) for i in views)])
 
     def subset(self, views: Sequence[int] | NDArray[np.intp]) -> Self:
-        """Give some of the views."""
+        """Return some of the views."""
         counts = [self.groups[i].stop - self.groups[i].start for i in views]
-        return self._of_rows(self.rows(views), counts, tuple(self.names[i] for i in views))
+        return self._reduced(self.rows(views), counts, tuple(self.names[i] for i in views))
 
-    def thinned(self, most: int) -> Self:
-        """Give all views with about so many of the corners, evenly spaced, the outermost of each board among them."""
-        if len(self.pixels) <= most:
+    def at(self, rows: NDArray[np.intp]) -> Self:
+        """Return all views with only the points of some rows, which ascend."""
+        if len(rows) == len(self.pixels):
             return self
-        return self.at(self.thinned_rows(most))
+        return self._reduced(rows, np.bincount(self.view_of_row[rows], minlength=len(self)).tolist(), self.names)
 
-    def at(self, kept: NDArray[np.intp]) -> Self:
-        """Give all views with the corners of those rows alone, which ascend."""
-        if len(kept) == len(self.pixels):
-            return self
-        return self._of_rows(kept, np.bincount(self.view_of_row[kept], minlength=len(self)).tolist(), self.names)
+    def thinned(self, count: int) -> Self:
+        """Return all views with about `count` points in total, see `thinned_rows`."""
+        return self if len(self.pixels) <= count else self.at(self.thinned_rows(count))
 
-    def _of_rows(self, rows: NDArray[np.intp], counts: Sequence[int], names: tuple[str, ...]) -> Self:
-        """Give the corners of those rows, so many for each of the views."""
-        groups = tuple(slice(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True))
+    def thinned_rows(self, count: int) -> NDArray[np.intp]:
+        """Return the rows of about `count` evenly spaced points, the corners of each board's outline among them."""
+        share = min(count / max(len(self.pixels), 1), 1.0)
+        rows = [np.arange(0)]
+        for group in self.groups:
+            x, y = self.points[group, 0], self.points[group, 1]
+            outermost = [end(side) for end in (np.argmin, np.argmax) for side in (x + y, x - y)]
+            kept = min(max(round(share * len(x)), MIN_POINTS_PER_VIEW), len(x))
+            evenly = np.linspace(0, len(x) - 1, kept).round().astype(np.intp)
+            rows.append(group.start + np.union1d(evenly, outermost))
+        return np.concatenate(rows)
+
+    def _reduced(self, rows: NDArray[np.intp], counts: Sequence[int], names: tuple[str, ...]) -> Self:
+        """Return the points of some rows, `counts` of them per view."""
         return replace(
             self,
             points=self.points[rows],
             pixels=self.pixels[rows],
             covariance=self.covariance[rows],
-            groups=groups,
+            groups=_slices(counts),
             names=names,
+            detections=None,
+            image_names=(),
         )
 
-    def thinned_rows(self, most: int) -> NDArray[np.intp]:
-        """Give the rows of the corners that `thinned` keeps."""
-        share = min(most / max(len(self.pixels), 1), 1.0)
-        rows = [np.arange(0)]
-        for group in self.groups:
-            x, y = self.points[group, 0], self.points[group, 1]
-            outermost = [end(side) for end in (np.argmin, np.argmax) for side in (x + y, x - y)]
-            kept = min(max(round(share * len(x)), FEW), len(x))
-            evenly = np.linspace(0, len(x) - 1, kept).round().astype(np.intp)
-            rows.append(group.start + np.union1d(evenly, outermost))
-        return np.concatenate(rows)
+
+def _slices(counts: Sequence[int]) -> tuple[slice, ...]:
+    return tuple(slice(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True))
+
+
+def _check_lists(board_points: Any, pixels: Any, covariance: Any) -> None:
+    """Check that there is one array of each kind per view."""
+    for name, values in (("board_points", board_points), ("pixels", pixels)):
+        if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
+            raise ValueError(f"{name} must be a list with one array per view, got {type(values).__name__}")
+    if len(board_points) != len(pixels):
+        raise ValueError(f"needs one array of each per view, got {len(board_points)} of points and {len(pixels)} of pixels")
+    if covariance is not None and len(covariance) != len(pixels):
+        raise ValueError(f"needs one covariance array per view, got {len(covariance)} for {len(pixels)} views")
+
+
+def _checked_size(size: Any, pixels: Array) -> tuple[int, int]:
+    """Return the image size as (width, height), checked against the pixels."""
+    try:
+        width, height = (int(side) for side in size)
+    except (TypeError, ValueError):
+        raise ValueError(f"size must be (width, height) in px, got {size!r}") from None
+    if width < 0 or height < 0:
+        raise ValueError(f"size must be (width, height) in px, got {size!r}")
+    if width and height and len(pixels):
+        u, v = np.median(pixels, axis=0)
+        if u >= width or v >= height or not (pixels > -1).any():
+            swapped = " are width and height swapped?" if u < height and v < width else ""
+            raise ValueError(
+                f"size is {width}x{height} (width x height), but most pixels lie outside, around ({u:.0f}, {v:.0f}):{swapped}"
+            )
+    return width, height
+
+
+def _view(name: str, board_points: ArrayLike, pixels: ArrayLike, covariance: ArrayLike | None) -> tuple[Array, ...]:
+    """Return the points (n, 3), pixels (n, 2) and covariance (n, 2, 2) of one view, checked."""
+    x, p = (_rows(values, name) for values in (board_points, pixels))
+    c = np.zeros((len(x), 2, 2)) if covariance is None else np.asarray(covariance, float)
+    if x.ndim != 2 or x.shape[1] not in (2, 3) or p.shape != (len(x), 2):
+        got = f"{np.shape(board_points)} and {np.shape(pixels)}"
+        raise ValueError(f"{name}: needs points (n, 3) or (n, 2) and pixels (n, 2), got {got}")
+    if not len(x):
+        raise ValueError(f"{name}: has no corners; leave it out")
+    if c.shape != (len(x), 2, 2):
+        raise ValueError(f"{name}: needs a covariance (n, 2, 2), got {c.shape} with {len(x)} corners")
+    if not (finite := np.isfinite(x).all(1) & np.isfinite(p).all(1) & np.isfinite(c).all((1, 2))).all():
+        k = int(np.argmin(finite))
+        raise ValueError(
+            f"{name}: row {k} is not finite: point {x[k].tolist()}, pixel {p[k].tolist()};"
+            " leave out corners that were not observed"
+        )
+    if not (semidefinite := _are_covariances(c)).all():
+        k = int(np.argmin(semidefinite))
+        raise ValueError(f"{name}: row {k}: {c[k].tolist()} is not symmetric and positive semi-definite")
+    return (x if x.shape[1] == 3 else np.concatenate([x, np.zeros((len(x), 1))], 1)), p, c
 
 
 def _rows(values: ArrayLike, name: str) -> Array:
-    """Give an array (n, k) of what may also be (n, 1, k) or (1, n, k); any other shape as it is."""
+    """Return an (n, k) array, also from (n, 1, k) or (1, n, k); any other shape unchanged."""
     try:
         array = np.asarray(values, float)
     except (TypeError, ValueError) as error:
@@ -201,8 +294,8 @@ def _rows(values: ArrayLike, name: str) -> Array:
     return array
 
 
-def _covariances(matrices: Array) -> NDArray[np.bool_]:
-    """Say which of matrices (N, 2, 2) are symmetric and, up to rounding, nowhere below 0."""
+def _are_covariances(matrices: Array) -> NDArray[np.bool_]:
+    """Return which matrices (N, 2, 2) are symmetric and, up to rounding, positive semi-definite."""
     a, b, c, d = matrices.reshape(-1, 4).T
     middle, half = (a + d) / 2, np.hypot((a - d) / 2, b)
-    return (np.abs(b - c) <= 1e-6 * middle) & (half <= middle * (1 + 1e-6))
+    return (np.abs(b - c) <= COVARIANCE_TOLERANCE * middle) & (half <= middle * (1 + COVARIANCE_TOLERANCE))

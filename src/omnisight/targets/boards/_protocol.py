@@ -1,6 +1,4 @@
-"""What a board is: points at known places on a plane, a way to print them and a way to find them."""
-
-from __future__ import annotations
+"""Protocol of a board: numbered points on a plane, a drawing, lengths and symmetry. Boards are data only."""
 
 import re
 import reprlib
@@ -8,37 +6,33 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from types import NoneType
-from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_type_hints
+from typing import Any, ClassVar, Self, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.targets.detection import Detection
 from omnisight.targets.length import format_length, parse_length
 from omnisight.targets.printing.drawing import Shape
 
-if TYPE_CHECKING:
-    from omnisight.targets.grids.crossing import Crossings
-
-CLEAR_SHARE = 0.55
-"""Part of a step around a point, each way, that must be free of other edges: as far as a small board's window goes."""
-
-LARGEST_COUNT = 1000
-LONGEST_TEXT = 100  # characters
+# Limits on what a file may ask for.
+MAX_COUNT = 1000
+MAX_TEXT_LENGTH = 100
 
 
 @dataclass(frozen=True)
 class Board(ABC):
     """A flat calibration target; each kind is one frozen dataclass in one file of this folder.
 
-    Fields are counts, names, ratios, and lengths in metres; a length field says so by its metadata. A field that is
-    a length and None is one that the user did not tell: `points` are then in squares. A field's metadata may also
-    say what is usual, (0.75, "square") for three quarters of another field or (0.3, None) for a number: a new board
-    is made so where nothing else is asked for, but nothing is assumed of one that exists.
+    Fields are counts, names, ratios, and lengths in metres. The metadata of a field may hold "length": True, and
+    "default": (0.75, "square") for three quarters of another field or (0.3, None) for a number. The default applies
+    to a new board that is printed; nothing is assumed of an existing one. A length of None is unknown: `points` are
+    then in squares.
     """
 
+    # Name in files and on the command line: that of its module.
     kind: ClassVar[str]
-    """What a file and the command line call it: the name of its module."""
+    # Name of the package in `targets/detectors/` that detects and measures it.
+    detector: ClassVar[str]
 
     columns: int
     rows: int
@@ -46,17 +40,17 @@ class Board(ABC):
     @property
     @abstractmethod
     def points(self) -> NDArray[np.float64]:
-        """Positions (N, 3) of the points that are found, in `unit`; x to the right on the print, y down, z = 0."""
+        """Positions (N, 3) of the points, in `unit`; x to the right on the print, y down, z = 0."""
 
     @property
     @abstractmethod
     def unit(self) -> str:
-        """Unit of `points`: 'm', or 'squares' where no length was told."""
+        """Unit of `points`: 'm', or 'squares' if no length is known."""
 
     @property
     @abstractmethod
-    def symmetric(self) -> bool:
-        """Whether it looks the same after some turn: its origin may then be taken for another point."""
+    def is_symmetric(self) -> bool:
+        """Whether the board looks the same after some rotation, which makes its origin ambiguous."""
 
     @property
     @abstractmethod
@@ -65,81 +59,61 @@ class Board(ABC):
 
     @abstractmethod
     def drawing(self) -> list[Shape]:
-        """Give the black and white shapes that make it up, in metres in the frame of `points`, painted in order."""
-
-    @abstractmethod
-    def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
-        """Find all boards of this kind in a gray image (H, W) of uint8, the one with most points first."""
+        """Return the black and white shapes of the board, in metres in the frame of `points`, in painting order."""
 
     @property
     @abstractmethod
-    def reach(self) -> float:
-        """Length, in the unit of `points`, of the steps that `measure` takes along x and along y.
+    def window_step(self) -> float:
+        """Step along x and y, in the unit of `points`, whose window around a point holds nothing else.
 
-        So short that the window, which goes a part of the step each way, shows nothing but the point itself.
+        The window of `detectors.measure` extends up to 0.55 of the step each way.
         """
-
-    def measure(
-        self,
-        gray: NDArray[Any],
-        pixels: NDArray[np.float64],
-        steps: NDArray[np.float64],
-        bends: NDArray[np.float64],
-    ) -> Crossings:
-        """Measure points where they are expected, such as by a calibrated camera.
-
-        Parameters
-        ----------
-        gray : (H, W) array of uint8
-        pixels : (N, 2) array
-            Where they are expected.
-        steps : (N, 2, 2) array
-            Steps in px for `reach` along x (first row) and along y.
-        bends : (N, 2, 2) array
-            How the lines along x and y bend: one runs through c + s step + s^2 bend.
-        """
-        from omnisight.targets.grids.crossing import fit_crossings
-
-        return fit_crossings(gray, pixels, steps, bends)
 
     @property
-    def bright(self) -> NDArray[np.bool_] | None:
-        """Whether the square ahead of each point (N,), towards +x and +y, is a bright one; None without squares."""
+    def max_window_step(self) -> float:
+        """Largest step of a window, in the unit of `points`, for images too small for `window_step`."""
+        return self.window_step
+
+    @property
+    def bright_ahead(self) -> NDArray[np.bool_] | None:
+        """Whether the quadrant of each point (N,) towards +x and +y is a bright one; None for a board of circles."""
         return None
 
-    def offset(self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
-        """Give how far (N, 2), px, what `measure` finds is from the point's image; `project` maps (N, 3) to px."""
+    def measurement_offset(
+        self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return the offset (N, 2), px, of what is measured from the point's image; `project` maps (N, 3) to px."""
         return np.zeros((self.size, 2))
 
     @property
-    def quiet(self) -> float:
-        """Width in metres of the white margin that it likes around its ink: one square."""
+    def quiet_zone(self) -> float:
+        """Width in metres of the white margin around the ink: one square."""
         left, _, right, _ = self.extent
         return (right - left) / (self.columns + 1)
 
     @property
     def size(self) -> int:
-        """Number of points: one for each column and row unless a kind says otherwise."""
+        """Number of points: one per column and row unless a kind overrides it."""
         return self.columns * self.rows
 
     def lengths(self) -> dict[str, float]:
-        """Give the lengths that are known, in metres, by their field."""
-        known = {f.name: getattr(self, f.name) for f in fields(self) if f.metadata.get("length")}
-        return {name: value for name, value in known.items() if value is not None}
+        """Return the known lengths, in metres, by field name."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.metadata.get("length")}
+        return {name: value for name, value in values.items() if value is not None}
 
     def to_dict(self) -> dict[str, Any]:
-        """Give what a target file holds: lengths as text with their unit."""
+        """Return the content of a target file: lengths as text with their unit."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {"target": self.kind, **values, **{k: format_length(v) for k, v in self.lengths().items()}}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild it from `to_dict`.
+        """Build a board from `to_dict`.
 
         Raises
         ------
         ValueError
-            For an unknown, missing or unreadable field: names it, what was found, and what was expected.
+            For an unknown, missing or unreadable field, with its value and what was expected.
         """
         if values.get("target", cls.kind) != cls.kind:
             raise ValueError(f"target is {reprlib.repr(values['target'])}: expected {cls.kind!r}")
@@ -152,31 +126,38 @@ class Board(ABC):
         if missing := [k for k, f in known.items() if f.default is MISSING and k not in given]:
             raise ValueError(f"the target {cls.kind} needs {', '.join(missing)}")
         types = get_type_hints(cls)
-        return cls(**{k: _checked(v, known[k], get_args(types[k]) or (types[k],)) for k, v in given.items()})
+        return cls(**{k: _field_value(v, known[k], get_args(types[k]) or (types[k],)) for k, v in given.items()})
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows}"
 
 
 def parse_pattern(text: str) -> dict[str, int]:
-    """Read `columns` and `rows` as a user writes them: `9x6`, `9,6`, `9 x 6`."""
+    """Parse `columns` and `rows` from `9x6`, `9,6` or `9 x 6`."""
     match = re.fullmatch(r"\s*([0-9]{1,4})\s*[xX×,]\s*([0-9]{1,4})\s*", text)
     if match is None:
         raise ValueError(
-            f"cannot read the pattern {text[:40]!r}: give COLUMNSxROWS, inner corners of a checkerboard, such as 9x6"
+            f"cannot read the pattern {text[:40]!r}: expected COLUMNSxROWS, inner corners of a checkerboard, such as"
+            " 9x6"
         )
     return {"columns": int(match[1]), "rows": int(match[2])}
 
 
-def _checked(value: Any, field: Field[Any], types: tuple[type, ...]) -> Any:
-    """Give the value of a field as it is kept, or say what is wrong with it."""
+def grid_points(columns: int, rows: int, step: float) -> NDArray[np.float64]:
+    """Return the points (N, 3) of a square grid in z = 0; x runs fastest."""
+    y, x = np.mgrid[:rows, :columns]
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * step
+
+
+def _field_value(value: Any, field: Field[Any], types: tuple[type, ...]) -> Any:
+    """Return the checked value of a field, or raise ValueError with what was expected."""
     if value is None and NoneType in types:
         return None
     if field.metadata.get("length"):
         expected = "a length in quotes with its unit, such as '30mm'"
-        if isinstance(value, str) and len(value) <= LONGEST_TEXT:
+        if isinstance(value, str) and len(value) <= MAX_TEXT_LENGTH:
             try:
-                # 18 * 1e-3 is not 0.018: a board is to equal the one that was written.
+                # 18 * 1e-3 is not 0.018: a board must equal the one that was written.
                 return round(parse_length(value), 12)
             except ValueError as error:
                 raise ValueError(f"{field.name}: {error}") from None
@@ -185,15 +166,15 @@ def _checked(value: Any, field: Field[Any], types: tuple[type, ...]) -> Any:
         if isinstance(value, bool):
             return value
     elif int in types:
-        expected = f"a whole number from 1 to {LARGEST_COUNT}"
-        if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= LARGEST_COUNT:
+        expected = f"an integer from 1 to {MAX_COUNT}"
+        if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MAX_COUNT:
             return value
     elif float in types:
-        expected = f"a number up to {LARGEST_COUNT}"
-        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_COUNT:
+        expected = f"a number up to {MAX_COUNT}"
+        if isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_COUNT:
             return float(value)
     else:
-        expected = f"text of at most {LONGEST_TEXT} characters"
-        if isinstance(value, str) and len(value) <= LONGEST_TEXT:
+        expected = f"text of at most {MAX_TEXT_LENGTH} characters"
+        if isinstance(value, str) and len(value) <= MAX_TEXT_LENGTH:
             return value
     raise ValueError(f"{field.name} is {reprlib.repr(value)}: expected {expected}")

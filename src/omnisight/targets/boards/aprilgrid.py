@@ -1,6 +1,4 @@
-"""Kalibr's AprilGrid: a grid of AprilTags, of which any part is enough."""
-
-from __future__ import annotations
+"""Kalibr's AprilGrid: a grid of AprilTags; any part of it is enough."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -8,18 +6,17 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.targets.boards._markers import cell_shapes, marker_cells, marker_count
-from omnisight.targets.boards._protocol import CLEAR_SHARE, Board
-from omnisight.targets.detection import Detection
+from omnisight.targets.boards._aruco import cell_shapes, marker_cells, marker_count
+from omnisight.targets.boards._marker_board import WINDOW_SHARE, MarkerBoard, MarkerLayout
 from omnisight.targets.printing.drawing import Shape, rectangle
 
 
 @dataclass(frozen=True)
-class AprilGrid(Board):
-    """A grid of tags of the family 36h11, as `kalibr_create_target_pdf --type apriltag` prints it; four points per tag.
+class AprilGrid(MarkerBoard):
+    """A grid of tags of family 36h11, as `kalibr_create_target_pdf --type apriltag` prints it; four points per tag.
 
-    Tags and points are numbered as Kalibr numbers them, from the BOTTOM left of the print: tags row by row upwards;
-    points row by row as well, two rows for each row of tags. Of 2 x 2 tags:
+    Tags and points are numbered as in Kalibr, from the BOTTOM left of the print: tags row by row upwards; points row
+    by row, two rows per row of tags. For 2 x 2 tags:
 
         12-----13  14-----15
         | TAG 2 |  | TAG 3 |
@@ -28,12 +25,12 @@ class AprilGrid(Board):
         | TAG 0 |  | TAG 1 |
          0------1   2------3
 
-    The origin is point 0, in Kalibr's frame as in ours. Kalibr's y goes up the print and its z out of the paper; ours
-    goes down, with z into the paper, as everywhere here, so all y are zero or negative. A point (x, y, z) of ours is
-    (x, -y, -z) of Kalibr: the same board, turned half around x.
+    The origin is point 0, as in Kalibr. Kalibr's y points up the print and its z out of the paper; here y points down
+    and z into the paper, so all y are zero or negative. A point (x, y, z) here is (x, -y, -z) in Kalibr's frame: a
+    rotation by 180° about x.
 
-    Each tag has a black border of two cells (OpenCV: `markerBorderBits = 2`), and a black square sits on each of its
-    corners in the gaps: a corner is where two squares meet, as on a checkerboard.
+    Each tag has a black border of two cells (OpenCV: `markerBorderBits = 2`), and a black square touches each of its
+    corners in the gaps: a point is where two squares meet, as on a checkerboard.
 
     Attributes
     ----------
@@ -47,12 +44,10 @@ class AprilGrid(Board):
 
     kind: ClassVar[str] = "aprilgrid"
     dictionary: ClassVar[str] = "DICT_APRILTAG_36h11"
-    """OpenCV's name of the family."""
     border: ClassVar[int] = 2
-    """Width of a tag's black border in cells."""
 
     tag: float = field(metadata={"length": True})
-    spacing: float = field(metadata={"usual": (0.3, None)})
+    spacing: float = field(metadata={"default": (0.3, None)})
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 1:
@@ -61,20 +56,12 @@ class AprilGrid(Board):
             raise ValueError(f"a tag needs a positive side in metres, got {self.tag}")
         if not 0 < self.spacing <= 1:
             raise ValueError(
-                f"spacing is {self.spacing:g}: expected the gap between tags as a part of a tag's side, above 0 and"
-                " at most 1, such as 0.3"
+                f"spacing is {self.spacing:g}: expected the gap between tags over a tag's side, above 0 and at most 1,"
+                " such as 0.3"
             )
-        needed, there_are = self.columns * self.rows, marker_count(self.dictionary)
-        if needed > there_are:
-            raise ValueError(f"an aprilgrid of {self} needs {needed} tags; the family 36h11 has {there_are}")
-
-    @property
-    def symmetric(self) -> bool:
-        return False
-
-    @property
-    def unit(self) -> str:
-        return "m"
+        needed, available = self.columns * self.rows, marker_count(self.dictionary)
+        if needed > available:
+            raise ValueError(f"an aprilgrid of {self} needs {needed} tags; the family 36h11 has {available}")
 
     @property
     def pitch(self) -> float:
@@ -82,7 +69,7 @@ class AprilGrid(Board):
         return (1 + self.spacing) * self.tag
 
     @property
-    def quiet(self) -> float:
+    def quiet_zone(self) -> float:
         return self.spacing * self.tag
 
     @property
@@ -91,17 +78,17 @@ class AprilGrid(Board):
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Corners of the tags (4 x tags, 3) in metres, numbered as in the image above; y is zero or negative."""
+        """Corners of the tags (4 x tags, 3) in metres, numbered as in the class's figure; y is zero or negative."""
         j, i = np.mgrid[: 2 * self.rows, : 2 * self.columns]
         x, y = (n // 2 * self.pitch + n % 2 * self.tag for n in (i.ravel(), j.ravel()))
         return np.stack([x, 0.0 - y, np.zeros(x.size)], axis=1)
 
     @property
     def corners(self) -> NDArray[np.int64]:
-        """Points (tags, 4) at the corners of each tag, in the order in which OpenCV's detector gives them.
+        """Points (tags, 4) at the corners of each tag, in the order of OpenCV's detector.
 
-        OpenCV holds the tags of this family upside down, compared with Kalibr's print: its first corner, the top left
-        of its tag, is the bottom right of the printed one; the others follow clockwise.
+        OpenCV's tags of this family are upside down relative to Kalibr's print: their first corner, the top left, is
+        the bottom right of the printed tag; the others follow clockwise.
         """
         tag = np.arange(self.columns * self.rows)
         width = 2 * self.columns
@@ -109,14 +96,22 @@ class AprilGrid(Board):
         return bottom_left[:, None] + np.array([1, 0, width, width + 1])
 
     @property
-    def reach(self) -> float:
-        """Length in metres as `Board.reach` says: a tag's black border ends it, or the squares between tags."""
-        cells = len(marker_cells(self.dictionary, 0, border=self.border))
-        return min(self.border / cells, self.spacing) * self.tag / CLEAR_SHARE
+    def layout(self) -> MarkerLayout:
+        points = self.points[:, :2]
+        gap = self.spacing * self.tag
+        return MarkerLayout(
+            points, points[self.corners], self.pitch, gap, self.tag, self.dictionary, self.border
+        )
 
     @property
-    def bright(self) -> NDArray[np.bool_]:
-        """Whether what is ahead of each point (N,), towards +x and +y, is white: neither its tag nor a square."""
+    def window_step(self) -> float:
+        """Step of the window, in metres: the tag's black border and the squares between tags limit it."""
+        cells = len(marker_cells(self.dictionary, 0, border=self.border))
+        return min(self.border / cells, self.spacing) * self.tag / WINDOW_SHARE
+
+    @property
+    def bright_ahead(self) -> NDArray[np.bool_]:
+        """Whether the quadrant of each point (N,) towards +x and +y is white: neither its tag nor a square."""
         j, i = np.mgrid[: 2 * self.rows, : 2 * self.columns]
         return ((i + j) % 2 == 0).ravel()
 
@@ -126,7 +121,7 @@ class AprilGrid(Board):
         return -gap, -self.rows * self.pitch, self.columns * self.pitch, gap
 
     def drawing(self) -> list[Shape]:
-        """Give the tags and the squares at their corners."""
+        """Return the tags and the squares at their corners."""
         gap = self.spacing * self.tag
         shapes: list[Shape] = [
             rectangle(i * self.pitch - gap, -j * self.pitch, gap, gap)
@@ -138,8 +133,3 @@ class AprilGrid(Board):
             upright = marker_cells(self.dictionary, tag, border=self.border)[::-1, ::-1]
             shapes += cell_shapes(upright, column * self.pitch, -row * self.pitch - self.tag, self.tag)
         return shapes
-
-    def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
-        from omnisight.targets.markers import detect_aprilgrid
-
-        return detect_aprilgrid(gray, self)

@@ -1,18 +1,16 @@
-"""The checkerboard: where four squares meet is a corner."""
-
-from __future__ import annotations
+"""The checkerboard: its points are the inner corners, where four squares meet."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.targets.boards._protocol import Board, parse_pattern
-from omnisight.targets.detection import Detection
+from omnisight.targets.boards._protocol import Board, grid_points, parse_pattern
 from omnisight.targets.length import parse_length
 from omnisight.targets.printing.drawing import Shape, rectangle
 
-SMALLEST = 3
+MIN_CORNERS = 3
 
 
 @dataclass(frozen=True)
@@ -24,26 +22,27 @@ class Checkerboard(Board):
     columns, rows : int
         Inner corners along the board's x and y; a board of 10 x 7 squares has 9 x 6.
     square : float or None
-        Side of a square in metres; None where it is not known.
+        Side of a square in metres; None if unknown.
     """
 
-    kind = "checkerboard"
+    kind: ClassVar[str] = "checkerboard"
+    detector: ClassVar[str] = "checkerboard"
 
     columns: int
     rows: int
     square: float | None = field(default=None, metadata={"length": True})
 
     def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < SMALLEST:
+        if min(self.columns, self.rows) < MIN_CORNERS:
             raise ValueError(
-                f"a board needs {SMALLEST}x{SMALLEST} inner corners or more, got {self.columns}x{self.rows}"
+                f"a board needs {MIN_CORNERS}x{MIN_CORNERS} inner corners or more, got {self.columns}x{self.rows}"
             )
         if self.square is not None and not 0 < self.square < np.inf:
             raise ValueError(f"a square needs a positive side in metres, got {self.square}")
 
     @classmethod
-    def parse(cls, pattern: str, square: str | None = None) -> Checkerboard:
-        """Read a board as a user writes it.
+    def parse(cls, pattern: str, square: str | None = None) -> "Checkerboard":
+        """Build a board from text.
 
         Parameters
         ----------
@@ -60,8 +59,8 @@ class Checkerboard(Board):
         return cls(**parse_pattern(pattern), square=None if square is None else parse_length(square))
 
     @property
-    def symmetric(self) -> bool:
-        """Whether the board looks the same upside-down: its origin may be either of two corners."""
+    def is_symmetric(self) -> bool:
+        """Whether the board looks the same upside-down, so that either of two corners may be its origin."""
         return (self.columns + self.rows) % 2 == 0
 
     @property
@@ -71,27 +70,25 @@ class Checkerboard(Board):
     @property
     def points(self) -> NDArray[np.float64]:
         """Corner positions (N, 3) in `unit`: x along columns, y along rows, z = 0; x runs fastest."""
-        y, x = np.mgrid[: self.rows, : self.columns]
-        points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-        return points * (1.0 if self.square is None else self.square)
+        return grid_points(self.columns, self.rows, self.window_step)
 
     @property
-    def reach(self) -> float:
+    def window_step(self) -> float:
         return 1.0 if self.square is None else self.square
 
     @property
-    def bright(self) -> NDArray[np.bool_]:
+    def bright_ahead(self) -> NDArray[np.bool_]:
         j, i = np.divmod(np.arange(self.size), self.columns)
         return (i + j) % 2 == 1
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        side = self._side()
+        side = self._known_side()
         return -side, -side, self.columns * side, self.rows * side
 
     def drawing(self) -> list[Shape]:
-        """Give its dark squares; the one between the first corners of the first two rows is dark."""
-        side = self._side()
+        """Return the dark squares; the one between the first corners of the first two rows is dark."""
+        side = self._known_side()
         return [
             rectangle((i - 1) * side, (j - 1) * side, side, side)
             for j in range(self.rows + 1)
@@ -99,15 +96,7 @@ class Checkerboard(Board):
             if (i + j) % 2 == 0
         ]
 
-    def detect(self, gray: NDArray[np.uint8]) -> list[Detection]:
-        from omnisight.targets.placing import detect_checkerboards
-
-        return detect_checkerboards(gray, self)
-
-    def _side(self) -> float:
+    def _known_side(self) -> float:
         if self.square is None:
-            raise ValueError(f"the side of a square of the {self} board is not known: give it, such as 30mm")
+            raise ValueError(f"the side of a square of the {self} board is unknown: specify it, such as 30mm")
         return self.square
-
-    def __str__(self) -> str:
-        return f"{self.columns}x{self.rows}"

@@ -1,0 +1,124 @@
+"""Checks of detections in a set of images: duplicates, mirrored markers, corners outside of the image circle."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.images import ImageField
+from omnisight.targets.boards import Board
+from omnisight.targets.detections import Detection, ImageDetection
+
+# Movement, px, below which two images are copies of one.
+MAX_COPY_MOVEMENT_PX = 0.5
+# Movement over the image's diagonal below which the second image adds next to nothing.
+MAX_DUPLICATE_MOVEMENT = 0.005
+# Part of the points of either board that both must show to be compared.
+MIN_COMMON_SHARE = 0.8
+# Distance, px, of a corner outside of the image circle, whose edge is known to a pixel.
+MAX_OUTSIDE_PX = 2.0
+
+
+def with_duplicate_remarks(
+    images: Sequence[ImageDetection], size: tuple[int, int]
+) -> tuple[list[ImageDetection], list[str]]:
+    """Add remarks to the images that repeat an earlier one; return them, and a note on the set."""
+    duplicates = find_duplicates([image.boards for image in images], size)
+    remarked = list(images)
+    for i, (other, moved) in duplicates.items():
+        name = images[other].path.name
+        same = moved < MAX_COPY_MOVEMENT_PX
+        remarked[i] = images[i].with_remark(
+            f"the same as {name}" if same else f"nearly the same as {name} (moved by {moved:.1f} px)"
+        )
+    if not duplicates:
+        return remarked, []
+    count = sum(bool(image.boards) for image in images)
+    farthest = max(moved for _, moved in duplicates.values())
+    note = (
+        f"{len(duplicates)} of {count} images with a board repeat another one (no corner moved by more than"
+        f" {farthest:.1f} px): they add no information, and make uncertainties too small; move and tilt the board"
+        " between images, or use the video itself, of which the most informative frames are selected"
+    )
+    return remarked, [note]
+
+
+def find_duplicates(images: Sequence[Sequence[Detection]], size: tuple[int, int]) -> dict[int, tuple[int, float]]:
+    """Find the images that repeat an earlier one.
+
+    Parameters
+    ----------
+    images : sequence of sequence of Detection
+        The boards in each.
+    size : (int, int)
+        Width and height of all, px.
+
+    Returns
+    -------
+    dict
+        For a repeating image: which earlier one, that itself repeats none, and the largest movement of a point, px.
+    """
+    limit = max(MAX_DUPLICATE_MOVEMENT * float(np.hypot(*size)), MAX_COPY_MOVEMENT_PX)
+    duplicates: dict[int, tuple[int, float]] = {}
+    for i, boards in enumerate(images):
+        others = [j for j in range(i) if j not in duplicates and len(images[j]) == len(boards) > 0]
+        moved = min(((_max_movement(boards, images[j]), j) for j in others), default=(np.inf, -1))
+        if moved[0] < limit:
+            duplicates[i] = (moved[1], moved[0])
+    return duplicates
+
+
+def mirrored_markers_note(images: Sequence[ImageDetection], board: Board) -> list[str]:
+    """Return a note if markers are decoded in mirror images."""
+    names = [image.path.name for image in images if any(is_mirrored(d, board) for d in image.boards)]
+    if not names:
+        return []
+    count = sum(bool(image.boards) for image in images)
+    which = "all" if len(names) == count else f"{len(names)} of {count}"
+    return [
+        f"the markers match only when mirrored in {which} images with a board ({', '.join(names[:3])}"
+        f"{', ...' if len(names) > 3 else ''}): is a webcam's mirror mode on? Turn it off; only a camera that looks"
+        " into a mirror sees the board like that"
+    ]
+
+
+def is_mirrored(detection: Detection, board: Board) -> bool:
+    """Return whether a board's points form a mirror image.
+
+    Most triangles of neighbouring points must be mirrored: a lens may bend the board around the image's centre. The
+    numbering of a board without markers follows from the image, so it never appears mirrored.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    points = board.points[detection.ids, :2]
+    try:
+        triangles = Delaunay(points).simplices
+    except (QhullError, ValueError):  # all on a line, or too few
+        return False
+    turns = _doubled_area(points[triangles]) * _doubled_area(detection.pixels[triangles])
+    return bool(np.count_nonzero(turns < 0) > np.count_nonzero(turns > 0))
+
+
+def with_field_remark(image: ImageDetection, field: ImageField | None) -> ImageDetection:
+    """Add a remark if corners lie outside of the image field."""
+    if field is None or not image.boards:
+        return image
+    outside = sum(int((~field.contains(d.pixels, -MAX_OUTSIDE_PX)).sum()) for d in image.boards)
+    return image.with_remark(f"{outside} corners outside of the image circle") if outside else image
+
+
+def _max_movement(boards: Sequence[Detection], others: Sequence[Detection]) -> float:
+    """Return the largest movement of a point, px; inf if the boards show different points."""
+    farthest = 0.0
+    for board, other in zip(boards, others, strict=True):
+        _, here, there = np.intersect1d(board.ids, other.ids, assume_unique=True, return_indices=True)
+        if len(here) < MIN_COMMON_SHARE * max(len(board), len(other), 1):
+            return np.inf
+        farthest = max(farthest, float(np.linalg.norm(board.pixels[here] - other.pixels[there], axis=1).max(initial=0)))
+    return farthest
+
+
+def _doubled_area(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return twice the signed area of triangles (N, 3, 2)."""
+    (a, b), (c, d) = (triangles[:, k].T - triangles[:, 0].T for k in (1, 2))
+    return a * d - b * c
