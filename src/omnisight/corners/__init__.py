@@ -1,17 +1,17 @@
-"""Corners that something else found: each file of this folder that does not begin with an underscore reads one format.
+"""Corner files of other programs: each file of this folder without a leading underscore reads one format.
 
-A format is found by its file. Reading goes by what a file holds, never by its name.
+Formats are discovered by these files. The content of a file determines its format, never the name.
 """
 
-from omnisight.corners._protocol import CornerFormat, Corners, Seen, Told
-from omnisight.corners._registry import corner_format_named, corner_format_names, read_corners
+from omnisight.corners._protocol import CornerFile, CornerFormat, ImageCorners, ReadOptions
+from omnisight.corners._registry import corner_format_names, get_corner_format, read_corners
 
 __all__ = [
+    "CornerFile",
     "CornerFormat",
-    "Corners",
-    "Seen",
-    "Told",
-    "corner_format_named",
+    "ImageCorners",
+    "ReadOptions",
     "corner_format_names",
+    "get_corner_format",
     "read_corners",
 ]

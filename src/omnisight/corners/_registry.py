@@ -1,31 +1,31 @@
-"""Finding the format of files of corners, and making of them what a search in images gives."""
+"""Find the format of corner files and convert their corners to detections."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
-from omnisight.corners._clean import found_in
-from omnisight.corners._protocol import CornerFormat, Corners, Seen, Told
+from omnisight.corners._detections import make_detections
+from omnisight.corners._protocol import CornerFile, CornerFormat, ImageCorners, ReadOptions
 from omnisight.extensions import module_in, names_in
 from omnisight.formats import FormatError
-from omnisight.formats._binary import read_file
-from omnisight.formats._matlab_file import HDF5, NO_HDF5
-from omnisight.formats._registry import DAMAGED
+from omnisight.formats._files import read_file
+from omnisight.formats._limits import MAX_NAME_CHARS
+from omnisight.formats._mat import HDF5_ERROR, HDF5_SIGNATURES
+from omnisight.formats._registry import PARSE_ERRORS, parse_error_message
 from omnisight.targets import Board, Detections
 
 PACKAGE = "omnisight.corners"
-LONGEST = 100  # characters of an image's name
 
 
 def corner_format_names() -> tuple[str, ...]:
-    """Give the names of all formats, sorted: the names of the files here."""
+    """Return the names of all formats, sorted: the names of the files in this folder."""
     return names_in(PACKAGE)
 
 
-def corner_format_named(name: str) -> CornerFormat:
-    """Give the format of that name, or say which there are."""
-    return cast(CornerFormat, module_in(PACKAGE, name, "format of corners"))
+def get_corner_format(name: str) -> CornerFormat:
+    """Return the format of this name; raise ValueError with the known names if there is none."""
+    return cast(CornerFormat, module_in(PACKAGE, name, "corner format"))
 
 
 def read_corners(
@@ -36,79 +36,79 @@ def read_corners(
     size: tuple[int, int] | None = None,
     which: str | None = None,
 ) -> Detections:
-    """Read files of corners that something else found: what `detect_boards` gives of images, without the images.
+    """Read corner files of other programs and return what `detect_boards` returns for images.
 
-    What cannot be used is left out, and `notes` say so: corners that are no numbers or lie outside of the image,
-    repeated ones, images with fewer than six, or of another size than the others.
+    Unusable data is left out and listed in `notes`: corners that are not finite or outside the image, duplicates,
+    images with fewer than six corners, and images whose size differs from the others.
 
     Parameters
     ----------
     paths
-        Files of any formats, told by what they hold; all of one camera.
+        Corner files of any formats, all of one camera; the content determines the format.
     board
-        The board, where a file does not say.
+        The board, for files that do not hold one.
     square
-        The step between neighbouring points, metres. Without it points are in metres where a file says so, and in such
-        steps where it does not.
+        The distance of neighbouring points, metres. Without it, points are in metres if the file specifies that, and
+        in units of this distance otherwise.
     size
-        (width, height) of the images, px, where neither a file nor an image beside it says.
+        (width, height) of the images, px, if neither the file nor an image beside it specifies it.
     which
-        Which camera, where a file holds several: its name there.
+        The name of the camera in a file that holds several.
 
     Raises
     ------
     FormatError
-        If a file holds no corners, is damaged, or leaves open what was not told.
+        If a file holds no corners or is damaged, or a parameter is missing.
     """
     files = [Path(path) for path in paths]
-    read = [_corners(path, Told(board, which, _beside(path))) for path in files]
-    if len({corners.metres for corners in read}) > 1 and square is None:
-        raise FormatError(f"{files[0]}: in metres or not, as the other files are not: give --square, such as 30mm")
-    seen: list[tuple[Path, Seen]] = []
+    read = [_read(path, ReadOptions(board, which, _sibling_reader(path))) for path in files]
+    if len({corners.in_metres for corners in read}) > 1 and square is None:
+        raise FormatError(f"{files[0]}: points in metres in some files only: specify --square, such as 30mm")
+    images: list[tuple[Path, ImageCorners]] = []
     for path, corners in zip(files, read, strict=True):
-        several = len(corners.views) > 1
-        for k, view in enumerate(corners.views, 1):
-            called = _printable(view.picture) or (f"{path.stem}-{k}" if several else path.stem)
-            seen.append((_picture(path.parent, called), dataclasses.replace(view, picture=called)))
+        for k, image in enumerate(corners.images, 1):
+            default = f"{path.stem}-{k}" if len(corners.images) > 1 else path.stem
+            name = _printable(image.name) or default
+            images.append((_image_path(path.parent, name), dataclasses.replace(image, name=name)))
     try:
-        return found_in(seen, metres=read[0].metres, square=square, size=size)
+        return make_detections(images, in_metres=read[0].in_metres, square=square, size=size)
     except ValueError as error:
         raise FormatError(f"{files[0]}{', ...' if len(files) > 1 else ''}: {error}") from error
 
 
-def _corners(path: Path, told: Told) -> Corners:
+def _read(path: Path, options: ReadOptions) -> CornerFile:
+    """Read a corner file of any format."""
     text = read_file(path)
     for name in corner_format_names():
-        candidate = corner_format_named(name)
+        candidate = get_corner_format(name)
         if not candidate.matches(text):
             continue
         try:
-            return candidate.parse(text, told)
-        except DAMAGED as error:
-            said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
-            raise FormatError(f"{path}: {candidate.TITLE}: {said}") from error
-    if text.startswith(HDF5):
-        raise FormatError(f"{path}: {NO_HDF5}")
+            return candidate.parse(text, options)
+        except PARSE_ERRORS as error:
+            raise FormatError(f"{path}: {candidate.TITLE}: {parse_error_message(error)}") from error
+    if text.startswith(HDF5_SIGNATURES):
+        raise FormatError(f"{path}: {HDF5_ERROR}")
     raise FormatError(
-        f"{path}: neither an image nor corners of a known format (begins with {text.strip()[:40]!r}); known are:"
-        f" {', '.join(corner_format_names())}"
+        f"{path}: neither an image nor a corner file of a known format (begins with {text.strip()[:40]!r}); known"
+        f" formats: {', '.join(corner_format_names())}"
     )
 
 
-def _beside(path: Path) -> Callable[[str], str]:
-    """Give what reads the only file of an ending beside this one."""
+def _sibling_reader(path: Path) -> Callable[[str], str]:
+    """Return a function that reads the only file with an ending in the folder of this file."""
 
-    def text(suffix: str) -> str:
-        found = sorted(path.parent.glob(f"*{suffix}"))
-        if len(found) != 1:
-            raise ValueError(f"needs one {suffix} beside it, {path.parent} has {len(found) or 'none'}")
-        return read_file(found[0])
+    def read_sibling(suffix: str) -> str:
+        siblings = sorted(path.parent.glob(f"*{suffix}"))
+        if len(siblings) != 1:
+            raise ValueError(f"needs one {suffix} beside it, {path.parent} has {len(siblings) or 'none'}")
+        return read_file(siblings[0])
 
-    return text
+    return read_sibling
 
 
-def _picture(folder: Path, name: str) -> Path:
-    """Give the image of that name where it lies beside the corners; else what it would be called."""
+def _image_path(folder: Path, name: str) -> Path:
+    """Return the path of an image beside a corner file; a name never leads out of the folder."""
     path = Path(name.replace("\\", "/"))
     inside = not path.is_absolute() and ".." not in path.parts
     if inside and (folder / path).is_file():
@@ -117,4 +117,4 @@ def _picture(folder: Path, name: str) -> Path:
 
 
 def _printable(name: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in name.strip())[-LONGEST:]
+    return "".join(c if c.isprintable() else "?" for c in name.strip())[-MAX_NAME_CHARS:]

@@ -1,15 +1,12 @@
-"""MATLAB's imagePoints and worldPoints in a .mat, as `detectCheckerboardPoints` and its like give them.
+"""MATLAB's imagePoints and worldPoints in a .mat, as `detectCheckerboardPoints` and similar functions return them.
 
-`imagePoints` is M x 2 x images, x then y, px from ONE, NaN where a point was not found; `worldPoints` M x 2 or x 3.
-The size may stand beside as `imageSize`: rows, columns (documentation of the Computer Vision Toolbox).
+`imagePoints` is M x 2 x images, x then y, px from ONE, NaN for a point that was not detected; `worldPoints` is M x 2 or
+M x 3. The optional `imageSize` is rows, columns (documentation of the Computer Vision Toolbox).
 """
 
-import numpy as np
-
-from omnisight.corners._matlab import FIRST, array_of, is_mat
-from omnisight.corners._protocol import Corners, Seen, Told, in_space, rows
-from omnisight.formats._checks import picture_size
-from omnisight.formats._matlab_file import read_mat
+from omnisight.corners._matlab import has_variables, matrix_of, read_variables, size_from_rows_columns
+from omnisight.corners._protocol import CornerFile, ImageCorners, ReadOptions, as_rows, to_3d
+from omnisight.formats._values import FIRST_PIXEL
 
 TITLE = "MATLAB imagePoints"
 SUFFIX = ".mat"
@@ -17,29 +14,25 @@ CONVENTION = "imagePoints M x 2 x images: x, y from ONE; worldPoints M x 2; imag
 
 
 def matches(text: str) -> bool:
-    """Say whether this is a .mat with imagePoints."""
-    return is_mat(text, "imagePoints")
+    """Return whether this is a .mat with imagePoints."""
+    return has_variables(text, "imagePoints")
 
 
-def parse(text: str, told: Told) -> Corners:
+def parse(text: str, options: ReadOptions) -> CornerFile:
     """Read the images."""
-    held = read_mat(text.encode("latin-1"))
-    seen = array_of(held["imagePoints"], "imagePoints")
-    seen = seen[:, :, None] if seen.ndim == 2 else seen
-    if seen.ndim != 3 or seen.shape[1] != 2:
-        raise ValueError(f"imagePoints must be M x 2 x images, got {' x '.join(map(str, seen.shape))}")
-    if held.get("worldPoints") is not None:
-        points = in_space(rows(array_of(held["worldPoints"], "worldPoints"), (2, 3), "worldPoints"))
-    elif told.board is not None:
-        points = told.board.points
+    variables = read_variables(text)
+    pixels = matrix_of(variables["imagePoints"], "imagePoints")
+    pixels = pixels[:, :, None] if pixels.ndim == 2 else pixels
+    if pixels.ndim != 3 or pixels.shape[1] != 2:
+        raise ValueError(f"imagePoints must be M x 2 x images, got {' x '.join(map(str, pixels.shape))}")
+    if variables.get("worldPoints") is not None:
+        points = to_3d(as_rows(matrix_of(variables["worldPoints"], "worldPoints"), (2, 3), "worldPoints"))
+    elif options.board is not None:
+        points = options.board.points
     else:
-        raise ValueError("no worldPoints in it: save them too, or give --pattern, such as 9x6")
-    if len(points) != len(seen):
-        raise ValueError(f"{len(seen)} imagePoints of each image, but {len(points)} points of the board")
-    size = (0, 0)
-    if held.get("imageSize") is not None:
-        sides = np.ravel(array_of(held["imageSize"], "imageSize"))
-        if len(sides) < 2:
-            raise ValueError("imageSize must be rows and columns")
-        size = picture_size(sides[1], sides[0])
-    return Corners([Seen("", points, seen[:, :, k] - FIRST, size=size) for k in range(seen.shape[2])])
+        raise ValueError("no worldPoints in it: save them too, or specify --pattern, such as 9x6")
+    if len(points) != len(pixels):
+        raise ValueError(f"{len(pixels)} imagePoints of each image, but {len(points)} points of the board")
+    size = size_from_rows_columns(variables.get("imageSize"), "imageSize")
+    images = [ImageCorners("", points, pixels[:, :, k] - FIRST_PIXEL, size=size) for k in range(pixels.shape[2])]
+    return CornerFile(images)

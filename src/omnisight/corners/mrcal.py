@@ -1,93 +1,111 @@
 """The vnlog of corners that mrgingham writes and mrcal reads (corners.vnl).
 
-A line per corner: the image, x, y, and how sure it is. A whole board is listed row by row, in the order of its
-points; an image without one has a single line with dashes. The fourth column is the decimation `level` (a deviation of
-2^level, a dash: do not use) or a `weight` (one over the deviation, negative: do not use). The board is not in the file
-(man pages of mrgingham and of mrcal's tools).
+Each line holds the image, x, y and the uncertainty of a corner. A whole board is listed row by row, in the order of its
+points; an image without a board has a single line with dashes. The fourth column is the decimation `level` (a standard
+deviation of 2^level; a dash marks an outlier) or a `weight` (one over the standard deviation; negative for an outlier).
+The board is not in the file (man pages of mrgingham and of mrcal's tools).
 """
 
 import numpy as np
 
-from omnisight.corners._protocol import USUAL_PX, Array, Corners, Seen, Told, spread_of
+from omnisight.corners._protocol import (
+    TYPICAL_SIGMA_PX,
+    Array,
+    CornerFile,
+    ImageCorners,
+    ReadOptions,
+    isotropic_covariance,
+)
+from omnisight.formats._limits import MAX_ENTRIES, SEARCHED_CHARS
+from omnisight.targets import Board
 
 TITLE = "mrcal corners.vnl"
 SUFFIX = ".vnl"
 CONVENTION = "filename x y level, row by row of the board; integer pixel = pixel centre"
-MOST = 2_000_000  # lines
-NEEDED = ("filename", "x", "y")
+MAX_LEVEL = 30.0  # of decimation; 2^level must not overflow
+REQUIRED = ("filename", "x", "y")
 
 
 def matches(text: str) -> bool:
-    """Say whether the legend names filename, x and y."""
-    return _legend(text[:100_000]) is not None
+    """Return whether the legend names filename, x and y."""
+    return _legend(text[:SEARCHED_CHARS]) is not None
 
 
-def parse(text: str, told: Told) -> Corners:
+def parse(text: str, options: ReadOptions) -> CornerFile:
     """Read the images."""
+    tables = _tables(text)
+    counts = sorted({len(table) for table in tables.values() if len(table)})
+    board = options.board
+    if board is None:
+        example = " or ".join(f"{round(n**0.5)}x{round(n**0.5)}" for n in counts[:1] if round(n**0.5) ** 2 == n)
+        raise ValueError(
+            f"the board is not in the file; it has {counts[0] if counts else 'no'} corners: specify --pattern, such as"
+            f" {example or '14x14'}, and --square"
+        )
+    return CornerFile([_image(name, table, board) for name, table in tables.items()], in_metres=board.unit == "m")
+
+
+def _tables(text: str) -> dict[str, Array]:
+    """Return x, y and the relative standard deviation (N, 3) of the corners of each image."""
     legend = _legend(text)
     assert legend is not None
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    if len(lines) > MOST:
-        raise ValueError(f"{len(lines)} lines; corners have at most {MOST}")
-    place = [legend.index(name) for name in NEEDED]
-    sure = next((name for name in ("level", "weight") if name in legend), None)
-    found: dict[str, list[tuple[float, float, float]]] = {}
+    if len(lines) > MAX_ENTRIES:
+        raise ValueError(f"{len(lines)} lines; at most {MAX_ENTRIES} are read")
+    columns = [legend.index(name) for name in REQUIRED]
+    weight_column = next((name for name in ("level", "weight") if name in legend), None)
+    tables: dict[str, list[tuple[float, float, float]]] = {}
     for number, line in enumerate(lines, 1):
         words = line.split()
         if len(words) != len(legend):
             raise ValueError(f"entry {number} has {len(words)} columns, {len(legend)} in the legend: {line[:60]!r}")
-        name, x, y = (words[k] for k in place)
-        corners = found.setdefault(name, [])
+        name, x, y = (words[k] for k in columns)
+        corners = tables.setdefault(name, [])
         if x == "-" or y == "-":
             continue
         try:
-            sigma = _sigma(sure, words[legend.index(sure)]) if sure else 1.0
+            sigma = _relative_sigma(weight_column, words[legend.index(weight_column)]) if weight_column else 1.0
             corners.append((float(x), float(y), sigma))
         except ValueError:
-            raise ValueError(f"entry {number} is no corner: {line[:60]!r}") from None
-    counts = sorted({len(corners) for corners in found.values() if corners})
-    if told.board is None:
-        such = " or ".join(f"{round(n**0.5)}x{round(n**0.5)}" for n in counts[:1] if round(n**0.5) ** 2 == n)
+            raise ValueError(f"entry {number} is not a corner: {line[:60]!r}") from None
+    return {name: np.array(corners).reshape(-1, 3) for name, corners in tables.items()}
+
+
+def _image(name: str, table: Array, board: Board) -> ImageCorners:
+    """Return the corners of an image; outliers become NaN."""
+    if len(table) and len(table) != len(board.points):
         raise ValueError(
-            f"the board is not in the file; it has {counts[0] if counts else 'no'} corners: give --pattern, such as"
-            f" {such or '14x14'}, and --square"
+            f"{name[:60]} has {len(table)} corners, the {board} board {len(board.points)}: mrgingham lists whole"
+            " boards; is --pattern right?"
         )
-    views: list[Seen] = []
-    for name, corners in found.items():
-        if corners and len(corners) != len(told.board.points):
-            raise ValueError(
-                f"{name[:60]} has {len(corners)} corners, the {told.board} board {len(told.board.points)}: mrgingham"
-                " lists whole boards; is --pattern right?"
-            )
-        table = np.array(corners).reshape(-1, 3)
-        pixels = np.where(np.isfinite(table[:, 2:]), table[:, :2], np.nan)
-        views.append(Seen(name, told.board.points[: len(table)], pixels, _covariance(table[:, 2])))
-    return Corners(views, metres=told.board.unit == "m")
+    pixels = np.where(np.isfinite(table[:, 2:]), table[:, :2], np.nan)
+    return ImageCorners(name, board.points[: len(table)], pixels, _covariance(table[:, 2]))
 
 
 def _legend(text: str) -> list[str] | None:
-    """Give the columns' names: the first comment that begins with a single #."""
+    """Return the column names: the first comment that begins with a single #."""
     for line in text.splitlines():
         if line.startswith("#") and not line.startswith(("##", "#!")):
             names = line[1:].split()
-            return names if set(NEEDED) <= set(names) else None
+            return names if set(REQUIRED) <= set(names) else None
         if line.strip() and not line.startswith("#"):
             return None
     return None
 
 
-def _sigma(column: str, word: str) -> float:
-    """Give how unsure a corner is; NaN where it is not to be used."""
+def _relative_sigma(column: str, word: str) -> float:
+    """Return the relative standard deviation of a corner; NaN for an outlier."""
     if word == "-":
         return np.nan
     value = float(word)
     if column == "level":
-        return 2.0 ** min(value, 30.0) if value >= 0 else np.nan
+        return 2.0 ** min(value, MAX_LEVEL) if value >= 0 else np.nan
     return 1 / value if value > 0 else np.nan
 
 
 def _covariance(sigmas: Array) -> Array | None:
+    """Return the covariance of corners, or None if all weights are equal."""
     known = np.isfinite(sigmas)
     if not known.any():
         return None
-    return spread_of(USUAL_PX * np.where(known, sigmas, sigmas[known].max()))
+    return isotropic_covariance(TYPICAL_SIGMA_PX * np.where(known, sigmas, sigmas[known].max()))

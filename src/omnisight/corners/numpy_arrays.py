@@ -1,9 +1,9 @@
 """NumPy's .npz of points, as scripts around OpenCV save them.
 
-`imgpoints` (image_points, corners): images x N x 2, px from 0, NaN where a point was not found. `objpoints`
-(object_points): N x 3, or as many for each image; or `pattern`, columns and rows of inner corners, or --pattern.
-`files` names the images; `image_size` is width, height. Nothing is unpickled, so lists of different lengths cannot be
-read.
+`imgpoints` (image_points, corners): images x N x 2, px from 0, NaN for a point that was not detected. `objpoints`
+(object_points): N x 3, or one such array for each image; or `pattern`, columns and rows of inner corners, or --pattern.
+`files` holds the names of the images; `image_size` is width, height. Nothing is unpickled, so lists of different
+lengths cannot be read.
 """
 
 import re
@@ -11,86 +11,78 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from omnisight.corners._protocol import Array, Corners, Seen, Told, in_space
-from omnisight.formats._checks import picture_size
-from omnisight.formats._numpy_file import TEXTS, ZIP, read_npz
-from omnisight.targets import Checkerboard
+from omnisight.corners._names import board_points, normalized
+from omnisight.corners._protocol import Array, CornerFile, ImageCorners, ReadOptions, to_3d
+from omnisight.formats._npz import TEXT_KINDS, ZIP_SIGNATURE, read_npz
+from omnisight.formats._values import image_size
 
 TITLE = "NumPy npz of points"
 SUFFIX = ".npz"
 CONVENTION = "imgpoints images x N x 2, objpoints N x 3 (or of each image), or pattern; integer pixel = pixel centre"
-SEEN = re.compile(r"(?:image|img)?(?:points|corners)2?d?|pixels")
+PIXELS = re.compile(r"(?:image|img)?(?:points|corners)2?d?|pixels")
 POINTS = re.compile(r"(?:object|obj|world)(?:points|p)(?:3?d)?|objp")
 FILES = {"files", "names", "images", "filenames"}
 SIZE = {"imagesize", "size", "imgsize", "resolution"}
 
 
 def matches(text: str) -> bool:
-    """Say whether it holds corners by one of their names."""
-    if not text.startswith(ZIP):
+    """Return whether it holds corners under one of their names."""
+    if not text.startswith(ZIP_SIGNATURE):
         return False
     try:
-        return _named(read_npz(text), SEEN) is not None
+        return _named(read_npz(text), PIXELS) is not None
     except ValueError:
         return False
 
 
-def parse(text: str, told: Told) -> Corners:
+def parse(text: str, options: ReadOptions) -> CornerFile:
     """Read the images."""
-    held = read_npz(text)
-    seen = _pictures(_named(held, SEEN), 2)
-    points = _points(held, told, len(seen))
+    arrays = read_npz(text)
+    pixels = _per_image(_named(arrays, PIXELS), 2)
+    points = _points(arrays, options, len(pixels))
     size = (0, 0)
-    sides = next((array for key, array in held.items() if _plain(key) in SIZE), None)
+    sides = next((array for key, array in arrays.items() if normalized(key) in SIZE), None)
     if sides is not None and sides.size == 2:
-        size = picture_size(*sides.ravel().astype(float).tolist())
-    files = next((a for key, a in held.items() if _plain(key) in FILES and a.dtype.kind in TEXTS), None)
-    names = [""] * len(seen) if files is None or files.size != len(seen) else [_text(name) for name in files.ravel()]
-    views: list[Seen] = []
-    for k, (name, x, p) in enumerate(zip(names, points, seen, strict=True), 1):
+        size = image_size(*sides.ravel().astype(float).tolist())
+    files = next((a for key, a in arrays.items() if normalized(key) in FILES and a.dtype.kind in TEXT_KINDS), None)
+    has_names = files is not None and files.size == len(pixels)
+    names = [_text(name) for name in files.ravel()] if files is not None and has_names else [""] * len(pixels)
+    images: list[ImageCorners] = []
+    for k, (name, x, p) in enumerate(zip(names, points, pixels, strict=True), 1):
         if len(x) != len(p):
             raise ValueError(f"image {k} has {len(p)} corners, its board {len(x)} points")
-        views.append(Seen(name, x, p, size=size))
-    return Corners(views)
+        images.append(ImageCorners(name, x, p, size=size))
+    return CornerFile(images)
 
 
-def _points(held: dict[str, NDArray[Any]], told: Told, count: int) -> list[Array]:
-    """Give the points of each image's target."""
-    given = _named(held, POINTS)
+def _points(arrays: dict[str, NDArray[Any]], options: ReadOptions, count: int) -> list[Array]:
+    """Return the points of the target of each image."""
+    given = _named(arrays, POINTS)
     if given is not None:
-        points = [in_space(x) for x in _pictures(given, 3)]
+        points = [to_3d(x) for x in _per_image(given, 3)]
         if len(points) not in (1, count):
             raise ValueError(f"points of {len(points)} targets, corners of {count} images")
         return points * count if len(points) == 1 else points
-    if told.board is not None:
-        return [told.board.points] * count
-    pattern = next((array for key, array in held.items() if _plain(key) == "pattern"), None)
-    if pattern is None or pattern.size != 2:
-        raise ValueError("no objpoints in it, and no pattern: give --pattern, such as 9x6")
-    columns, rows = (int(n) for n in pattern.ravel())
-    if not (3 <= columns <= 1000 and 3 <= rows <= 1000):
-        raise ValueError(f"pattern is {columns}x{rows}: expected 3 to 1000 inner corners each way")
-    return [Checkerboard(columns, rows).points] * count
+    pattern = next((array for key, array in arrays.items() if normalized(key) == "pattern"), None)
+    sides = [int(n) for n in pattern.ravel()] if pattern is not None and pattern.size == 2 else None
+    return [board_points(options, sides, "no objpoints and no pattern in it")] * count
 
 
-def _named(held: dict[str, NDArray[Any]], name: re.Pattern[str]) -> NDArray[Any] | None:
-    found = [a for key, a in held.items() if name.fullmatch(_plain(key)) and a.dtype.kind in "iuf"]
-    return found[0] if found else None
+def _named(arrays: dict[str, NDArray[Any]], name: re.Pattern[str]) -> NDArray[Any] | None:
+    """Return the first array of numbers whose name matches, or None."""
+    matching = (a for key, a in arrays.items() if name.fullmatch(normalized(key)) and a.dtype.kind in "iuf")
+    return next(matching, None)
 
 
-def _pictures(array: NDArray[Any] | None, columns: int) -> list[Array]:
-    """Give (N, k) of each image, from (V, N, k), (V, N, 1, k), (V, 1, N, k), or (N, k) of all of them."""
+def _per_image(array: NDArray[Any] | None, columns: int) -> list[Array]:
+    """Return (N, k) of each image, from (V, N, k), (V, N, 1, k), (V, 1, N, k), or (N, k) of all of them."""
     assert array is not None
     if array.ndim == 4 and 1 in array.shape[1:3]:
         array = array.reshape(len(array), -1, array.shape[-1])
     array = array[None] if array.ndim == 2 else array
     if array.ndim != 3 or array.shape[-1] not in (columns, 2):
         raise ValueError(f"points must be images x N x {columns}, got {array.shape}")
-    return [picture.astype(float) for picture in array]
-
-
-def _plain(key: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", key.lower())
+    return [image.astype(float) for image in array]
 
 
 def _text(name: Any) -> str:

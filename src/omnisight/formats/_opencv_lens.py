@@ -1,11 +1,11 @@
-"""What OpenCV and ROS mean by a camera matrix and a list of coefficients."""
+"""Camera matrices and lists of distortion coefficients as OpenCV and ROS define them."""
 
 from typing import Any
 
-from omnisight.formats._checks import build, number, numbers
+from omnisight.formats._values import build, number, numbers
 from omnisight.models import CameraModel
 
-# Our model by the number of coefficients without a fisheye or a mirror.
+# The model by the number of coefficients of a lens that is neither a fisheye nor behind a mirror.
 PERSPECTIVE = {4: "radial_tangential", 5: "radial_tangential", 8: "rational", 12: "rational", 14: "rational"}
 NAMES = {
     "radial_tangential": ("k1", "k2", "p1", "p2", "k3"),
@@ -15,11 +15,11 @@ NAMES = {
 }
 FISHEYE = {"fisheye", "equidistant", "kannalabrandt", "kannalabrandt4"}
 PLAIN = {"pinhole", "plumbbob", "radtan", "radialtangential", "brown", "rational", "rationalpolynomial"}
-STRAIGHT = 1e-12  # px, of a skew or a zero of the camera matrix
+MAX_SKEW_PX = 1e-12  # rounding of a skew or a zero in the camera matrix
 
 
 def is_fisheye(value: Any, name: str) -> bool:
-    """Tell a fisheye from a plain lens, by a flag or a name."""
+    """Return whether a flag or the name of a distortion model denotes a fisheye."""
     if isinstance(value, bool | int | float):
         return value != 0
     word = "".join(c for c in str(value).lower() if c.isalnum())
@@ -29,7 +29,7 @@ def is_fisheye(value: Any, name: str) -> bool:
 
 
 def matrix(value: Any, name: str) -> tuple[int, int, list[float]]:
-    """Give rows, columns and the numbers of a matrix: a map with these names, a list of rows, a list, or one number."""
+    """Return rows, columns and numbers of a matrix: a map with these names, a list of rows, a list, or one number."""
     if isinstance(value, dict):
         rows, columns, data = value.get("rows"), value.get("cols"), value.get("data")
         data = data if isinstance(data, list) else [data]
@@ -44,28 +44,28 @@ def matrix(value: Any, name: str) -> tuple[int, int, list[float]]:
 
 
 def focal_and_centre(value: Any, name: str) -> dict[str, float]:
-    """Give fx, fy, cx, cy and skew of a camera matrix."""
+    """Return fx, fy, cx, cy and skew of a camera matrix."""
     rows, columns, k = matrix(value, name)
     if (rows, columns) != (3, 3):
         raise ValueError(f"{name} must be 3 x 3, got {rows} x {columns}")
-    if max(map(abs, (k[3], k[6], k[7], k[8] - 1))) > STRAIGHT:
+    if max(map(abs, (k[3], k[6], k[7], k[8] - 1))) > MAX_SKEW_PX:
         raise ValueError(f"{name} must be [fx skew cx; 0 fy cy; 0 0 1], got {k}")
     return {"fx": k[0], "fy": k[4], "cx": k[2], "cy": k[5], "skew": k[1]}
 
 
 def lens(plane: dict[str, float], coefficients: list[float], *, fisheye: bool | None, xi: Any = None) -> CameraModel:
-    """Make the model that OpenCV would project with.
+    """Return the camera model that OpenCV would project with.
 
     Parameters
     ----------
     plane
-        Of `focal_and_centre`.
+        The values of `focal_and_centre`.
     coefficients
         In OpenCV's order.
     fisheye
-        What the file says; None where it does not.
+        Whether the lens is a fisheye; None if the file does not specify it.
     xi
-        Of the unified model, None where there is none.
+        The parameter of the unified model, or None.
     """
     count, zero = len(coefficients), not any(coefficients)
     if xi is not None:
@@ -76,7 +76,7 @@ def lens(plane: dict[str, float], coefficients: list[float], *, fisheye: bool | 
     if fisheye:
         if count != 4:
             raise ValueError(f"a fisheye has 4 coefficients k1 k2 k3 k4, got {count}")
-        return build("kannala_brandt", _straight(plane) | _named("kannala_brandt", coefficients))
+        return build("kannala_brandt", _without_skew(plane) | _named("kannala_brandt", coefficients))
     if count == 4 and fisheye is None:
         raise ValueError(
             "4 coefficients are ambiguous: a fisheye's k1 k2 k3 k4 or a plain lens's k1 k2 p1 p2;"
@@ -89,20 +89,27 @@ def lens(plane: dict[str, float], coefficients: list[float], *, fisheye: bool | 
     if any(coefficients[8:]):
         raise ValueError(f"thin-prism and tilt coefficients are not supported, got {coefficients[8:]}")
     model = PERSPECTIVE[count]
-    return build(model, _straight(plane) | _named(model, coefficients))
+    return build(model, _without_skew(plane) | _named(model, coefficients))
 
 
 def coefficients_of(values: dict[str, float], model: str) -> list[float]:
-    """Give the coefficients of a camera in OpenCV's order; as many zeros as OpenCV likes where it has none."""
+    """Return the coefficients of a camera in OpenCV's order, zeros for a model without distortion."""
     names = NAMES.get({"unified": "mei", "pinhole": "radial_tangential"}.get(model, model), ())
     return [values.get(name, 0.0) for name in names]
 
 
+def camera_matrix(values: dict[str, float]) -> list[list[float]]:
+    """Return the 3 x 3 camera matrix."""
+    return [[values["fx"], values.get("skew", 0.0), values["cx"]], [0.0, values["fy"], values["cy"]], [0.0, 0.0, 1.0]]
+
+
 def _named(model: str, coefficients: list[float]) -> dict[str, float]:
+    """Return coefficients by name, zero where the list ends."""
     return dict.fromkeys(NAMES[model], 0.0) | dict(zip(NAMES[model], coefficients, strict=False))
 
 
-def _straight(plane: dict[str, float]) -> dict[str, float]:
-    if abs(plane["skew"]) > STRAIGHT:
+def _without_skew(plane: dict[str, float]) -> dict[str, float]:
+    """Return fx, fy, cx and cy, or raise ValueError for a skew."""
+    if abs(plane["skew"]) > MAX_SKEW_PX:
         raise ValueError(f"the camera matrix has a skew of {plane['skew']:g} px, which this lens model ignores")
     return {name: value for name, value in plane.items() if name != "skew"}

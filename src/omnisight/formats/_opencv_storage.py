@@ -1,35 +1,35 @@
-"""Reading OpenCV's FileStorage: its YAML, XML and JSON.
+"""Read OpenCV's FileStorage: YAML, XML and JSON.
 
-Not by `cv2.FileStorage`, which answers a damaged file with a message on the terminal or a crash in native code; the
-files come from anywhere, and what is needed of them is small.
+`cv2.FileStorage` answers a damaged file with a message on the terminal or a crash in native code.
 """
 
 from typing import Any
 from xml.etree import ElementTree
 
-from omnisight.formats._yaml import DEEPEST, LARGEST, read_map, scalar
+from omnisight.formats._limits import MAX_DEPTH, MAX_TEXT_CHARS
+from omnisight.formats._yaml import read_map, scalar
 
 NOT_FINITE = (".N", ".I", "-.", "+.")  # .Nan, -.Inf
 
 
 def read_storage(text: str) -> dict[str, Any]:
-    """Give what a file holds by name; matrices as maps with rows, cols and data."""
+    """Return the values of a file by name; a matrix is a map with rows, cols and data."""
     if not text.lstrip().startswith("<"):
         return read_map(text)
     root = read_xml(text, _Storage())
     if not isinstance(root, dict):
-        raise ValueError("the XML holds no names")
+        raise ValueError("the XML holds no named values")
     return root
 
 
 def read_xml(text: str, target: Any) -> Any:
-    """Give what a target (`start`, `data`, `end`, `close`) makes of a text's elements; bounded, without entities."""
-    if len(text) > LARGEST:
-        raise ValueError(f"{len(text)} characters; a calibration has at most {LARGEST}")
+    """Return what a target (`start`, `data`, `end`, `close`) builds from the elements of a text without entities."""
+    if len(text) > MAX_TEXT_CHARS:
+        raise ValueError(f"{len(text)} characters; at most {MAX_TEXT_CHARS} are read")
     if "<!" in text.replace("<!--", ""):
-        # Entities defined in a file may grow without bound.
+        # Entities that a file defines may expand without bound.
         raise ValueError("the XML has a declaration (<!DOCTYPE or alike), which no calibration needs")
-    # The text is decoded already, and a declared encoding would contradict that.
+    # The text is already decoded; an encoding that it declares must not apply.
     parser = ElementTree.XMLParser(target=target, encoding="utf-8")
     try:
         parser.feed(text.encode("utf-8", errors="replace"))
@@ -39,7 +39,7 @@ def read_xml(text: str, target: Any) -> Any:
 
 
 class _Storage:
-    """What the parser calls: makes maps, lists and words of nested elements."""
+    """A target of the XML parser that builds maps, lists and scalars from nested elements."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -47,8 +47,8 @@ class _Storage:
         self.words: list[list[str]] = [[]]
 
     def start(self, tag: str, _: dict[str, str]) -> None:
-        if len(self.names) > DEEPEST:
-            raise ValueError(f"more than {DEEPEST} elements inside each other")
+        if len(self.names) > MAX_DEPTH:
+            raise ValueError(f"more than {MAX_DEPTH} nested elements")
         self.names.append(tag)
         self.children.append([])
         self.words.append([])
@@ -65,6 +65,7 @@ class _Storage:
 
 
 def _value(children: list[tuple[str, Any]], text: str) -> Any:
+    """Return the value of an element with these children and this text."""
     if not children:
         if text.startswith('"'):
             return text.strip('"')
@@ -76,5 +77,5 @@ def _value(children: list[tuple[str, Any]], text: str) -> Any:
     if set(names) == {"_"}:
         return [*map(scalar, text.split()), *(value for _, value in children)]
     if len(set(names)) < len(names):
-        raise ValueError(f"a second {next(n for n in names if names.count(n) > 1)!r}")
+        raise ValueError(f"duplicate {next(n for n in names if names.count(n) > 1)!r}")
     return dict(children)

@@ -1,29 +1,29 @@
-"""What a calibration format gives."""
+"""The protocol of a calibration format."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from omnisight.camera import Camera
 
 
 class FormatError(ValueError):
-    """A calibration file that cannot be read or written: says which, what was found and what to do."""
+    """A file that cannot be read or written; the message names the file, the value and what to do."""
 
 
 @dataclass(frozen=True)
-class Written:
-    """What was written, and how well it reads back.
+class SaveResult:
+    """A calibration file that was written, and how accurately it reads back.
 
     Attributes
     ----------
     path
         The file.
     error_px
-        The largest difference (px), over the image, between the camera and the file read again.
+        The largest difference (px) over the image between the camera and the file that was written.
     notes
-        What the format cannot hold, a sentence each.
+        What the format cannot hold, one sentence each.
     """
 
     path: Path
@@ -32,42 +32,45 @@ class Written:
 
 
 class Format(Protocol):
-    """One calibration format: a module of this folder with these names."""
+    """A calibration format: a module of this folder with these names.
+
+    Attributes
+    ----------
+    TITLE
+        The full name.
+    SUFFIX
+        The usual file ending.
+    CONVENTION
+        The frame, pixel origin and order of numbers, in one line.
+    MODELS
+        The camera models that the format holds exactly, the most usual first.
+    """
 
     TITLE: str
-    """What it is called in full."""
     SUFFIX: str
-    """The file ending to suggest."""
-    MODELS: tuple[str, ...]
-    """The camera models that it holds exactly, the most usual first."""
     CONVENTION: str
-    """Its frame, pixel origin and order of numbers, in one line."""
+    MODELS: tuple[str, ...]
 
     def matches(self, text: str) -> bool:
-        """Say whether the text of a file looks like this format."""
+        """Return whether the text of a file is in this format."""
         ...
 
     def parse(self, text: str) -> Mapping[str, Camera]:
-        """Read every camera of a file, by name.
+        """Return the cameras of a file by name.
 
         Raises
         ------
         ValueError
-            What is wrong, with the value found; the caller adds the file's name.
+            If the file is damaged; the message has the value, the caller adds the file name.
         """
         ...
 
-    def render(self, camera: Camera) -> tuple[str, tuple[str, ...]]:
-        """Give the text of a file that holds the camera, and what it could not hold, a sentence each.
+    def serialize(self, camera: Camera) -> tuple[str, tuple[str, ...]]:
+        """Return the text of a file that holds the camera, and what it does not hold, one sentence each.
 
         Raises
         ------
         ValueError
-            If the format has no such model.
+            If the format cannot hold the camera.
         """
         ...
-
-
-def note_unknown(values: Mapping[str, Any], known: set[str]) -> dict[str, Any]:
-    """Give what a file holds beside the known keys, to be kept as a camera's `extra`."""
-    return {key: value for key, value in values.items() if key not in known}

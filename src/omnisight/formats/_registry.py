@@ -1,4 +1,4 @@
-"""Finding a format, reading and writing files."""
+"""Find the format of a file, read and write calibration files."""
 
 import dataclasses
 import json
@@ -11,66 +11,68 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.extensions import module_in, names_in
-from omnisight.formats._binary import read_file, to_bytes
-from omnisight.formats._protocol import Format, FormatError, Written
+from omnisight.formats._export import max_difference_px
+from omnisight.formats._files import encode, read_file
+from omnisight.formats._protocol import Format, FormatError, SaveResult
 from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
 PACKAGE = "omnisight.formats"
-NAMED = 12  # cameras that a message names
-# What reading a damaged file runs into, where no check of its own says it better.
-DAMAGED = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
+MAX_LISTED = 12  # names of cameras in a message
+# What a damaged file raises where no check has a better message.
+PARSE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
 
 def format_names() -> tuple[str, ...]:
-    """Give the names of all formats, sorted: the names of the files here."""
+    """Return the names of all formats, sorted: the names of the files in this folder."""
     return names_in(PACKAGE)
 
 
-def format_named(name: str) -> Format:
-    """Give the format of that name, or say which there are."""
+def get_format(name: str) -> Format:
+    """Return the format of this name; raise ValueError with the known names if there is none."""
     return cast(Format, module_in(PACKAGE, name, "format"))
 
 
 def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
-    """Read a camera from a calibration file of any format, told by what it holds.
+    """Read a camera from a calibration file of any format; the content determines the format.
 
     Parameters
     ----------
     path
         The file.
     name
-        Which camera, where the file holds several.
+        The camera to read if the file holds several.
 
     Raises
     ------
     FormatError
-        If it is no calibration file, is damaged, or holds several cameras and none was named.
+        If the file is not a calibration file, is damaged, or holds several cameras and `name` is not given.
     """
     cameras = load_all(path)
     if name is not None:
         if name not in cameras:
-            raise FormatError(f"{path}: no camera {name!r}; it holds {_named(cameras)}")
+            raise FormatError(f"{path}: no camera {name!r}; it holds {_listed(cameras)}")
         return cameras[name]
     if len(cameras) > 1:
-        such = next(iter(cameras))
+        first = next(iter(cameras))
         raise FormatError(
-            f"{path}: holds {len(cameras)} cameras: {_named(cameras)}; say which one: --name {such}, in Python"
-            f" name={such!r}"
+            f"{path}: holds {len(cameras)} cameras: {_listed(cameras)}; specify one: --name {first}, in Python"
+            f" name={first!r}"
         )
     return next(iter(cameras.values()))
 
 
-def _named(cameras: Mapping[str, Camera | RayCamera]) -> str:
-    return ", ".join([*islice(cameras, NAMED), *(["..."] if len(cameras) > NAMED else [])])
+def _listed(cameras: Mapping[str, Camera | RayCamera]) -> str:
+    """Return the names of cameras, shortened."""
+    return ", ".join([*islice(cameras, MAX_LISTED), *(["..."] if len(cameras) > MAX_LISTED else [])])
 
 
 def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
-    """Read every camera of a calibration file of any format, by name."""
+    """Read all cameras of a calibration file of any format, by name."""
     text = read_file(Path(path))
     for name in format_names():
-        candidate = format_named(name)
+        candidate = get_format(name)
         if not candidate.matches(text):
             continue
         source = {"file": Path(path).name, "format": name}
@@ -79,74 +81,79 @@ def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
                 key: dataclasses.replace(camera, provenance=dict(camera.provenance) or source)
                 for key, camera in candidate.parse(text).items()
             }
-        except DAMAGED as error:
-            said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
-            raise FormatError(f"{path}: {candidate.TITLE}: {said}") from error
+        except PARSE_ERRORS as error:
+            raise FormatError(f"{path}: {candidate.TITLE}: {parse_error_message(error)}") from error
         if not cameras:
             raise FormatError(f"{path}: {candidate.TITLE}: holds no camera")
         return cameras
     start = text.strip()[:40]
     raise FormatError(
-        f"{path}: no calibration file that is known (begins with {start!r}); known are: {', '.join(format_names())}"
+        f"{path}: not a calibration file of a known format (begins with {start!r}); known formats:"
+        f" {', '.join(format_names())}"
     )
+
+
+def parse_error_message(error: Exception) -> str:
+    """Return the message of an error that a parser raised."""
+    return str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
 
 
 def save(
     camera: Camera | RayCamera, path: str | Path, *, format: str = "native", max_error: float = float("inf")
-) -> Written:
-    """Write a camera, read it again, and report the difference.
+) -> SaveResult:
+    """Write a camera, read it back, and return the difference.
 
-    The file appears whole or not at all.
+    The file is replaced atomically.
 
     Parameters
     ----------
     camera
-        What to write.
+        The camera to write.
     path
-        Where to; its folder must exist.
+        The file to write; its folder must exist.
     format
         One of `format_names()`.
     max_error
-        Do not write what reads back farther off than this, px.
+        The largest difference (px) after reading back with which the file is written.
 
     Raises
     ------
     FormatError
-        If the format cannot hold the camera's model, reads back too far off, or the file cannot be written.
+        If the format cannot hold the camera, the difference is too large, or the file cannot be written.
     """
-    chosen = format_named(format)
+    chosen = get_format(format)
     if isinstance(camera, RayCamera):
         return _save_rays(camera, Path(path), chosen, format)
     try:
-        text, notes = chosen.render(camera)
+        text, notes = chosen.serialize(camera)
         again = next(iter(chosen.parse(text).values()))
     except ValueError as error:
         raise FormatError(f"{path}: {chosen.TITLE}: {error}") from error
     error_px = difference_px(camera, again)
     if error_px > max_error:
         raise FormatError(
-            f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing is written"
+            f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing was written"
         )
     _write(path, text)
-    return Written(Path(path), error_px, notes)
+    return SaveResult(Path(path), error_px, notes)
 
 
-def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> Written:
-    """Write a camera of rays, which only our own format holds."""
+def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> SaveResult:
+    """Write a non-central camera, which only the native format holds."""
     if format != "native":
         raise FormatError(
-            f"{path}: {chosen.TITLE} holds cameras whose rays meet in a point, and this one's do not"
-            f" ({camera.model.name}): save it as native, or save the central camera that fits at the distance of what"
-            " you look at: RayCamera.central, omnisight convert --distance"
+            f"{path}: {chosen.TITLE} holds central cameras, and this one is non-central ({camera.model.name}): save it"
+            " as native, or save the central camera that fits at the distance of the scene: RayCamera.central,"
+            " omnisight convert --distance"
         )
-    from omnisight.formats.native import parse, render
+    from omnisight.formats.native import parse, serialize
 
-    text, notes = render(camera)
+    text, notes = serialize(camera)
     again = parse(text)["camera"]
     if not np.array_equal(again.model.params, camera.model.params):
-        raise FormatError(f"{path}: {chosen.TITLE}: does not read back as it is; nothing is written")
+        raise FormatError(f"{path}: {chosen.TITLE}: does not read back unchanged; nothing was written")
     _write(path, text)
-    return Written(path, 0.0, notes)
+    return SaveResult(path, 0.0, notes)
 
 
 def load_rig(path: str | Path) -> Rig:
@@ -155,21 +162,20 @@ def load_rig(path: str | Path) -> Rig:
     Raises
     ------
     FormatError
-        If it is none, or is damaged.
+        If the file is not a rig, or is damaged.
     """
     from omnisight.formats.native import TITLE, rig_from_json
 
     text = read_file(Path(path))
     try:
         rig = rig_from_json(json.loads(text))
-    except DAMAGED as error:
-        said = str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
-        raise FormatError(f"{path}: {TITLE} of a rig: {said}") from error
+    except PARSE_ERRORS as error:
+        raise FormatError(f"{path}: {TITLE} of a rig: {parse_error_message(error)}") from error
     return dataclasses.replace(rig, provenance={"file": Path(path).name, "format": "native"})
 
 
 def save_rig(rig: Rig, path: str | Path) -> Path:
-    """Write a rig as omnisight's JSON; the file appears whole or not at all.
+    """Write a rig as omnisight's JSON; the file is replaced atomically.
 
     Raises
     ------
@@ -183,21 +189,19 @@ def save_rig(rig: Rig, path: str | Path) -> Path:
 
 
 def _write(path: str | Path, text: str) -> None:
+    """Write a file; raise `FormatError` if that fails."""
     try:
-        write_bytes(path, to_bytes(text))
+        write_bytes(path, encode(text))
     except OSError as error:
         raise FormatError(str(error)) from error
 
 
 def difference_px(camera: Camera, other: Camera) -> float:
-    """Give the largest distance (px) between the pixels of two cameras, over the first one's image."""
+    """Return the largest distance (px) between the pixels of two cameras over the image of the first."""
     if not all(camera.size):
-        # Where the size is not known, an image with the principal point in its middle stands in.
-        middle = camera.model.to_dict()
-        sides = (max(2, round(2 * abs(middle[key]))) for key in ("cx", "cy"))
-        camera = dataclasses.replace(camera, size=(next(sides), next(sides)))
+        # For an unknown size, assume that the principal point is the centre of the image.
+        values = camera.model.to_dict()
+        width, height = (max(2, round(2 * abs(values[key]))) for key in ("cx", "cy"))
+        camera = dataclasses.replace(camera, size=(width, height))
     bearings, pixels = camera.samples()
-    if not len(bearings):
-        return 0.0
-    seen, valid = other.model.project_numpy(bearings)
-    return float(np.linalg.norm(seen - pixels, axis=1).max()) if valid.all() else float("inf")
+    return max_difference_px(other.model, bearings, pixels) if len(bearings) else 0.0

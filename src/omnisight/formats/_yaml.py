@@ -1,8 +1,8 @@
-"""A small reader of the YAML, JSON and Python literals that calibration files are written in.
+"""Read the YAML, JSON and Python literals that calibration files are written in.
 
-Calibration tools write `%YAML:1.0`, `key:value`, JSON with comments and `.Nan`: a strict parser refuses those on
-sight. This one reads maps, lists and scalars, builds nothing else, knows no anchors, and goes through a text once, so
-that a hostile file costs no more than its length.
+Calibration tools write `%YAML:1.0`, `key:value`, JSON with comments and `.Nan`, which strict parsers refuse. This
+reader supports maps, lists and scalars, no anchors, and reads a text once, so that a hostile file costs no more than
+its length.
 """
 
 import json
@@ -10,12 +10,12 @@ import math
 import re
 from typing import Any, NamedTuple
 
-LARGEST = 10_000_000  # characters
-DEEPEST = 30  # lists and maps inside each other
-LONGEST_NUMBER = 60  # characters
+from omnisight.formats._limits import MAX_DEPTH, MAX_TEXT_CHARS
+
+MAX_NUMBER_CHARS = 60  # converting digits takes quadratic time
 INTEGER = re.compile(r"[-+]?\d{1,18}")
 REAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-# YAML's, JSON's and Python's; "none" is a word (a distortion of Kalibr).
+# Of YAML, JSON and Python; "none" stays a text, because it is a distortion model of Kalibr.
 WORDS = {"true": True, "True": True, "false": False, "False": False, "null": None, "None": None, "~": None, "": None}
 SPACE = re.compile(r"\s*(?:(?:#|//)[^\n]*\s*)*")
 QUOTED = re.compile(r"""b?(?:"((?:[^"\\]|\\.)*)"|'((?:[^'\\]|\\.|'')*)')""", re.DOTALL)
@@ -28,15 +28,9 @@ COMMENT = re.compile(r"(?:^|\s)#.*")
 
 
 def read(text: str) -> Any:
-    """Read a text.
-
-    Raises
-    ------
-    ValueError
-        With the line, if it cannot be read.
-    """
-    if len(text) > LARGEST:
-        raise ValueError(f"{len(text)} characters; a calibration has at most {LARGEST}")
+    """Read a text; raise ValueError with the line if that fails."""
+    if len(text) > MAX_TEXT_CHARS:
+        raise ValueError(f"{len(text)} characters; at most {MAX_TEXT_CHARS} are read")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     flow = Flow(text)
     start = flow.skip(0)
@@ -57,9 +51,9 @@ def read_map(text: str) -> dict[str, Any]:
 
 
 def scalar(token: str) -> Any:
-    """Give a word as int, float, bool, None or, failing these, text: so is what is not finite."""
+    """Convert a token to int, float, bool or None; anything else, such as a number that is not finite, stays a text."""
     token = token.strip()
-    if len(token) > LONGEST_NUMBER:
+    if len(token) > MAX_NUMBER_CHARS:
         return token
     if INTEGER.fullmatch(token):
         return int(token)
@@ -70,13 +64,13 @@ def scalar(token: str) -> Any:
 
 
 def real(value: float) -> str:
-    """Write a number with all its digits, so that YAML 1.1 also takes it for a float: with a point, 1.0e-05."""
+    """Return a number with all its digits and a decimal point, which YAML 1.1 needs to read 1.0e-05 as a float."""
     text = repr(float(value))
     return text if "." in text else text.replace("e", ".0e")
 
 
 def flow(value: Any) -> str:
-    """Write a value on one line."""
+    """Return a value as YAML on one line."""
     if isinstance(value, float):
         return real(value)
     if isinstance(value, list | tuple):
@@ -87,24 +81,25 @@ def flow(value: Any) -> str:
 
 
 class Flow:
-    """Values in brackets, and words in quotes."""
+    """Reader of values in brackets and quotes."""
 
     def __init__(self, text: str) -> None:
         self.text = text
 
     def error(self, at: int, what: str) -> ValueError:
+        """Return an error that names the line of an offset."""
         line = self.text.count("\n", 0, at) + 1
         return ValueError(f"line {line}: {what} {self.text[at : at + 20]!r}")
 
     def skip(self, at: int) -> int:
-        """Pass space and comments."""
+        """Return the offset after white space and comments."""
         found = SPACE.match(self.text, at)
         return found.end() if found else at
 
     def value(self, at: int, depth: int) -> tuple[Any, int]:
-        """Read the value that begins there; give it and where it ends."""
-        if depth > DEEPEST:
-            raise self.error(at, f"more than {DEEPEST} brackets inside each other at")
+        """Return the value at an offset and the offset of its end."""
+        if depth > MAX_DEPTH:
+            raise self.error(at, f"more than {MAX_DEPTH} nested brackets at")
         head = self.text[at : at + 1]
         if head == "!":
             found = TAG.match(self.text, at)
@@ -117,7 +112,7 @@ class Flow:
             return unquoted(quoted), quoted.end()
         plain = PLAIN.match(self.text, at)
         if not plain or head in ("&", "*"):
-            raise self.error(at, "expected a value, found")
+            raise self.error(at, "expected a value, got")
         return scalar(COMMENT.sub("", plain.group())), plain.end()
 
     def _list(self, at: int, depth: int) -> tuple[list[Any], int]:
@@ -135,13 +130,13 @@ class Flow:
         while self.text[at : at + 1] != "}":
             key = QUOTED.match(self.text, at) or FLOW_KEY.match(self.text, at)
             if not key:
-                raise self.error(at, "expected a name, found")
+                raise self.error(at, "expected a name, got")
             name = unquoted(key) if key.re is QUOTED else key.group()
             if name in items:
-                raise self.error(at, "a second")
+                raise self.error(at, "duplicate")
             at = self.skip(key.end())
             if self.text[at : at + 1] != ":":
-                raise self.error(at, f"expected a colon after {name!r}, found")
+                raise self.error(at, f"expected a colon after {name!r}, got")
             items[name], at = self.value(self.skip(at + 1), depth + 1)
             at = self._next(at, "}")
         return items, at + 1
@@ -151,12 +146,13 @@ class Flow:
         if self.text[at : at + 1] == ",":
             return self.skip(at + 1)
         if self.text[at : at + 1] != closing:
-            raise self.error(at, f"expected a comma or {closing}, found")
+            raise self.error(at, f"expected a comma or {closing}, got")
         return at
 
 
-def unquoted(found: re.Match[str]) -> str:
-    double, single = found.groups()
+def unquoted(match: re.Match[str]) -> str:
+    """Return the text of a match of `QUOTED`."""
+    double, single = match.groups()
     if double is None:
         return single.replace("''", "'")
     try:
@@ -166,7 +162,7 @@ def unquoted(found: re.Match[str]) -> str:
 
 
 class Line(NamedTuple):
-    """A line: how far it is indented, and where in the text its words begin and end."""
+    """A line: its indentation, and the offsets of its first and last character."""
 
     indent: int
     start: int
@@ -174,7 +170,7 @@ class Line(NamedTuple):
 
 
 class Block:
-    """Maps and lists told by their indentation."""
+    """Reader of maps and lists that are nested by indentation."""
 
     def __init__(self, text: str) -> None:
         self.text, self.flow = text, Flow(text)
@@ -186,26 +182,29 @@ class Block:
                 lead = raw[: len(raw) - len(raw.lstrip())]
                 self.lines.append(Line(len(lead.expandtabs()), start + len(lead), start + len(raw.rstrip())))
             start += len(raw) + 1
-        self.lines.reverse()  # the next line is the last: taken by pop
+        self.lines.reverse()  # `pop` returns the next line
 
     def all(self) -> Any:
+        """Return the value of the whole text."""
         if not self.lines:
-            raise ValueError("holds nothing but comments")
+            raise ValueError("holds only comments")
         value = self.block(self.lines[-1].indent, 0)
         if self.lines:
             raise self.flow.error(self.lines[-1].start, "wrong indentation at")
         return value
 
     def words(self) -> str:
+        """Return the text of the next line."""
         return self.text[self.lines[-1].start : self.lines[-1].end]
 
     def is_item(self) -> bool:
+        """Return whether the next line is an item of a list."""
         return self.text[self.lines[-1].start] == "-" and self.words()[1:2] in ("", " ", "\t")
 
     def block(self, indent: int, depth: int) -> Any:
-        """Read the map or list whose lines have this indentation."""
-        if depth > DEEPEST:
-            raise self.flow.error(self.lines[-1].start, f"more than {DEEPEST} levels at")
+        """Return the map or list whose lines have this indentation."""
+        if depth > MAX_DEPTH:
+            raise self.flow.error(self.lines[-1].start, f"more than {MAX_DEPTH} nested levels at")
         if self.words()[0] in "[{":
             return self.value(self.lines[-1], self.lines[-1].start, depth)
         return self._list(indent, depth) if self.is_item() else self._map(indent, depth)
@@ -230,17 +229,17 @@ class Block:
             line = self.lines[-1]
             key = BLOCK_KEY.match(self.text, line.start, line.end)
             if not key:
-                raise self.flow.error(line.start, "expected a name and a colon, found")
+                raise self.flow.error(line.start, "expected a name and a colon, got")
             name = next(part for part in key.groups() if part is not None).strip()
             if name in items:
-                raise self.flow.error(line.start, "a second")
+                raise self.flow.error(line.start, "duplicate")
             items[name] = self.value(line, key.end(), depth, dash_level=indent)
         return items
 
     def value(self, line: Line, at: int, depth: int, dash_level: int | None = None) -> Any:
-        """Read what follows a name or a dash: on its line, or below it and farther in.
+        """Return the value after a name or a dash, on its line or indented below it.
 
-        A list below a name may stand as far left as the name (`dash_level`).
+        A list below a name may have the indentation of the name (`dash_level`).
         """
         rest = self.text[at : line.end]
         at += len(rest) - len(rest.lstrip())
@@ -263,6 +262,6 @@ class Block:
                     raise self.flow.error(end, "unexpected")
             return value
         if rest[0] in "&*|>":
-            raise self.flow.error(at, "anchors and texts of several lines are not read:")
+            raise self.flow.error(at, "anchors and multi-line texts are not supported:")
         self.lines.pop()
         return scalar(COMMENT.sub("", rest))

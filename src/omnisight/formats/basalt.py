@@ -1,18 +1,27 @@
 """Basalt's calibration.json."""
 
 import json
-import re
 from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, number, numbers, picture_size, refuse, with_size, without
-from omnisight.formats._protocol import note_unknown
+from omnisight.formats._detect import is_json_with
+from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._values import (
+    alpha_from_unified,
+    build,
+    image_size,
+    mapping,
+    number,
+    numbers,
+    unified_from_alpha,
+)
 from omnisight.formats._yaml import read_map
+from omnisight.models import CameraModel
 
 TITLE = "Basalt calibration.json"
 SUFFIX = ".json"
-CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; T_imu_cam takes the camera's frame to the IMU's"
+CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; T_imu_cam is imu_from_cam"
 LENSES = {
     "kb4": ("kannala_brandt", "k1 k2 k3 k4"),
     "ds": ("double_sphere", "xi alpha"),
@@ -23,79 +32,73 @@ LENSES = {
 }
 MODELS = tuple(model for model, _ in LENSES.values())
 PLANE = ("fx", "fy", "cx", "cy")
-KIND = re.compile(r'"camera_type"\s*:')
+AT_IMU = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
 
 
 def matches(text: str) -> bool:
-    """Say whether this is JSON with a `camera_type` and no file of our own."""
-    return text.lstrip().startswith("{") and '"omnisight' not in text[:2000] and KIND.search(text) is not None
+    """Return whether this is JSON with a `camera_type`."""
+    return is_json_with(text, "camera_type")
 
 
 def parse(text: str) -> Mapping[str, Camera]:
     """Read every camera."""
     data = read_map(text)
-    inner = data.get("value0", data)
-    if not isinstance(inner, dict) or not isinstance(inner.get("intrinsics"), list):
+    inner = mapping(data.get("value0", data), "value0")
+    if not isinstance(inner.get("intrinsics"), list):
         raise ValueError("value0.intrinsics must be a list of cameras")
     lenses, sizes, poses = inner["intrinsics"], inner.get("resolution"), inner.get("T_imu_cam")
     if sizes is not None and (not isinstance(sizes, list) or len(sizes) != len(lenses)):
         raise ValueError(
             f"resolution must have one [width, height] for each of {len(lenses)} cameras, got {sizes!r:.60}"
         )
-    beside = note_unknown(inner, {"intrinsics", "resolution", "T_imu_cam"})
+    shared = unknown_fields(inner, {"intrinsics", "resolution", "T_imu_cam"})
     cameras: dict[str, Camera] = {}
     for i, lens in enumerate(lenses):
-        size = picture_size(*numbers(sizes[i], f"resolution[{i}]", 2)) if sizes else (0, 0)
-        extra = dict(beside)
+        size = image_size(*numbers(sizes[i], f"resolution[{i}]", 2)) if sizes else (0, 0)
+        extra = dict(shared)
         if isinstance(poses, list) and i < len(poses):
             extra["T_imu_cam"] = poses[i]
         cameras[f"cam{i}"] = Camera(_model(lens, f"cam{i}"), size, extra=extra)
     return cameras
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give the text of one camera, at the IMU unless its file said where."""
-    refuse(camera, MODELS)
-    size = with_size(camera)
-    camera, notes = without(camera, [n for n in camera.model.param_names if n != "skew"])
-    values = camera.model.to_dict()
-    build(camera.model.name, values)
+def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Return the text of one camera, at the IMU unless its file held a pose."""
+    exported = export(camera, MODELS)
+    values = exported.values
     kind = next(kind for kind, (model, _) in LENSES.items() if model == camera.model.name)
+    notes: tuple[str, ...] = ()
     if kind == "ucm":
-        # alpha = xi/(1 + xi) and the focal length (1 - alpha) gamma.
         if values["xi"] < 0:
-            notes += ("Basalt wants alpha in [0, 1), and that of a camera with xi < 0 is negative",)
-        alpha = values["xi"] / (1 + values["xi"])
-        values |= {"alpha": alpha, "fx": values["fx"] * (1 - alpha), "fy": values["fy"] * (1 - alpha)}
+            notes = ("Basalt requires alpha in [0, 1), and alpha of a camera with xi < 0 is negative",)
+        values = alpha_from_unified(values)
     if kind == "fov":
         values["w"] = values["omega"]
     names = (*PLANE, *LENSES[kind][1].split())
-    at_imu = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
     content: dict[str, Any] = {
-        "T_imu_cam": [camera.extra.get("T_imu_cam", at_imu)],
+        "T_imu_cam": [camera.extra.get("T_imu_cam", AT_IMU)],
         "intrinsics": [{"camera_type": kind, "intrinsics": {name: values[name] for name in names}}],
-        "resolution": [list(size)],
+        "resolution": [list(exported.size)],
     }
-    notes += ("Basalt's odometry also needs the IMU's fields, which are not written",)
-    return json.dumps({"value0": content}, indent=2) + "\n", notes + left_out(camera, ("T_imu_cam",))
+    notes += ("Basalt's odometry also needs the fields of the IMU, which are not written",)
+    text, others = exported.result(json.dumps({"value0": content}, indent=2) + "\n", ("T_imu_cam",))
+    return text, notes + others
 
 
-def _model(lens: Any, name: str) -> Any:
+def _model(lens: Any, name: str) -> CameraModel:
+    """Return the model of an entry of `intrinsics`."""
     kind = lens.get("camera_type") if isinstance(lens, dict) else None
     if kind not in LENSES:
-        raise ValueError(f"{name}: no camera_type {kind!r:.40}; there are {', '.join(LENSES)}")
+        raise ValueError(f"{name}: unknown camera_type {kind!r:.40}; known are {', '.join(LENSES)}")
     model, own = LENSES[kind]
     given = lens.get("intrinsics")
     names = (*PLANE, *own.split())
     if not isinstance(given, dict) or set(given) != set(names):
-        found = ", ".join(given) if isinstance(given, dict) else repr(given)[:40]
-        raise ValueError(f"{name}: {kind} has {', '.join(names)}, got {found}")
+        actual = ", ".join(given) if isinstance(given, dict) else repr(given)[:40]
+        raise ValueError(f"{name}: {kind} has {', '.join(names)}, got {actual}")
     values = {key: number(value, f"{name} {key}") for key, value in given.items()}
     if kind == "fov":
         values["omega"] = values.pop("w")
     if kind == "ucm":
-        alpha = values.pop("alpha")
-        if not alpha < 1:
-            raise ValueError(f"{name}: alpha of ucm must be below 1, got {alpha:g}")
-        values |= {"xi": alpha / (1 - alpha), "fx": values["fx"] / (1 - alpha), "fy": values["fy"] / (1 - alpha)}
+        values = unified_from_alpha(values)
     return build(model, values)

@@ -1,21 +1,27 @@
-"""The little yaml files of fisheye-calib-adapter."""
+"""The yaml files of fisheye-calib-adapter."""
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, number, numbers, picture_size, refuse, with_size, without
-from omnisight.formats._protocol import note_unknown
+from omnisight.formats._detect import has_lines
+from omnisight.formats._export import export, unknown_fields
 from omnisight.formats._scaramuzza import model_of_xy
+from omnisight.formats._values import (
+    alpha_from_unified,
+    build,
+    image_size,
+    mapping,
+    number,
+    numbers,
+    unified_from_alpha,
+)
 from omnisight.formats._yaml import flow, read_map
 from omnisight.models import CameraModel
 
 TITLE = "fisheye-calib-adapter yaml"
 SUFFIX = ".yml"
-CONVENTION = (
-    "x right, y down, z forward; integer pixel = pixel centre; the model is told by the names of its parameters"
-)
+CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; the parameter names determine the model"
 PLANE = ("fx", "fy", "cx", "cy")
 LENSES = {
     "kannala_brandt": ("k1", "k2", "k3", "k4"),
@@ -27,22 +33,19 @@ LENSES = {
 }
 MODELS = tuple(LENSES)
 STRETCH = ("c", "d", "e", "cx", "cy", "coefficients")
-FIELDS = re.compile(r"^image[ \t]*:", re.MULTILINE), re.compile(r"^parameter[ \t]*:", re.MULTILINE)
 
 
 def matches(text: str) -> bool:
-    """Say whether lines begin with `image:` and `parameter:`."""
-    return all(field.search(text[:1_000_000]) for field in FIELDS)
+    """Return whether lines begin with `image:` and `parameter:`."""
+    return has_lines(text, "image", "parameter")
 
 
 def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera."""
     data = read_map(text)
-    image, given = data["image"], data["parameter"]
-    if not isinstance(image, dict) or not isinstance(given, dict):
-        raise ValueError("image and parameter must hold names and values")
-    size = picture_size(image.get("width"), image.get("height"))
-    extra = note_unknown(data, {"image", "parameter"}) | note_unknown(image, {"width", "height"})
+    image, given = mapping(data["image"], "image"), mapping(data["parameter"], "parameter")
+    size = image_size(image.get("width"), image.get("height"))
+    extra = unknown_fields(data, {"image", "parameter"}) | unknown_fields(image, {"width", "height"})
     if set(given) == set(STRETCH):
         return {"camera": Camera(_ocam(given), size, extra=extra)}
     model = next((model for model, own in LENSES.items() if {*PLANE, *own} == set(given)), None)
@@ -50,31 +53,23 @@ def parse(text: str) -> Mapping[str, Camera]:
         raise ValueError(f"no model has the parameters {', '.join(given)}")
     values = {key: number(value, key) for key, value in given.items()}
     if model == "unified":
-        alpha = values.pop("alpha")
-        if not alpha < 1:
-            raise ValueError(f"alpha of the unified model must be below 1, got {alpha:g}")
-        values |= {"xi": alpha / (1 - alpha), "fx": values["fx"] / (1 - alpha), "fy": values["fy"] / (1 - alpha)}
+        values = unified_from_alpha(values)
     return {"camera": Camera(build(model, values), size, extra=extra)}
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give the text."""
-    refuse(camera, MODELS)
-    width, height = with_size(camera)
-    camera, notes = without(camera, [n for n in camera.model.param_names if n != "skew"])
-    values = camera.model.to_dict()
-    build(camera.model.name, values)
-    if camera.model.name == "unified":
-        alpha = values["xi"] / (1 + values["xi"])
-        values |= {"alpha": alpha, "fx": values["fx"] * (1 - alpha), "fy": values["fy"] * (1 - alpha)}
+def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Return the text of the camera."""
+    exported = export(camera, MODELS)
+    width, height = exported.size
+    values = alpha_from_unified(exported.values) if camera.model.name == "unified" else exported.values
     lines = ["image:", f"  width: {width}", f"  height: {height}", "parameter:"]
-    # The model's own come first, so that a file cut off is not taken for a pinhole's.
+    # The coefficients come first, so that a truncated file does not read as a pinhole.
     lines += [f"  {name}: {flow(values[name])}" for name in (*LENSES[camera.model.name], *PLANE)]
-    return "\n".join(lines) + "\n", notes + left_out(camera)
+    return exported.result("\n".join(lines) + "\n")
 
 
 def _ocam(given: Mapping[str, Any]) -> CameraModel:
-    """Make our model from one whose stretch [c d; e 1] acts on x, y instead of row, column."""
+    """Return the ocam model of parameters whose stretch [c d; e 1] acts on x, y instead of row, column."""
     unprojection = given["coefficients"].get("unprojection") if isinstance(given["coefficients"], dict) else None
     plane = {name: number(given[name], name) for name in ("c", "d", "e", "cx", "cy")}
     return model_of_xy(numbers(unprojection, "unprojection"), **plane)

@@ -4,8 +4,9 @@ import re
 from collections.abc import Mapping
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, numbers, picture_size, refuse, with_size, without
-from omnisight.formats._protocol import note_unknown
+from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._limits import HEAD_CHARS
+from omnisight.formats._values import build_with_zeros, image_size, numbers
 from omnisight.formats._yaml import flow, read_map
 
 TITLE = "mrcal cameramodel"
@@ -27,41 +28,37 @@ FIELD = re.compile(r"""["']lensmodel["']\s*:""")
 
 
 def matches(text: str) -> bool:
-    """Say whether this is a dictionary with a `lensmodel`."""
-    return FIELD.search(text) is not None and '"omnisight' not in text[:2000]
+    """Return whether this is a dictionary with a `lensmodel`."""
+    return FIELD.search(text) is not None and '"omnisight' not in text[:HEAD_CHARS]
 
 
 def parse(text: str) -> Mapping[str, Camera]:
-    """Read the camera: the text is a Python literal, and never evaluated."""
+    """Read the camera; the text is a Python literal, which is never evaluated."""
     data = read_map(text)
     kind = str(data["lensmodel"])
     if kind not in LENSES:
         raise ValueError(
-            f"no lensmodel {kind[:60]!r}; there are {', '.join(LENSES)}. mrcal-convert-lensmodel makes these"
+            f"unknown lensmodel {kind[:60]!r}; known are {', '.join(LENSES)}. Convert with mrcal-convert-lensmodel"
         )
     model, names = LENSES[kind]
     names = names.split()
     values = dict(zip(names, numbers(data.get("intrinsics"), f"{kind} intrinsics", len(names)), strict=True))
-    if model == "radial_tangential":
-        values.setdefault("k3", 0.0)
-    size = picture_size(*numbers(data.get("imagersize"), "imagersize", 2))
-    return {"camera": Camera(build(model, values), size, extra=note_unknown(data, KNOWN))}
+    size = image_size(*numbers(data.get("imagersize"), "imagersize", 2))
+    return {"camera": Camera(build_with_zeros(model, values), size, extra=unknown_fields(data, KNOWN))}
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give the text, with the pose that the camera's file held or none."""
-    refuse(camera, MODELS)
-    size = with_size(camera)
-    kind, names = next((kind, names) for kind, (model, names) in LENSES.items() if model == camera.model.name)
-    camera, notes = without(camera, names.split())
-    values = camera.model.to_dict()
-    build(camera.model.name, values)
+def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Return the text of the camera with the pose that its file held."""
+    kind, names = next(
+        ((kind, names) for kind, (model, names) in LENSES.items() if model == camera.model.name), ("", "")
+    )
+    exported = export(camera, MODELS, names.split())
     pose = next((key for key in KEPT if key in camera.extra), "rt_cam_ref")
     fields = {
         "lensmodel": f"'{kind}'",
-        "intrinsics": flow([values[name] for name in names.split()]),
-        "imagersize": flow(list(size)),
+        "intrinsics": flow([exported.values[name] for name in names.split()]),
+        "imagersize": flow(list(exported.size)),
         pose: flow(camera.extra.get(pose, [0.0] * 6)),
     }
     body = "".join(f"    '{key}': {value},\n" for key, value in fields.items())
-    return f"{{\n{body}}}\n", notes + left_out(camera, KEPT)
+    return exported.result(f"{{\n{body}}}\n", KEPT)

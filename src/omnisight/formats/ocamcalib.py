@@ -7,14 +7,10 @@ from typing import cast
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import left_out, number, picture_size, refuse, with_size
-from omnisight.formats._scaramuzza import (
-    INVERSE_PX,
-    inverse_polynomial,
-    model_of,
-    picture_radius,
-    radii_and_angles,
-)
+from omnisight.formats._export import check_supported, dropped_fields, known_size
+from omnisight.formats._limits import MAX_INVERSE_TERMS
+from omnisight.formats._scaramuzza import inverse_polynomial, model_of, radii_and_angles
+from omnisight.formats._values import image_size, number
 from omnisight.models.ocam import Ocam
 
 TITLE = "OCamCalib text"
@@ -24,22 +20,21 @@ CONVENTION = (
     "x down, y right, z back, so a0 < 0; centre as row, column; size as height, width; integer pixel = pixel centre"
 )
 ROWS = ("direct polynomial", "inverse polynomial", "centre (row column)", "stretch (c d e)", "size (height width)")
-COUNTED = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
-AGREES_PX = 0.5
-MOST_INVERSE = 99  # coefficients
+COUNT_AND_NUMBER = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
+MAX_INVERSE_DIFFERENCE_PX = 0.5  # an inverse polynomial that differs more is kept for inspection
 
 
 def matches(text: str) -> bool:
-    """Say whether the first line that is no comment begins with a count and numbers."""
+    """Return whether the first line that is not a comment begins with a count and numbers."""
     for line in text.splitlines():
-        if line.strip() and not _comment(line):
-            return bool(COUNTED.match(line))
+        if line.strip() and not _is_comment(line):
+            return bool(COUNT_AND_NUMBER.match(line))
     return False
 
 
 def parse(text: str) -> Mapping[str, Camera]:
-    """Read the camera, by the position of its lines: ports of OCamCalib word the comments in their own ways."""
-    rows = [_numbers(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not _comment(line)]
+    """Read the camera by the order of its lines; ports of OCamCalib word the comments differently."""
+    rows = [_numbers(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not _is_comment(line)]
     if len(rows) < len(ROWS):
         raise ValueError(f"ends before the {ROWS[len(rows)]}: {len(rows)} lines of numbers, {len(ROWS)} needed")
     direct, inverse = (_counted(row, name) for row, name in zip(rows, ROWS, strict=False) if "polynomial" in name)
@@ -49,33 +44,31 @@ def parse(text: str) -> Mapping[str, Camera]:
     (row, column), (c, d, e), (height, width) = rows[2:5]
     if not direct or direct[0] >= 0:
         raise ValueError(f"a0 must be negative (OCamCalib's z axis points back), got {direct[:1]}")
-    if len(inverse) > MOST_INVERSE:
+    if len(inverse) > MAX_INVERSE_TERMS:
         raise ValueError(
-            f"inverse polynomial: {len(inverse)} coefficients, {MOST_INVERSE} are the most: is it damaged?"
+            f"inverse polynomial: {len(inverse)} coefficients, at most {MAX_INVERSE_TERMS} are read: is it damaged?"
         )
     model = model_of([-value for value in direct], cx=column, cy=row, c=c, d=d, e=e)
-    size = picture_size(width, height)
-    # The inverse polynomial approximates what the model inverts exactly; one that does not is kept, to be looked at.
+    size = image_size(width, height)
+    # The inverse polynomial only approximates the inverse of the model, which is computed exactly.
     with np.errstate(all="ignore"):
-        r, theta = radii_and_angles(model, picture_radius(model, size))
-        agrees = bool(inverse) and np.abs(np.polynomial.polynomial.polyval(theta, inverse) - r).max() < AGREES_PX
+        r, theta = radii_and_angles(model, size)
+        difference = np.abs(np.polynomial.polynomial.polyval(theta, inverse or [0.0]) - r).max()
+    agrees = bool(inverse) and difference < MAX_INVERSE_DIFFERENCE_PX
     extra: dict[str, object] = {} if agrees else {"inverse_polynomial": inverse}
     if rows[5:]:
         extra["further_lines"] = rows[5:]
     return {"camera": Camera(model, size, extra=extra)}
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give the text, with an inverse polynomial fitted anew."""
-    refuse(camera, MODELS, "convert it with --model ocam")
-    width, height = with_size(camera)
+def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Return the text of the camera with a new inverse polynomial."""
+    check_supported(camera, MODELS)
+    width, height = known_size(camera)
     model = cast(Ocam, camera.model)
     model_of(list(model.polynomial), cx=model.cx, cy=model.cy, c=model.c, d=model.d, e=model.e)
     direct = [0.0 - value for value in model.polynomial]
-    inverse, error = inverse_polynomial(model, picture_radius(model, (width, height)))
-    notes = left_out(camera)
-    if error > INVERSE_PX:
-        notes += (f"the inverse polynomial is {error:.2g} px off at most: programs that project with it are, too",)
+    inverse, notes = inverse_polynomial(model, (width, height))
     lines = (
         "#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB). "
         "These are used by cam2world",
@@ -90,14 +83,15 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
         '#image size: "height" and "width"',
         _row(height, width),
     )
-    return "\n\n".join(lines) + "\n", notes
+    return "\n\n".join(lines) + "\n", dropped_fields(camera) + notes
 
 
-def _comment(line: str) -> bool:
+def _is_comment(line: str) -> bool:
     return line.lstrip().startswith(("#", "%", "//"))
 
 
 def _numbers(line_number: int, line: str) -> list[float]:
+    """Return the numbers of a line."""
     values: list[float] = []
     for word in line.split():
         try:
@@ -108,8 +102,9 @@ def _numbers(line_number: int, line: str) -> list[float]:
 
 
 def _counted(row: list[float], name: str) -> list[float]:
+    """Return the coefficients of a row that begins with their count."""
     if row[0] != len(row) - 1:
-        raise ValueError(f"{name}: says {row[0]:g} coefficients and has {len(row) - 1}")
+        raise ValueError(f"{name}: claims {row[0]:g} coefficients and has {len(row) - 1}")
     return row[1:]
 
 

@@ -5,9 +5,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, picture_size, refuse
-from omnisight.formats._opencv_lens import coefficients_of, focal_and_centre, is_fisheye, lens, matrix
+from omnisight.formats._export import check_supported, dropped_fields, unknown_fields
+from omnisight.formats._limits import HEAD_CHARS, SEARCHED_CHARS
+from omnisight.formats._opencv_lens import (
+    camera_matrix,
+    coefficients_of,
+    focal_and_centre,
+    is_fisheye,
+    lens,
+    matrix,
+)
 from omnisight.formats._opencv_storage import read_storage
+from omnisight.formats._values import build, image_size
 from omnisight.formats._yaml import flow
 
 TITLE = "OpenCV storage"
@@ -15,7 +24,7 @@ SUFFIX = ".yml"
 MODELS = ("kannala_brandt", "mei", "radial_tangential", "rational", "pinhole", "unified")
 CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; k1 k2 p1 p2 k3 ..., of a fisheye k1 k2 k3 k4"
 
-# Names without case and underscores; a stereo pair appends 1 and 2, or left and right.
+# Names in lower case without underscores; a stereo pair appends 1 and 2, or left and right.
 SIDE = r"(\d?|left|right|l|r)"
 MATRIX = re.compile(rf"(?:cameramatrix|intrinsicmatrix|cameraintrinsics?|intrinsics?|mtx|k|m){SIDE}")
 DISTORTION = re.compile(
@@ -25,15 +34,16 @@ XI = re.compile(rf"xi{SIDE}")
 WIDTH = {"imagewidth", "width", "imgwidth", "framewidth"}
 HEIGHT = {"imageheight", "height", "imgheight", "frameheight"}
 SIZE = {"imagesize", "size", "resolution"}
-OTHERS = re.compile(r"^(?:model_type|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
+OTHER_FORMATS = re.compile(r"^(?:model_type|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
+SIZE_NOT_WRITTEN = "the image size is not known and is not written"
 KIND = {"fisheye", "fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
 
 
 def matches(text: str) -> bool:
-    """Say whether OpenCV wrote a matrix there."""
-    head = text.lstrip()[:2000]
+    """Return whether OpenCV wrote a matrix in it."""
+    head = text.lstrip()[:HEAD_CHARS]
     storage = "opencv-matrix" in text or "<opencv_storage" in head
-    return storage and '"omnisight-camera"' not in head and OTHERS.search(text[:1_000_000]) is None
+    return storage and '"omnisight-camera"' not in head and OTHER_FORMATS.search(text[:SEARCHED_CHARS]) is None
 
 
 def parse(text: str) -> Mapping[str, Camera]:
@@ -42,7 +52,7 @@ def parse(text: str) -> Mapping[str, Camera]:
 
 
 def cameras_of(data: Mapping[str, Any]) -> Mapping[str, Camera]:
-    """Make the camera, or each of a stereo pair, of what a file holds by name."""
+    """Return the camera, or each of a stereo pair, from the values of a file by name."""
     plain = {key: re.sub(r"[^a-z0-9]", "", key.lower()) for key in data}
     matrices, distortions, xis = (_by_side(data, plain, name) for name in (MATRIX, DISTORTION, XI))
     if not matrices:
@@ -51,10 +61,10 @@ def cameras_of(data: Mapping[str, Any]) -> Mapping[str, Camera]:
     kinds = [key for key, name in plain.items() if name in KIND]
     fisheye = is_fisheye(data[kinds[0]], kinds[0]) if kinds else None
     used = {*matrices.values(), *distortions.values(), *xis.values(), *size_keys, *kinds}
-    extra = {key: value for key, value in data.items() if key not in used}
+    extra = unknown_fields(data, used)
     cameras: dict[str, Camera] = {}
     for side, key in matrices.items():
-        if side not in distortions:  # a lens must not lose its distortion in silence: the file may be cut off
+        if side not in distortions:  # a truncated file must not silently lose its distortion
             raise ValueError(f"{key} has no distortion coefficients; if there are none, add a list of five zeros")
         values = matrix(data[distortions[side]], distortions[side])[2]
         xi = matrix(data[xis[side]], "xi")[2][0] if side in xis else None
@@ -63,48 +73,45 @@ def cameras_of(data: Mapping[str, Any]) -> Mapping[str, Camera]:
     return cameras
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give the YAML, with OpenCV's newer names."""
-    refuse(camera, MODELS)
+def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Return the YAML with OpenCV's newer names."""
+    check_supported(camera, MODELS)
     name = camera.model.name
     values = camera.model.to_dict()
     build(name, values)
     lines = ["%YAML:1.0", "---"]
-    notes: tuple[str, ...] = ("the image's size is not known, and so not written",)
+    notes: tuple[str, ...] = (SIZE_NOT_WRITTEN,)
     if all(camera.size):
         lines += [f"image_width: {camera.width}", f"image_height: {camera.height}"]
         notes = ()
     if name not in ("mei", "unified"):
         lines += [f"fisheye_model: {int(name == 'kannala_brandt')}"]
-    skew = values.get("skew", 0.0)
-    lines += _matrix(
-        "camera_matrix", 3, [values["fx"], skew, values["cx"], 0.0, values["fy"], values["cy"], 0.0, 0.0, 1.0]
-    )
+    lines += _matrix("camera_matrix", 3, [value for row in camera_matrix(values) for value in row])
     lines += _matrix("distortion_coefficients", 1, coefficients_of(values, name))
     if "xi" in values:
         lines += [f"xi: {flow(values['xi'])}"]
-    return "\n".join(lines) + "\n", notes + left_out(camera)
+    return "\n".join(lines) + "\n", notes + dropped_fields(camera)
 
 
 def _by_side(data: Mapping[str, Any], plain: Mapping[str, str], name: re.Pattern[str]) -> dict[str, str]:
-    """Give the keys of that meaning by camera ("", "1", "left" ...)."""
-    found: dict[str, str] = {}
+    """Return the keys that a pattern matches, by camera ("", "1", "left" ...)."""
+    keys: dict[str, str] = {}
     for key, word in plain.items():
         match = name.fullmatch(word)
         if not match or not (isinstance(data[key], dict | list) or name is XI):  # k1 may also be a coefficient
             continue
-        if match[1] in found:
-            raise ValueError(f"both {found[match[1]]} and {key}: which one?")
-        found[match[1]] = key
-    return found
+        if match[1] in keys:
+            raise ValueError(f"both {keys[match[1]]} and {key} are present: remove one")
+        keys[match[1]] = key
+    return keys
 
 
 def _size(data: Mapping[str, Any], plain: Mapping[str, str]) -> tuple[tuple[int, int], set[str]]:
-    """Give (width, height) and the keys they came from; (0, 0) where the file does not say."""
+    """Return (width, height), or (0, 0) if unknown, and the keys they came from."""
     width = [key for key, name in plain.items() if name in WIDTH]
     height = [key for key, name in plain.items() if name in HEIGHT]
     if width and height:
-        return picture_size(data[width[0]], data[height[0]]), {width[0], height[0]}
+        return image_size(data[width[0]], data[height[0]]), {width[0], height[0]}
     for key, name in plain.items():
         if name in SIZE:
             sides = data[key]
@@ -112,7 +119,7 @@ def _size(data: Mapping[str, Any], plain: Mapping[str, str]) -> tuple[tuple[int,
                 sides = [sides["width"], sides["height"]]
             sides = matrix(sides, key)[2]
             if len(sides) == 2:
-                return picture_size(*sides), {key}
+                return image_size(*sides), {key}
     return (0, 0), set()
 
 

@@ -1,9 +1,9 @@
 """WoodScape's calibration json.
 
 rho(theta) = k1 theta + k2 theta^2 + k3 theta^3 + k4 theta^4 in px, theta in radians; v is stretched by aspect_ratio.
-The centre is an offset from the image's middle: cx = width/2 - 0.5 + cx_offset, integer pixel = pixel centre (its
-calibration_readme.txt). Sizes are written as 1280.0. `extrinsic` takes the camera's frame (x right, y down, z forward)
-to the vehicle's of ISO 8855 (x forward, y left, z up), as a quaternion x y z w and metres.
+The principal point is an offset from the image centre: cx = width/2 - 0.5 + cx_offset, integer pixel = pixel centre
+(calibration_readme.txt of the data set). Sizes are written as 1280.0. `extrinsic` is vehicle_from_cam, with the
+vehicle frame of ISO 8855 (x forward, y left, z up), as a quaternion x y z w and metres.
 """
 
 import json
@@ -12,15 +12,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._checks import build, left_out, number, picture_size, refuse, with_size
-from omnisight.formats._protocol import note_unknown
+from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._values import build, image_size, mapping, number
 from omnisight.formats._yaml import read_map
 
 TITLE = "WoodScape json"
 SUFFIX = ".json"
 MODELS = ("radial_polynomial",)
 CONVENTION = (
-    "x right, y down, z forward; integer pixel = pixel centre; k1 ... k4 in px; centre from the image's middle;"
+    "x right, y down, z forward; integer pixel = pixel centre; k1 ... k4 in px; principal point from the image centre;"
     " quaternion x y z w"
 )
 KIND = re.compile(r'"model"\s*:\s*"radial_poly"')
@@ -29,19 +29,17 @@ KNOWN = {"model", "poly_order", "aspect_ratio", "cx_offset", "cy_offset", "width
 
 
 def matches(text: str) -> bool:
-    """Say whether this is JSON with a radial_poly."""
+    """Return whether this is JSON with a radial_poly."""
     return text.lstrip().startswith("{") and KIND.search(text) is not None
 
 
 def parse(text: str) -> Mapping[str, Camera]:
     """Read the camera."""
     data = read_map(text)
-    given = data.get("intrinsic")
-    if not isinstance(given, dict):
-        raise ValueError("intrinsic must hold names and values")
+    given = mapping(data.get("intrinsic"), "intrinsic")
     if given.get("poly_order", 4) != 4:
         raise ValueError(f"poly_order must be 4, got {given['poly_order']!r:.40}")
-    size = picture_size(given.get("width"), given.get("height"))
+    size = image_size(given.get("width"), given.get("height"))
     k = [number(given.get(name), name) for name in POWERS]
     aspect = number(given.get("aspect_ratio"), "aspect_ratio")
     centre = [number(given.get(name), name) for name in ("cx_offset", "cy_offset")]
@@ -52,18 +50,16 @@ def parse(text: str) -> Mapping[str, Camera]:
         "cy": size[1] / 2 - 0.5 + centre[1],
         **{name: value / k[0] if k[0] else 0.0 for name, value in zip(POWERS[1:], k[1:], strict=True)},
     }
-    name = data.get("name")
-    extra = note_unknown(data, {"intrinsic", "name"}) | note_unknown(given, KNOWN)
-    return {str(name) if name else "camera": Camera(build("radial_polynomial", values), size, extra=extra)}
+    name = str(data.get("name") or "camera")
+    extra = unknown_fields(data, {"intrinsic", "name"}) | unknown_fields(given, KNOWN)
+    return {name: Camera(build("radial_polynomial", values), size, extra=extra)}
 
 
-def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
-    """Give the text, with the pose that the camera's file held or none."""
-    refuse(camera, MODELS)
-    width, height = with_size(camera)
-    values = camera.model.to_dict()
-    build(camera.model.name, values)
-    at_vehicle = {"quaternion": [0.0, 0.0, 0.0, 1.0], "translation": [0.0, 0.0, 0.0]}
+def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
+    """Return the text of the camera with the pose that its file held."""
+    exported = export(camera, MODELS)
+    (width, height), values = exported.size, exported.values
+    identity = {"quaternion": [0.0, 0.0, 0.0, 1.0], "translation": [0.0, 0.0, 0.0]}
     intrinsic: dict[str, Any] = {
         "aspect_ratio": values["fy"] / values["fx"],
         "cx_offset": values["cx"] - width / 2 + 0.5,
@@ -75,8 +71,8 @@ def render(camera: Camera) -> tuple[str, tuple[str, ...]]:
         "poly_order": 4,
         "width": float(width),
     }
-    notes: tuple[str, ...] = ()
+    content = {"extrinsic": camera.extra.get("extrinsic", identity), "intrinsic": intrinsic, "name": "camera"}
+    text, notes = exported.result(json.dumps(content, indent=2) + "\n", ("extrinsic",))
     if "extrinsic" not in camera.extra:
-        notes = ("the camera's place on the vehicle is not known, and written as none",)
-    content = {"extrinsic": camera.extra.get("extrinsic", at_vehicle), "intrinsic": intrinsic, "name": "camera"}
-    return json.dumps(content, indent=2) + "\n", notes + left_out(camera, ("extrinsic",))
+        notes += ("the pose on the vehicle is not known; the identity is written",)
+    return text, notes
