@@ -1,20 +1,22 @@
-"""What `omnisight detect` says."""
+"""Output of `omnisight detect`."""
 
 import json
 import math
 from typing import Any
 
 from omnisight.cli._console import console
-from omnisight.images.output_paths import image_labels
+from omnisight.cli._names import labels
 from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection, PointTarget
 
-CLIPPED, DARK = 253, 70
-BLURRED = 2.5  # px
+# Gray levels of the board's white: above, it is clipped; below, noise is high.
+CLIPPED_LEVEL, DARK_LEVEL = 253, 70
+# Standard deviation, px, of the blur from which corners are clearly less exact.
+BLURRED_PX = 2.5
 
 
 def as_json(search: Detections) -> None:
-    """Print one object on stdout, and nothing else."""
-    names = image_labels([picture.path for picture in search.images])
+    """Print one JSON object on stdout, and nothing else."""
+    names = labels([image.path for image in search.images])
     field = search.field
     result = {
         "format": "omnisight-corners",
@@ -26,81 +28,82 @@ def as_json(search: Detections) -> None:
         "images": [
             {
                 "name": name,
-                "size": picture.size,
-                "boards": [_board(search, d) for d in picture.boards],
-                "sharpness": _finite(picture.sharpness),
-                "blur": _finite(picture.blur),
-                "exposure": _finite(picture.exposure),
-                "note": picture.note,
+                "size": image.size,
+                "boards": [_board(search, d) for d in image.boards],
+                "sharpness": _finite(image.sharpness),
+                "blur": _finite(image.blur),
+                "exposure": _finite(image.exposure),
+                "note": image.note,
             }
-            for name, picture in zip(names, search.images, strict=True)
+            for name, image in zip(names, search.images, strict=True)
         ],
     }
     print(json.dumps(result, indent=2, allow_nan=False))
 
 
 def print_report(search: Detections) -> None:
-    """Print a line per image, and what they have in common."""
+    """Print one row per image, notes on the set, and the result last."""
     from rich.table import Table
 
     out = console()
     table = Table("image", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
     for column in table.columns[1:6]:
         column.justify = "right"
-    for picture, name in zip(search.images, image_labels([p.path for p in search.images]), strict=True):
+    for image, name in zip(search.images, labels([image.path for image in search.images]), strict=True):
         table.add_row(
             name,
-            str(len(picture.boards) or "-"),
-            str(sum(map(len, picture.boards)) or ""),
-            _figure(picture.blur, ".2f"),
-            _figure(picture.sharpness, ".2f"),
-            _figure(picture.exposure, ".0f"),
-            "; ".join(filter(None, (picture.note, *light(picture)))),
+            str(len(image.boards) or "-"),
+            str(sum(map(len, image.boards)) or ""),
+            _number(image.blur, ".2f"),
+            _number(image.sharpness, ".2f"),
+            _number(image.exposure, ".0f"),
+            "; ".join(filter(None, (image.note, *light(image)))),
         )
     out.print(table)
     out.print()
-    if search.board is None:
-        out.print("no checkerboard found: for a board with markers or circles give --target")
-    else:
-        kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
-        corners = sum(len(d) for p in search.images for d in p.boards)
-        out.print(
-            f"{kind}{search.board}: {len(search.found)} of {len(search.images)} images, {corners} corners",
-            soft_wrap=True,
-        )
-    if search.field is not None:
-        out.print(search.field.describe(), soft_wrap=True)
-    for note in search.notes:
-        out.print(f"note: {note}", soft_wrap=True)
+    notes = [*search.notes]
     if search.hint:
-        out.print(f"note: {search.hint}", soft_wrap=True)
+        notes.append(search.hint)
     elif search.board is not None and not search.found:
-        out.print(f"note: {advice(search.board)}", soft_wrap=True)
+        notes.append(advice(search.board))
+    for note in notes:
+        out.print(f"note      {note}", soft_wrap=True)
+    if search.field is not None:
+        out.print(f"field     {search.field.describe()}", soft_wrap=True)
+    out.print(f"detected  {_result(search)}", soft_wrap=True)
 
 
 def advice(board: Board | PointTarget) -> str:
-    """Say what to look at where a board is not found."""
+    """Return what to check if a board is not detected."""
     if isinstance(board, Checkerboard):
         return "does --pattern count inner corners, one less than squares each way? Is the board sharp, and lit evenly?"
-    made = ", ".join(f"{key} {value}" for key, value in board.to_dict().items() if key != "target")
-    return f"is it really this {board.kind}: {made}? Is it sharp, and large enough to read its markers?"
+    fields = ", ".join(f"{key} {value}" for key, value in board.to_dict().items() if key != "target")
+    return f"is it really this {board.kind}: {fields}? Is it sharp, and large enough to decode its markers?"
 
 
-def light(picture: ImageDetection) -> list[str]:
-    """Say what is wrong with an image's sharpness or light."""
+def light(image: ImageDetection) -> list[str]:
+    """Return what is wrong with an image's sharpness or exposure."""
     notes: list[str] = []
-    if picture.blur > BLURRED:
+    if image.blur > BLURRED_PX:
         notes.append("blurred")
-    if picture.boards and picture.exposure >= CLIPPED:
+    if image.boards and image.exposure >= CLIPPED_LEVEL:
         notes.append("overexposed")
-    if picture.boards and picture.exposure < DARK:
+    if image.boards and image.exposure < DARK_LEVEL:
         notes.append("dark")
     return notes
 
 
+def _result(search: Detections) -> str:
+    if search.board is None:
+        return "no checkerboard; for a board with markers or circles specify --target"
+    kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
+    corners = sum(len(d) for image in search.images for d in image.boards)
+    return f"{kind}{search.board} in {len(search.found)} of {len(search.images)} images, {corners} corners"
+
+
 def _board(search: Detections, detection: Detection) -> dict[str, Any]:
-    shown = search.field
-    outside = [] if shown is None else detection.ids[~shown.contains(detection.pixels)].tolist()
+    field = search.field
+    outside = [] if field is None else detection.ids[~field.contains(detection.pixels)].tolist()
     return {
         "pattern": str(search.board),
         "ids": detection.ids.tolist(),
@@ -115,5 +118,5 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _figure(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else ""
+def _number(value: float, spec: str) -> str:
+    return format(value, spec) if math.isfinite(value) else ""

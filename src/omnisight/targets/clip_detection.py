@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from omnisight.images import Clip, Frame
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard
-from omnisight.targets.detections import Detection
 from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS
+from omnisight.targets.detections import Detection
 from omnisight.targets.detectors.checkerboard.board_assignment import assign_to_board, most_common_pattern
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.raw_detections import grids_or_boards
@@ -139,14 +139,13 @@ def detect_in_clip(
 
 def _best_of_intervals(frames: Iterator[Frame], interval: int) -> Iterator[_Candidate]:
     """Yield the sharpest and stillest frame of each interval."""
-    best, previous, previous_thumbnail, count = None, None, None, 0
-    for frame in frames:
+    best, previous, previous_thumbnail = None, None, None
+    for count, frame in enumerate(frames, 1):
         gray = frame.gray
         thumbnail = _thumbnail(gray)
         score = _score(gray, thumbnail, previous_thumbnail)
         if best is None or score > best.score:
             best = _Candidate(frame.index, gray, previous, score)
-        count += 1
         if count % interval == 0:
             yield best
             best = None

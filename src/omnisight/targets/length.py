@@ -1,31 +1,29 @@
-"""Lengths as users write them, with their unit."""
+"""Parse and format lengths with their unit."""
 
 import re
 
 import numpy as np
 
-_PER_METRE = {"mm": 1000, "cm": 100, "m": 1, "in": 1 / 0.0254, "um": 1e6}
+UNITS_PER_METRE = {"mm": 1000, "cm": 100, "m": 1, "in": 1 / 0.0254, "um": 1e6}
 
 
 def parse_length(text: str) -> float:
-    """Read a length with its unit, `32.5mm`, in metres; ValueError if it has none or is not positive."""
+    """Parse a length with its unit, such as `32.5mm`, to metres; raise ValueError without a unit or if not positive."""
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Zµμ\"]*)\s*", text)
-    units = ", ".join(_PER_METRE)
+    units = ", ".join(UNITS_PER_METRE)
     if match is None:
-        raise ValueError(f"cannot read the length {text!r}: give a number with its unit ({units}), such as 32.5mm")
+        raise ValueError(f"cannot read the length {text!r}: expected a number with its unit ({units}), such as 32.5mm")
     number, unit = match[1], re.sub("[µμ]", "u", match[2].lower())
     if not unit:
-        raise ValueError(
-            f"the length {text.strip()!r} has no unit: write {number}mm if millimetres are meant ({units})"
-        )
-    if unit not in _PER_METRE:
+        raise ValueError(f"the length {text.strip()!r} has no unit: write {number}mm for millimetres ({units})")
+    if unit not in UNITS_PER_METRE:
         raise ValueError(f"the length {text.strip()!r} has an unknown unit {match[2]!r}: use one of {units}")
-    metres = float(number) / _PER_METRE[unit]
+    metres = float(number) / UNITS_PER_METRE[unit]
     if not 0 < metres < np.inf:
         raise ValueError(f"the length {text.strip()!r} must be positive")
     return metres
 
 
 def format_length(metres: float) -> str:
-    """Write a length in millimetres, with the unit."""
+    """Format a length in millimetres, with the unit."""
     return f"{metres * 1e3:.10g}mm"

@@ -237,7 +237,9 @@ def _check_lists(board_points: Any, pixels: Any, covariance: Any) -> None:
         if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
             raise ValueError(f"{name} must be a list with one array per view, got {type(values).__name__}")
     if len(board_points) != len(pixels):
-        raise ValueError(f"needs one array of each per view, got {len(board_points)} of points and {len(pixels)} of pixels")
+        raise ValueError(
+            f"needs one array of each per view, got {len(board_points)} of points and {len(pixels)} of pixels"
+        )
     if covariance is not None and len(covariance) != len(pixels):
         raise ValueError(f"needs one covariance array per view, got {len(covariance)} for {len(pixels)} views")
 

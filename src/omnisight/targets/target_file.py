@@ -1,6 +1,4 @@
-"""The file of a board: our JSON, and the yaml that Kalibr's users have."""
-
-from __future__ import annotations
+"""Target files: omnisight's JSON, and the YAML of Kalibr."""
 
 import json
 import re
@@ -11,40 +9,41 @@ from typing import Any
 
 from omnisight.images import write_bytes
 from omnisight.targets.boards import Board, board_class, board_kinds
-from omnisight.targets.boards._protocol import LONGEST_TEXT
+from omnisight.targets.boards._protocol import MAX_TEXT_LENGTH
 from omnisight.targets.length import format_length
 
-LARGEST = 1_000_000  # bytes
+# A target file has a few lines.
+MAX_BYTES = 1_000_000
 
 LINE = re.compile(r"([A-Za-z_]\w{0,40})[ \t]*:(?:[ \t]+|(?=['\"])|$)(.*)")
 QUOTED = re.compile(r"'([^']*)'|\"([^\"]*)\"")
 INTEGER = re.compile(r"[-+]?\d{1,18}")
 REAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
-FIRST_TAG = "low_id", "codeOffset"
-"""What the number of an aprilgrid's first tag is called in Kalibr's files; 0 unless told."""
+# Names of the number of an aprilgrid's first tag in Kalibr's files; 0 if absent.
+FIRST_TAG = ("low_id", "codeOffset")
 
 
 def load_board(path: str | Path) -> Board:
-    """Read a board: `{"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}`, or Kalibr's target yaml.
+    """Read a board: `{"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}`, or Kalibr's target YAML.
 
-    Nothing in the file is run. Basalt's JSON, Kalibr's names in braces, is read as well.
+    Nothing in the file is executed. Basalt's JSON, which has Kalibr's names, is read as well.
 
     Raises
     ------
     ValueError
-        If the file cannot be read or describes no board: names the file, the field, what was found, and what to do.
+        If the file cannot be read or describes no board, with the file, the field, its value, and what was expected.
     """
     try:
         return _board(_text(Path(path)))
     except RecursionError:
-        raise ValueError(f"{path}: brackets inside each other without end") from None
+        raise ValueError(f"{path}: brackets are nested too deeply") from None
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
 def save_board(board: Board, path: str | Path) -> None:
-    """Write a board as JSON; the file appears whole or not at all.
+    """Write a board as JSON, atomically.
 
     Raises
     ------
@@ -57,15 +56,15 @@ def save_board(board: Board, path: str | Path) -> None:
 def _text(path: Path) -> str:
     try:
         if path.is_dir():
-            raise ValueError("is a folder, not the file of a target")
+            raise ValueError("is a folder, not a target file")
         if path.exists() and not path.is_file():
-            raise ValueError("is a pipe or a device; the file of a target must be an ordinary one")
+            raise ValueError("is a pipe or a device; a target file must be a regular file")
         with path.open("rb") as file:
-            data = file.read(LARGEST + 1)
+            data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ValueError(error.strerror or str(error)) from None
-    if len(data) > LARGEST:
-        raise ValueError(f"more than {LARGEST} bytes; the file of a target has a few lines")
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"more than {MAX_BYTES} bytes; a target file has a few lines")
     # PowerShell's `>` writes UTF-16.
     text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig", errors="replace").strip()
     if not text:
@@ -90,16 +89,16 @@ def _board(text: str) -> Board:
 
 
 def _flat_yaml(text: str) -> dict[str, Any]:
-    """Read lines `name: value # comment`: all that Kalibr's target files have."""
+    """Parse lines `name: value # comment`: all that Kalibr's target files contain."""
     values: dict[str, Any] = {}
     for number, line in enumerate(text.splitlines(), 1):
         bare = line.strip()
         if not bare or bare.startswith(("#", "---", "%")):
             continue
-        match = LINE.fullmatch(bare[: LONGEST_TEXT * 10])
+        match = LINE.fullmatch(bare[: MAX_TEXT_LENGTH * 10])
         if match is None:
             raise ValueError(
-                f"line {number} is {reprlib.repr(bare)}: expected JSON, or lines of Kalibr's yaml such as tagCols: 6"
+                f"line {number} is {reprlib.repr(bare)}: expected JSON, or lines of Kalibr's YAML such as tagCols: 6"
             )
         values[match[1]] = _scalar(match[2].strip())
     return values
@@ -109,9 +108,9 @@ def _scalar(text: str) -> Any:
     if quoted := QUOTED.match(text):
         return quoted[1] if quoted[1] is not None else quoted[2]
     word = re.split(r"(?:^|[ \t])#", text, maxsplit=1)[0].strip()
-    if len(word) <= LONGEST_TEXT and INTEGER.fullmatch(word):
+    if len(word) <= MAX_TEXT_LENGTH and INTEGER.fullmatch(word):
         return int(word)
-    if len(word) <= LONGEST_TEXT and REAL.fullmatch(word):
+    if len(word) <= MAX_TEXT_LENGTH and REAL.fullmatch(word):
         return float(word)
     return {"true": True, "True": True, "false": False, "False": False}.get(word, word)
 
@@ -125,34 +124,34 @@ def _from_kalibr(values: dict[str, Any]) -> Board:
     }
     if not isinstance(kind, str) or kind not in readers:
         found = "target_type is missing" if kind is None else f"target_type is {reprlib.repr(kind)}"
-        raise ValueError(f"{found}: expected JSON with a target, or a target of Kalibr, {', '.join(readers)}")
+        raise ValueError(f"{found}: expected JSON with a target, or a target of Kalibr: {', '.join(readers)}")
     if kind == "aprilgrid":
         for name in [name for name in FIRST_TAG if name in values]:
             if (first := values.pop(name)) is False or first != 0:
                 raise ValueError(
-                    f"{name} is {reprlib.repr(first)}: that is an aprilgrid whose first tag is not number 0, which is"
-                    " not supported; use one that begins with tag 0"
+                    f"{name} is {reprlib.repr(first)}: an aprilgrid whose first tag is not number 0 is not"
+                    " supported; use one that begins with tag 0"
                 )
     fields = _Fields(values)
-    ours = readers[kind](fields)
-    if fields.left:
+    board = readers[kind](fields)
+    if fields.unread:
         raise ValueError(
-            f"Kalibr's {kind} has no {', '.join(map(reprlib.repr, fields.left))}; remove it if the board is right"
-            " without"
+            f"Kalibr's {kind} has no {', '.join(map(reprlib.repr, fields.unread))}; remove it if the board is right"
+            " without it"
         )
-    return board_class(ours["target"]).from_dict(ours)
+    return board_class(board["target"]).from_dict(board)
 
 
 class _Fields:
-    """Kalibr's fields, each taken once."""
+    """Fields of a Kalibr file, each taken once."""
 
     def __init__(self, values: dict[str, Any]) -> None:
-        self.left = dict(values)
+        self.unread = dict(values)
 
     def take(self, name: str) -> Any:
-        if name not in self.left:
+        if name not in self.unread:
             raise ValueError(f"{name} is missing")
-        return self.left.pop(name)
+        return self.unread.pop(name)
 
     def number(self, name: str) -> float:
         value = self.take(name)
@@ -163,7 +162,7 @@ class _Fields:
     def count(self, name: str) -> int:
         value = self.number(name)
         if not isinstance(value, int):
-            raise ValueError(f"{name} is {value!r}: expected a whole number")
+            raise ValueError(f"{name} is {value!r}: expected an integer")
         return value
 
     def length(self, name: str) -> str:
@@ -185,7 +184,7 @@ def _checkerboard(kalibr: _Fields) -> dict[str, Any]:
     across, down = kalibr.number("colSpacingMeters"), kalibr.number("rowSpacingMeters")
     if abs(across - down) > 1e-6 * across:
         raise ValueError(
-            f"colSpacingMeters is {across:g} and rowSpacingMeters {down:g}: a checkerboard needs squares, so these"
+            f"colSpacingMeters is {across:g} and rowSpacingMeters {down:g}: a checkerboard has squares, so these"
             " must be equal"
         )
     return {"target": "checkerboard", **counts, "square": format_length(across)}
@@ -194,8 +193,8 @@ def _checkerboard(kalibr: _Fields) -> dict[str, Any]:
 def _circlegrid(kalibr: _Fields) -> dict[str, Any]:
     if (asymmetric := kalibr.take("asymmetricGrid")) is not True:
         raise ValueError(
-            f"asymmetricGrid is {reprlib.repr(asymmetric)}: only asymmetric grids (true) can be used; the others look"
-            " the same from several sides"
+            f"asymmetricGrid is {reprlib.repr(asymmetric)}: only asymmetric grids (true) are supported; symmetric"
+            " ones look the same from several sides"
         )
     return {
         "target": "circles",

@@ -79,9 +79,7 @@ class Board(ABC):
         """Whether the quadrant of each point (N,) towards +x and +y is a bright one; None for a board of circles."""
         return None
 
-    def measurement_offset(
-        self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def measurement_offset(self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the offset (N, 2), px, of what is measured from the point's image; `project` maps (N, 3) to px."""
         return np.zeros((self.size, 2))
 

@@ -99,9 +99,7 @@ class AprilGrid(MarkerBoard):
     def layout(self) -> MarkerLayout:
         points = self.points[:, :2]
         gap = self.spacing * self.tag
-        return MarkerLayout(
-            points, points[self.corners], self.pitch, gap, self.tag, self.dictionary, self.border
-        )
+        return MarkerLayout(points, points[self.corners], self.pitch, gap, self.tag, self.dictionary, self.border)
 
     @property
     def window_step(self) -> float:

@@ -1,1 +1,1 @@
-"""Boards on paper: true to size, as vectors."""
+"""Print boards at true scale, as vector graphics."""

@@ -1,13 +1,11 @@
-"""What a printed board is made of: shapes and words on a page."""
-
-from __future__ import annotations
+"""Shapes and text of a printed page."""
 
 from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """A filled polygon: its corners in metres, x right and y down, black unless `white`."""
+    """A filled polygon by its corners in metres, x right and y down; black unless `white`."""
 
     corners: tuple[tuple[float, float], ...]
     white: bool = False
@@ -15,7 +13,7 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Disc:
-    """A filled disc: middle and radius in metres, black unless `white`."""
+    """A filled disc by its centre and radius in metres; black unless `white`."""
 
     centre: tuple[float, float]
     radius: float
@@ -27,16 +25,16 @@ Shape = Polygon | Disc
 
 @dataclass(frozen=True)
 class Text:
-    """A line of black Helvetica: the left end of its baseline and the size of its letters, in metres."""
+    """A line of black Helvetica: left end of the baseline, font size in metres, and text."""
 
     at: tuple[float, float]
     size: float
-    words: str
+    content: str
 
 
 @dataclass(frozen=True)
 class Page:
-    """A sheet of paper: width and height in metres, and what is on it, in metres from its top left corner.
+    """A sheet of paper and its content, in metres from its top left corner.
 
     Attributes
     ----------
@@ -45,7 +43,7 @@ class Page:
     board : tuple of Shape
         The board, painted in order.
     origin : (float, float)
-        Where the origin of the board's `points` is.
+        Position of the origin of the board's `points`.
     ruler : tuple of Shape
     texts : tuple of Text
     """
@@ -60,13 +58,13 @@ class Page:
 
 
 def rectangle(left: float, top: float, width: float, height: float, *, white: bool = False) -> Polygon:
-    """Give a rectangle by its top left corner and its sides, in metres."""
+    """Return a rectangle with a top left corner and sides, in metres."""
     right, bottom = left + width, top + height
     return Polygon(((left, top), (right, top), (right, bottom), (left, bottom)), white)
 
 
-def moved(shape: Shape, x: float, y: float) -> Shape:
-    """Give the shape moved to the right and down, in metres."""
+def translated(shape: Shape, x: float, y: float) -> Shape:
+    """Return a shape moved right by x and down by y, in metres."""
     if isinstance(shape, Disc):
         return replace(shape, centre=(shape.centre[0] + x, shape.centre[1] + y))
     return replace(shape, corners=tuple((a + x, b + y) for a, b in shape.corners))

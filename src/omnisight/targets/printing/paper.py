@@ -1,9 +1,10 @@
-"""Paper sizes, by name or as written."""
+"""Paper sizes, by name or in numbers."""
 
 import re
 
 from omnisight.targets.length import parse_length
 
+# Width and height in metres, upright.
 PAPERS = {
     "A0": (0.841, 1.189),
     "A1": (0.594, 0.841),
@@ -15,20 +16,18 @@ PAPERS = {
     "Legal": (0.2159, 0.3556),
     "Tabloid": (0.2794, 0.4318),
 }
-"""Width and height in metres, upright."""
 
-SMALLEST, LARGEST = 0.05, 5.0
-"""Metres; past 5.08 m a PDF has no page."""
+# Sides in metres: a PDF page ends at 5.08 m.
+MIN_SIDE, MAX_SIDE = 0.05, 5.0
 
 
 def paper_sizes(paper: str) -> list[tuple[float, float]]:
-    """Give the ways to lay that paper: width and height in metres.
+    """Return the orientations of a paper: (width, height) in metres each.
 
     Parameters
     ----------
     paper : str
-        A name (A0 to A5, Letter, Legal, Tabloid), which may be laid upright or across, or a size such as 600x400mm,
-        which is taken as it is written.
+        A name (A0 to A5, Letter, Legal, Tabloid), with both orientations, or a size such as 600x400mm, with one.
 
     Raises
     ------
@@ -41,17 +40,18 @@ def paper_sizes(paper: str) -> list[tuple[float, float]]:
     match = re.fullmatch(r"\s*([0-9.]{1,12})\s*([a-z]*)\s*[x×,]\s*([0-9.]{1,12})\s*([a-z]+)\s*", paper.lower())
     if match is None:
         raise ValueError(
-            f"cannot read the paper {paper[:40]!r}: give one of {', '.join(PAPERS)}, or WIDTHxHEIGHT with the unit,"
+            f"cannot read the paper {paper[:40]!r}: use one of {', '.join(PAPERS)}, or WIDTHxHEIGHT with the unit,"
             " such as 600x400mm"
         )
     width, height = parse_length(match[1] + (match[2] or match[4])), parse_length(match[3] + match[4])
-    if not SMALLEST <= min(width, height) <= max(width, height) <= LARGEST:
+    if not MIN_SIDE <= min(width, height) <= max(width, height) <= MAX_SIDE:
         raise ValueError(
-            f"paper of {millimetres(width, height)} cannot be: sides go from {SMALLEST * 1e3:g} to {LARGEST * 1e3:g} mm"
+            f"paper of {millimetres(width, height)} is not possible: sides range from {MIN_SIDE * 1e3:g} to"
+            f" {MAX_SIDE * 1e3:g} mm"
         )
     return [(width, height)]
 
 
 def millimetres(width: float, height: float) -> str:
-    """Write a size: 297 x 210 mm."""
+    """Format a size: 297 x 210 mm."""
     return f"{round(width * 1e3, 1):g} x {round(height * 1e3, 1):g} mm"

@@ -1,21 +1,21 @@
-"""Writes a page as PDF, true to size: one sheet of black and white vectors and a few words."""
+"""Render a page as PDF at true scale: one sheet of black and white vectors and text."""
 
 from omnisight.targets.printing.drawing import Disc, Page, Shape, Text
 
 POINTS_PER_METRE = 72 / 0.0254
-ROUND = 4 / 3 * (2**0.5 - 1)
-"""Length of a handle over the radius, for the cubic that comes nearest to a quarter of a circle (within 0.03 %)."""
+# Length of a handle over the radius of the cubic that approximates a quarter of a circle, within 0.03 %.
+CIRCLE_HANDLE = 4 / 3 * (2**0.5 - 1)
 
 
 def render_pdf(page: Page) -> bytes:
-    """Give the bytes of a PDF file of one page."""
+    """Return the bytes of a PDF file of one page."""
     content = "\n".join(
         [*(_shape(s, page) for s in (*page.board, *page.ruler)), "0 g", *(_text(t, page) for t in page.texts)]
     ).encode("cp1252", "replace")
     box = f"0 0 {_pt(page.width)} {_pt(page.height)}"
     sheet = f"/MediaBox [{box}] /Contents 4 0 R /Resources << /Font << /F 5 0 R >> >>"
     objects = [
-        # Viewers that honour it print at 100 % unless told otherwise.
+        # Viewers that honour it print at 100 % by default.
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
         f"<< /Type /Page /Parent 2 0 R {sheet} >>".encode(),
@@ -24,13 +24,13 @@ def render_pdf(page: Page) -> bytes:
         b"<< /Title %s /Producer (omnisight) >>" % _string(page.title).encode("cp1252", "replace"),
     ]
     out = bytearray(b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n")
-    places: list[int] = []
+    offsets: list[int] = []
     for number, body in enumerate(objects, 1):
-        places.append(len(out))
+        offsets.append(len(out))
         out += b"%d 0 obj\n%s\nendobj\n" % (number, body)
     table = len(out)
     out += b"xref\n0 %d\n0000000000 65535 f \n" % (len(objects) + 1)
-    out += b"".join(b"%010d 00000 n \n" % place for place in places)
+    out += b"".join(b"%010d 00000 n \n" % offset for offset in offsets)
     out += b"trailer\n<< /Size %d /Root 1 0 R /Info 6 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (len(objects) + 1, table)
     return bytes(out)
 
@@ -44,7 +44,7 @@ def _shape(shape: Shape, page: Page) -> str:
 
 
 def _circle(disc: Disc, page: Page) -> str:
-    (x, y), r, k = disc.centre, disc.radius, disc.radius * ROUND
+    (x, y), r, k = disc.centre, disc.radius, disc.radius * CIRCLE_HANDLE
     quarters = [
         ((x + r, y + k), (x + k, y + r), (x, y + r)),
         ((x - k, y + r), (x - r, y + k), (x - r, y)),
@@ -57,17 +57,17 @@ def _circle(disc: Disc, page: Page) -> str:
 
 
 def _text(text: Text, page: Page) -> str:
-    return f"BT /F {_pt(text.size)} Tf {_point(text.at, page)} Td {_string(text.words)} Tj ET"
+    return f"BT /F {_pt(text.size)} Tf {_point(text.at, page)} Td {_string(text.content)} Tj ET"
 
 
-def _string(words: str) -> str:
+def _string(text: str) -> str:
     for special in "\\()":
-        words = words.replace(special, f"\\{special}")
-    return f"({words})"
+        text = text.replace(special, f"\\{special}")
+    return f"({text})"
 
 
 def _point(point: tuple[float, float], page: Page) -> str:
-    """Write a point of the page; PDF counts from the bottom left, upwards."""
+    """Format a point of the page; PDF has its origin at the bottom left and y upwards."""
     return f"{_pt(point[0])} {_pt(page.height - point[1])}"
 
 

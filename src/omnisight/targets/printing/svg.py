@@ -1,4 +1,4 @@
-"""Writes a page as SVG: its own units are millimetres, so it has its true size in any program that honours them."""
+"""Render a page as SVG in millimetres, which keeps the true scale in programs that honour units."""
 
 from xml.sax.saxutils import escape
 
@@ -6,13 +6,13 @@ from omnisight.targets.printing.drawing import Disc, Page, Shape, Text
 
 
 def render_svg(page: Page) -> str:
-    """Give the text of an SVG file."""
+    """Return the text of an SVG file."""
     width, height = _mm(page.width), _mm(page.height)
     size = f'width="{width}mm" height="{height}mm" viewBox="0 0 {width} {height}"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" {size}>',
         f"<title>{escape(page.title)}</title>",
-        # Without it, a program that shows nothing as black would hide the board.
+        # Programs with a black background would hide the board without it.
         f'<rect width="{width}" height="{height}" fill="#fff"/>',
         '<g id="board">',
         *map(_shape, page.board),
@@ -36,9 +36,9 @@ def _shape(shape: Shape) -> str:
 
 def _text(text: Text) -> str:
     x, y = map(_mm, text.at)
-    return f'<text x="{x}" y="{y}" font-size="{_mm(text.size)}">{escape(text.words)}</text>'
+    return f'<text x="{x}" y="{y}" font-size="{_mm(text.size)}">{escape(text.content)}</text>'
 
 
 def _mm(metres: float) -> str:
-    """Write a length in millimetres, to the nanometre."""
+    """Format a length in millimetres, to the nanometre."""
     return f"{metres * 1e3:.6f}".rstrip("0").rstrip(".")

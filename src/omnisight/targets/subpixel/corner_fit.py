@@ -70,5 +70,5 @@ def fit_corners(gray: NDArray[Any], pixels: Array, steps: Array, bends: Array, *
     # Another memory layout would be compiled for anew.
     arrays = (np.array(a, np.float64, order="C") for a in (pixels, steps, curvatures, shares))
     observed, expected = _corner_kernel.fit_corners(contiguous_gray(gray), *arrays, usable, limits, tuple(fits))
-    # Blur in the camera, demosaicking and JPEG correlate the noise of neighbouring pixels, which then averages out less.
+    # Blur, demosaicking and JPEG correlate the noise of neighbouring pixels, which then averages out less.
     return fits.with_noise_inflation(observed / max(expected, 1e-9), MODEL_ERROR_PX)

@@ -77,9 +77,7 @@ def fit_ellipses(gray: NDArray[Any], pixels: Array, matrices: Array, clearance: 
     return fits.with_noise_inflation(1 + power[1] / max(power[0], 1e-9), MODEL_ERROR_PX)
 
 
-def _fit_ellipse(
-    gray: NDArray[Any], start: Array, matrix: Array, clearance: float, row: int, fits: PointFits
-) -> Array:
+def _fit_ellipse(gray: NDArray[Any], start: Array, matrix: Array, clearance: float, row: int, fits: PointFits) -> Array:
     """Fit one ellipse into a row of `fits`, if it is one; return the power of the noise and of its correlation."""
     failed = np.zeros(2)
     if not (np.isfinite(start).all() and np.isfinite(matrix).all()):
@@ -141,7 +139,7 @@ def _evaluate(theta: Array, window: _Window) -> _Solution:
     """Solve for the light, which is linear, at given parameters (variable projection, Golub and Pereyra 1973)."""
     disc, slopes = _blurred_ellipse(theta, window.offsets)
     basis = np.column_stack([np.ones(len(disc)), window.offsets, disc])
-    light = np.linalg.lstsq(basis, window.values, rcond=None)[0]
+    light = np.asarray(np.linalg.lstsq(basis, window.values, rcond=None)[0], np.float64)
     residual = window.values - basis @ light
     return _Solution(theta, float(residual @ residual), light, residual, np.column_stack([slopes * light[3], basis]))
 
@@ -164,9 +162,7 @@ def _window(gray: NDArray[Any], centre: Array, whitening: Array, clearance: floa
 
 
 def _edge_distance(whitening: Array, offsets: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the radius of offsets, 1 on the ellipse, their distance inside it (px, to first order), the gradient of
-    the radius, and the whitened offsets.
-    """
+    """Return radius (1 on the ellipse), distance inside (px, first order), gradient of the radius, whitened offsets."""
     white = offsets @ whitening
     radius = np.sqrt((white**2).sum(axis=1)) + 1e-9
     slope = np.sqrt(((white @ whitening) ** 2).sum(axis=1)) / radius + 1e-9

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.targets.boards.checkerboard import Checkerboard
+from omnisight.targets.detection_limits import MIN_BOARD_SHARE
 from omnisight.targets.detections import Detection
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
-from omnisight.targets.detection_limits import MIN_BOARD_SHARE
 
 # The same for a grid that ends at the board's margin or the image's border on all sides.
 MIN_BORDERED_SHARE = 0.15
@@ -98,7 +98,7 @@ def _detection(grid: CornerGrid, row: int, column: int, board: Checkerboard) -> 
 
 
 def _canonical_ids(ids: NDArray[np.int64], board: Checkerboard) -> tuple[int, ...]:
-    """Return the least of a grid's ids under the rotations of the board onto itself: equal for equal-looking positions."""
+    """Return the least of a grid's ids under the rotations of the board onto itself: equal if they look equal."""
     rotations = [ids]
     if board.is_symmetric:
         rotations.append(board.size - 1 - ids)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS, MIN_MEDIAN_EXPLAINED
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.detectors.checkerboard.grid_borders import grid_borders
 from omnisight.targets.detectors.checkerboard.growth import grow_lattices
@@ -10,7 +11,6 @@ from omnisight.targets.detectors.checkerboard.lattice import Lattice, corner_cou
 from omnisight.targets.detectors.checkerboard.lattice_completion import complete_lattice, remeasure
 from omnisight.targets.detectors.checkerboard.measured_lattice import MeasuredLattice
 from omnisight.targets.detectors.checkerboard.saddles import find_saddles
-from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS, MIN_MEDIAN_EXPLAINED
 from omnisight.targets.subpixel.interpolation import bilinear
 
 Gray = NDArray[np.uint8]

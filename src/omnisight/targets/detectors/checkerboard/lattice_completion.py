@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST, SEARCH_RADIUS_STEPS
 from omnisight.targets.detectors.checkerboard.lattice import (
     Lattice,
     corner_count,
@@ -13,7 +14,6 @@ from omnisight.targets.detectors.checkerboard.lattice import (
     steps,
 )
 from omnisight.targets.detectors.checkerboard.measured_lattice import MeasuredLattice
-from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST, SEARCH_RADIUS_STEPS
 from omnisight.targets.subpixel.corner_fit import BORDER_PX
 from omnisight.targets.subpixel.interpolation import bilinear
 from omnisight.targets.subpixel.point_fits import MAX_ITERATIONS

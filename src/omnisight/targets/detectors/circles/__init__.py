@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.targets.boards.circles import CircleGrid
-from omnisight.targets.detections import Detection
 from omnisight.targets.detection_limits import (
     MIN_BOARD_SHARE,
     MIN_MEDIAN_EXPLAINED,
     MIN_RELATIVE_CONTRAST,
     SEARCH_RADIUS_STEPS,
 )
+from omnisight.targets.detections import Detection
 from omnisight.targets.detectors.circles.blobs import Blobs, find_blobs
 from omnisight.targets.detectors.circles.disc_lattice import Cells, DiscLattice, board_positions, grow_lattices
 from omnisight.targets.subpixel.corner_fit import BORDER_PX
@@ -161,4 +161,5 @@ def _map(pixels: Array, points: Array, targets: Array, board: CircleGrid, *, lea
 def _is_inside(gray: NDArray[np.uint8], pixels: Array, radii: Array) -> NDArray[np.bool_]:
     """Return whether boxes of half-sides `radii` are in the image."""
     low, high = pixels - radii, pixels + radii
-    return ((low > BORDER_PX) & (high < np.array(gray.shape[::-1]) - 1 - BORDER_PX)).all(axis=1)
+    inside = (low > BORDER_PX) & (high < np.array(gray.shape[::-1]) - 1 - BORDER_PX)
+    return np.asarray(inside.all(axis=1), np.bool_)

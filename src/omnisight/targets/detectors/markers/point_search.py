@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from omnisight.targets.boards._marker_board import MarkerBoard, MarkerLayout
-from omnisight.targets.detections import Detection
 from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST, SEARCH_RADIUS_STEPS
+from omnisight.targets.detections import Detection
 from omnisight.targets.detectors.markers.decoding import Markers
 from omnisight.targets.subpixel.corner_fit import fit_corners
 from omnisight.targets.subpixel.local_map import LocalMap, local_map
