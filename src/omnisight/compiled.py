@@ -1,11 +1,13 @@
-"""How loops are compiled: the outer ones once for all processes, the functions that they call into them.
+"""Compilation of loops by numba, cached on disk for all processes.
 
-What is compiled is kept in the user's cache folder under a hash of the sources of its folder: numba itself would look
-at the outer loop's file alone, and run stale code after a change of what is compiled into it.
+Compiled code is stored in the user's cache folder under a hash of all sources that it depends on. numba's own cache
+checks only the file of the compiled function, so it would run stale code after a change of an inlined function.
+numba's configuration (`NUMBA_CACHE_DIR`) is neither read nor changed.
 """
 
 import contextlib
 import hashlib
+import os
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -13,45 +15,76 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import _CacheLocator as CacheLocator  # pyright: ignore[reportPrivateUsage]
 
 from omnisight.cache import cache_folder
 
-# Divisions by zero give inf, as in numpy.
-OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
+# Divisions by zero return inf, as in numpy.
+NJIT_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 
-inner = numba.njit(**OPTIONS)
+# numba's own annotations of this class are wrong.
+LocatorBase: Any = CacheLocator
+
+njit_helper = numba.njit(**NJIT_OPTIONS)
 
 
-def outer(function: Callable[..., Any]) -> Any:
-    """Compile a loop, or take it as it was kept."""
+def njit_driver(function: Callable[..., Any]) -> Any:
+    """Compile a loop that Python calls; the code is cached on disk. Functions that it calls are `njit_helper`s."""
     file = Path(str(sys.modules[function.__module__].__file__))
-    return kept(function, cache_folder() / f"loops-{sources(file.parent, '_*.py')}", **OPTIONS)
+    return cached_njit(function, cache_folder() / f"loops-{source_hash(file.parent, '_*.py')}", **NJIT_OPTIONS)
 
 
-def kept(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
-    """Compile a function with numba's options, or take it as it was kept in a folder."""
-    loop: Any = numba.njit(**options)(function)
-    config.CACHE_DIR = str(folder)  # pyright: ignore[reportAttributeAccessIssue]
-    with contextlib.suppress(RuntimeError):  # nowhere to keep it
-        loop._cache = _Kept(function)
-    config.CACHE_DIR = ""  # pyright: ignore[reportAttributeAccessIssue]
-    return loop
-
-
-class _Kept(FunctionCache):
-    """What numba keeps: a disk that is full costs the next process time, and must not cost this one its result."""
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
+def cached_njit(function: Callable[..., Any], folder: Path, **options: Any) -> Any:
+    """Compile a function with options of numba, or load it from a folder where an earlier process stored it."""
+    dispatcher: Any = numba.njit(**options)(function)
+    dispatcher._cache = FolderCache(function, folder)
+    return dispatcher
 
 
 @cache
-def sources(folder: Path, pattern: str) -> str:
-    """Give a hash of numba's version and of the files of a folder."""
+def source_hash(folder: Path, pattern: str) -> str:
+    """Return a hash of numba's version and of the files of a folder."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(folder.glob(pattern)):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+class FolderCache(FunctionCache):
+    """A cache of compiled functions in a folder; a folder that cannot be read or written is not an error."""
+
+    def __init__(self, function: Callable[..., Any], folder: Path) -> None:
+        class Locator(LocatorBase):
+            _py_file = function.__code__.co_filename  # for numba's warnings
+
+            def get_cache_path(self) -> str:
+                return str(folder)
+
+            def get_source_stamp(self) -> str:
+                return ""  # the name of the folder holds the hash of the sources
+
+            def get_disambiguator(self) -> str:
+                return str(function.__code__.co_firstlineno)
+
+            @classmethod
+            def from_function(cls, py_func: object, py_file: str) -> Any:
+                return cls()
+
+        class Implementation(CompileResultCacheImpl):
+            _locator_classes = (Locator,)
+
+        self._impl_class = Implementation
+        super().__init__(function)
+        # Files of its own for each process: two that store different signatures at once never mix up index and code.
+        files: Any = self._cache_file
+        files._data_name_pattern = f"{self._impl.filename_base}.{os.getpid()}-{{number:d}}.nbc"
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        with contextlib.suppress(OSError):
+            return super().load_overload(sig, target_context)
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)

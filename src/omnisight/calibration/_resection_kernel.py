@@ -5,10 +5,10 @@
 
 import numpy as np
 
-from omnisight.compiled import outer
+from omnisight.compiled import njit_driver
 
 
-@outer
+@njit_driver
 def squared_chords(points, view, rotations, translations, bearings):
     """Give the squared distances (N,) between bearings and the directions of points, each posed as its view is."""
     squares = np.empty(len(points))
@@ -24,8 +24,8 @@ def squared_chords(points, view, rotations, translations, bearings):
     return squares
 
 
-@outer
-def chord_normals(points, view, rotations, translations, bearings, weights):
+@njit_driver
+def chord_normal_equations(points, view, rotations, translations, bearings, weights):
     """Give the normal equations by view, (V, 6, 6) and (V, 6), of these distances by a turn and a shift of each."""
     hessian, gradient = np.zeros((len(rotations), 6, 6)), np.zeros((len(rotations), 6))
     turned, seen, by = np.empty(3), np.empty(3), np.empty(6)

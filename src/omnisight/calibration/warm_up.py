@@ -1,20 +1,30 @@
-"""Having compiled code at hand before it is needed."""
+"""Compile the calibration loops before they are needed."""
 
-from omnisight.calibration.bundle_adjustment import refine
-from omnisight.calibration.resection import resect
-from omnisight.geometry import rotation as so3
-from omnisight.models.equidistant import Equidistant
-from omnisight.targets import Checkerboard
-from omnisight.targets.observations import Observations
+import threading
 
 
-def prepare() -> None:
-    """Calibrate next to nothing: what is compiled is made the first time on a machine, and loaded from then on.
+def start_warm_up() -> threading.Thread:
+    """Start a daemon thread that runs `warm_up`, for the time in which images are read or boards detected."""
+    thread = threading.Thread(target=warm_up, name="omnisight-warm-up", daemon=True)
+    thread.start()
+    return thread
 
-    Takes seconds the first time, and tenths of one otherwise: for a thread of its own while images are looked at.
+
+def warm_up() -> None:
+    """Run a minimal calibration, so that its loops are compiled or loaded from the cache.
+
+    Takes seconds on the first run on a machine, tenths of a second afterwards.
     """
+    from omnisight.calibration.bundle_adjustment import refine
+    from omnisight.calibration.resection import resect
+    from omnisight.geometry import rotation as so3
+    from omnisight.models.equidistant import Equidistant
+    from omnisight.targets import Checkerboard
+    from omnisight.targets.observations import Observations
+
     model = Equidistant.example()
     board = Checkerboard(4, 3).points
-    poses = so3.exp([(0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.3, 0.0, 0.2)])
-    views = Observations.of([(board, model.project_numpy(board @ pose.T + (-1.5, -1.0, 4.0))[0]) for pose in poses])
-    refine(resect(model, views), views, iterations=1)
+    rotations = so3.exp([(0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (-0.3, 0.0, 0.2)])
+    pixels = [model.project_numpy(board @ r.T + (-1.5, -1.0, 4.0))[0] for r in rotations]
+    observations = Observations.from_arrays([board] * len(pixels), pixels, size=(960, 963))
+    refine(resect(model, observations), observations, iterations=1)

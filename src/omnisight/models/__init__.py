@@ -8,7 +8,7 @@ from omnisight.models._parameter import Parameter, parameter
 from omnisight.models._projector import Projector
 from omnisight.models._protocol import CameraModel
 
-__all__ = ["CameraModel", "Parameter", "Projector", "model_class", "model_names", "parameter"]
+__all__ = ["CameraModel", "Parameter", "Projector", "auto_models", "model_class", "model_names", "parameter"]
 
 
 def model_names() -> tuple[str, ...]:
@@ -25,3 +25,8 @@ def model_class(name: str) -> type[CameraModel]:
         If there is no such model; the message lists the names.
     """
     return class_in(__name__, name, CameraModel, "camera model")
+
+
+def auto_models(theta: float) -> tuple[str, ...]:
+    """Return the names of the models that `--model auto` tries for corners up to an off-axis angle (radians)."""
+    return tuple(name for name in model_names() if theta < model_class(name).auto_max_theta)

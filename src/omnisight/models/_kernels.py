@@ -16,7 +16,7 @@ from numba.core.compiler import Compiler
 from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
-from omnisight.compiled import kept, sources
+from omnisight.compiled import cached_njit, source_hash
 from omnisight.models import _branchless, _bspline, _elementwise
 from omnisight.models._elementwise import FULL, ONCE, project_point, unproject_pixel
 
@@ -68,7 +68,7 @@ def _like(hook: Any, resolve: Any) -> Any:
     return resolve
 
 
-class _Apart(Compiler):
+class NoAliasCompiler(Compiler):
     """Compiles functions whose arrays overlap no other: only so what a model looks up in its tables vectorises."""
 
     def __init__(self, *arguments: Any) -> None:
@@ -77,7 +77,7 @@ class _Apart(Compiler):
 
 
 _register_hooks()
-FOLDER = cache_folder() / f"compiled-{sources(Path(__file__).parent, '*.py')}"
+FOLDER = cache_folder() / f"compiled-{source_hash(Path(__file__).parent, '*.py')}"
 
 
 @numba.njit(**OPTIONS)
@@ -89,7 +89,7 @@ def _any_left(values: Any) -> Any:
     return left > 0
 
 
-@numba.njit(pipeline_class=_Apart, **OPTIONS)
+@numba.njit(pipeline_class=NoAliasCompiler, **OPTIONS)
 def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
     # Planes of x, y, z and no branch: this loop vectorises, the interleaved arrays of the callers would not.
     for j in range(x.shape[0]):
@@ -106,7 +106,7 @@ def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
             v[j] = b if ok else np.nan
 
 
-@numba.njit(pipeline_class=_Apart, **OPTIONS)
+@numba.njit(pipeline_class=NoAliasCompiler, **OPTIONS)
 def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
     for j in range(u.shape[0]):
         a, b, c, ok = unproject_pixel(m, u[j], v[j], ONCE)
@@ -189,4 +189,4 @@ def compiled(loop: str, *models: str) -> Any:
 
     Each has a folder of its own: a process that needs one model does not read what was kept of all.
     """
-    return kept(globals()[loop], FOLDER / "-".join(models), nogil=True, **OPTIONS)
+    return cached_njit(globals()[loop], FOLDER / "-".join(models), nogil=True, **OPTIONS)

@@ -1,5 +1,6 @@
 """The protocol of every camera model, central or not: what calibration and other solvers use."""
 
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -57,7 +58,7 @@ class Projector(Parametric):
         """Angle from the axis (radians) at which the domain ends, planar distortion included; NaN if none bounds it."""
         return np.nan
 
-    @property
+    @cached_property
     def near_folds(self) -> list[NearFold]:
         """Angles at which the image radius nearly stops increasing: the domain would end there if it did stop."""
         return []

@@ -46,6 +46,9 @@ class CameraModel(Projector):
     """
 
     kernel_type = _KernelType()
+    # Greatest off-axis angle (radians) of the corners at which `--model auto` tries the model; 0 for never: views are no
+    # lenses, and special cases of a candidate, or models of a hundred parameters, would only cost time.
+    auto_max_theta: ClassVar[float] = np.pi
 
     # -- what a model writes ----------------------------------------------------------------------------------
 

@@ -23,6 +23,8 @@ class Division(Central):
     geometry and lens distortion, CVPR 2001.
     """
 
+    auto_max_theta: ClassVar[float] = 0.0
+
     SHAPES: ClassVar = tuple({"k": k} for k in (-0.1, -0.25, -0.5))
 
     fx: float = parameter("focal length along x", unit="px")

@@ -1,7 +1,7 @@
 """The equidistant (f-theta) fisheye."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, sine_cosine, where
@@ -34,6 +34,8 @@ class Equidistant(EquidistantProfile):
 
     The plainest description of a fisheye, and the circular view of a whole hemisphere.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("pixels per radian along x", unit="px")
     fy: float = parameter("pixels per radian along y", unit="px")

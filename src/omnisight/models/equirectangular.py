@@ -1,7 +1,7 @@
 """The equirectangular 360 image."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ class Equirectangular(Unrolled):
     Forward (z) is in the middle, right is to the right, down is below. An image W x H of the whole sphere has
     fx = W/(2 pi), fy = H/pi, cx = (W - 1)/2, cy = (H - 1)/2: column W would be column 0. Valid everywhere.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     @staticmethod
     def height(m: Any, y: Any, q: Any) -> Any:

@@ -1,7 +1,7 @@
 """The equisolid (equal-area) fisheye."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -18,6 +18,8 @@ class Equisolid(Central):
 
     Equal solid angles have equal areas in the image: the projection of sky cameras.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

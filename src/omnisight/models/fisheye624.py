@@ -1,7 +1,7 @@
 """The fisheye with six radial, two tangential and four thin-prism coefficients."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from omnisight.models._angle import AnglePolynomial
 from omnisight.models._parameter import parameter
@@ -61,6 +61,8 @@ class Fisheye624(ThinPrism, AnglePolynomial):
 
     Valid up to the angle where r stops growing or the plane folds over.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

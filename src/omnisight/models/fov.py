@@ -19,6 +19,8 @@ class FieldOfView(Central):
     degrees. Devernay and Faugeras, Straight lines have to be straight, Machine Vision and Applications 2001.
     """
 
+    auto_max_theta: ClassVar[float] = 0.0
+
     SHAPES: ClassVar = tuple({"omega": omega} for omega in (0.5, 0.9, 1.3))
 
     fx: float = parameter("focal length along x", unit="px")

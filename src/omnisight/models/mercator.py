@@ -1,7 +1,7 @@
 """The Mercator panorama."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ class Mercator(Unrolled):
 
     Keeps angles, and shows more of up and down than a cylinder. Valid everywhere but straight up and down.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     @staticmethod
     def height(m: Any, y: Any, q: Any) -> Any:

@@ -1,7 +1,7 @@
 """The orthographic fisheye."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from omnisight.models._projector import Array
 @dataclass(frozen=True)
 class Orthographic(Central):
     """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, where the image folds over."""
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

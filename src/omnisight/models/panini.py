@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ class Panini(CameraModel):
     classic Panini. Valid where cos(lon) > -d, and for d > 1 where cos(lon) > -1/d. Sharpless, Postle and German,
     Pannini: a new projection for rendering wide angle perspective images, CAe 2010.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

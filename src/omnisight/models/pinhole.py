@@ -1,7 +1,7 @@
 """The pinhole camera."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class Pinhole(PinholeProfile):
     Valid for theta < 90 degrees. In the chapter's eq. (5) skew = -alpha_u cot(angle) and alpha_v already holds
     1/sin(angle).
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

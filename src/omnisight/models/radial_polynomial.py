@@ -26,6 +26,8 @@ class RadialPolynomial(Central):
     autonomous driving, ICCV 2019.
     """
 
+    auto_max_theta: ClassVar[float] = 0.0
+
     SHAPES: ClassVar = tuple({"k2": k2, "k3": k3, "k4": 0.0} for k2, k3 in ((0.0, 0.0), (-0.1, 0.05), (0.05, -0.05)))
 
     fx: float = parameter("focal length along x", unit="px")

@@ -1,7 +1,9 @@
 """The pinhole camera with radial and tangential distortion, five coefficients."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
+
+import numpy as np
 
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Rational
@@ -20,6 +22,8 @@ class RadialTangentialPinhole(Rational, PinholeProfile):
     Valid for theta < 90 degrees and up to the radius where x' stops growing. Brown, Decentering distortion of lenses,
     1966.
     """
+
+    auto_max_theta: ClassVar[float] = np.radians(62.0)  # planar distortion becomes unstable beyond
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -28,6 +28,8 @@ class RationalPinhole(Rational, PinholeProfile):
     middle: no lens follows where d runs away. Claus and Fitzgibbon, A rational function lens distortion model, CVPR
     2005, as OpenCV writes it.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

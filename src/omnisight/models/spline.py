@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -168,6 +168,8 @@ class Spline(BentPlane, SplineProfile):
     Pollefeys and Sattler, Why having 10,000 parameters in your camera model is better than twelve, CVPR 2020, with a
     profile of its own so that the correction stays small.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")

@@ -1,7 +1,7 @@
 """The stereographic fisheye, and the little planet."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from omnisight.models._central import Central
 from omnisight.models._elementwise import where
@@ -15,6 +15,8 @@ class Stereographic(Central):
 
     Keeps angles; looking down, it is the little planet. The unified model with xi = 1 and half the focal length.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

@@ -1,7 +1,7 @@
 """The equidistant fisheye with radial, tangential and thin-prism distortion of its plane, eight coefficients."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from omnisight.models._parameter import parameter
 from omnisight.models._planar import Radial, decentring_partials
@@ -55,6 +55,8 @@ class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
     Valid up to the angle where the plane folds over, below 180 degrees. As COLMAP writes Weng, Cohen and Herniou's
     distortion (Camera calibration with distortion models and accuracy evaluation, PAMI 1992) for fisheyes.
     """
+
+    auto_max_theta: ClassVar[float] = 0.0
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from omnisight.compiled import njit_helper, njit_driver
-from omnisight.simulation._shapes import ELLIPSOID, RECTANGLE, CYLINDER, chart, place
+from omnisight.compiled import njit_driver, njit_helper
+from omnisight.simulation._shapes import CYLINDER, ELLIPSOID, RECTANGLE, chart, place
 from omnisight.simulation._trace import first_hit, to_local, world_normal
 
 PROBES = 8  # at most, along the longer side of a ray's footprint

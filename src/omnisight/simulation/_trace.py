@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnisight.compiled import njit_helper, njit_driver
+from omnisight.compiled import njit_driver, njit_helper
 from omnisight.simulation._shapes import meet, normal
 
 

@@ -1,0 +1,77 @@
+"""The cache of compiled code: shared by processes and threads, independent of numba's own configuration."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+LOOPS = """
+import os, sys, threading
+import numpy as np
+from numba.core import config
+from omnisight.compiled import njit_driver, njit_helper
+
+@njit_helper
+def square(x):
+    return x * x
+
+@njit_driver
+def total(values):
+    found = 0.0
+    for value in values:
+        found += square(value)
+    return found
+
+@njit_driver
+def largest(values):
+    return max(values)
+
+
+def main():
+    folder = config.CACHE_DIR
+    types = [np.dtype(name) for name in sys.argv[1:]]
+    thread = threading.Thread(target=lambda: [largest(np.arange(4, dtype=t)) for t in types])
+    thread.start()
+    totals = [total(np.arange(4, dtype=t)) for t in types]
+    thread.join()
+    assert totals == [14.0] * len(types), totals
+    assert [largest(np.arange(4, dtype=t)) for t in types] == [3] * len(types)
+    assert config.CACHE_DIR == folder == os.environ.get("NUMBA_CACHE_DIR", "")
+    print(*[sum(loop.stats.cache_hits.values()) for loop in (total, largest)])
+"""
+TYPES = "float64", "int64", "float32", "int32"
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Return a function that starts a process which calls compiled loops with arrays of some types."""
+    (tmp_path / "_loops.py").write_text(LOOPS)
+
+    def start(*types, cache=tmp_path / "cache"):
+        environment = os.environ | {"OMNISIGHT_CACHE": str(cache), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+        arguments = [sys.executable, "-c", "import _loops; _loops.main()", *types]
+        return subprocess.Popen(arguments, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+
+    return start
+
+
+def cache_hits(process):
+    output, _ = process.communicate()
+    assert process.returncode == 0
+    return [int(word) for word in output.split()]
+
+
+def test_processes_and_threads_share_an_empty_cache(start, tmp_path):
+    # Two processes, each with a second thread, compile different signatures of the same loops at the same time.
+    for process in [start(*TYPES), start(*reversed(TYPES))]:
+        cache_hits(process)
+    cache_hits(start(*TYPES))  # stores what the two may have overwritten in the index
+    assert cache_hits(start(*TYPES)) == [len(TYPES), len(TYPES)]
+    assert not (tmp_path / "numba").exists()
+    assert not list(tmp_path.glob("__pycache__/*.nb?"))
+
+
+def test_a_cache_that_cannot_be_written_is_no_error(start, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    assert cache_hits(start("float64", cache=tmp_path / "file")) == [0, 0]
