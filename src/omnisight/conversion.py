@@ -1,4 +1,4 @@
-"""One camera in the terms of another model."""
+"""Convert a camera to another model."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -12,6 +12,13 @@ from omnisight.models import model_class
 
 Array = NDArray[np.float64]
 
+AGREEMENT_PX = 0.5  # less than the accuracy that most users need
+GRID, DENSE_GRID = 41, 161  # samples along each side of the image
+MIN_DENSE_SAMPLES = 100  # with fewer, the dense grid is used
+MIN_SAMPLES = 20  # with fewer, no model is fitted
+MIN_THETA_MAX_RAD = float(np.radians(5.0))  # the narrowest field of view for a fit
+BISECTIONS = 8  # of the field of view, to a third of a degree
+
 
 @dataclass(frozen=True)
 class Conversion:
@@ -22,15 +29,16 @@ class Conversion:
     camera
         The fitted camera.
     theta_max
-        The cone (radians from the axis) that the fit was made over: the calibrated one, or the whole image.
+        The angle from the axis (radians) up to which the model was fitted: the calibrated field of view, or the whole
+        image.
     max_px, rms_px, mean_px
-        Distance of the pixels of equal bearings over that cone; inf where the fitted camera has none.
+        Distance of the pixels of equal bearings; inf where the fitted camera has none.
     max_deg, rms_deg
-        Angle between the bearings of equal pixels there, degrees.
-    worst
-        The angle (radians) at which `max_px` is met, or the fitted camera's pixels begin to lack.
-    holds_to
-        The angle (radians) up to which the pixels agree within half a pixel.
+        Angle between the bearings of equal pixels, degrees.
+    worst_theta
+        The angle from the axis (radians) of `max_px`, or the smallest angle without pixels.
+    agreement_theta
+        The angle from the axis (radians) up to which the pixels agree within half a pixel.
     """
 
     camera: Camera
@@ -40,115 +48,121 @@ class Conversion:
     mean_px: float
     max_deg: float
     rms_deg: float
-    worst: float
-    holds_to: float
-
-
-AGREES_PX = 0.5
-ENOUGH, DENSER = 100, 161  # samples, and how many across the image where that is too few
-NARROWEST = np.radians(5.0)  # cone that is still worth a fit
-HALVINGS = 8  # of the cone, to a third of a degree
+    worst_theta: float
+    agreement_theta: float
 
 
 def convert_model(camera: Camera, model: str, *, theta_max: float | None = None) -> Conversion:
-    """Fit another camera model to a camera, over its calibrated cone.
+    """Fit another camera model to a camera over its calibrated field of view.
 
     Parameters
     ----------
     camera
-        What to convert.
+        The camera to convert.
     model
-        The model to convert to.
+        The model to fit.
     theta_max
-        Fit over this cone (radians) instead of the calibrated one.
+        Fit up to this angle from the axis (radians) instead.
 
     Raises
     ------
     ValueError
-        If the model is unknown or cannot be fitted at all.
+        If the model is unknown or cannot be fitted.
     """
     cls = model_class(model)
-    if camera.width < 1 or camera.height < 1:
-        raise ValueError("the camera's file does not say how large its images are, so there is nothing to fit over")
-    bearings, pixels = camera.samples(theta_max)
-    if len(bearings) < ENOUGH:  # of a narrow cone in a wide image
-        bearings, pixels = camera.samples(theta_max, DENSER)
-    if len(bearings) < 20:
-        raise ValueError("the camera sees almost nothing of its image inside that cone")
+    bearings, pixels = _samples(camera, theta_max)
+    if cls is type(camera.model):
+        return _compare(camera, bearings, pixels)
     try:
-        fitted = camera.model if cls is type(camera.model) else cls.fit(bearings, pixels)
+        fitted = cls.fit(bearings, pixels)
     except np.linalg.LinAlgError as error:
         raise ValueError(f"{model} cannot be fitted to this {camera.model.name} camera: {error}") from error
-    seen, valid = fitted.project_numpy(bearings)
-    distance = np.where(valid, np.linalg.norm(np.where(valid[:, None], seen, 0) - pixels, axis=1), np.inf)
-    back, shown = fitted.unproject_numpy(pixels)
-    angle = np.degrees(2 * np.arcsin(np.clip(np.linalg.norm(back - bearings, axis=1) / 2, 0, 1)))
+    converted = dataclasses.replace(
+        camera,
+        model=fitted,
+        theta_max=camera.theta_max if theta_max is None else theta_max,
+        covariance=None,
+    )
+    result = _compare(converted, bearings, pixels)
+    provenance = {
+        **camera.provenance,
+        "converted_from": camera.model.name,
+        "conversion_max_px": result.max_px if np.isfinite(result.max_px) else None,
+    }
+    return dataclasses.replace(result, camera=dataclasses.replace(converted, provenance=provenance))
+
+
+def _samples(camera: Camera, theta_max: float | None) -> tuple[Array, Array]:
+    """Return bearings (N, 3) and pixels (N, 2) of a camera over its image."""
+    if camera.width < 1 or camera.height < 1:
+        raise ValueError("the image size is not known, so there is no field of view to fit over")
+    bearings, pixels = camera.samples(theta_max, GRID)
+    if len(bearings) < MIN_DENSE_SAMPLES:  # a narrow field of view in a wide image
+        bearings, pixels = camera.samples(theta_max, DENSE_GRID)
+    if len(bearings) < MIN_SAMPLES:
+        raise ValueError("almost no pixel of the camera lies inside this field of view")
+    return bearings, pixels
+
+
+def _compare(camera: Camera, bearings: Array, pixels: Array) -> Conversion:
+    """Compare a camera with the bearings and pixels of another one."""
+    projected, valid = camera.model.project_numpy(bearings)
+    distance = np.where(valid, np.linalg.norm(np.where(valid[:, None], projected, 0) - pixels, axis=1), np.inf)
+    unprojected, valid = camera.model.unproject_numpy(pixels)
+    chord = np.linalg.norm(unprojected - bearings, axis=1)
+    angle = np.where(valid, np.degrees(2 * np.arcsin(np.clip(chord / 2, 0, 1))), np.inf)
     theta = np.arccos(np.clip(bearings[:, 2], -1, 1))
-    apart = theta[distance > AGREES_PX]
-    lost = theta[np.isinf(distance)]
-    converted = camera
-    if cls is not type(camera.model):
-        converted = dataclasses.replace(
-            camera,
-            model=fitted,
-            theta_max=camera.theta_max if theta_max is None else theta_max,
-            covariance=None,
-            provenance={
-                **camera.provenance,
-                "converted_from": camera.model.name,
-                "conversion_max_px": float(distance.max()) if not lost.size else None,
-            },
-        )
+    differing, missing = theta[distance > AGREEMENT_PX], theta[np.isinf(distance)]
     return Conversion(
-        camera=converted,
+        camera=camera,
         theta_max=float(theta.max()),
         max_px=float(distance.max()),
         rms_px=float(np.sqrt((distance**2).mean())),
         mean_px=float(distance.mean()),
-        max_deg=float(np.max(np.where(shown, angle, np.inf))),
-        rms_deg=float(np.sqrt((np.where(shown, angle, np.inf) ** 2).mean())),
-        worst=float(lost.min() if lost.size else theta[np.argmax(distance)]),
-        holds_to=float(apart.min() if apart.size else theta.max()),
+        max_deg=float(angle.max()),
+        rms_deg=float(np.sqrt((angle**2).mean())),
+        worst_theta=float(missing.min() if missing.size else theta[np.argmax(distance)]),
+        agreement_theta=float(differing.min() if differing.size else theta.max()),
     )
 
 
-def reach(camera: Camera, model: str, max_px: float, *, theta_max: float | None = None) -> float | None:
-    """Give the widest cone (radians) over which a model, fitted to that cone alone, stays that near; None if none does.
+def max_convertible_theta(camera: Camera, model: str, max_px: float, *, theta_max: float | None = None) -> float | None:
+    """Return the largest angle from the axis (radians) up to which a model represents a camera; None if none does.
 
-    By halving between the narrowest cone worth a fit and the given one, to a third of a degree.
+    The field of view is bisected to a third of a degree; the model is refitted to each.
 
     Parameters
     ----------
     camera, model, theta_max
-        As `convert_model`.
+        As for `convert_model`.
     max_px
-        How far the pixels of equal bearings may be apart.
+        The largest distance of the pixels of equal bearings.
     """
 
-    def holds(limit: float) -> bool:
+    def represents(limit: float) -> bool:
         try:
             return convert_model(camera, model, theta_max=limit).max_px <= max_px
         except ValueError:
             return False
 
-    wide = convert_model(camera, camera.model.name, theta_max=theta_max).theta_max
-    near = NARROWEST
-    if not holds(near):
+    high = convert_model(camera, camera.model.name, theta_max=theta_max).theta_max
+    low = MIN_THETA_MAX_RAD
+    if not represents(low):
         return None
-    for _ in range(HALVINGS):
-        middle = (near + wide) / 2
-        near, wide = (middle, wide) if holds(middle) else (near, middle)
-    return near
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if represents(middle) else (low, middle)
+    return low
 
 
-def conversions(camera: Camera, models: Sequence[str], *, theta_max: float | None = None) -> list[Conversion]:
-    """Convert a camera to each of the models that can be fitted to it, the nearest first; see `convert_model`."""
-    found: list[Conversion] = []
+def rank_conversions(camera: Camera, models: Sequence[str], *, theta_max: float | None = None) -> list[Conversion]:
+    """Convert a camera to each model that can be fitted to it, the most accurate first; see `convert_model`."""
+    conversions: list[Conversion] = []
     for model in models:
         try:
-            found.append(convert_model(camera, model, theta_max=theta_max))
+            conversions.append(convert_model(camera, model, theta_max=theta_max))
         except ValueError:
             continue
-    if not found:
+    if not conversions:
         raise ValueError(f"none of the models {', '.join(models)} can be fitted to this {camera.model.name} camera")
-    return sorted(found, key=lambda conversion: conversion.max_px)
+    return sorted(conversions, key=lambda conversion: conversion.max_px)

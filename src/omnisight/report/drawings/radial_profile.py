@@ -1,103 +1,112 @@
-"""The curve r(theta) of a camera, and drawings of it."""
+"""The radial profile r(θ) of a camera, drawn as text and as SVG."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.geometry.sphere import polar
+from omnisight.report.axes import Axes, legend
+from omnisight.report.drawings.cross_section import svg_document
+
+Array = NDArray[np.float64]
+
+NUM_ANGLES, NUM_AZIMUTHS = 400, 24
+# Angle at which the focal length on the axis is measured, radians.
+FOCAL_STEP_RAD = 1e-4
+# Size of the drawing as text, characters, and as SVG.
+TEXT_COLUMNS, TEXT_ROWS = 64, 14
+WIDTH, HEIGHT = 620.0, 400.0
 
 
 @dataclass(frozen=True)
-class Profile:
-    """Distance from the centre (px) against the angle from the axis (degrees), averaged over azimuths.
+class RadialProfile:
+    """Distance from the principal point over the angle from the axis, averaged over azimuths.
 
     Attributes
     ----------
     theta_deg, radius
-        The curve, within the image.
+        (A,) the profile inside the image, degrees and px.
     focal
-        px per radian on the axis.
+        Focal length on the axis, px per radian.
     centre
         Pixel of the axis.
     calibrated_deg
-        How far corners were seen, or None.
+        Largest angle of the calibrated field of view, or None if unknown.
     """
 
-    theta_deg: Any
-    radius: Any
+    theta_deg: Array
+    radius: Array
     focal: float
     centre: tuple[float, float]
     calibrated_deg: float | None
 
+    @property
+    def calibrated(self) -> NDArray[np.bool_]:
+        """(A,) which angles are calibrated; all if the limit is unknown."""
+        return self.theta_deg <= (np.inf if self.calibrated_deg is None else self.calibrated_deg)
 
-def radial_profile(camera: Camera) -> Profile:
-    """Follow the bearings of every azimuth from the axis to the image's edge."""
-    limit = min(camera.model.theta_max, np.pi * 0.999)
-    theta = np.linspace(0, limit, 400)[1:-1]
-    azimuth = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    s, c = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    bearings = np.stack([s * np.cos(azimuth), s * np.sin(azimuth), c + 0 * azimuth], -1)
-    middle, _ = camera.project([0.0, 0.0, 1.0])
-    pixels, valid = camera.project(bearings)
+    @property
+    def equidistant(self) -> Array:
+        """(A,) radius of an equidistant lens of the same focal length."""
+        return self.focal * np.radians(self.theta_deg)
+
+
+def radial_profile(camera: Camera) -> RadialProfile:
+    """Return the radial profile from the axis to the edge of the image."""
+    theta = np.linspace(0, min(camera.model.theta_max, np.pi * 0.999), NUM_ANGLES)[1:-1]
+    azimuth = np.linspace(0, 2 * np.pi, NUM_AZIMUTHS, endpoint=False)
+    centre, _ = camera.project([0.0, 0.0, 1.0])
+    pixels, valid = camera.project(polar(*np.broadcast_arrays(theta[:, None], azimuth)))
     inside = valid & (camera.in_image(pixels) if camera.width else True)
-    distance = np.where(inside, np.linalg.norm(pixels - middle, axis=-1), np.nan)
-    shown = np.isfinite(distance).any(1)
-    last = int(np.argmin(np.append(shown, False)))
-    radius = np.nanmean(distance[:last], axis=1) if last else np.zeros(0)
-    step, _ = camera.project([[1e-4, 0.0, 1.0], [0.0, 1e-4, 1.0]])
-    focal = float(np.mean(np.linalg.norm(step - middle, axis=1)) / 1e-4)
-    calibrated = None if camera.theta_max is None else float(np.degrees(camera.theta_max))
-    return Profile(np.degrees(theta[:last]), radius, focal, (float(middle[0]), float(middle[1])), calibrated)
+    distance = np.where(inside, np.linalg.norm(pixels - centre, axis=-1), np.nan)
+    visible = np.isfinite(distance).any(1)
+    count = int(np.argmin(np.append(visible, False)))
+    radius = np.nanmean(distance[:count], axis=1) if count else np.zeros(0)
+    nearby, _ = camera.project([[FOCAL_STEP_RAD, 0.0, 1.0], [0.0, FOCAL_STEP_RAD, 1.0]])
+    focal = float(np.mean(np.linalg.norm(nearby - centre, axis=1)) / FOCAL_STEP_RAD)
+    calibrated_deg = None if camera.theta_max is None else float(np.degrees(camera.theta_max))
+    return RadialProfile(np.degrees(theta[:count]), radius, focal, (float(centre[0]), float(centre[1])), calibrated_deg)
 
 
-def to_text(profile: Profile, width: int = 64, height: int = 14) -> str:
-    """Draw the curve in characters: `*` calibrated, `.` past it, `-` an equidistant lens of the same focal length."""
+def profile_text(profile: RadialProfile) -> str:
+    """Draw the profile in characters: `*` calibrated, `.` extrapolated, `-` equidistant lens of equal focal length."""
     if not len(profile.theta_deg):
-        return "r(theta): nothing of it lies in the image"
+        return "r(theta): no direction is visible in the image"
     x_max, y_max = profile.theta_deg[-1], profile.radius.max()
-    grid = [[" "] * width for _ in range(height)]
-    for column in range(width):
-        theta = (column + 0.5) / width * x_max
-        ideal = profile.focal * np.radians(theta)
-        if ideal < y_max:
-            grid[height - 1 - int(ideal / y_max * (height - 1e-9))][column] = "-"
-        radius = np.interp(theta, profile.theta_deg, profile.radius)
-        known = profile.calibrated_deg is None or theta <= profile.calibrated_deg
-        grid[height - 1 - min(int(radius / y_max * height), height - 1)][column] = "*" if known else "."
-    lines = [f"{y_max:7.0f} |{''.join(grid[0])}"] + [f"        |{''.join(row)}" for row in grid[1:]]
-    lines += ["      0 +" + "-" * width, f"         0{'theta from the axis, degrees':^{width - 6}}{x_max:.0f}"]
+    grid = np.full((TEXT_ROWS, TEXT_COLUMNS), " ")
+    theta = (np.arange(TEXT_COLUMNS) + 0.5) / TEXT_COLUMNS * x_max
+    radius, equidistant = (np.interp(theta, profile.theta_deg, y) for y in (profile.radius, profile.equidistant))
+    calibrated = theta <= (np.inf if profile.calibrated_deg is None else profile.calibrated_deg)
+    for column in range(TEXT_COLUMNS):
+        if equidistant[column] < y_max:
+            grid[_text_row(equidistant[column] / y_max), column] = "-"
+        grid[_text_row(radius[column] / y_max), column] = "*" if calibrated[column] else "."
+    lines = [f"{f'{y_max:.0f}' if i == 0 else '':>7} |{''.join(row)}" for i, row in enumerate(grid)]
+    lines += ["      0 +" + "-" * TEXT_COLUMNS, f"         0{'angle off-axis, degrees':^{TEXT_COLUMNS - 6}}{x_max:.0f}"]
     return "\n".join(["radius, px  (* calibrated, . extrapolated, - equidistant)", *lines])
 
 
-def to_svg(profile: Profile) -> str:
-    """Draw the curve as SVG, the extrapolated part dashed, beside an equidistant lens of the same focal length."""
+def profile_svg(profile: RadialProfile) -> str:
+    """Draw the profile with an equidistant lens of the same focal length; the extrapolated part is dashed."""
     x_max, y_max = float(profile.theta_deg[-1]), float(profile.radius.max())
-
-    def path(theta: Any, radius: Any) -> str:
-        points = (f"{60 + 520 * t / x_max:.1f},{340 - 300 * r / y_max:.1f}" for t, r in zip(theta, radius, strict=True))
-        return " ".join(points)
-
-    known = profile.theta_deg <= (profile.calibrated_deg if profile.calibrated_deg is not None else np.inf)
-    ideal = profile.focal * np.radians(profile.theta_deg)
-    shown = ideal <= y_max
-    ticks = [t for t in range(0, 181, 15) if t <= x_max]
-    marks = "".join(
-        f'<line x1="{60 + 520 * t / x_max:.1f}" x2="{60 + 520 * t / x_max:.1f}" y1="340" y2="345" stroke="#555"/>'
-        f'<text x="{60 + 520 * t / x_max:.1f}" y="362" text-anchor="middle">{t}</text>'
-        for t in ticks
+    axes = Axes((0.0, x_max), (0.0, y_max), "angle off-axis, degrees", "radius, px", (60.0, 40.0, WIDTH - 40, 340.0))
+    calibrated = np.where(profile.calibrated, profile.radius, np.nan)
+    entries = [("line calibrated", "calibrated"), ("line extrapolated", "extrapolated"), ("line ideal", "equidistant")]
+    return svg_document(
+        axes.frame(),
+        axes.clip(
+            axes.line(profile.theta_deg, profile.equidistant, "ideal"),
+            axes.line(profile.theta_deg, profile.radius, "extrapolated"),
+            axes.line(profile.theta_deg, calibrated, "calibrated"),
+        ),
+        legend(entries, (60.0, 22.0), (150.0, 0.0)),
+        width=WIDTH,
+        height=HEIGHT,
+        title="Radial profile r(theta)",
     )
-    style = "font-family='sans-serif' font-size='13' fill='#333'"
-    return (
-        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 620 400' {style}>"
-        "<rect width='620' height='400' fill='white'/>"
-        "<path d='M60 40 V340 H580' fill='none' stroke='#555'/>"
-        f"{marks}<text x='320' y='388' text-anchor='middle'>angle from the axis, degrees</text>"
-        f"<text x='55' y='45' text-anchor='end'>{y_max:.0f}</text><text x='55' y='344' text-anchor='end'>0</text>"
-        "<text x='60' y='28'>radius, px: calibrated, extrapolated (dashed), equidistant lens (thin)</text>"
-        f"<polyline points='{path(profile.theta_deg[shown], ideal[shown])}' fill='none' stroke='#999'/>"
-        f"<polyline points='{path(profile.theta_deg, profile.radius)}' fill='none' stroke='#c33' stroke-width='2'"
-        " stroke-dasharray='5 5'/>"
-        f"<polyline points='{path(profile.theta_deg[known], profile.radius[known])}' fill='none' stroke='#06c'"
-        " stroke-width='3'/></svg>\n"
-    )
+
+
+def _text_row(fraction: float) -> int:
+    return TEXT_ROWS - 1 - min(int(fraction * TEXT_ROWS), TEXT_ROWS - 1)

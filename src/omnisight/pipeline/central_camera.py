@@ -1,0 +1,70 @@
+"""Read the central camera of a calibration file, or the one that approximates a non-central camera at a distance."""
+
+import re
+from pathlib import Path
+
+from omnisight.camera import Camera
+from omnisight.formats import load
+from omnisight.targets.length import parse_length
+
+MAX_ERROR_PX = 1.0  # of the central approximation at its distance
+
+
+def central_camera(
+    path: str | Path, *, name: str | None = None, distance: str | None = None, accepts_distance: bool = True
+) -> Camera:
+    """Read a central camera from a calibration file of any format.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        The camera to read if the file holds several.
+    distance
+        The distance of the scene from a non-central camera, with its unit: "2m", "20squares" or "inf".
+    accepts_distance
+        Whether the caller has an option for the distance, which the message then names.
+
+    Raises
+    ------
+    ValueError
+        If the camera is non-central and `distance` is missing or invalid, or central and `distance` is given.
+    """
+    camera = load(path, name=name)
+    where = f"{path}, {name}" if name else str(path)
+    if isinstance(camera, Camera):
+        if distance is not None:
+            raise ValueError(f"--distance is for non-central cameras, and {where} is central: leave it out")
+        return camera
+    reason = f"{where}: a non-central camera ({camera.model.name})"
+    if not accepts_distance:
+        raise ValueError(f"{reason}, which this command does not support: use the central one, of --model auto")
+    if distance is None:
+        example = "2m" if camera.unit == "m" else "20squares"
+        raise ValueError(
+            f"{reason}: specify the distance of the scene, such as --distance {example}; the central camera that fits"
+            " there is used"
+        )
+    length = _parse_distance(distance, camera.unit)
+    central, error = camera.central(length)
+    if not error <= MAX_ERROR_PX:
+        central, error = camera.central(length, "spline")
+    if not error <= MAX_ERROR_PX:
+        raise ValueError(
+            f"{reason}: at {distance} every central camera is at least {error:.2g} px off, {MAX_ERROR_PX:g} allowed:"
+            " specify a larger distance, or inf"
+        )
+    return central
+
+
+def _parse_distance(text: str, unit: str) -> float:
+    """Return a distance in the unit of a camera."""
+    if text.strip().lower() in ("inf", "far"):
+        return float("inf")
+    if unit == "m":
+        return parse_length(text)
+    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(squares?)?\s*", text)
+    if match is None or not float(match[1]) > 0:
+        raise ValueError(f"--distance {text}: the lengths of this camera are in squares of its board: 20squares")
+    return float(match[1])

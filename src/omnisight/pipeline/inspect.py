@@ -1,0 +1,206 @@
+"""Description of calibration files: the counterpart of `omnisight inspect`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.formats import FormatError, format_names, get_format, load_all
+from omnisight.optics.models.axial import Axial
+from omnisight.ray_camera import RayCamera
+
+Array = NDArray[np.float64]
+
+PROFILE_ANGLES, PROFILE_AZIMUTHS = 400, 24  # samples of r(theta)
+MAX_PROFILE_THETA_RAD = 0.999 * np.pi  # opposite to the axis the azimuth is undefined
+FOCAL_STEP_RAD = 1e-4  # for the derivative of r(theta) on the axis
+
+
+@dataclass(frozen=True)
+class RadialProfile:
+    """Distance from the principal point (px) against the angle from the axis (degrees), averaged over azimuths.
+
+    Attributes
+    ----------
+    theta_deg, radius
+        (N,) and (N,), inside the image.
+    focal
+        px per radian on the axis.
+    centre
+        Pixel of the axis.
+    calibrated_deg
+        The largest calibrated angle from the axis, or None.
+    """
+
+    theta_deg: Array
+    radius: Array
+    focal: float
+    centre: tuple[float, float]
+    calibrated_deg: float | None
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A parameter of a camera model.
+
+    Attributes
+    ----------
+    name, unit, description
+        As the model defines them.
+    value
+        Its value.
+    sigma
+        Its standard deviation, 0 if it was fixed, None if unknown.
+    """
+
+    name: str
+    unit: str
+    description: str
+    value: float
+    sigma: float | None
+
+
+@dataclass(frozen=True)
+class CameraDescription:
+    """What a calibration file holds about one camera.
+
+    Attributes
+    ----------
+    camera
+        The camera.
+    format_title, convention
+        The name and the convention of the file's format.
+    model_title
+        The first line of the model's documentation.
+    parameters
+        All parameters of the model.
+    profile
+        r(theta) of the camera, or of its lens if the entrance pupil shifts along the axis; None for other non-central
+        cameras.
+    field_deg
+        The angles between opposite edges, horizontal and vertical, and opposite corners of the image through the
+        principal point; None where the model ends before. None if there is no profile or the image size is unknown.
+    pupil_shift
+        The shift of the entrance pupil along the axis over the calibrated field of view, in `camera.unit`, or None.
+    """
+
+    camera: Camera | RayCamera
+    format_title: str
+    convention: str
+    model_title: str
+    parameters: tuple[ParameterValue, ...]
+    profile: RadialProfile | None
+    field_deg: tuple[float | None, float | None, float | None] | None
+    pupil_shift: float | None
+
+
+def inspect(path: str | Path, *, name: str | None = None) -> dict[str, CameraDescription]:
+    """Describe the cameras of a calibration file by name.
+
+    Parameters
+    ----------
+    path
+        A calibration file of any format.
+    name
+        Describe this camera only.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read or does not hold the camera.
+    """
+    cameras = load_all(path)
+    if name is not None:
+        if name not in cameras:
+            raise FormatError(f"{path}: no camera {name!r}; it holds {', '.join(cameras)}")
+        cameras = {name: cameras[name]}
+    return {key: describe_camera(camera) for key, camera in cameras.items()}
+
+
+def describe_camera(camera: Camera | RayCamera) -> CameraDescription:
+    """Describe a camera."""
+    source = camera.provenance.get("format")
+    source_format = get_format(source if source in format_names() else "native")
+    central = _central_part(camera)
+    profile = None if central is None else radial_profile(central)
+    return CameraDescription(
+        camera=camera,
+        format_title=source_format.TITLE,
+        convention=source_format.CONVENTION,
+        model_title=(type(camera.model).__doc__ or "").strip().splitlines()[0],
+        parameters=_parameters(camera),
+        profile=profile,
+        field_deg=None if central is None or profile is None else _fields_of_view(central, profile),
+        pupil_shift=_pupil_shift(camera),
+    )
+
+
+def radial_profile(camera: Camera) -> RadialProfile:
+    """Sample r(theta) from the axis to the edge of the image."""
+    limit = min(camera.model.theta_max, MAX_PROFILE_THETA_RAD)
+    theta = np.linspace(0, limit, PROFILE_ANGLES)[1:-1]
+    azimuth = np.linspace(0, 2 * np.pi, PROFILE_AZIMUTHS, endpoint=False)
+    s, c = np.sin(theta)[:, None], np.cos(theta)[:, None]
+    bearings = np.stack([s * np.cos(azimuth), s * np.sin(azimuth), c + 0 * azimuth], -1)
+    centre, _ = camera.project([0.0, 0.0, 1.0])
+    pixels, valid = camera.project(bearings)
+    inside = valid & (camera.in_image(pixels) if camera.width else True)
+    distance = np.where(inside, np.linalg.norm(pixels - centre, axis=-1), np.nan)
+    in_any_azimuth = np.isfinite(distance).any(1)
+    count = int(np.argmin(np.append(in_any_azimuth, False)))
+    radius = np.nanmean(distance[:count], axis=1) if count else np.zeros(0)
+    near, _ = camera.project([[FOCAL_STEP_RAD, 0.0, 1.0], [0.0, FOCAL_STEP_RAD, 1.0]])
+    focal = float(np.mean(np.linalg.norm(near - centre, axis=1)) / FOCAL_STEP_RAD)
+    calibrated = None if camera.theta_max is None else float(np.degrees(camera.theta_max))
+    return RadialProfile(np.degrees(theta[:count]), radius, focal, (float(centre[0]), float(centre[1])), calibrated)
+
+
+def _central_part(camera: Camera | RayCamera) -> Camera | None:
+    """Return a central camera, or the lens of a camera whose entrance pupil shifts along the axis."""
+    if isinstance(camera, Camera):
+        return camera
+    if not isinstance(camera.model, Axial):
+        return None
+    return Camera(camera.model.lens, camera.size, theta_max=camera.theta_max, theta_min=camera.theta_min)
+
+
+def _parameters(camera: Camera | RayCamera) -> tuple[ParameterValue, ...]:
+    """Return the parameters of a camera with their standard deviations."""
+    variances = None if camera.covariance is None else np.diagonal(camera.covariance)
+    length_unit = camera.unit if isinstance(camera, RayCamera) else "m"
+    return tuple(
+        ParameterValue(
+            name=parameter.name,
+            unit=length_unit if parameter.unit == "m" else parameter.unit,
+            description=parameter.doc,
+            value=float(value),
+            sigma=None if variances is None else float(np.sqrt(max(variances[i], 0.0))),
+        )
+        for i, (parameter, value) in enumerate(zip(camera.model.parameters, camera.model.params, strict=True))
+    )
+
+
+def _fields_of_view(camera: Camera, profile: RadialProfile) -> tuple[float | None, float | None, float | None] | None:
+    """Return the angles (degrees) between opposite edges and corners of the image through the principal point."""
+    if not camera.width:
+        return None
+    (u0, v0), right, bottom = profile.centre, camera.width - 0.5, camera.height - 0.5
+
+    def angle(a: tuple[float, float], b: tuple[float, float]) -> float | None:
+        total = float(np.degrees(camera.angle_of(np.array([a, b]))).sum())
+        return total if np.isfinite(total) else None
+
+    return (
+        angle((-0.5, v0), (right, v0)),
+        angle((u0, -0.5), (u0, bottom)),
+        angle((-0.5, -0.5), (right, bottom)),
+    )
+
+
+def _pupil_shift(camera: Camera | RayCamera) -> float | None:
+    """Return the entrance pupil shift over the calibrated field of view, or None."""
+    if not isinstance(camera, RayCamera) or not isinstance(camera.model, Axial):
+        return None
+    return float(camera.model.pupil_shift(camera.theta_min, camera.theta_max or camera.model.theta_max))
