@@ -95,10 +95,10 @@ def conventions() -> str:
 
 def corner_formats() -> str:
     """Give the table of formats of corners."""
-    from omnisight.corners import corner_format_named, corner_format_names
+    from omnisight.corners import get_corner_format, corner_format_names
 
     lines = ["| | file | its convention |", "|---|---|---|"]
-    for value in map(corner_format_named, corner_format_names()):
+    for value in map(get_corner_format, corner_format_names()):
         lines.append(f"| {_plain(value.TITLE)} | `{value.SUFFIX}` | {_plain(value.CONVENTION)} |")
     return "\n".join(lines)
 
@@ -190,7 +190,7 @@ MARKS = {
 
 def curves() -> dict[str, str]:
     """Draw r(theta) of the example of every camera with an axis."""
-    from omnisight.report.drawings.radial_profile import radial_profile, to_svg
+    from omnisight.report.drawings.radial_profile import radial_profile, profile_svg
 
     drawn: dict[str, str] = {}
     for name in om.model_names():
@@ -199,14 +199,14 @@ def curves() -> dict[str, str]:
             example = cls.example()
             middle, _ = example.project([0.0, 0.0, 1.0])
             camera = om.Camera(example, (round(2 * middle[0]), round(2 * middle[1])))
-            drawn[f"assets/models/{name}.svg"] = to_svg(radial_profile(camera))
+            drawn[f"assets/models/{name}.svg"] = profile_svg(radial_profile(camera))
     return drawn
 
 
 def view_pictures() -> dict[str, bytes]:
     """Draw every kind of view of a rendered room."""
     from omnisight.simulation import fisheye_setup, mirror_setup
-    from omnisight.views.view_cameras import CUBE_FACES, cube_rotation
+    from omnisight.views.cube import CUBE_FACES, cube_rotation
 
     fisheye, mirror = fisheye_setup(), mirror_setup()
     lens, room = fisheye.camera, fisheye.renderer()().image
@@ -239,15 +239,15 @@ def view_pictures() -> dict[str, bytes]:
 
 
 def _formats() -> dict[str, Any]:
-    from omnisight.formats import format_named, format_names
+    from omnisight.formats import get_format, format_names
 
-    return {name: format_named(name) for name in format_names()}
+    return {name: get_format(name) for name in format_names()}
 
 
 def _is_central(cls: type) -> bool:
-    from omnisight.models._central import Central
+    from omnisight.models._profile_camera import ProfileCamera
 
-    return issubclass(cls, Central)
+    return issubclass(cls, ProfileCamera)
 
 
 def _prose(text: str) -> list[str]:

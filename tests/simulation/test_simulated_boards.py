@@ -21,7 +21,7 @@ from omnisight.simulation import (
     render,
     scene_named,
 )
-from omnisight.targets import Checkerboard, board_class, detect_checkerboard
+from omnisight.targets import Checkerboard, board_class, detect, detect_checkerboard
 
 SETUPS = {"fisheye": fisheye_setup, "mirror": mirror_setup}
 PLAIN = Scene((box((-3, -3, -3), (3, 3, 3), Texture.plain((128, 128, 128)), "shell", inside=True, glow=1.0),))
@@ -79,11 +79,11 @@ def test_every_kind_of_board_can_be_held_up(kind, fields):
     middle = np.array(((left + right) / 2, (top + bottom) / 2, 0))
     pose = om.Pose(om.look(12, 8).T, np.array((0, 0, 0.6)) - om.look(12, 8).T @ middle)
     picture = render(om.perspective(70, (640, 480)), [BoardInScene(board, pose)], scene=PLAIN, noise=0.5)
-    found = board.detect(to_gray8(picture.image))[0]
+    found = detect(to_gray8(picture.image), board)[0]
     assert len(found) == board.size
     true = picture.corners[0]
     if kind == "circles":
-        true = true + board.offset(lambda x: om.perspective(70, (640, 480)).project(pose @ x)[0])
+        true = true + board.measurement_offset(lambda x: om.perspective(70, (640, 480)).project(pose @ x)[0])
     errors = np.linalg.norm(found.pixels - true[found.ids], axis=1)
     assert np.sqrt((errors**2).mean()) < 0.05
 

@@ -40,7 +40,7 @@ def test_between_poses_it_turns_evenly_as_scipy_does():
 
 def test_rows_are_read_about_the_middle_one():
     motion = some()
-    rows = motion.rows(1.5, 101, 0.2)
+    rows = motion.row_poses(1.5, 101, 0.2)
     for i, time in ((0, 1.4), (50, 1.5), (100, 1.6)):
         np.testing.assert_allclose(rows[i].translation, motion.at(time).translation, atol=1e-12)
 

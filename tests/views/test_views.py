@@ -5,7 +5,7 @@ import pytest
 from scenery import FISHEYE, INTERPOLATIONS, MIRROR, SPHERE, brightest, grid, picture, spot
 
 import omnisight as om
-from omnisight.views.view_cameras import CUBE_FACES, cube_rotation
+from omnisight.views.cube import CUBE_FACES, cube_rotation
 
 # -- where things go ---------------------------------------------------------------------------------------------
 

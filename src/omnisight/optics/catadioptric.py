@@ -12,7 +12,7 @@ from omnisight.geometry.rays import Rays
 from omnisight.models import CameraModel, model_class
 from omnisight.models._parameter import finite
 from omnisight.models._projector import Array
-from omnisight.models._protocol import rows, shaped
+from omnisight.models._camera_model import rows, shaped
 from omnisight.optics import fermat
 from omnisight.optics.mirrors import mirror_class
 from omnisight.optics.placed_mirror import PlacedMirror

@@ -8,12 +8,12 @@ import numpy as np
 
 from omnisight.geometry.pose import Pose
 from omnisight.models._parameter import parameter
-from omnisight.models._parametric import Parametric
+from omnisight.models._parameterized import Parameterized
 from omnisight.optics.mirrors import Mirror
 
 
 @dataclass(frozen=True)
-class PlacedMirror(Parametric):
+class PlacedMirror(Parameterized):
     """A mirror and its pose lens_from_mirror: x_lens = R x_mirror + t.
 
     t is the vertex in the lens frame. R = R_x(a) R_y(b) with a = tilt_x and b = tilt_y maps the mirror's axis to

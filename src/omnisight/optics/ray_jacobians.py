@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.rays import Rays
-from omnisight.models._protocol import rows
+from omnisight.models._camera_model import rows
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.placed_mirror import PlacedMirror
 from omnisight.optics.telecentric import Telecentric

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.models._threads import spread
+from omnisight.parallel import parallel_for
 from omnisight.simulation.board import BoardInScene
+from omnisight.simulation.camera_protocol import RenderableCamera
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.scenes import scene_named
 from omnisight.simulation.sensor import develop
-from omnisight.simulation.camera_protocol import RenderableCamera
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -242,7 +242,7 @@ class Renderer:
             rays = self._rays(rows, columns, self.samples)
             part = result[rows.start - whole.start : rows.stop - whole.start]
             fixed: Any = (world, rays.origins, rays.bearings, self._rotations[rows], self._eyes[rows], self.samples)
-            spread(lambda first, last, f=fixed, p=part: _shading.paint(*f, p, first, last), len(part), GRAIN)
+            parallel_for(lambda first, last, f=fixed, p=part: _shading.paint(*f, p, first, last), len(part), GRAIN)
             if self.vignette or self.theta != (0.0, np.pi):
                 middles = rays if self.samples == 1 else self._rays(rows, columns, 1)
                 part *= self._brightness(middles.bearings)[..., None]

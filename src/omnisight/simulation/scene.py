@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.models._threads import spread
+from omnisight.parallel import parallel_for
 from omnisight.simulation.solids import Solid
 from omnisight.simulation.texture import Texture
 
@@ -118,7 +118,7 @@ class Scene:
         count = len(ways)
         distances, normals, instances = np.empty(count), np.empty((count, 3)), np.empty(count, np.int32)
         world, _ = self._built
-        spread(
+        parallel_for(
             lambda first, last: _trace.cast(world, starts, ways, distances, normals, instances, first, last),
             count,
             GRAIN,

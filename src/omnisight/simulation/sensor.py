@@ -57,7 +57,7 @@ def develop(
     image = np.rint(255 * to_display(seen)).astype(np.uint8)
     if jpeg is None:
         return image
-    packed = np.asarray(cv2.imdecode(as_jpeg(image, jpeg), cv2.IMREAD_COLOR), np.uint8)
+    packed = np.asarray(cv2.imdecode(encode_jpeg(image, jpeg), cv2.IMREAD_COLOR), np.uint8)
     return np.ascontiguousarray(packed[..., ::-1])
 
 
@@ -77,7 +77,7 @@ def check_sensor(*, exposure: float, blur: float, noise: float, jpeg: int | None
             raise ValueError(f"{what} must be from {least} to {most}, got {value}")
 
 
-def as_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+def encode_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """Give the bytes of an RGB image (H, W, 3) as a JPEG file of a quality from 1 to 100."""
     import cv2
 

@@ -19,7 +19,11 @@ FACES = {
     "roof": ("near", "far", "left", "right", "bottom"),
 }
 # Low and high corner of each shape in its own frame.
-BOUNDS = {"ellipsoid": ((-1, -1, -1), (1, 1, 1)), "cylinder": ((-1, 0, -1), (1, 1, 1)), "rectangle": ((0, 0, 0), (1, 1, 0))}
+BOUNDS = {
+    "ellipsoid": ((-1, -1, -1), (1, 1, 1)),
+    "cylinder": ((-1, 0, -1), (1, 1, 1)),
+    "rectangle": ((0, 0, 0), (1, 1, 0)),
+}
 UNIT = ((0, 0, 0), (1, 1, 1))
 
 

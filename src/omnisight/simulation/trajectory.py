@@ -59,7 +59,7 @@ class Trajectory:
         turn = a.rotation @ exp(share * log(a.rotation.T @ b.rotation))
         return Pose(turn, (1 - share) * a.translation + share * b.translation)
 
-    def rows(self, time: float, height: int, readout: float) -> Sequence[Pose]:
+    def row_poses(self, time: float, height: int, readout: float) -> Sequence[Pose]:
         """Give where the camera is as each row is read, the middle row at a time.
 
         Parameters
@@ -134,13 +134,13 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
         If it cannot be written.
     """
     lines = [f"# {' '.join(COLUMNS)}"]
-    for time, pose in zip(timestamps(trajectory.times), trajectory.poses, strict=True):
+    for time, pose in zip(format_timestamps(trajectory.times), trajectory.poses, strict=True):
         values = (*pose.translation, *quaternion(pose.rotation))
         lines.append(f"{time} " + " ".join(f"{value:.9f}" for value in values))
     write_bytes(path, ("\n".join(lines) + "\n").encode())
 
 
-def timestamps(times: Array) -> list[str]:
+def format_timestamps(times: Array) -> list[str]:
     """Give times (N,), seconds, as text: to microseconds, or as exactly as it takes to tell them apart."""
     texts = [f"{time:.6f}" for time in times]
     return texts if len(set(texts)) == len(texts) else [np.format_float_positional(time, trim="0") for time in times]

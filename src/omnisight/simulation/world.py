@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.models._threads import spread
+from omnisight.parallel import parallel_for
 from omnisight.simulation.solids import FACES, Solid
 from omnisight.simulation.texture import LINEAR, Texture
 
@@ -158,7 +158,7 @@ def illuminate(scene: "Scene", world: Any, solids: Sequence[Solid], lights: dict
         forward = np.array([solid.world_from_local for solid in solids])
         ways, lamps = _cosine_spread(), _lamp_points(scene)
         ambient, reach = float(scene.ambient), float(scene.reach)
-        spread(
+        parallel_for(
             lambda first, last: _shading.illuminate(
                 world, forward, every, ways, lamps, ambient, reach, fallen, first, last
             ),
@@ -174,7 +174,7 @@ def illuminate(scene: "Scene", world: Any, solids: Sequence[Solid], lights: dict
 
 
 def _cosine_spread() -> Array:
-    """Give directions (K, 3) about z, spread as the cosine of their angle from it: a spiral on the disc, lifted."""
+    """Give directions (K, 3) about z, parallel_for as the cosine of their angle from it: a spiral on the disc, lifted."""
     k = np.arange(DIRECTIONS) + 0.5
     radius, turn = np.sqrt(k / DIRECTIONS), k * np.pi * (3 - np.sqrt(5))
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)])

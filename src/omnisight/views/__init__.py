@@ -1,4 +1,4 @@
-"""Views: the one remap, and the cameras to remap to."""
+"""Remapping of images from one camera to another, and cameras for common views."""
 
 from omnisight.views.remapper import Remapper, remap
 from omnisight.views.view_cameras import (

@@ -1,24 +1,24 @@
-"""Where each pixel of a view is seen in the source, and how densely."""
+"""Remap tables from a view to its source image, their scale and coverage."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.models._threads import run
+from omnisight.parallel import run
 
 Floats = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 
 def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple[Floats, Floats]:
-    """Give the source pixel (u, v) of every pixel of the target, each (H, W) float32; NaN where there is none.
+    """Return the source pixel (u, v) of every target pixel, each (H, W) float32; NaN where there is none.
 
     Parameters
     ----------
     source, target
-        The camera that took the image, and the view.
+        The camera of the image and the camera of the view.
     target_from_source
-        (3, 3) orthogonal; a reflection flips the view.
+        (3, 3) orthogonal; a reflection mirrors the view.
     """
     shape = (target.height, target.width)
     u, v = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -30,23 +30,22 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
 
 
 def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array) -> NDArray[np.bool_]:
-    """Say which pixels of the target (H, W) look where the source was not calibrated; see `view_map`."""
+    """Return which target pixels (H, W) are outside the calibrated field of view of the source; see `view_map`."""
+    mask = np.zeros((target.height, target.width), np.bool_)
     if source.theta_max is None:
-        return np.zeros((target.height, target.width), np.bool_)
-    rows = np.arange(target.height)
-    past = np.empty((target.height, target.width), np.bool_)
-    for row in rows:  # a row at a time: bearings of all of it would be ten times the image
+        return mask
+    for row in range(target.height):  # row by row, because all bearings need ten times the memory of the image
         pixels = np.stack([np.arange(target.width), np.full(target.width, row)], -1)
         bearings, valid = target.unproject(pixels)
-        past[row] = valid & ~source.calibrated(bearings @ np.asarray(target_from_source, float))
-    return past
+        mask[row] = valid & ~source.calibrated(bearings @ np.asarray(target_from_source, float))
+    return mask
 
 
 def map_scale(source: Camera, u: Floats, v: Floats, step: int = 1) -> Floats:
-    """Give how many source pixels a pixel of the view spans along its denser direction, on every `step`-th; or NaN.
+    """Return how many source pixels a view pixel spans in its denser direction, at every `step`-th pixel; or NaN.
 
-    Where the source goes around, columns count by what they span in angle: near a pole many of them are one direction,
-    and no denser than the rows.
+    In a periodic source (360 degrees) columns are weighted by the cosine of the latitude, because near a pole many of
+    them have nearly the same direction.
     """
     period, level = source.model.period, None
     if period:
@@ -60,6 +59,7 @@ def map_scale(source: Camera, u: Floats, v: Floats, step: int = 1) -> Floats:
 
 
 def _stride(u: Floats, v: Floats, period: float | None, level: Floats | None, step: int, axis: int) -> Floats:
+    """Return the distance in the source between neighbouring view pixels along an axis."""
     here = np.arange(0, u.shape[axis], step)
     other = np.clip(np.where(here + 1 < u.shape[axis], here + 1, here - 1), 0, None)
     lines = np.s_[:, ::step] if axis == 0 else np.s_[::step]
@@ -71,7 +71,7 @@ def _stride(u: Floats, v: Floats, period: float | None, level: Floats | None, st
 
 
 def visible_fraction(source: Camera, target: Camera, target_from_source: Array, count: int = 200) -> float:
-    """Give the share of the source's pixels that the view shows, of those that its camera can unproject."""
+    """Return the fraction of the source's valid pixels that the view shows, from count x count samples."""
     u, v = np.meshgrid(np.linspace(0, source.width - 1, count), np.linspace(0, source.height - 1, count))
     bearings, valid = source.unproject(np.stack([u, v], -1))
     pixels, shown = target.project(bearings[valid] @ np.asarray(target_from_source).T)

@@ -1,10 +1,10 @@
-"""Views to look at: each is a camera. Angles are in degrees here, as people say them."""
+"""Cameras for common views: perspective, panoramas, fisheye, cube. Angles are in degrees."""
+
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.geometry.rotation import look
 from omnisight.models.cylindrical import Cylindrical
 from omnisight.models.equidistant import Equidistant
 from omnisight.models.equirectangular import Equirectangular
@@ -15,21 +15,15 @@ from omnisight.models.panini import Panini
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.stereographic import Stereographic
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
+FisheyeProjection = Literal["equidistant", "equisolid", "stereographic", "orthographic"]
 
-WIDEST_PERSPECTIVE = 150.0
-LARGEST = 32767  # px a side; what OpenCV's remap takes
+# A wider perspective view is stretched beyond use at its sides.
+MAX_PERSPECTIVE_FOV_DEG = 150.0
+# Limit of OpenCV's remap (16-bit coordinates).
+MAX_SIDE_PX = 32767
 
-CUBE_FACES = {
-    "front": (0.0, 0.0),
-    "right": (90.0, 0.0),
-    "back": (180.0, 0.0),
-    "left": (-90.0, 0.0),
-    "up": (0.0, 90.0),
-    "down": (0.0, -90.0),
-}
-FISHEYES = {
+FISHEYE_MODELS = {
     "equidistant": Equidistant,
     "equisolid": Equisolid,
     "stereographic": Stereographic,
@@ -38,72 +32,71 @@ FISHEYES = {
 
 
 def perspective(fov: float = 90.0, size: tuple[int, int] = (1280, 720)) -> Camera:
-    """Give a flat view, as a pinhole sees: straight lines stay straight.
+    """Return a pinhole camera: straight lines stay straight.
 
     Parameters
     ----------
     fov
-        Horizontal field of view, degrees, 150 at most.
+        Horizontal field of view, degrees, at most 150.
     size
         (width, height), px.
 
     Raises
     ------
     ValueError
-        If the field of view is too wide for a plane; the message names what can show it.
+        If the field of view is too wide; the message lists alternatives.
     """
-    width, height = _size(size)
-    if not 0 < fov <= WIDEST_PERSPECTIVE:
+    width, height = _checked_size(size)
+    if not 0 < fov <= MAX_PERSPECTIVE_FOV_DEG:
         raise ValueError(
-            f"a perspective view cannot show {fov:g} degrees, {WIDEST_PERSPECTIVE:g} at most: use cylinder, panini,"
-            " sphere, fisheye, or cube"
+            f"a perspective view cannot show {fov:g} degrees, only up to {MAX_PERSPECTIVE_FOV_DEG:g}: use cylinder,"
+            " panini, sphere, fisheye or cube"
         )
     focal = width / 2 / np.tan(np.radians(fov) / 2)
     return Camera(Pinhole(focal, focal, (width - 1) / 2, (height - 1) / 2), (width, height))
 
 
 def cylinder(width: int = 2048, elevation: Range = (-45.0, 45.0), azimuth: Range = (-180.0, 180.0)) -> Camera:
-    """Give a panorama on an upright cylinder: upright lines stay straight.
+    """Return a panorama on a vertical cylinder: vertical lines stay straight.
 
     Parameters
     ----------
     width
-        Of the panorama, px.
+        Width of the panorama, px; the height follows.
     elevation
-        Lowest and highest angle above the horizon, degrees, within -89 to 89.
+        Lowest and highest elevation, degrees, within -89 to 89.
     azimuth
-        Leftmost and rightmost angle, degrees.
+        Leftmost and rightmost azimuth, degrees, within -180 to 180.
+
+    Raises
+    ------
+    ValueError
+        If a range is empty or outside its limits.
     """
     model, size = _unrolled(Cylindrical, width, elevation, azimuth, limit=89.0)
     return Camera(model, size)
 
 
 def mercator(width: int = 2048, elevation: Range = (-70.0, 70.0), azimuth: Range = (-180.0, 180.0)) -> Camera:
-    """Give a panorama in Mercator's projection, which keeps shapes; as `cylinder`."""
+    """Return a panorama in the Mercator projection, which is conformal; parameters as in `cylinder`."""
     model, size = _unrolled(Mercator, width, elevation, azimuth, limit=89.0)
     return Camera(model, size)
 
 
 def sphere(width: int = 2048, elevation: Range = (-90.0, 90.0), azimuth: Range = (-180.0, 180.0)) -> Camera:
-    """Give an equirectangular image: the whole sphere unless told otherwise; as `cylinder`."""
+    """Return an equirectangular camera, by default of the whole sphere; parameters as in `cylinder`."""
     model, size = _unrolled(Equirectangular, width, elevation, azimuth, limit=90.0)
     return Camera(model, size)
 
 
 def cube_face(size: int = 1024) -> Camera:
-    """Give one face of a cube, 90 degrees wide to its outermost pixel edges; `CUBE_FACES` has (yaw, pitch) of each."""
-    size, _ = _size((size, size))
+    """Return one face of a cube map: 90 degrees between the outer edges of the outer pixels."""
+    size, _ = _checked_size((size, size))
     return Camera(Pinhole(size / 2, size / 2, (size - 1) / 2, (size - 1) / 2), (size, size))
 
 
-def cube_rotation(face: str, view_from_source: Array) -> Array:
-    """Give face_from_source (3, 3) of a named face, the cube's front being where a view looks."""
-    yaw, pitch = CUBE_FACES[face]
-    return look(yaw, pitch) @ view_from_source
-
-
 def panini(fov: float = 150.0, size: tuple[int, int] = (1280, 720), distance: float = 1.0) -> Camera:
-    """Give a Panini view: wide, upright lines straight, and little stretched at the sides.
+    """Return a Panini view: wide, with straight vertical lines and little stretching at the sides.
 
     Parameters
     ----------
@@ -112,38 +105,48 @@ def panini(fov: float = 150.0, size: tuple[int, int] = (1280, 720), distance: fl
     size
         (width, height), px.
     distance
-        0 is a perspective, 1 the classic Panini.
+        0 is the perspective projection, 1 the classic Panini projection.
+
+    Raises
+    ------
+    ValueError
+        If the field of view is too wide for the distance.
     """
-    width, height = _size(size)
+    width, height = _checked_size(size)
     half = np.radians(fov) / 2
     limit = np.arccos(-distance if distance <= 1 else -1 / distance)
     if not 0 < half < limit * 0.98:
         raise ValueError(
-            f"a Panini view of distance {distance:g} cannot show {fov:g} degrees,"
-            f" {np.degrees(limit) * 1.96:.0f} at most"
+            f"a Panini view of distance {distance:g} cannot show {fov:g} degrees, only up to"
+            f" {np.degrees(limit) * 1.96:.0f}"
         )
     focal = width / 2 / ((distance + 1) / (distance + np.cos(half)) * np.sin(half))
     return Camera(Panini(focal, focal, (width - 1) / 2, (height - 1) / 2, distance), (width, height))
 
 
-def fisheye(size: int = 1024, fov: float = 180.0, projection: str = "equidistant") -> Camera:
-    """Give an ideal fisheye image whose circle fills the square.
+def fisheye(size: int = 1024, fov: float = 180.0, projection: FisheyeProjection = "equidistant") -> Camera:
+    """Return an ideal fisheye camera whose image circle fills the square image.
 
     Parameters
     ----------
     size
         Width and height, px.
     fov
-        Field of view from rim to rim, degrees.
+        Field of view across the image circle, degrees.
     projection
         "equidistant", "equisolid", "stereographic" or "orthographic".
+
+    Raises
+    ------
+    ValueError
+        If the projection is unknown or cannot show the field of view.
     """
-    size, _ = _size((size, size))
-    if projection not in FISHEYES:
-        raise ValueError(f"unknown fisheye projection {projection!r}; there are: {', '.join(FISHEYES)}")
+    size, _ = _checked_size((size, size))
+    if projection not in FISHEYE_MODELS:
+        raise ValueError(f"unknown fisheye projection {projection!r}; choose one of: {', '.join(FISHEYE_MODELS)}")
     widest = 180.0 if projection == "orthographic" else 359.0 if projection == "stereographic" else 360.0
     if not 0 < fov <= widest:
-        raise ValueError(f"an {projection} fisheye cannot show {fov:g} degrees, {widest:g} at most")
+        raise ValueError(f"an {projection} fisheye cannot show {fov:g} degrees, only up to {widest:g}")
     half = np.radians(fov) / 2
     radius = {
         "equidistant": half,
@@ -152,11 +155,11 @@ def fisheye(size: int = 1024, fov: float = 180.0, projection: str = "equidistant
         "orthographic": np.sin(half),
     }[projection]
     focal, centre = float(size / 2 / radius), (size - 1) / 2
-    return Camera(FISHEYES[projection](focal, focal, centre, centre), (size, size))
+    return Camera(FISHEYE_MODELS[projection](focal, focal, centre, centre), (size, size))
 
 
 def planet(size: int = 1024, fov: float = 260.0) -> Camera:
-    """Give a little planet: a stereographic view, to be pointed down (pitch -90); `fov` across the image's width."""
+    """Return a "little planet" camera: a stereographic fisheye to be pointed down (pitch -90)."""
     return fisheye(size, fov, "stereographic")
 
 
@@ -167,6 +170,7 @@ def _unrolled(
     azimuth: Range,
     limit: float,
 ) -> tuple[Cylindrical | Mercator | Equirectangular, tuple[int, int]]:
+    """Return the model and the size of a panorama with square pixels on the horizon."""
     low, high = elevation
     left, right = azimuth
     if not -limit <= low < high <= limit:
@@ -180,14 +184,14 @@ def _unrolled(
     else:
         top, bottom = (float(cls.height(None, t, 1.0)) for t in down)
     height = max(1, round(focal * (bottom - top)))
-    width, height = _size((width, height))
-    # The outermost pixel edges lie on the angles asked for.
+    width, height = _checked_size((width, height))
+    # The outer edges of the outer pixels are at the limits of the ranges.
     fy = height / (bottom - top)
     return cls(focal, fy, -0.5 - np.radians(left) * focal, -0.5 - top * fy), (width, height)
 
 
-def _size(size: tuple[int, int]) -> tuple[int, int]:
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
     width, height = (int(s) for s in size)
-    if not (0 < width <= LARGEST and 0 < height <= LARGEST):
-        raise ValueError(f"a view is 1 to {LARGEST} px a side, got {size[0]} x {size[1]}")
+    if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
+        raise ValueError(f"width and height of a view must be from 1 to {MAX_SIDE_PX} px, got {size[0]} x {size[1]}")
     return width, height

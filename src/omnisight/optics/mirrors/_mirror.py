@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.models._parameter import parameter
-from omnisight.models._parametric import Parametric
-from omnisight.models._protocol import rows
+from omnisight.models._parameterized import Parameterized
+from omnisight.models._camera_model import rows
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def inner_rim() -> Any:
     return parameter("radius of the central hole", unit="m", low=0.0, default=0.0, free=False)
 
 
-class Mirror(Parametric):
+class Mirror(Parameterized):
     """A mirror of revolution.
 
     A subclass is a frozen dataclass whose fields are its parameters; `rim` and `hole` are the last. It implements

@@ -11,7 +11,7 @@ from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class, parameter
 from omnisight.models._parameter import finite
-from omnisight.models._protocol import rows, shaped
+from omnisight.models._camera_model import rows, shaped
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.ray_model import RayModel
 

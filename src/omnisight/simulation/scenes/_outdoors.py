@@ -5,7 +5,7 @@ import numpy as np
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
 from omnisight.simulation.procedural_textures import decor, materials, outdoors
-from omnisight.simulation.solids import Solid, ellipsoid, box, cylinder
+from omnisight.simulation.solids import Solid, box, cylinder, ellipsoid
 from omnisight.simulation.texture import Texture
 
 Point = tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""Calibration boards of every kind that can be drawn, board_solid all around in a hall: a target for any field of view."""
+"""A hall with calibration boards of every kind all around, for cameras of any field of view."""
 
 import numpy as np
 

@@ -7,7 +7,7 @@ from omnisight.geometry.rotation import exp
 from omnisight.simulation.procedural_textures import materials, outdoors
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.scenes._outdoors import bench, car, lamp_post, poster_column, road_sign, tree
-from omnisight.simulation.solids import Solid, box, rectangle, roof, cylinder
+from omnisight.simulation.solids import Solid, box, cylinder, rectangle, roof
 from omnisight.simulation.texture import Texture
 
 Rng = np.random.Generator

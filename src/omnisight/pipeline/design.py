@@ -1,0 +1,112 @@
+"""Design of a mirror camera: the counterpart of `omnisight design`."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnisight.camera import Camera
+from omnisight.optics.design.mirror_design import MirrorDesign, design_mirror
+from omnisight.optics.design.performance import Performance, evaluate_design
+from omnisight.optics.design.specification import MirrorSpecification
+from omnisight.pipeline.provenance import tool_provenance
+from omnisight.ray_camera import RayCamera
+
+
+@dataclass(frozen=True)
+class DesignOptions:
+    """Options of `design`. Lengths are in metres, angles in degrees.
+
+    Two of focal length, diameter and distance determine the third. Without them, the lens sees the mirror within 40
+    degrees, and the mirror is 60 mm wide.
+
+    Attributes
+    ----------
+    kind
+        hyperbolic, parabolic (needs a telecentric lens), spherical or conical (both without a single viewpoint).
+    up, down
+        Field of view above and below the horizon.
+    sensor
+        (width, height), px.
+    pixel
+        Pixel pitch.
+    focal
+        Focal length of the lens.
+    diameter
+        Diameter of the mirror's rim.
+    distance
+        From the entrance pupil of the lens to the mirror's vertex.
+    body
+        Diameter of the camera body as the mirror sees it. A telecentric lens is at least as wide as its mirror.
+    working_distance
+        Scene distance for the parallax of a misaligned mirror.
+    """
+
+    kind: str = "hyperbolic"
+    up: float = 20.0
+    down: float = 60.0
+    sensor: tuple[int, int] = (1280, 960)
+    pixel: float = 3.75e-6
+    focal: float | None = None
+    diameter: float | None = None
+    distance: float | None = None
+    body: float = 0.03
+    working_distance: float = 1.0
+
+
+@dataclass(frozen=True)
+class DesignResult:
+    """A designed mirror camera.
+
+    Attributes
+    ----------
+    mirror_design
+        The mirror, the lens and their distance.
+    performance
+        Blind spot, resolution, viewpoint and sensitivity to misalignment, by ray tracing.
+    camera
+        The unified model for a design with a single viewpoint; otherwise the lens and its mirror.
+    """
+
+    mirror_design: MirrorDesign
+    performance: Performance
+    camera: Camera | RayCamera
+
+
+def design(options: DesignOptions | None = None) -> DesignResult:
+    """Design a camera that looks into a mirror above it and sees all around.
+
+    Raises
+    ------
+    ValueError
+        If the requirements are impossible; the message has the reason and the remedy.
+    """
+    options = options or DesignOptions()
+    specification = MirrorSpecification(
+        options.kind,
+        float(np.radians(options.up)),
+        float(np.radians(options.down)),
+        options.sensor,
+        options.pixel,
+        focal=options.focal,
+        diameter=options.diameter,
+        distance=options.distance,
+        body=options.body,
+        working_distance=options.working_distance,
+    )
+    mirror_design = design_mirror(specification)
+    performance = evaluate_design(mirror_design)
+    return DesignResult(mirror_design, performance, _camera(mirror_design, performance))
+
+
+def _camera(mirror_design: MirrorDesign, performance: Performance) -> Camera | RayCamera:
+    """Return the camera of a design with its field of view."""
+    specification = mirror_design.specification
+    provenance = tool_provenance() | {"source": f"omnisight design mirror --kind {specification.kind}"}
+    near, far = performance.blind.theta, specification.theta
+    if mirror_design.central:
+        model = mirror_design.model()
+        return Camera(model, specification.size, theta_min=near, theta_max=far, provenance=provenance)
+    # In the lens frame, whose z points up into the mirror.
+    limits = {"theta_min": math.pi - far, "theta_max": math.pi - near}
+    return RayCamera(mirror_design.system(), specification.size, provenance=provenance, **limits)
