@@ -54,8 +54,6 @@ def calibrate_lines(
     quiet
         Show no progress.
     """
-    from dataclasses import replace
-
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._lines_report import print_json, print_report
     from omnisight.formats import save
@@ -63,7 +61,6 @@ def calibrate_lines(
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions
     from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate
-    from omnisight.pipeline.provenance import tool_provenance
 
     options = CalibrateLinesOptions(model, _parse_fixed(fix or []), mask=mask, lines=lines, apply_exif=apply_exif)
     paths = collect_images(images)
@@ -75,10 +72,8 @@ def calibrate_lines(
         drawing_paths(paths, draw)
     with progress(quiet or json) as report:
         calibration = calibrate(paths, options, progress=report)
-    camera = replace(calibration.camera, provenance={**tool_provenance(), **calibration.camera.provenance})
-    calibration = replace(calibration, camera=camera)
     # Write the camera first, so that a failed drawing does not lose it.
-    written = save(camera, output) if output is not None else None
+    written = save(calibration.camera, output) if output is not None else None
     if json:
         print_json(calibration)
     else:
@@ -86,7 +81,7 @@ def calibrate_lines(
     if draw is not None:
         from omnisight.report.drawings.lines import draw_lines
 
-        draw_lines(calibration, calibration.arcs, paths, draw, apply_exif=apply_exif)
+        draw_lines(calibration, paths, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn     {draw}")
 

@@ -87,16 +87,17 @@ def next(
     with progress(quiet or json) as report:
         proposal = next_view(images, camera, options, progress=report)
     detections = proposal.detections
+    assert detections is not None
     if draw is not None:  # a corner file may name images
         refuse_overwrite([draw], [image.path for image in detections.images])
     if json:
-        print_json(proposal)
+        print_json(proposal, detections)
     else:
-        print_report(proposal)
+        print_report(proposal, detections)
     if draw is not None:
         from omnisight.report.drawings.next_view import draw_proposal
 
-        draw_proposal(proposal, detections, proposal.board, draw, apply_exif=apply_exif)
+        draw_proposal(proposal, detections, draw, apply_exif=apply_exif)
         if not json:
             print(f"drawn     {draw}")
 

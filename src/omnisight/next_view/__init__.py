@@ -1,1 +1,1 @@
-"""Where to hold the board for the next image."""
+"""Proposal of the next calibration image by sequential G-optimal design."""

@@ -1,6 +1,6 @@
-"""Boards that could be held in front of the camera, and what their corners would tell."""
+"""Candidate designs: board placements in front of the camera, with the information that each would add."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -10,28 +10,26 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import ImageField
 from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.visible_directions import places_in, visible_reach
+from omnisight.next_view.visible_directions import sample_image, visible_theta_max
 from omnisight.targets import Board
-from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# Where the board's middle is seen: how far out, as shares of the largest radius, and places around.
-OUT, SECTORS = np.array([0.12, 0.3, 0.45, 0.6, 0.75, 0.9]), 12
-# Shares of what the camera sees that the board's longer side spans. A lens may see more than this angle, but a
-#  board that spans so much of that would touch its glass.
-FILLED = (1 / 3, 1 / 2, 2 / 3)
-WIDEST = np.radians(100)
-TILTS = (0.0, np.radians(30), np.radians(45))
-# The board leans about its own x or y axis, to either side.
-SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
-# A corner is found where its squares are that large (px), seen no more aslant, and that far from every border (px).
-LEAST_SQUARE, SLANT, MARGIN = 6.0, np.radians(75), 4.0
-# Part of the corners that must be found, and how many.
-LEAST_PART, LEAST_CORNERS = 1 / 3, 12
-# Of a board with more corners every second or third is computed, and counts for the others.
-ENOUGH = 100
-BATCH = 200
+# Image positions of the board's centre: radii as shares of the largest, and positions per ring.
+RADII, SECTORS = np.array([0.12, 0.3, 0.45, 0.6, 0.75, 0.9]), 12
+# Angles that the longer side of the board subtends, as shares of the field of view; of a wider field of view than
+# MAX_SPAN_RAD, a board at that distance would touch the lens.
+SPANS, MAX_SPAN_RAD = (1 / 3, 1 / 2, 2 / 3), np.radians(100)
+# Tilts of the board about its x and y axes, to either side.
+TILTS_RAD, TILT_AXES = (np.radians(30), np.radians(45)), ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+# Corners are detectable if their squares are that large, seen at most so obliquely, and that far from every border.
+MIN_SQUARE_PX, MAX_OBLIQUITY_RAD, BORDER_MARGIN_PX = 6.0, np.radians(75), 4.0
+# A placement needs this share of the corners, and this number, to be detectable.
+MIN_VISIBLE_FRACTION, MIN_CORNERS = 1 / 3, 12
+# Boards with more corners are subsampled, and the information is scaled accordingly.
+MAX_EVALUATED_CORNERS = 100
+# Placements evaluated at a time, which bounds the memory.
+BATCH_SIZE = 200
 
 
 @dataclass(frozen=True)
@@ -41,126 +39,129 @@ class BoardPlacements:
     Attributes
     ----------
     rotations, translations
-        cam_from_board (K, 3, 3) and (K, 3).
+        cam_from_board, (K, 3, 3) and (K, 3).
     tilt
-        (K,) angle between the board's normal and the line of sight to its middle, radians.
-    part
-        (K,) of the corners that are found.
+        (K,) angle between the board's normal and the line of sight to its centre, radians.
+    visible_fraction
+        (K,) share of the corners that are detectable.
     information
-        (K, F, F) what they tell of what is known, their pose unknown.
-    reach
-        (K,) the largest angle from the axis (radians) of a corner.
+        (K, F, F) information about the coordinates of the prior, the board pose eliminated.
+    theta_max
+        (K,) largest angle off-axis (radians) of a corner.
     """
 
     rotations: Array
     translations: Array
     tilt: Array
-    part: Array
+    visible_fraction: Array
     information: Array
-    reach: Array
+    theta_max: Array
 
     @classmethod
-    def all_over(cls, known: InformationPrior, board: Board, field: ImageField | None) -> Self:
-        """Hold a board everywhere in the field of view, near and far, upright in the image, tilted to its four sides.
+    def sample(cls, prior: InformationPrior, board: Board, field: ImageField | None) -> Self:
+        """Sample placements over the field of view, upright in the image, at several distances and tilts.
 
-        Only those of which enough corners are found are kept; `field` is where the lens shows anything.
+        Only placements with enough detectable corners are kept.
         """
-        last = visible_reach(known, field)
-        towards, _ = places_in(known, field, OUT, SECTORS)
-        theta, phi = angle_from_axis(towards), np.arctan2(towards[:, 1], towards[:, 0])
-        # The shortest turn from the axis keeps the board as upright as it is seen there.
-        turns = so3.exp(theta[:, None] * np.stack([-np.sin(phi), np.cos(phi), 0 * phi], -1))
-        leans = np.array([(0.0, 0.0, 0.0), *((t * x, t * y, 0.0) for t in TILTS[1:] for x, y in SIDES)])
-        size = float(np.ptp(board.points, axis=0).max())
-        distances = size / 2 / np.tan(np.array(FILLED) * min(2 * last, WIDEST) / 2)
-        place, near, lean = np.indices((len(theta), len(distances), len(leans))).reshape(3, -1)
-        rotations = turns[place] @ so3.exp(leans)[lean]
-        middles = towards[place] * distances[near][:, None]
-        translations = middles - rotations @ board.points.mean(0)
-        tilt = np.linalg.norm(leans, axis=1)[lean]
-        stride = -(-board.size // ENOUGH)
-        which = np.arange(stride // 2, board.size, stride)
-        parts = [
-            cls._measured(known, board, field, which, rotations[rows], translations[rows], tilt[rows])
-            for rows in np.array_split(np.arange(len(tilt)), -(-len(tilt) // BATCH))
+        bearings, _ = sample_image(prior, field, RADII, SECTORS)
+        theta, phi = angle_from_axis(bearings), np.arctan2(bearings[:, 1], bearings[:, 0])
+        # The shortest rotation from the optical axis keeps the board upright in the image.
+        towards = so3.exp(theta[:, None] * np.stack([-np.sin(phi), np.cos(phi), 0 * phi], -1))
+        tilts = np.array([(0.0, 0.0, 0.0), *((t * x, t * y, 0.0) for t in TILTS_RAD for x, y in TILT_AXES)])
+        field_of_view = min(2 * visible_theta_max(prior, field), MAX_SPAN_RAD)
+        distances = float(np.ptp(board.points, axis=0).max()) / 2 / np.tan(np.array(SPANS) * field_of_view / 2)
+        i, j, k = np.indices((len(theta), len(distances), len(tilts))).reshape(3, -1)
+        rotations = towards[i] @ so3.exp(tilts)[k]
+        translations = bearings[i] * distances[j][:, None] - rotations @ board.points.mean(0)
+        tilt = np.linalg.norm(tilts, axis=1)[k]
+        stride = -(-board.size // MAX_EVALUATED_CORNERS)
+        corners = np.arange(stride // 2, board.size, stride)
+        batches = [
+            cls._evaluate(prior, board, field, corners, rotations[rows], translations[rows], tilt[rows])
+            for rows in np.array_split(np.arange(len(tilt)), -(-len(tilt) // BATCH_SIZE))
         ]
-        held = cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
-        return held.only(held.part >= max(LEAST_PART, LEAST_CORNERS / board.size))
+        placements = cls(*(np.concatenate([getattr(batch, f.name) for batch in batches]) for f in fields(cls)))
+        return placements.subset(placements.visible_fraction >= max(MIN_VISIBLE_FRACTION, MIN_CORNERS / board.size))
 
-    def only(self, which: NDArray[np.bool_]) -> Self:
-        """Give some of them."""
+    @classmethod
+    def single(
+        cls, prior: InformationPrior, board: Board, field: ImageField | None, rotation: Array, translation: Array
+    ) -> Self:
+        """Evaluate one placement cam_from_board with all corners of the board."""
+        centre = rotation @ board.points.mean(0) + translation
+        tilt = np.arccos(np.clip(rotation[:, 2] @ centre / np.linalg.norm(centre), -1, 1))
+        pose = rotation[None], translation[None], np.array([tilt])
+        return cls._evaluate(prior, board, field, np.arange(board.size), *pose)
+
+    def subset(self, which: NDArray[np.bool_]) -> Self:
+        """Return the placements selected by a mask (K,)."""
         return type(self)(*(getattr(self, f.name)[which] for f in fields(self)))
 
     @classmethod
-    def of(
-        cls, known: InformationPrior, board: Board, field: ImageField | None, rotation: Array, translation: Array
-    ) -> Self:
-        """Hold a board at a single pose cam_from_board, all its corners counted."""
-        middle = rotation @ board.points.mean(0) + translation
-        tilt = np.arccos(np.clip(rotation[:, 2] @ middle / np.linalg.norm(middle), -1, 1))
-        pose = rotation[None], translation[None], np.array([tilt])
-        return cls._measured(known, board, field, np.arange(board.size), *pose)
-
-    @classmethod
-    def _measured(
+    def _evaluate(
         cls,
-        known: InformationPrior,
+        prior: InformationPrior,
         board: Board,
         field: ImageField | None,
-        which: NDArray[np.intp],
+        corners: NDArray[np.intp],
         rotations: Array,
         translations: Array,
         tilt: Array,
     ) -> Self:
-        count, points = len(rotations), board.points[which]
-        bows = Observations.of([(points, np.zeros((len(points), 2)))], extent=known.views.extent).bows
-        bent = points + (bows @ known.state.warp)[:, None] * (0.0, 0.0, 1.0)
-        turned = bent @ np.swapaxes(rotations, 1, 2)
-        seen = (turned + translations[:, None]).reshape(-1, 3)
-        pixels, valid, d_point, d_params = known.camera.model.project_with_jacobians(seen)
-        turned = turned.reshape(-1, 3)
+        """Compute detectability and information of placements from some of the corners."""
+        count, points = len(rotations), board.points[corners]
+        warp_basis = replace(prior.observations, points=points).warp_basis
+        warped = points + (warp_basis @ prior.state.warp)[:, None] * (0.0, 0.0, 1.0)
+        rotated = warped @ np.swapaxes(rotations, 1, 2)
+        in_camera = (rotated + translations[:, None]).reshape(-1, 3)
+        pixels, valid, d_point, d_params = prior.camera.model.project_with_jacobians(in_camera)
         axes = np.repeat(rotations, len(points), 0)
-        found = valid & _found(known, board, field, seen, pixels, d_point, axes)
-        d_point, d_params = np.where(found[:, None, None], d_point, 0.0), np.where(found[:, None, None], d_params, 0.0)
-        # As in a bundle: x_c = exp(w) R x + t + v.
-        d_pose = np.concatenate([np.cross(turned[:, None, :], d_point), d_point], -1)
-        d_shared = d_params @ known.freedom.directions
-        if known.freedom.warp:
-            back = np.einsum("nri,ni->nr", d_point, axes[:, :, 2])
-            d_shared = np.concatenate([d_shared, back[..., None] * np.tile(bows, (count, 1))[:, None, :]], -1)
-        j = (d_shared @ known.basis).reshape(count, -1, known.basis.shape[1])
-        # An orthonormal basis of what the pose takes up: A - B C^-1 B^T without C, as in `information`.
+        detected = valid & _is_detectable(prior, board, field, in_camera, pixels, d_point, axes)
+        d_point = np.where(detected[:, None, None], d_point, 0.0)
+        d_params = np.where(detected[:, None, None], d_params, 0.0)
+        # Pose increments as in the bundle adjustment: x_c = exp(w) R x + t + v.
+        d_pose = np.concatenate([np.cross(rotated.reshape(-1, 1, 3), d_point), d_point], -1)
+        d_shared = d_params @ prior.free_parameters.directions
+        if prior.free_parameters.warp:
+            d_z = np.einsum("nri,ni->nr", d_point, axes[:, :, 2])
+            d_warp = d_z[..., None] * np.tile(warp_basis, (count, 1))[:, None, :]
+            d_shared = np.concatenate([d_shared, d_warp], -1)
+        jacobian = (d_shared @ prior.basis).reshape(count, -1, prior.basis.shape[1])
+        # Projecting out the pose Jacobian gives the Schur complement without forming its inverse.
         q, _ = np.linalg.qr(d_pose.reshape(count, -1, 6))
-        j = j - q @ (np.swapaxes(q, 1, 2) @ j)
-        information = np.swapaxes(j, 1, 2) @ j * (board.size / len(points) / known.variance)
-        each = found.reshape(count, -1)
-        reach = np.where(each, angle_from_axis(seen).reshape(count, -1), 0.0).max(1)
-        return cls(rotations, translations, tilt, each.mean(1), information, reach)
+        jacobian = jacobian - q @ (np.swapaxes(q, 1, 2) @ jacobian)
+        scale = board.size / len(points) / prior.noise_variance
+        information = np.swapaxes(jacobian, 1, 2) @ jacobian * scale
+        detected = detected.reshape(count, -1)
+        theta_max = np.where(detected, angle_from_axis(in_camera).reshape(count, -1), 0.0).max(1)
+        return cls(rotations, translations, tilt, detected.mean(1), information, theta_max)
 
 
-def spacing_of(board: Board) -> float:
-    """Give the distance from the board's first point to the nearest other one: a square of a checkerboard."""
+def point_spacing(board: Board) -> float:
+    """Return the distance from the board's first point to its nearest neighbour: a square of a checkerboard."""
     points = board.points
     return float(np.linalg.norm(points[1:] - points[0], axis=1).min())
 
 
-def _found(
-    known: InformationPrior,
+def _is_detectable(
+    prior: InformationPrior,
     board: Board,
     field: ImageField | None,
-    seen: Array,
+    in_camera: Array,
     pixels: Array,
     d_point: Array,
     axes: Array,
 ) -> NDArray[np.bool_]:
-    """Say at which corners (N,) a detector would find one."""
-    shown = ((pixels >= MARGIN - 0.5) & (pixels <= np.array(known.camera.size) - 0.5 - MARGIN)).all(1)
+    """Return which corners (N,) a detector would find."""
+    low, high = BORDER_MARGIN_PX - 0.5, np.array(prior.camera.size) - 0.5 - BORDER_MARGIN_PX
+    is_inside = ((pixels >= low) & (pixels <= high)).all(1)
     if field is not None:
-        shown &= field.contains(pixels, MARGIN)
-    facing = np.einsum("ni,ni->n", axes[:, :, 2], seen) >= np.cos(SLANT) * np.linalg.norm(seen, axis=1)
-    # The lesser side of a square in the image: the smaller singular value of d pixel/d (x, y) on the board.
-    across, down = np.moveaxis(d_point @ axes[:, :, :2] * spacing_of(board), 2, 0)
-    area = np.abs(across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
-    longer = np.maximum(np.linalg.norm(across, axis=1), np.linalg.norm(down, axis=1))
+        is_inside &= field.contains(pixels, BORDER_MARGIN_PX)
+    cosine = np.einsum("ni,ni->n", axes[:, :, 2], in_camera)
+    is_facing = cosine >= np.cos(MAX_OBLIQUITY_RAD) * np.linalg.norm(in_camera, axis=1)
+    # The shorter side of a square in the image is about its area divided by its longer side.
+    side_x, side_y = np.moveaxis(d_point @ axes[:, :, :2] * point_spacing(board), 2, 0)
+    area = np.abs(side_x[:, 0] * side_y[:, 1] - side_x[:, 1] * side_y[:, 0])
+    longer = np.maximum(np.linalg.norm(side_x, axis=1), np.linalg.norm(side_y, axis=1))
     with np.errstate(invalid="ignore"):
-        return shown & facing & (area >= LEAST_SQUARE * longer) & np.isfinite(d_point).all((1, 2))
+        return is_inside & is_facing & (area >= MIN_SQUARE_PX * longer) & np.isfinite(d_point).all((1, 2))

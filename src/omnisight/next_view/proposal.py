@@ -1,4 +1,4 @@
-"""Which board, held where, would make a camera surest where it is least sure."""
+"""Sequential G-optimal design: choose the board placement that minimizes the worst prediction error."""
 
 from dataclasses import dataclass, replace
 
@@ -9,175 +9,188 @@ from omnisight.geometry.pose import Pose
 from omnisight.images import ImageField
 from omnisight.next_view.board_placements import BoardPlacements
 from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.visible_directions import VisibleDirections
-from omnisight.targets import Board
+from omnisight.next_view.visible_directions import ANGLE_TOLERANCE, VisibleDirections
+from omnisight.targets import Board, Detections
 
 Array = NDArray[np.float64]
 
-# Past this error (px of an image 1000 px wide) a direction counts as unknown: a polynomial carried on beyond its
-# corners is off by hundreds of px there, which says no more, and would outweigh all that can be mended.
-UNKNOWN_PX = 10.0
-# Combinations of parameters that boards are compared by.
-ESSENTIAL = 24
-# A camera as sure as that everywhere (px of an image 1000 px wide) needs no more images.
-ENOUGH_PX = 0.2
-# Boards that leave a worst error this share above the least are as good: the mean error decides between them.
-TIE = 0.05
+# Error (px of an image 1000 px wide) above which a direction counts as unknown: extrapolated polynomials have errors of
+# hundreds of px, whose size is meaningless and must not dominate the design.
+UNKNOWN_ERROR_PX = 10.0
+# Worst error (px of an image 1000 px wide) below which more images hardly help: about the noise of a corner.
+SUFFICIENT_ERROR_PX = 0.2
+# Placements are compared in the subspace of this many combinations of parameters that move directions most.
+SUBSPACE_DIMENSION = 24
+# Placements whose worst error is within this share of the smallest are ranked by the mean error.
+WORST_ERROR_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
-class Worst:
-    """The direction that a camera is least sure of, among all that its image shows.
+class WorstDirection:
+    """The visible direction with the largest prediction error.
 
     Attributes
     ----------
-    error
+    error_px
         Root mean square error there, px.
     pixel
-        (2,) where it is seen.
+        (2,) its pixel.
     theta
-        Its angle from the axis, radians.
-    calibrated
-        Whether corners reach that far from the axis.
-    mean
-        Root mean square of the error over all that the image shows, unknown parts counted with `UNKNOWN_PX`.
+        Its angle off-axis, radians.
+    is_calibrated
+        Whether it lies within the calibrated field of view.
+    rms_px
+        Root mean square error over the visible image, px, each error at most the unknown error.
     """
 
-    error: float
+    error_px: float
     pixel: Array
     theta: float
-    calibrated: bool
-    mean: float
+    is_calibrated: bool
+    rms_px: float
 
 
 @dataclass(frozen=True)
 class NextView:
-    """An image to take.
+    """A proposed image.
 
     Attributes
     ----------
     cam_from_board
-        Where to hold the board.
+        Placement of the board.
     tilt
-        Between its normal and the line of sight, radians.
-    part
-        Of its corners that would be found.
+        Angle between the board's normal and the line of sight, radians.
+    visible_fraction
+        Share of the corners that would be detected.
     before, after
-        The worst error without the image and with it.
+        The worst direction without and with the image.
     """
 
     cam_from_board: Pose
     tilt: float
-    part: float
-    before: Worst
-    after: Worst
+    visible_fraction: float
+    before: WorstDirection
+    after: WorstDirection
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """Images to take next, and what they were chosen by.
+    """Proposed images and the errors that they are chosen by.
 
     Attributes
     ----------
-    known, visible
-        What the images so far tell, and the directions that count.
-    now, inside
-        The worst error as things are: over all that the image shows, and over the cone that corners reach.
+    prior
+        Information of the images taken so far.
+    directions
+        The visible directions.
+    board
+        The board to hold.
+    worst, worst_calibrated
+        The worst direction now: over the visible image, and within the calibrated field of view.
     views
-        The images, in the order to take them.
+        The proposed images, in the order to take them; fewer than requested where no placement is detectable.
     """
 
-    known: InformationPrior
-    visible: VisibleDirections
-    now: Worst
-    inside: Worst
+    prior: InformationPrior
+    directions: VisibleDirections
+    board: Board
+    worst: WorstDirection
+    worst_calibrated: WorstDirection
     views: tuple[NextView, ...]
 
     @property
-    def enough(self) -> bool:
-        """Whether more images hardly help."""
-        return self.now.error <= ENOUGH_PX * self.known.camera.px_unit
+    def detections(self) -> Detections | None:
+        """Per-image results behind the observations; None if they came from arrays."""
+        return self.prior.observations.detections
+
+    @property
+    def is_sufficient(self) -> bool:
+        """Whether more images would hardly help."""
+        return self.worst.error_px <= SUFFICIENT_ERROR_PX * self.prior.camera.px_unit
 
 
-def unknown_px(known: InformationPrior) -> float:
-    """Give the error, px, from which on a direction counts as unknown."""
-    return UNKNOWN_PX * known.camera.px_unit
+def unknown_error_px(prior: InformationPrior) -> float:
+    """Return the error (px) above which a direction counts as unknown."""
+    return UNKNOWN_ERROR_PX * prior.camera.px_unit
 
 
-def propose(known: InformationPrior, board: Board, field: ImageField | None = None, count: int = 3) -> Proposal:
-    """Choose boards to hold up next, one after another, each the one that lowers the worst error most.
+def propose_views(prior: InformationPrior, board: Board, field: ImageField | None = None, count: int = 3) -> Proposal:
+    """Propose board placements one after another, each minimizing the worst prediction error.
 
-    What a board tells is the information of its projected corners, its pose eliminated; with it the covariance of the
-    camera follows, and from that the error of every direction that the image shows (a G-optimal design: Fedorov,
-    Theory of optimal experiments, 1972; for calibration Richardson, Strom and Olson, AprilCal, IROS 2013). Errors are
-    worst where no corner was seen; those past `UNKNOWN_PX` are all alike unknown, so that a board which makes more of
-    the image known goes before one that lowers an absurd number.
+    A placement adds the information of its projected corners, the board pose eliminated. The covariance of the camera
+    follows, and from it the error of every visible direction (G-optimal design: Fedorov, Theory of optimal experiments,
+    1972; for calibration: Richardson, Strom and Olson, AprilCal, IROS 2013). Errors saturate at `UNKNOWN_ERROR_PX`, so
+    that the design reduces the unknown part of the image instead of arbitrary extrapolation errors.
 
     Parameters
     ----------
-    known
-        The camera, and what the images so far tell.
+    prior
+        The camera and the information of the images so far.
     board
-        What is held up.
+        The board to hold.
     field
-        Where the lens shows anything.
+        Image field of the lens or mirror.
     count
-        How many.
-
-    Returns
-    -------
-    Proposal
-        With fewer images where no board can be held so that it is found.
+        Number of images to propose.
     """
-    visible = VisibleDirections.of(known, field)
-    search = _essentials(known, visible)
-    seen, held = VisibleDirections.of(search, field), BoardPlacements.all_over(search, board, field)
-    limit = unknown_px(known)
-    chosen: list[NextView] = []
-    now, inside = worst(known, visible), worst(known, visible, within=known.reach)
-    begun, before = known, now
-    while len(chosen) < count and len(held.tilt):
-        errors = seen.errors_with(search, held.information, np.maximum(held.reach, known.reach))
-        clipped = errors * limit / np.hypot(errors, limit)
-        largest = clipped.max(1)
-        mean = np.where(largest <= (1 + TIE) * largest.min(), clipped**2 @ seen.weight, np.inf)
-        best = int(mean.argmin())
-        pose = held.rotations[best], held.translations[best]
-        known, search = (with_board(k, board, field, *pose) for k in (known, search))
-        after = worst(known, visible)
-        chosen.append(NextView(Pose(*pose), float(held.tilt[best]), float(held.part[best]), before, after))
+    directions = VisibleDirections.sample(prior, field)
+    reduced = _dominant_subspace(prior, directions)
+    reduced_directions = VisibleDirections.sample(reduced, field)
+    placements = BoardPlacements.sample(reduced, board, field)
+    worst, worst_calibrated = worst_direction(prior, directions), worst_direction(prior, directions, prior.theta_max)
+    views: list[NextView] = []
+    current, before = prior, worst
+    while len(views) < count and len(placements.tilt):
+        best = _best_placement(reduced, reduced_directions, placements, current.theta_max)
+        pose = placements.rotations[best], placements.translations[best]
+        current, reduced = (add_placement(p, board, field, *pose) for p in (current, reduced))
+        after = worst_direction(current, directions)
+        tilt, fraction = float(placements.tilt[best]), float(placements.visible_fraction[best])
+        views.append(NextView(Pose(*pose), tilt, fraction, before, after))
         before = after
-    return Proposal(begun, visible, now, inside, tuple(chosen))
+    return Proposal(prior, directions, board, worst, worst_calibrated, tuple(views))
 
 
-def _essentials(known: InformationPrior, visible: VisibleDirections) -> InformationPrior:
-    """Give what is known in the few combinations of it that move directions most, each with unit variance.
-
-    Most models have no more parameters than that, and nothing is lost. Of a spline's hundreds, the others move nothing
-    that is worth an image; what a chosen board brings is told with all of them.
-    """
-    moved = visible.moved(known, known.reach)
-    _, _, vectors = np.linalg.svd(moved.reshape(-1, moved.shape[-1]), full_matrices=False)
-    basis = known.half @ vectors[:ESSENTIAL].T
-    return replace(known, basis=known.basis @ basis, information=np.eye(basis.shape[1]))
-
-
-def with_board(
-    known: InformationPrior, board: Board, field: ImageField | None, rotation: Array, translation: Array
+def add_placement(
+    prior: InformationPrior, board: Board, field: ImageField | None, rotation: Array, translation: Array
 ) -> InformationPrior:
-    """Give what would be known with a board held at a pose cam_from_board beside."""
-    held = BoardPlacements.of(known, board, field, rotation, translation)
-    reach = max(known.reach, float(held.reach[0]))
-    return replace(
-        known, camera=replace(known.camera, theta_max=reach), information=known.information + held.information[0]
-    )
+    """Return the prior with the information of one more board placement cam_from_board."""
+    placement = BoardPlacements.single(prior, board, field, rotation, translation)
+    theta_max = max(prior.theta_max, float(placement.theta_max[0]))
+    information = prior.information + placement.information[0]
+    return replace(prior, camera=replace(prior.camera, theta_max=theta_max), information=information)
 
 
-def worst(known: InformationPrior, visible: VisibleDirections, within: float = np.pi) -> Worst:
-    """Find where, up to an angle from the axis (radians), a camera is least sure as things are."""
-    errors = visible.errors(known, known.reach)
-    i = int(np.where(visible.theta <= within * (1 + 1e-9), errors, 0.0).argmax())
-    limit = unknown_px(known)
-    mean = float(np.sqrt((np.minimum(errors, limit) ** 2) @ visible.weight))
-    theta = float(visible.theta[i])
-    return Worst(float(errors[i]), visible.pixels[i], theta, theta <= known.reach * (1 + 1e-9), mean)
+def worst_direction(prior: InformationPrior, directions: VisibleDirections, theta_max: float = np.pi) -> WorstDirection:
+    """Find the direction with the largest error up to an angle off-axis (radians)."""
+    errors = directions.errors(prior, prior.theta_max)
+    within = directions.theta <= theta_max * (1 + ANGLE_TOLERANCE)
+    i = int(np.where(within, errors, 0.0).argmax())
+    rms = float(np.sqrt(np.minimum(errors, unknown_error_px(prior)) ** 2 @ directions.weight))
+    theta = float(directions.theta[i])
+    is_calibrated = theta <= prior.theta_max * (1 + ANGLE_TOLERANCE)
+    return WorstDirection(float(errors[i]), directions.pixels[i], theta, is_calibrated, rms)
+
+
+def _best_placement(
+    prior: InformationPrior, directions: VisibleDirections, placements: BoardPlacements, theta_max: float
+) -> int:
+    """Return the index of the placement with the smallest worst error; the mean error decides between near ties."""
+    errors = directions.errors_with_added(prior, placements.information, np.maximum(placements.theta_max, theta_max))
+    limit = unknown_error_px(prior)
+    saturated = errors * limit / np.hypot(errors, limit)
+    worst = saturated.max(1)
+    is_tied = worst <= (1 + WORST_ERROR_TOLERANCE) * worst.min()
+    return int(np.where(is_tied, saturated**2 @ directions.weight, np.inf).argmin())
+
+
+def _dominant_subspace(prior: InformationPrior, directions: VisibleDirections) -> InformationPrior:
+    """Restrict the prior to the combinations of parameters that move directions most, each with unit variance.
+
+    Most models have no more parameters than that, so nothing is lost. Of the hundreds of parameters of a spline, the
+    others move no direction noticeably; the errors after a choice are computed with all of them.
+    """
+    displacements = directions.displacements(prior, prior.theta_max)
+    _, _, vectors = np.linalg.svd(displacements.reshape(-1, displacements.shape[-1]), full_matrices=False)
+    basis = prior.covariance_root @ vectors[:SUBSPACE_DIMENSION].T
+    return replace(prior, basis=prior.basis @ basis, information=np.eye(basis.shape[1]))

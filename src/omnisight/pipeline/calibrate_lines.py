@@ -13,6 +13,7 @@ from omnisight.calibration.lines.estimation import LineEstimationOptions, estima
 from omnisight.calibration.lines.observations import LineObservations, Progress, detect_lines, read_drawn_lines
 from omnisight.calibration.lines.result import LinesCalibration
 from omnisight.images import collect_images
+from omnisight.pipeline.provenance import tool_provenance
 
 Source = LineObservations | str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -68,7 +69,7 @@ def calibrate_lines(
     line_of_arc[kept] = estimate.consensus.line_of_arc
     is_duplicate = duplicate_of >= 0
     line_of_arc[is_duplicate] = line_of_arc[duplicate_of[is_duplicate]]
-    provenance: dict[str, Any] = {"images": list(observations.image_names)}
+    provenance: dict[str, Any] = {**tool_provenance(), "images": list(observations.image_names)}
     if options.lines is not None:
         provenance["lines"] = options.lines.name
     return LinesCalibration.from_estimate(

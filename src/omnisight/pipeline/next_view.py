@@ -1,0 +1,149 @@
+"""Proposal of the next calibration image: the counterpart of `omnisight next`."""
+
+from dataclasses import dataclass, replace
+from os import PathLike
+
+from omnisight.camera import Camera
+from omnisight.next_view.board_choice import choose_board
+from omnisight.next_view.information_prior import InformationPrior
+from omnisight.next_view.proposal import Proposal, propose_views
+from omnisight.pipeline.central_camera import central_camera
+from omnisight.pipeline.detect import Progress, Source, SourceOptions, load_observations
+from omnisight.targets import Board, Detections, PointTarget
+from omnisight.targets.boards import board_class
+from omnisight.targets.observations import Observations
+
+# Each proposal assumes that all earlier ones were taken as planned.
+MAX_PROPOSALS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextViewOptions(SourceOptions):
+    """Options of `next_view`; without a pattern or target, the board is that of the camera's calibration.
+
+    Attributes
+    ----------
+    count
+        Number of images to propose, 1 to 20.
+    name
+        Camera to use from a file with several cameras, such as a rig.
+    default_board
+        Board to detect and to hold if none is specified; by default that of the camera's calibration.
+    """
+
+    count: int = 3
+    name: str | None = None
+    default_board: Board | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= MAX_PROPOSALS:
+            raise ValueError(f"count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")
+
+    @property
+    def specified_board(self) -> Board | None:
+        """The board of pattern and square, or of target."""
+        return super().board
+
+    @property
+    def board(self) -> Board | None:
+        """The board to detect: the specified or the default one."""
+        return self.specified_board or (self.default_board if self.square is None else None)
+
+
+def next_view(
+    source: Source,
+    camera: Camera | str | PathLike[str],
+    options: NextViewOptions = NextViewOptions(),
+    *,
+    progress: Progress | None = None,
+) -> Proposal:
+    """Propose where to hold the board for the next calibration image.
+
+    The camera is refined on the observations. Of about two thousand board placements, the one that minimizes the worst
+    projection uncertainty over the visible image is chosen; further images assume that the earlier ones were taken.
+
+    Parameters
+    ----------
+    source
+        The images or corners that the camera was calibrated from; see `load_observations`.
+    camera
+        The calibrated camera, or a calibration file of any format.
+    options
+        Options of the command.
+    progress
+        Called with (stage, done, total).
+
+    Raises
+    ------
+    ValueError
+        If an input cannot be read, no board is detected, the image sizes differ, the camera does not fit the
+        observations, or the board to hold is unknown.
+    """
+    report = progress or (lambda stage, done, total: None)
+    label = "" if isinstance(camera, Camera) else f"{camera}: "
+    if not isinstance(camera, Camera):
+        camera = central_camera(str(camera), name=options.name, accepts_distance=False)
+    default_board = options.default_board or calibration_board(camera, label)
+    options = replace(options, default_board=default_board)
+    observations = load_observations(source, options, progress=progress)
+    check_detections(observations)
+    camera = with_image_size(camera, observations, label)
+    observations, board = choose_board(observations, options.specified_board, default_board)
+    report("propose", 0, 1)
+    prior = InformationPrior.estimate(camera, observations)
+    proposal = propose_views(prior, board, observations.field, options.count)
+    report("propose", 1, 1)
+    return proposal
+
+
+def calibration_board(camera: Camera, label: str = "") -> Board | None:
+    """Return the board that a camera was calibrated with, or None if its provenance does not contain one.
+
+    Raises
+    ------
+    ValueError
+        If the provenance contains an invalid board; the message starts with `label`.
+    """
+    values = camera.provenance.get("target")
+    if not isinstance(values, dict) or values.get("target") == PointTarget.kind:
+        return None
+    try:
+        return board_class(str(values.get("target"))[:40]).from_dict(values)
+    except ValueError as error:
+        raise ValueError(f"{label}provenance, target: {error}; specify --pattern or --target") from None
+
+
+def with_image_size(camera: Camera, observations: Observations, label: str = "") -> Camera:
+    """Return the camera with the size of the images.
+
+    Raises
+    ------
+    ValueError
+        If the camera has another size; the message starts with `label`.
+    """
+    size = observations.size
+    if min(camera.size) < 1:
+        camera = replace(camera, size=size)
+    if camera.size != size:
+        raise ValueError(
+            f"{label}the images are {size[0]}x{size[1]}, the camera is {camera.width}x{camera.height}: use the images"
+            " that it was calibrated from, or calibrate these"
+        )
+    return camera
+
+
+def check_detections(observations: Observations) -> None:
+    """Raise `ValueError` with up to five image notes if no image shows the board."""
+    if len(observations):
+        return
+    detections = observations.detections or Detections(None, [])
+    count, board = len(detections.images), detections.board
+    notes = [f"  {image.path.name}: {image.note}" for image in detections.images if image.note][:5]
+    if isinstance(board, PointTarget):
+        message = f"none of {count} images has enough corners"
+    elif board is None:
+        message = f"no checkerboard detected in {count} images: specify --pattern, such as 9x6, or --target"
+    else:
+        message = f"the {board} board was detected in none of {count} images: "
+        message += detections.hint or "check its type and size, and that it is sharp and evenly lit"
+    raise ValueError("\n".join([message, *notes]))
