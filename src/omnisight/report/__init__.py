@@ -1,5 +1,6 @@
-"""A calibration as one page: a single HTML file that needs no network, for whoever has to judge or use the camera."""
+"""Calibration reports (one HTML file that needs no network) and drawings of results."""
 
 from omnisight.report.page import write_report
+from omnisight.report.report_data import ReportOptions
 
-__all__ = ["write_report"]
+__all__ = ["ReportOptions", "write_report"]

@@ -1,14 +1,15 @@
-"""A scale of colours that stays in order in gray and for every kind of eye."""
+"""A logarithmic color scale that is ordered in grayscale and for all kinds of color vision."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from omnisight.report.html import Markup, element, short, together
+from omnisight.report.axes import path_data
+from omnisight.report.html import Markup, element, join
 
-# Stops of viridis (van der Walt and Smith 2015, public domain): dark and blue is little, bright and yellow is much.
-STOPS = np.array(
+# Viridis (van der Walt and Smith 2015, public domain): dark blue is low, bright yellow is high.
+VIRIDIS = np.array(
     [
         [68, 1, 84],
         [71, 45, 123],
@@ -22,53 +23,53 @@ STOPS = np.array(
     ],
     float,
 )
-PIECES = 32
-# Values nearer to an end of the scale than this share of it are not said.
-APART = 0.07
+# Uniformly colored rectangles of a color bar.
+BAR_STEPS = 32
+# Ticks nearer to an end of the bar than this fraction are skipped, so that labels do not overlap.
+MIN_TICK_GAP = 0.07
 
 
 @dataclass(frozen=True)
-class LogScale:
-    """Colours for positive values from low to high, by their logarithm."""
+class LogColorScale:
+    """Colors of positive values from low to high, by their logarithm."""
 
     low: float
     high: float
 
-    def share(self, value: float) -> float:
-        """Give where a value lies between low (0) and high (1), held within."""
+    def fraction(self, value: float) -> float:
+        """Return the position of a value between low (0) and high (1), clipped."""
         if self.high <= self.low:
             return 0.0
         return float(np.clip(np.log(max(value, 1e-300) / self.low) / np.log(self.high / self.low), 0, 1))
 
-    def colour(self, value: float) -> str:
-        """Give the colour of a value."""
-        return _colour(self.share(value))
+    def color(self, value: float) -> str:
+        """Return the color of a value as #rrggbb."""
+        return _color(self.fraction(value))
 
-    def bar(self, at: tuple[float, float], height: float, said: Callable[[float], str]) -> Markup:
-        """Draw the scale upright, its lower left end at a place, with values beside it."""
-        x, y = at
-        step = height / PIECES
-        pieces = [
-            element("rect", x=x, y=y - (i + 1) * step, width=12, height=step + 0.5, fill=_colour((i + 0.5) / PIECES))
-            for i in range(PIECES)
+    def bar(self, position: tuple[float, float], height: float, format_value: Callable[[float], str]) -> Markup:
+        """Draw a vertical color bar with its lower left corner at `position`."""
+        x, y = position
+        step = height / BAR_STEPS
+        parts = [
+            element("rect", x=x, y=y - (i + 1) * step, width=12, height=step + 0.5, fill=_color((i + 0.5) / BAR_STEPS))
+            for i in range(BAR_STEPS)
         ]
-        marks = list[Markup]()
-        for value in self._marks():
-            up = y - self.share(value) * height
-            marks.append(element("path", d=f"M{short(x + 12)} {short(up)}h4", class_="tick"))
-            marks.append(element("text", said(value), x=x + 19, y=up + 4))
-        return together(*pieces, *marks)
+        for value in self._ticks():
+            tick = y - self.fraction(value) * height
+            parts.append(element("path", d=path_data([(x + 12, tick), (x + 16, tick)]), class_="tick"))
+            parts.append(element("text", format_value(value), x=x + 19, y=tick + 4))
+        return join(*parts)
 
-    def _marks(self) -> list[float]:
-        """Give the ends and round values between: 1, 2, 5, or the decades alone where there are many."""
+    def _ticks(self) -> list[float]:
+        """Return both ends and round values between them: 1, 2, 5, or decades only over more than 3 decades."""
         first, last = int(np.floor(np.log10(self.low))), int(np.ceil(np.log10(self.high)))
-        steps = (1.0, 2.0, 5.0) if last - first <= 3 else (1.0,)
-        values = [s * 10.0**e for e in range(first, last + 1) for s in steps]
-        inside = [v for v in values if APART < self.share(v) < 1 - APART]
+        multiples = (1.0, 2.0, 5.0) if last - first <= 3 else (1.0,)
+        values = [m * 10.0**exponent for exponent in range(first, last + 1) for m in multiples]
+        inside = [value for value in values if MIN_TICK_GAP < self.fraction(value) < 1 - MIN_TICK_GAP]
         return [self.low, *inside, self.high]
 
 
-def _colour(share: float) -> str:
-    place = share * (len(STOPS) - 1)
-    red, green, blue = (round(float(np.interp(place, np.arange(len(STOPS)), STOPS[:, k]))) for k in range(3))
+def _color(fraction: float) -> str:
+    position = fraction * (len(VIRIDIS) - 1)
+    red, green, blue = (round(float(np.interp(position, np.arange(len(VIRIDIS)), VIRIDIS[:, k]))) for k in range(3))
     return f"#{red:02x}{green:02x}{blue:02x}"

@@ -1,49 +1,59 @@
-"""HTML and SVG as text: whatever is not marked up already is escaped, so that no file name can become markup."""
+"""HTML and SVG elements as text. Everything that is not `Markup` is escaped, so file names cannot inject markup."""
 
 import html
 import math
 from typing import Any
 
-# Elements that have no content and no end.
-VOID = frozenset({"meta", "br"})
+# Elements without content and end tag.
+VOID_ELEMENTS = frozenset({"meta", "br"})
 
 
 class Markup(str):
-    """Text that is markup already and is not escaped again."""
+    """Text that is already markup and is not escaped again."""
 
     __slots__ = ()
 
 
 def element(tag: str, *content: Any, **attributes: Any) -> Markup:
-    """Give an element of HTML or SVG.
+    """Return an HTML or SVG element.
 
     Parameters
     ----------
     tag
-        Its name.
+        Name of the element.
     content
-        What it holds, in order: `Markup` as it stands, anything else as text, None not at all.
+        Children in order: `Markup` is inserted as it is, None is skipped, anything else is escaped text.
     attributes
-        By name, an underscore for a hyphen and at the end for nothing (`class_`): None and False are left out, True
-        is the bare name, a number has as many digits as a drawing needs.
+        Attributes by name, with an underscore for a hyphen; a trailing underscore is removed (`class_`). None and
+        False are skipped, True becomes a bare name, and a float is rounded to two decimals.
     """
-    given = "".join(_attribute(name, value) for name, value in attributes.items())
-    if tag in VOID:
-        return Markup(f"<{tag}{given}>")
-    return Markup(f"<{tag}{given}>{together(*content)}</{tag}>")
+    start = tag + "".join(_attribute(name, value) for name, value in attributes.items())
+    return Markup(f"<{start}>") if tag in VOID_ELEMENTS else Markup(f"<{start}>{join(*content)}</{tag}>")
 
 
-def together(*content: Any) -> Markup:
-    """Give one thing after the other."""
-    return Markup("".join(_escaped(part) for part in content if part is not None))
+def join(*content: Any) -> Markup:
+    """Concatenate `Markup` and escaped text; skip None."""
+    return Markup("".join(_escape(part) for part in content if part is not None))
 
 
-def short(value: float) -> str:
-    """Write a number of a drawing, to a hundredth of its unit."""
+def format_coordinate(value: float) -> str:
+    """Format a coordinate of a drawing with at most two decimals; raise `ValueError` if it is not finite."""
     if not math.isfinite(value):
-        raise ValueError(f"a drawing needs finite numbers, got {value}")
+        raise ValueError(f"expected a finite coordinate, got {value}")
     text = f"{value:.2f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
+
+
+def table(columns: tuple[str, ...], rows: list[Markup], *, caption: str | None = None, class_: str = "") -> Markup:
+    """Return a table of rows (tr elements) that scrolls horizontally on narrow screens."""
+    content = element(
+        "table",
+        element("caption", caption) if caption else None,
+        element("thead", element("tr", *(element("th", column, scope="col") for column in columns))),
+        element("tbody", *rows),
+        class_=class_ or None,
+    )
+    return element("div", content, class_="scroll")
 
 
 def _attribute(name: str, value: Any) -> str:
@@ -52,8 +62,9 @@ def _attribute(name: str, value: Any) -> str:
     name = name.rstrip("_").replace("_", "-")
     if value is True:
         return f" {name}"
-    return f' {name}="{html.escape(short(value) if isinstance(value, float) else str(value), quote=True)}"'
+    text = format_coordinate(value) if isinstance(value, float) else str(value)
+    return f' {name}="{html.escape(text, quote=True)}"'
 
 
-def _escaped(part: Any) -> str:
+def _escape(part: Any) -> str:
     return part if isinstance(part, Markup) else html.escape(str(part), quote=False)

@@ -1,4 +1,4 @@
-"""What a machine reads from a report: the calibration as one JSON object."""
+"""The calibration as one JSON object, embedded in the report for programs."""
 
 import json
 from typing import Any
@@ -7,48 +7,49 @@ import numpy as np
 
 from omnisight.formats.native import to_json
 from omnisight.report.html import Markup
-from omnisight.report.report_data import Material, Picture
+from omnisight.report.report_data import ReportData, ReportImage
 
+# Version of the format, to be incremented on incompatible changes.
 VERSION = 1
 
 
-def embedded(m: Material) -> Markup:
-    """Give the script element that holds it."""
-    # A "<" could end the element or begin a comment in it.
-    text = json.dumps(said(m), allow_nan=False).replace("<", "\\u003c")
+def json_element(data: ReportData) -> Markup:
+    """Return a script element with the JSON object."""
+    # A "<" could end the element or start a comment.
+    text = json.dumps(to_dict(data), allow_nan=False).replace("<", "\\u003c")
     return Markup(f'<script type="application/json" id="calibration">{text}</script>')
 
 
-def said(m: Material) -> dict[str, Any]:
-    """Give the object: lengths of residuals in px, poses as cam_from_board in the unit of the board, `board_unit`."""
-    c, board = m.calibration, m.search.board
+def to_dict(data: ReportData) -> dict[str, Any]:
+    """Return the JSON object: residual lengths in px, poses as cam_from_board in `board_unit`."""
+    board = data.detections.board if data.detections is not None else None
     return {
         "format": "omnisight-report",
         "version": VERSION,
-        "command": list(m.command),
-        "verdict": str(c.verdict),
-        "checks": [{"name": k.name, "level": str(k.level), "sentence": k.sentence} for k in c.verdict.checks],
-        "reason": c.reason,
-        "candidates": [candidate.as_dict() for candidate in c.candidates],
-        "viewpoint": None if m.asked is None else m.asked.as_dict(),
+        "command": list(data.options.command),
+        "verdict": str(data.verdict),
+        "checks": [{"name": c.name, "level": str(c.level), "sentence": c.sentence} for c in data.verdict.checks],
+        "reason": data.selection_reason,
+        "candidates": [candidate.as_dict() for candidate in data.candidates],
+        "noncentral_test": None if data.noncentral_test is None else data.noncentral_test.as_dict(),
         "board": None if board is None else board.to_dict(),
-        "board_unit": None if board is None else board.unit,
-        "images": [_picture(m, picture) for picture in m.images],
-        "camera": to_json(m.camera),
+        "board_unit": data.unit,
+        "images": [_image_dict(data, image) for image in data.images],
+        "camera": to_json(data.camera),
     }
 
 
-def _picture(m: Material, picture: Picture) -> dict[str, Any]:
-    state = m.calibration.state
+def _image_dict(data: ReportData, image: ReportImage) -> dict[str, Any]:
+    state = data.state
     return {
-        "name": picture.name,
-        "corners": picture.corners,
-        "doubtful": int(m.calibration.outliers[picture.rows].sum()),
-        "rms": picture.rms if np.isfinite(picture.rms) else None,
-        "worst": picture.worst if np.isfinite(picture.worst) else None,
-        "note": picture.detection.note,
+        "name": image.name,
+        "corners": image.corners,
+        "outliers": int(data.outliers[image.rows].sum()),
+        "rms": image.rms_px if np.isfinite(image.rms_px) else None,
+        "worst": image.max_px if np.isfinite(image.max_px) else None,
+        "note": image.note,
         "cam_from_board": [
             {"rotation": state.rotations[k].tolist(), "translation": state.translations[k].tolist()}
-            for k in picture.views
+            for k in image.views
         ],
     }

@@ -1,4 +1,4 @@
-"""What every part of a report is made from."""
+"""The data of a calibration report. All other files of the report read a calibration only through `ReportData`."""
 
 import os
 import shlex
@@ -6,234 +6,317 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.central import Calibration
-from omnisight.pipeline.noncentral import RaysCalibration
-from omnisight.quality.central_limit import far_camera
+from omnisight.pipeline.calibration import Calibration
+from omnisight.quality.central_limit import central_limit
+from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.quality.pupil_shift import PupilShift
+from omnisight.quality.spline_baseline import SplineBaseline
+from omnisight.quality.uncertainty import UncertaintyMap
+from omnisight.quality.verdict import Verdict
 from omnisight.ray_camera import RayCamera
-from omnisight.report.html import Markup, element
-from omnisight.report.number_format import with_sigma
+from omnisight.report.number_format import format_with_sigma
 from omnisight.targets import Detections, ImageDetection
+from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# How far (radians) a direction is moved to see which way the image's radius runs there.
-STEP = 1e-4
-# The least, px, that scales of residuals are made for.
-LEAST = 1e-6
+# Step of numerical derivatives by the direction, radians.
+DIRECTION_STEP_RAD = 1e-4
+# Lower bound of scales of residuals: keeps ratios finite if synthetic corners are exact.
+MIN_SCALE_PX = 1e-6
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One part of a report.
+class ReportOptions:
+    """Options of `write_report`.
 
     Attributes
     ----------
-    name
-        What links call it.
-    title
-        What it is about.
-    body
-        The drawing or the table.
-    how
-        How to read it: what it shows, what is good, what to do.
-    short
-        The title as a link.
-    wide
-        Whether the body takes all the width, with `how` above it.
+    command
+        Words of the command that made the calibration; the page extends it by `--drop`.
+    apply_exif
+        Whether the images were rotated by their EXIF orientation.
     """
 
-    name: str
-    title: str
-    body: Markup
-    how: tuple[str, str, str]
-    short: str
-    wide: bool = False
+    command: Sequence[str] = ("omnisight", "calibrate")
+    apply_exif: bool = False
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReportImage:
     """One image of a calibration.
 
     Attributes
     ----------
     number
-        From 1 on, in the order given.
+        From 1, in the order given.
     name
-        As the command calls it.
-    detection
-        The file, and what was found in it.
+        As the command names it.
+    path
+        The file, or None.
+    size
+        (width, height), px; None if the file could not be read.
+    note
+        Why the image was not used, or an empty string.
     views
-        Its boards among those of the calibration.
+        Indices of its boards among the views of the calibration.
     rows
         Its corners among those of the calibration.
-    rms, worst
-        Length of its residuals, px; NaN without a board.
+    rms_px, max_px
+        Of the lengths of its residuals; NaN without a board.
     """
 
     number: int
     name: str
-    detection: ImageDetection
+    path: Path | None
+    size: tuple[int, int] | None
+    note: str
     views: range
     rows: slice
-    rms: float
-    worst: float
+    rms_px: float
+    max_px: float
 
     @property
     def corners(self) -> int:
-        """How many corners it has."""
+        """Number of corners."""
         return self.rows.stop - self.rows.start
 
 
 @dataclass(frozen=True)
-class Material:
-    """A calibration with all that a report asks of it.
+class ReportData:
+    """A calibration with the derived quantities that the report draws.
 
     Attributes
     ----------
     calibration
-        The calibration, of a central camera or of one whose rays need not meet in a point.
-    search
-        The images behind it.
-    camera
-        Its camera, as it was written.
-    names
-        One for each image given, as `--drop` knows them.
-    command
-        The command that made it, word by word.
-    apply_exif
-        As the images were read.
-    asked
-        Whether the viewpoint moves, if that was asked.
+        The calibration.
+    options
+        Options of the report.
     """
 
-    calibration: Calibration | RaysCalibration
-    search: Detections
-    camera: Camera | RayCamera
-    names: Sequence[str]
-    command: Sequence[str]
-    apply_exif: bool = False
-    asked: NonCentralityTest | None = None
+    calibration: Calibration
+    options: ReportOptions = ReportOptions()
 
-    @cached_property
-    def far(self) -> Camera:
-        """The camera as a far scene has it: where a ray goes, and not where it begins."""
-        return far_camera(self.camera) if isinstance(self.camera, RayCamera) else self.camera
+    # What the report reads of the calibration.
 
     @property
-    def where_best(self) -> str:
-        """What to add to the advice to take more images."""
-        return "; omnisight next says where best" if isinstance(self.camera, Camera) else ""
+    def camera(self) -> Camera | RayCamera:
+        """The calibrated camera, with its provenance."""
+        return self.calibration.camera
+
+    @property
+    def observations(self) -> Observations:
+        """The corners that the camera was calibrated on."""
+        return self.calibration.observations
+
+    @property
+    def state(self) -> State:
+        """Camera model, board poses and board warp."""
+        return self.calibration.state
+
+    @property
+    def outliers(self) -> NDArray[np.bool_]:
+        """(N,) corners that were down-weighted as outliers."""
+        return self.calibration.outliers
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The fitted models, the selected one first."""
+        return self.calibration.candidates
+
+    @property
+    def selected(self) -> Candidate:
+        """The selected model."""
+        return self.calibration.best
+
+    @property
+    def selection_reason(self) -> str:
+        """Why the model was selected."""
+        return self.calibration.selection.reason
+
+    @property
+    def best_central(self) -> Candidate | None:
+        """The best central model beside a non-central camera; None for a central camera."""
+        return self.calibration.central
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict and checks."""
+        return self.calibration.verdict
+
+    @property
+    def coverage(self) -> Coverage:
+        """Corners per cell of the field of view."""
+        return self.calibration.quality.coverage
+
+    @property
+    def uncertainty(self) -> UncertaintyMap:
+        """Projection uncertainty over the field of view."""
+        return self.calibration.quality.uncertainty
+
+    @property
+    def spline_baseline(self) -> SplineBaseline | None:
+        """Comparison with a spline model; None with too few images or for a non-central camera."""
+        return self.calibration.quality.spline_baseline
+
+    @property
+    def noncentral_test(self) -> NonCentralityTest | None:
+        """Result of the non-central test; None with too few images."""
+        return self.calibration.quality.noncentrality
+
+    @property
+    def detections(self) -> Detections | None:
+        """Detection results of all images; None if the calibration is from arrays."""
+        return self.observations.detections
+
+    # What follows from it.
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square length of the residuals."""
+        return self.selected.rms
+
+    @property
+    def is_central(self) -> bool:
+        """Whether all rays of the camera meet in one point."""
+        return isinstance(self.camera, Camera)
+
+    @cached_property
+    def central_limit(self) -> Camera:
+        """The camera for points at infinity: the directions of its rays without their origins."""
+        return central_limit(self.camera) if isinstance(self.camera, RayCamera) else self.camera
 
     @property
     def unit(self) -> str:
-        """That of the boards."""
-        return "squares" if self.search.board is None else self.search.board.unit
+        """Unit of lengths: "m" or "squares"."""
+        return self.observations.unit
+
+    @property
+    def display_unit(self) -> tuple[float, str]:
+        """Factor and unit in which short lengths are displayed."""
+        return (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
+
+    def format_length(self, value: float, sigma: float = 0.0) -> str:
+        """Format a short length, with its standard deviation if it is not zero."""
+        scale, unit = self.display_unit
+        if not sigma:
+            return f"{scale * value:.3g} {unit}"
+        return f"{' ± '.join(format_with_sigma(scale * value, scale * sigma))} {unit}"
 
     @cached_property
-    def travel(self) -> PupilShift | None:
-        """How the viewpoint moves from the first to the last angle where corners were seen, if that is what it does."""
+    def pupil_shift(self) -> PupilShift | None:
+        """Entrance pupil shift within the calibrated field of view; None unless the camera is axial."""
         camera = self.camera
         if not isinstance(camera.model, Axial) or camera.covariance is None:
             return None
-        return PupilShift.between(camera.model, camera.covariance, (camera.theta_min, self.reach))
-
-    @property
-    def drawn_length(self) -> tuple[float, str]:
-        """What lengths in the unit of the boards are multiplied by where they are small, and their unit then."""
-        return (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
-
-    def length(self, value: float, sigma: float = 0.0) -> str:
-        """Write a small length, with its standard deviation if it has one."""
-        scale, unit = self.drawn_length
-        if not sigma:
-            return f"{scale * value:.3g} {unit}"
-        return f"{' ± '.join(with_sigma(scale * value, scale * sigma))} {unit}"
+        return PupilShift.between(camera.model, camera.covariance, (camera.theta_min, self.max_theta))
 
     @cached_property
-    def pictures(self) -> tuple[Picture, ...]:
-        """Every image given."""
-        lengths = self.calibration.residual_lengths
-        found, view, row = list[Picture](), 0, 0
-        given = zip(self.names, self.search.images, strict=True)
-        for number, (name, detection) in enumerate(given, 1):
-            views = range(view, view + len(detection.boards))
-            rows = slice(row, row + sum(map(len, detection.boards)))
-            own = lengths[rows]
-            rms = float(np.sqrt((own**2).mean())) if len(own) else np.nan
-            found.append(Picture(number, name, detection, views, rows, rms, float(own.max()) if len(own) else np.nan))
+    def images(self) -> tuple[ReportImage, ...]:
+        """All images; without detection results one image per view."""
+        detections, groups = self.detections, self.observations.groups
+        if detections is None:
+            rows = zip(self.observations.names, groups, strict=True)
+            return tuple(self._image(k + 1, name, range(k, k + 1), group) for k, (name, group) in enumerate(rows))
+        images, view, row = list[ReportImage](), 0, 0
+        for number, (name, image) in enumerate(zip(self.observations.image_names, detections.images, strict=True), 1):
+            views = range(view, view + len(image.boards))
+            rows = slice(row, row + sum(map(len, image.boards)))
+            images.append(self._image(number, name, views, rows, image))
             view, row = views.stop, rows.stop
-        return tuple(found)
+        return tuple(images)
+
+    def _image(
+        self, number: int, name: str, views: range, rows: slice, detection: ImageDetection | None = None
+    ) -> ReportImage:
+        lengths = self.residual_lengths[rows]
+        rms, largest = (float(np.sqrt((lengths**2).mean())), float(lengths.max())) if len(lengths) else (np.nan, np.nan)
+        if detection is None:
+            return ReportImage(number, name, None, self.camera.size, "", views, rows, rms, largest)
+        file = detection.path, detection.size, detection.note
+        return ReportImage(number, name, *file, views, rows, rms, largest)
 
     @cached_property
     def residuals(self) -> Array:
-        """(N, 2) projected minus seen pixels; NaN outside the model's domain."""
-        return self.calibration.state.residuals(self.calibration.views)
+        """(N, 2) projected minus detected pixels; NaN outside the domain of the model."""
+        return self.state.residuals(self.observations)
+
+    @cached_property
+    def residual_lengths(self) -> Array:
+        """(N,) lengths of the residuals, px."""
+        return self.state.lengths(self.observations)
 
     @cached_property
     def theta(self) -> Array:
-        """(N,) the angle from the axis of the ray that passes each corner, radians; NaN outside the model's domain."""
+        """(N,) angle from the axis of the ray of each corner, radians; NaN outside the domain of the model."""
         return angle_from_axis(self._bearings)
 
     @cached_property
     def phi(self) -> Array:
-        """(N,) its azimuth, radians: 0 to the right, pi/2 down."""
+        """(N,) azimuth of that ray, radians: 0 is right, pi/2 is down."""
         return np.arctan2(self._bearings[:, 1], self._bearings[:, 0])
 
     @cached_property
-    def usable(self) -> NDArray[np.bool_]:
-        """(N,) which corners are neither doubtful nor outside the model's domain."""
-        return ~self.calibration.outliers & np.isfinite(self.theta)
+    def inliers(self) -> NDArray[np.bool_]:
+        """(N,) corners that are neither outliers nor outside the domain of the model."""
+        return ~self.outliers & np.isfinite(self.theta)
 
     @cached_property
-    def along_and_across(self) -> tuple[Array, Array]:
-        """(N,) residuals along the radius of the image, outwards, and across it, clockwise as seen."""
-        outwards = outwards_at(self.far, self.theta, self.phi)
-        across = np.stack([-outwards[:, 1], outwards[:, 0]], -1)
-        return (self.residuals * outwards).sum(1), (self.residuals * across).sum(1)
+    def radial_and_tangential(self) -> tuple[Array, Array]:
+        """(N,) radial residuals, positive outwards, and tangential residuals, positive clockwise."""
+        outwards = radial_directions(self.central_limit, self.theta, self.phi)
+        tangential = np.stack([-outwards[:, 1], outwards[:, 0]], -1)
+        return (self.residuals * outwards).sum(1), (self.residuals * tangential).sum(1)
 
     @cached_property
-    def reach(self) -> float:
-        """The angle from the axis (radians) up to which corners were seen."""
-        return self.far.theta_max or float(np.nanmax(self.theta))
+    def max_theta(self) -> float:
+        """Largest angle from the axis of the calibrated field of view, radians."""
+        return self.central_limit.theta_max or float(np.nanmax(self.theta))
 
     @property
-    def sigma(self) -> float:
-        """Standard deviation of a coordinate of the usable residuals, px; never quite nought."""
-        usable = self.residuals[self.usable]
-        return max(float(np.sqrt((usable**2).mean())), LEAST) if len(usable) else 1.0
+    def displayed_theta(self) -> float:
+        """Largest angle from the axis that curves are drawn to, radians: the edge of the image."""
+        return max(self.max_theta, float(self.coverage.edges[-1]))
 
-    def quoted(self, words: Sequence[str]) -> str:
-        """Write words as a shell takes them."""
+    @property
+    def sigma_px(self) -> float:
+        """Standard deviation per coordinate of the inliers' residuals, at least `MIN_SCALE_PX`."""
+        residuals = self.residuals[self.inliers]
+        return max(float(np.sqrt((residuals**2).mean())), MIN_SCALE_PX) if len(residuals) else 1.0
+
+    @property
+    def next_view_hint(self) -> str:
+        """Reference to `omnisight next`, which supports central cameras only."""
+        return "; omnisight next proposes the best poses" if self.is_central else ""
+
+    def quote(self, words: Sequence[str]) -> str:
+        """Join words to a command line of the operating system's shell."""
         return subprocess.list2cmdline(words) if os.name == "nt" else shlex.join(words)
 
-    def dropping(self, picture: Picture) -> str:
-        """Give the option that leaves an image out."""
-        name = picture.name
-        return self.quoted([f"--drop={name}"] if name.startswith("-") else ["--drop", name])
+    def drop_option(self, image: ReportImage) -> str:
+        """Return the command-line option that leaves an image out."""
+        return self.quote([f"--drop={image.name}"] if image.name.startswith("-") else ["--drop", image.name])
 
     @cached_property
     def _bearings(self) -> Array:
-        """(N, 3) the bearings of the pixels where the camera puts the corners."""
-        return self.far.model.unproject_numpy(self.residuals + self.calibration.views.pixels)[0]
+        """(N, 3) bearings of the projected corners."""
+        return self.central_limit.model.unproject_numpy(self.residuals + self.observations.pixels)[0]
 
 
-def outwards_at(camera: Camera, theta: Array, phi: Array) -> Array:
-    """Give the unit vectors (N, 2) in the image along which the angle grows, at directions (radians)."""
-    near, _ = camera.model.project_numpy(polar(theta - STEP, phi))
-    far, _ = camera.model.project_numpy(polar(theta + STEP, phi))
-    step = far - near
+def radial_directions(camera: Camera, theta: Array, phi: Array) -> Array:
+    """Return the unit vectors (N, 2) in the image along which the angle from the axis grows, at angles in radians."""
+    inner, _ = camera.model.project_numpy(polar(theta - DIRECTION_STEP_RAD, phi))
+    outer, _ = camera.model.project_numpy(polar(theta + DIRECTION_STEP_RAD, phi))
+    step = outer - inner
     return step / np.linalg.norm(step, axis=1, keepdims=True)
-
-
-def name_of(text: str) -> Markup:
-    """Show a name from outside: a direction of writing of its own does not spill over."""
-    return element("bdi", text)

@@ -1,13 +1,12 @@
-"""Cross sections of mirrors and rays, drawn as SVG."""
+"""Cross sections of mirrors and rays, drawn as SVG documents."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.report.axes import path_of
-from omnisight.report.html import Markup, element, short, together
+from omnisight.report.axes import Box, clip, path_data
+from omnisight.report.html import Markup, element, format_coordinate, join
 
 Array = NDArray[np.float64]
 
@@ -44,24 +43,27 @@ path { fill: none; }
 .line { stroke-width: 2.2; stroke-linejoin: round; }
 .line.up { stroke: #1f5fc4; }
 .line.around { stroke: #c2571a; }
+.line.calibrated { stroke: #1f5fc4; stroke-width: 3; }
+.line.extrapolated { stroke: #bd2a2a; stroke-dasharray: 5 5; }
+.line.ideal { stroke: #93a0b3; stroke-width: 1; }
 .line.printed { stroke: #bd2a2a; stroke-dasharray: 6 4; }
 .dots { stroke: #18212d; stroke-width: 5; stroke-linecap: round; }
 """
 
 
-def paper(*content: Markup, width: float, height: float, said: str) -> str:
-    """Give the text of an SVG file with drawings on white; `said` is read out in its place."""
+def svg_document(*content: Markup, width: float, height: float, title: str) -> str:
+    """Return an SVG document on white; screen readers read `title`."""
     return (
         element(
             "svg",
-            element("title", said),
+            element("title", title),
             element("style", Markup(STYLE)),
             element("rect", width=width, height=height, fill="#fff"),
             *content,
             xmlns="http://www.w3.org/2000/svg",
             width=width,
             height=height,
-            viewBox=f"0 0 {short(width)} {short(height)}",
+            viewBox=f"0 0 {format_coordinate(width)} {format_coordinate(height)}",
             role="img",
         )
         + "\n"
@@ -69,118 +71,104 @@ def paper(*content: Markup, width: float, height: float, said: str) -> str:
 
 
 @dataclass(frozen=True)
-class Section:
-    """A plane through the axis: x to the right, z upwards, as long in both.
+class CrossSection:
+    """A plane through the axis with equal scales: x to the right, z upwards.
 
     Attributes
     ----------
-    middle
-        The point (x, z) in the middle of the box, in the unit of the data.
+    centre
+        Point (x, z) at the centre of the box, in the unit of the data.
     scale
-        px of the paper per that unit.
+        Units of the drawing per unit of the data.
     box
-        (left, top, right, bottom) on the paper.
+        The area in the drawing.
     """
 
-    middle: tuple[float, float]
+    centre: tuple[float, float]
     scale: float
-    box: tuple[float, float, float, float]
+    box: Box
 
-    def at(self, points: ArrayLike) -> Array:
-        """Give the places (..., 2) on the paper of points (..., 2)."""
+    def positions(self, points: ArrayLike) -> Array:
+        """Return the positions (..., 2) of points (..., 2) in the drawing."""
         left, top, right, bottom = self.box
-        away = (np.asarray(points, float) - self.middle) * (self.scale, -self.scale)
-        return away + np.array([(left + right) / 2, (top + bottom) / 2])
+        offset = (np.asarray(points, float) - self.centre) * (self.scale, -self.scale)
+        return offset + np.array([(left + right) / 2, (top + bottom) / 2])
 
-    def line(self, points: ArrayLike, class_: str, **more: str) -> Markup:
+    def line(self, points: ArrayLike, class_: str) -> Markup:
         """Draw a line through points (N, 2); NaN interrupts it."""
-        return element("path", d=path_of(self.at(points)), class_=class_, **more)
+        return element("path", d=path_data(self.positions(points)), class_=class_)
 
     def area(self, points: ArrayLike, class_: str) -> Markup:
-        """Fill what is within points (N, 2)."""
-        return element("path", d=path_of(self.at(points)) + "Z", class_=class_)
+        """Fill the polygon of points (N, 2)."""
+        return element("path", d=path_data(self.positions(points)) + "Z", class_=class_)
 
     def dot(self, point: ArrayLike, class_: str = "", radius: float = 5.0) -> Markup:
-        """Draw a dot."""
-        x, y = map(float, self.at(point))
+        """Draw a dot; its radius is in the units of the drawing."""
+        x, y = map(float, self.positions(point))
         return element("circle", cx=x, cy=y, r=radius, class_=f"dot {class_}")
 
     def text(
-        self, words: str, point: ArrayLike, shift: tuple[float, float] = (0, 0), anchor: str = "start", class_: str = ""
+        self, text: str, point: ArrayLike, shift: tuple[float, float] = (0, 0), anchor: str = "start", class_: str = ""
     ) -> Markup:
-        """Write words beside a point."""
-        x, y = self.at(point) + shift
-        return element("text", words, x=float(x), y=float(y), text_anchor=anchor, class_=f"on {class_}")
+        """Write text beside a point."""
+        x, y = self.positions(point) + shift
+        return element("text", text, x=float(x), y=float(y), text_anchor=anchor, class_=f"on {class_}")
 
     def mirror(self, points: ArrayLike, upwards: bool = True) -> Markup:
-        """Draw a mirror through points (N, 2), hatched behind."""
-        p = self.at(points)
+        """Draw a mirror through points (N, 2), hatched on its back."""
+        p = self.positions(points)
         step = np.diff(p, axis=0)
-        run = np.concatenate([[0], np.cumsum(np.linalg.norm(step, axis=1))])
-        marks = np.arange(4, run[-1] - 2, 7)
-        at = np.stack([np.interp(marks, run, p[:, k]) for k in range(2)], -1)
+        arc_length = np.concatenate([[0], np.cumsum(np.linalg.norm(step, axis=1))])
+        marks = np.arange(4, arc_length[-1] - 2, 7)
+        starts = np.stack([np.interp(marks, arc_length, p[:, k]) for k in range(2)], -1)
         slant = np.array([5.0, -6.0]) * (1 if upwards else -1)
-        hatch = "".join(path_of(np.stack([q, q + slant])) for q in at)
-        return together(element("path", d=hatch, class_="back"), element("path", d=path_of(p), class_="mirror"))
+        hatch = "".join(path_data(np.stack([q, q + slant])) for q in starts)
+        return join(element("path", d=hatch, class_="back"), element("path", d=path_data(p), class_="mirror"))
 
     def camera(self, width: float, lens: float) -> Markup:
-        """Draw a camera that looks up from z = 0: its body of that width, and the lens in it."""
-        x, y = map(float, self.at((0, 0)))
+        """Draw a camera at z = 0 that looks up: a body and a lens of given widths."""
+        x, y = map(float, self.positions((0, 0)))
         w, half = width * self.scale, lens * self.scale / 2
         bulge = min(max(0.35 * half, 5.0), 14.0)
         body = element("rect", x=x - w / 2, y=y, width=w, height=min(max(0.5 * w, 26.0), 70.0), rx=4, class_="body")
-        curve = f"M{short(x - half)} {short(y)}Q{short(x)} {short(y - 2 * bulge)} {short(x + half)} {short(y)}"
-        curve += f"Q{short(x)} {short(y + 2 * bulge)} {short(x - half)} {short(y)}Z"
-        return together(body, element("path", d=curve, class_="lens"))
+        left, middle, right, upper, centre, lower = map(
+            format_coordinate, (x - half, x, x + half, y - 2 * bulge, y, y + 2 * bulge)
+        )
+        curve = f"M{left} {centre}Q{middle} {upper} {right} {centre}Q{middle} {lower} {left} {centre}Z"
+        return join(body, element("path", d=curve, class_="lens"))
 
     def arc(self, centre: ArrayLike, radius: float, first: float, last: float, class_: str = "angle") -> Markup:
-        """Draw an arc between two angles (radians from straight down towards +x), its radius on the paper."""
-        turn = np.linspace(first, last, max(8, int(abs(last - first) * 24)))
-        p = self.at(centre) + radius * np.stack([np.sin(turn), np.cos(turn)], -1)
-        return element("path", d=path_of(p), class_=class_)
+        """Draw an arc between two angles (radians from straight down towards +x) with a radius in the drawing."""
+        angles = np.linspace(first, last, max(8, int(abs(last - first) * 24)))
+        p = self.positions(centre) + radius * np.stack([np.sin(angles), np.cos(angles)], -1)
+        return element("path", d=path_data(p), class_=class_)
 
-    def dimension(self, ends: ArrayLike, words: str, shift: tuple[float, float], *, beside: str = "") -> Markup:
-        """Draw a length between two points (2, 2), moved aside on the paper, with words at its middle."""
-        p, q = self.at(ends)
+    def dimension(self, ends: ArrayLike, text: str, shift: tuple[float, float], *, side: str) -> Markup:
+        """Draw a dimension line between two points (2, 2), shifted in the drawing; `side` is that of its text."""
+        p, q = self.positions(ends)
         a, b = p + shift, q + shift
         along = (b - a) / np.linalg.norm(b - a)
         across = np.array([-along[1], along[0]]) * 4
         tips = "".join(
-            path_of(np.stack([e + 7 * s * along + across, e, e + 7 * s * along - across])) for e, s in ((a, 1), (b, -1))
+            path_data(np.stack([e + 7 * s * along + across, e, e + 7 * s * along - across]))
+            for e, s in ((a, 1), (b, -1))
         )
-        lines = path_of(np.stack([p, a])) + path_of(np.stack([q, b]))
+        lines = path_data(np.stack([p, a])) + path_data(np.stack([q, b]))
         x, y = (a + b) / 2
-        anchor = {"left": "end", "right": "start"}.get(beside, "middle")
-        dx, dy = {"left": (-7, 4), "right": (7, 4), "above": (0, -6)}.get(beside, (0, 16))
-        return together(
+        anchor = {"left": "end", "right": "start"}.get(side, "middle")
+        dx, dy = {"left": (-7, 4), "right": (7, 4), "above": (0, -6)}[side]
+        return join(
             element("path", d=lines, class_="guide"),
-            element("path", d=path_of(np.stack([a, b])) + tips, class_="dimension"),
-            element("text", words, x=float(x + dx), y=float(y + dy), text_anchor=anchor, class_="on dim"),
+            element("path", d=path_data(np.stack([a, b])) + tips, class_="dimension"),
+            element("text", text, x=float(x + dx), y=float(y + dy), text_anchor=anchor, class_="on dim"),
         )
 
-    def inside(self, *content: Markup) -> Markup:
-        """Clip what is drawn to the box."""
-        left, top, right, bottom = self.box
-        width, height = right - left, bottom - top
-        view = " ".join(map(short, (left, top, width, height)))
-        return element("svg", *content, x=left, y=top, width=width, height=height, viewBox=view)
+    def clip(self, *content: Markup) -> Markup:
+        """Clip drawings to the box."""
+        return clip(self.box, *content)
 
-    def reach(self, origins: ArrayLike, directions: ArrayLike) -> Array:
-        """Give points (N, 2) so far along rays (N, 2) that they lie outside of the box."""
+    def extend(self, origins: ArrayLike, directions: ArrayLike) -> Array:
+        """Return points (N, 2) along rays (N, 2) that lie outside the box."""
         left, top, right, bottom = self.box
         far = np.hypot(right - left, bottom - top) / self.scale
         return np.asarray(origins, float) + far * np.asarray(directions, float)
-
-
-def legend(entries: Sequence[tuple[str, str]], at: tuple[float, float]) -> Markup:
-    """Name lines: (class, words), one below the other."""
-    x, y = at
-    return together(
-        *(
-            together(
-                element("path", d=f"M{short(x)} {short(y + 19 * i - 4)}h24", class_=class_),
-                element("text", words, x=x + 32, y=y + 19 * i, class_="on"),
-            )
-            for i, (class_, words) in enumerate(entries)
-        )
-    )

@@ -1,4 +1,4 @@
-"""Images with the lines that a calibration used drawn in."""
+"""Images with the straight lines that a calibration from lines used."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,58 +6,64 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibration.lines import LinesCalibration, PixelChains
+from omnisight.calibration.lines import LinesCalibration
 from omnisight.calibration.lines.plumb_line import tangent_bases
-from omnisight.images import read_image, to_gray8, write_image
+from omnisight.images import read_image, write_image
 from omnisight.images.output_paths import drawing_paths
+from omnisight.report.drawings.canvas import BLUE, GREEN, RED, ImageCanvas, display_zoom
 
-USED, REFUSED, CIRCLE = (60, 230, 60), (255, 60, 60), (60, 110, 230)
-WIDE = 1600  # px; images are drawn about so large
-STEPS = 720
-MOST_CIRCLES = 60
+# Points along a great circle: one per half degree.
+CIRCLE_POINTS = 720
+# Great circles drawn per image, of the longest lines.
+MAX_CIRCLES = 60
+# Brightness of the image below the lines.
+BRIGHTNESS = 0.5
 
 
-def draw_lines(
-    found: LinesCalibration, arcs: PixelChains, paths: Sequence[Path], folder: Path, *, apply_exif: bool = False
-) -> None:
-    """Draw into a copy of every image: lines green, arcs that are no lines red, the great circles of lines blue."""
+def draw_lines(calibration: LinesCalibration, paths: Sequence[Path], folder: Path, *, apply_exif: bool = False) -> None:
+    """Draw lines (green), rejected arcs (red) and the great circles of the lines (blue) over each image.
+
+    Parameters
+    ----------
+    calibration
+        The calibration from lines.
+    paths
+        The images.
+    folder
+        Where the drawings are written, with the names of the images.
+    apply_exif
+        Whether the images were rotated by their EXIF orientation.
+    """
     files = drawing_paths(paths, folder)
     folder.mkdir(parents=True, exist_ok=True)
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
-        write_image(file, _drawn(found, arcs, i, to_gray8(read_image(path, apply_exif=apply_exif))))
+        write_image(file, _draw(calibration, i, read_image(path, apply_exif=apply_exif)).pixels)
 
 
-def _drawn(found: LinesCalibration, arcs: PixelChains, picture: int, gray: Any) -> Any:
-    import cv2
-
-    zoom = max(round(WIDE / max(gray.shape)), 1)
-    canvas = cv2.cvtColor(cv2.resize(gray, None, fx=zoom, fy=zoom), cv2.COLOR_GRAY2RGB) // 2
-
-    def stroke(pixels: Any, color: tuple[int, int, int], thick: int) -> None:
-        at = np.rint(((pixels + 0.5) * zoom - 0.5) * 16).astype(np.int32)
-        cv2.polylines(canvas, [at], False, color, thick, cv2.LINE_AA, 4)
-
-    here = np.flatnonzero(found.lines.image_ids == picture)
-    longest = here[np.argsort(-found.lines.arc_lengths[here], kind="stable")][:MOST_CIRCLES]
-    for normal in found.state.normals[longest]:
-        for piece in _great_circle(found, normal, gray.shape):
-            stroke(piece, CIRCLE, 1)
-    for arc in np.flatnonzero(arcs.image_ids == picture):
-        stroke(arcs.pixels[arcs.groups[arc]], USED if found.line_of_arc[arc] >= 0 else REFUSED, 2)
-    said = f"{len(here)} lines, rms {found.rms:.3f} px"
-    cv2.rectangle(canvas, (0, 0), (16 * len(said), 40), (0, 0, 0), -1)
-    cv2.putText(canvas, said, (12, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 1, cv2.LINE_AA)
+def _draw(calibration: LinesCalibration, image_id: int, image: Any) -> ImageCanvas:
+    height, width = image.shape[:2]
+    canvas = ImageCanvas(image, display_zoom((width, height)), gray=True, brightness=BRIGHTNESS)
+    lines, arcs = calibration.lines, calibration.arcs
+    in_image = np.flatnonzero(lines.image_ids == image_id)
+    longest = in_image[np.argsort(-lines.arc_lengths[in_image], kind="stable")][:MAX_CIRCLES]
+    for normal in calibration.state.normals[longest]:
+        for piece in _great_circle(calibration, normal, (width, height)):
+            canvas.polyline(piece, BLUE, 1)
+    for arc in np.flatnonzero(arcs.image_ids == image_id):
+        color = GREEN if calibration.line_of_arc[arc] >= 0 else RED
+        canvas.polyline(arcs.pixels[arcs.groups[arc]], color, 2)
+    canvas.caption(f"{len(in_image)} lines, rms {calibration.rms:.3f} px")
     return canvas
 
 
-def _great_circle(found: LinesCalibration, normal: Any, shape: tuple[int, int]) -> list[Any]:
-    """Give the pieces (n, 2) of a great circle's image that lie in the image and within the reach of the lines."""
-    turn = np.linspace(0, 2 * np.pi, STEPS)
+def _great_circle(calibration: LinesCalibration, normal: Any, size: tuple[int, int]) -> list[Any]:
+    """Return the pieces (n, 2) of a projected great circle inside the image and the calibrated field of view."""
+    t = np.linspace(0, 2 * np.pi, CIRCLE_POINTS)
     first, second = tangent_bases(normal[None])[0].T
-    bearings = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
-    pixels, valid = found.camera.model.project_numpy(bearings)
-    reach = found.camera.theta_max or np.pi
+    bearings = np.cos(t)[:, None] * first + np.sin(t)[:, None] * second
+    pixels, valid = calibration.camera.model.project_numpy(bearings)
+    max_theta = calibration.camera.theta_max or np.pi
     with np.errstate(invalid="ignore"):
-        shown = valid & (bearings[:, 2] > np.cos(reach)) & ((pixels > 0) & (pixels < shape[::-1])).all(1)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], shown, [False]]).astype(np.int8)))
-    return [pixels[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a > 1]
+        visible = valid & (bearings[:, 2] > np.cos(max_theta)) & ((pixels > 0) & (pixels < size)).all(1)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], visible, [False]]).astype(np.int8)))
+    return [pixels[start:stop] for start, stop in zip(ends[::2], ends[1::2], strict=True) if stop - start > 1]

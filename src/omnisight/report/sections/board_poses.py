@@ -1,4 +1,4 @@
-"""Where the boards stood around the camera: a drawing that turns where scripts run, and stands still elsewhere."""
+"""The board poses around the camera, as a drawing that rotates if scripts run and is static otherwise."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -6,138 +6,148 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.report.axes import path_of, round_down
-from omnisight.report.color_scale import LogScale
-from omnisight.report.html import Markup, element, short
-from omnisight.report.report_data import LEAST, Figure, Material
+from omnisight.report.axes import nice_floor, path_data
+from omnisight.report.color_scale import LogColorScale
+from omnisight.report.html import Markup, element, format_coordinate
+from omnisight.report.report_data import MIN_SCALE_PX, ReportData
+from omnisight.report.section import Guide, Section
 
 Array = NDArray[np.float64]
 
-WIDE, HIGH = 640.0, 440.0
-# How the scene is first looked at: turned about the camera's y axis, then tipped, radians.
+WIDTH, HEIGHT = 640.0, 440.0
+# Initial rotation about the y axis of the camera, then about the horizontal axis of the drawing, radians.
 YAW, PITCH = np.radians(-35.0), np.radians(-24.0)
-# What is drawn fits into this part of the paper.
-FILLED = 0.46
-# How far from the middle the eye is, radii of the scene.
-EYE = 3.5
+# Half the extent of the scene in the drawing, as a fraction of its size.
+FILL_FRACTION = 0.46
+# Distance of the eye from the centre in radii of the scene.
+EYE_DISTANCE = 3.5
 AXES = (("x", "right"), ("y", "down"), ("z", "forward"))
 
 
-def scene(m: Material) -> Figure:
-    """Draw the boards and the camera."""
-    boards, count = _boards(m), len(m.calibration.views)
-    reach = float(np.linalg.norm(boards.reshape(-1, 3), axis=1).max())
-    length = round_down(reach / 3)
+def board_poses(data: ReportData) -> Section:
+    """Draw the boards and the camera axes."""
+    boards, count = _board_outlines(data), len(data.observations)
+    extent = float(np.linalg.norm(boards.reshape(-1, 3), axis=1).max())
+    length = nice_floor(extent / 3)
     axes = np.stack([np.zeros((3, 3)), length * np.eye(3)], 1)
-    view = _View.around(np.concatenate([boards.reshape(-1, 3), axes.reshape(-1, 3)]))
-    colours = _colours(m)
-    shapes, labels = list[tuple[float, Markup]](), list[Markup]()
-    sides = len(boards) // count
-    pictures = [picture for picture in m.images for _ in range(len(picture.views) * sides)]
-    for i, (picture, corners) in enumerate(zip(pictures, boards, strict=True)):
-        depth, places = view.of(corners)
-        title = element("title", f"{picture.number} {picture.name}: rms {picture.rms:.2f} px")
-        held = {"class_": "board", "data_corners": _said(corners), "data_number": picture.number}
-        shapes.append(
-            (depth, element("path", title, d=path_of(places) + "Z", fill=colours.colour(picture.rms), **held))
-        )
-        labels.append(_label("" if i % sides else str(picture.number), places.mean(0), data_number=picture.number))
+    view = SceneView.of(np.concatenate([boards.reshape(-1, 3), axes.reshape(-1, 3)]))
+    scale = _color_scale(data)
+    images = [image for image in data.images for _ in image.views]
+    shapes, labels, depths = list[Markup](), list[Markup](), list[float]()
+    faces = len(boards) // count
+    for i, corners in enumerate(boards):
+        image = images[i // faces]
+        depth, points = view.project(corners)
+        title = element("title", f"{image.number} {image.name}: rms {image.rms_px:.2f} px")
+        attributes = {"class_": "board", "data_corners": _coordinates(corners), "data_number": image.number}
+        fill = scale.color(image.rms_px)
+        shapes.append(element("path", title, d=path_data(points) + "Z", fill=fill, **attributes))
+        text = "" if i % faces else str(image.number)
+        labels.append(_label(text, points.mean(0), data_number=image.number))
+        depths.append(depth)
+    # Draw the farthest board first and the camera last. The script matches labels to shapes by their order.
+    order = np.argsort(-np.array(depths), kind="stable")
     lines, letters = list[Markup](), list[Markup]()
     for (name, _), ends in zip(AXES, axes, strict=True):
-        _, places = view.of(ends)
-        lines.append(element("path", d=path_of(places), class_=f"axis axis-{name}", data_corners=_said(ends)))
-        letters.append(_label(name, places[1]))
-    # The farthest first, the camera over all. Scripts find the label of a shape by its place among them.
-    order = sorted(range(len(shapes)), key=lambda i: -shapes[i][0])
+        _, points = view.project(ends)
+        attributes = {"class_": f"axis axis-{name}", "data_corners": _coordinates(ends)}
+        lines.append(element("path", d=path_data(points), **attributes))
+        letters.append(_label(name, points[1]))
     drawing = element(
         "svg",
-        element("g", *(shapes[i][1] for i in order)),
+        element("g", *(shapes[i] for i in order)),
         element("g", *lines),
         element("g", *(labels[i] for i in order), *letters),
-        viewBox=f"0 0 {short(WIDE)} {short(HIGH)}",
+        viewBox=f"0 0 {format_coordinate(WIDTH)} {format_coordinate(HEIGHT)}",
         role="group",
         tabindex=0,
-        aria_label=f"{count} boards around the camera. Arrow keys turn, plus and minus come nearer and go away.",
+        aria_label=f"{count} boards around the camera. Arrow keys rotate, plus and minus zoom.",
         class_="scene",
-        data_middle=" ".join(f"{value:.6g}" for value in view.middle),
-        data_scale=f"{view.scale:.6g}",
-        data_eye=f"{view.eye:.6g}",
-        data_yaw=f"{YAW:.6g}",
-        data_pitch=f"{PITCH:.6g}",
+        **view.attributes(),
     )
-    named = ", ".join(f"{name} {where}" for name, where in AXES)
-    return Figure(
-        "boards",
-        "Where the boards stood",
-        element(
-            "div",
-            drawing,
-            element(
-                "p",
-                f"The camera's axes are {length:g} {m.unit} long: {named}. Boards are up to {reach:.3g} {m.unit} away.",
-                f" Colours: rms of the image, {colours.low:.2f} px dark to {colours.high:.2f} px bright.",
-                class_="note",
-            ),
-        ),
-        (
-            "Each outline is the board of one image, as the camera saw it around itself. Drag to turn; click it and"
-            " roll the wheel, or press + and −, to come nearer; double-click to begin again.",
-            "Boards near and far, on all sides, and tilted differently. Boards that are all parallel leave the focal"
-            " length open.",
-            "A board in an impossible place (behind a wall, inside another) means wrong corners: drop its image. Add"
-            " images where no board stands.",
-        ),
-        "Boards",
+    names = ", ".join(f"{name} {direction}" for name, direction in AXES)
+    note = (
+        f"Camera axes of {length:g} {data.unit}: {names}. The farthest board corner is {extent:.3g} {data.unit} away."
+        f" Color: rms of the image, {scale.low:.2f} px (dark) to {scale.high:.2f} px (bright)."
     )
-
-
-def _boards(m: Material) -> Array:
-    """Give the corners (V, 4, 3) of every board in the camera frame; of a solid body three sides (3 V, 4, 3)."""
-    state, views = m.calibration.state, m.calibration.views
-    (left, top), (right, bottom) = views.extent
-    outline = np.array([[left, top, 0], [right, top, 0], [right, bottom, 0], [left, bottom, 0]])[None]
-    if not views.is_planar:
-        low, high = views.points.min(0), views.points.max(0)
-        around = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-        outline = low + (high - low) * np.stack([around, around[:, [2, 0, 1]], around[:, [1, 2, 0]]])
-    turned = outline @ np.swapaxes(state.rotations, 1, 2)[:, None] + state.translations[:, None, None]
-    return turned.reshape(-1, 4, 3)
+    return Section(
+        "board-poses",
+        "Board poses",
+        element("div", drawing, element("p", note, class_="note")),
+        Guide(
+            "Outlines of the boards in the camera frame, one per image. Drag to rotate. Click and scroll, or press +"
+            " and −, to zoom. Double-click to reset.",
+            "Near and far boards on all sides with different tilts. The focal length cannot be determined from boards"
+            " that are all parallel.",
+            "A board at an impossible position (behind a wall, inside another board) has wrong corners: drop its"
+            " image. Add images where there are no boards.",
+        ),
+    )
 
 
 @dataclass(frozen=True)
-class _View:
-    """How the scene is seen at first: `middle` in the middle, `scale` px per unit there, from `eye` away."""
+class SceneView:
+    """A perspective view of the scene.
 
-    middle: Array
+    Attributes
+    ----------
+    centre
+        (3,) point in the centre of the drawing.
+    scale
+        Units of the drawing per unit of length at the centre.
+    eye
+        Distance of the eye from the centre.
+    """
+
+    centre: Array
     scale: float
     eye: float
 
     @classmethod
-    def around(cls, points: Array) -> "_View":
-        """Fit points (N, 3) into the paper."""
-        middle = (points.max(0) + points.min(0)) / 2
-        view = cls(middle, 1.0, EYE * float(np.linalg.norm(points - middle, axis=1).max()))
-        away = np.abs(view.of(points)[1] - (WIDE / 2, HIGH / 2)).max(0)
-        return replace(view, scale=float(FILLED * np.min((WIDE, HIGH) / away)))
+    def of(cls, points: Array) -> "SceneView":
+        """Return a view that fits points (N, 3) into the drawing."""
+        centre = (points.max(0) + points.min(0)) / 2
+        view = cls(centre, 1.0, EYE_DISTANCE * float(np.linalg.norm(points - centre, axis=1).max()))
+        extent = np.abs(view.project(points)[1] - (WIDTH / 2, HEIGHT / 2)).max(0)
+        return replace(view, scale=float(FILL_FRACTION * np.min((WIDTH, HEIGHT) / extent)))
 
-    def of(self, points: Array) -> tuple[float, Array]:
-        """Give how far behind the middle points (N, 3) are, and their places (N, 2) on the paper."""
-        x, y, z = (points - self.middle).T
-        across, away = x * np.cos(YAW) + z * np.sin(YAW), z * np.cos(YAW) - x * np.sin(YAW)
-        down, depth = y * np.cos(PITCH) - away * np.sin(PITCH), y * np.sin(PITCH) + away * np.cos(PITCH)
-        size = self.scale * self.eye / (self.eye + depth)
-        return float(depth.mean()), np.stack([WIDE / 2 + size * across, HIGH / 2 + size * down], -1)
+    def project(self, points: Array) -> tuple[float, Array]:
+        """Return the mean depth of points (N, 3) behind the centre, and their positions (N, 2) in the drawing."""
+        x, y, z = (points - self.centre).T
+        horizontal, forward = x * np.cos(YAW) + z * np.sin(YAW), z * np.cos(YAW) - x * np.sin(YAW)
+        vertical, depth = y * np.cos(PITCH) - forward * np.sin(PITCH), y * np.sin(PITCH) + forward * np.cos(PITCH)
+        scale = self.scale * self.eye / (self.eye + depth)
+        return float(depth.mean()), np.stack([WIDTH / 2 + scale * horizontal, HEIGHT / 2 + scale * vertical], -1)
 
-
-def _colours(m: Material) -> LogScale:
-    found = [max(picture.rms, LEAST) for picture in m.images if picture.views]
-    return LogScale(min(found), max(found))
-
-
-def _label(said: str, at: Array, **attributes: Any) -> Markup:
-    x, y = map(float, at)
-    return element("text", said, x=x, y=y + 4, text_anchor="middle", class_="on", **attributes)
+    def attributes(self) -> dict[str, str]:
+        """Return the view as attributes that the script reads."""
+        values = {"scale": self.scale, "eye": self.eye, "yaw": YAW, "pitch": PITCH}
+        centre = " ".join(f"{value:.6g}" for value in self.centre)
+        return {"data_centre": centre, **{f"data_{name}": f"{value:.6g}" for name, value in values.items()}}
 
 
-def _said(points: Array) -> str:
+def _board_outlines(data: ReportData) -> Array:
+    """Return the outline (V, 4, 3) of every board in the camera frame; three faces (3 V, 4, 3) of a solid target."""
+    state, observations = data.state, data.observations
+    (left, top), (right, bottom) = observations.extent
+    faces = np.array([[left, top, 0], [right, top, 0], [right, bottom, 0], [left, bottom, 0]])[None]
+    if not observations.is_planar:
+        low, high = observations.points.min(0), observations.points.max(0)
+        square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+        faces = low + (high - low) * np.stack([square, square[:, [2, 0, 1]], square[:, [1, 2, 0]]])
+    outlines = faces @ np.swapaxes(state.rotations, 1, 2)[:, None] + state.translations[:, None, None]
+    return outlines.reshape(-1, 4, 3)
+
+
+def _color_scale(data: ReportData) -> LogColorScale:
+    rms = [max(image.rms_px, MIN_SCALE_PX) for image in data.images if image.views]
+    return LogColorScale(min(rms), max(rms))
+
+
+def _label(text: str, position: Array, **attributes: Any) -> Markup:
+    x, y = map(float, position)
+    return element("text", text, x=x, y=y + 4, text_anchor="middle", class_="on", **attributes)
+
+
+def _coordinates(points: Array) -> str:
     return " ".join(f"{value:.5g}" for value in points.ravel())

@@ -1,53 +1,54 @@
-"""Where in the field of view corners were seen."""
+"""Coverage of the field of view by corners."""
 
 import numpy as np
 
-from omnisight.quality.coverage import ENOUGH, SECTORS, SIDES
+from omnisight.quality.coverage import MIN_CORNERS, SECTORS, SIDES
 from omnisight.report.axes import chart
 from omnisight.report.html import element
-from omnisight.report.report_data import Figure, Material
-from omnisight.report.polar_axes import SIDE, Polar
+from omnisight.report.polar_axes import SIDE, PolarAxes
+from omnisight.report.report_data import ReportData
+from omnisight.report.section import Guide, Section
 
 
-def coverage(m: Material) -> Figure:
-    """Draw it on a disc of angles."""
-    seen = m.calibration.trust.coverage
-    disc = Polar(float(seen.edges[-1]))
+def coverage(data: ReportData) -> Section:
+    """Draw covered and missing cells on a disc of directions."""
+    result = data.coverage
+    disc = PolarAxes(float(result.edges[-1]))
+    sector = 2 * np.pi / SECTORS
     cells = [
         element(
             "path",
-            element("title", _said(low, high, SIDES[k] if i else "all around", int(seen.corners[i, k]))),
-            d=disc.cell((low, high), ((k - 0.5) * 2 * np.pi / SECTORS, (k + 0.5) * 2 * np.pi / SECTORS)),
-            class_="seen" if seen.covered[i, k] else "missing",
+            element("title", _cell_text(low, high, SIDES[k] if i else "all sides", int(result.corners[i, k]))),
+            d=disc.cell((low, high), ((k - 0.5) * sector, (k + 0.5) * sector)),
+            class_="covered" if result.covered[i, k] else "missing",
         )
-        for i, (low, high) in enumerate(zip(seen.edges[:-1], seen.edges[1:], strict=True))
+        for i, (low, high) in enumerate(zip(result.edges[:-1], result.edges[1:], strict=True))
         for k in range(SECTORS)
-        if seen.shown[i, k] or seen.covered[i, k]
+        if result.visible[i, k] or result.covered[i, k]
     ]
-    missing = seen.missing()
-    more = f"Put the board {missing}, and add these images{m.where_best}."
-    said = f"Corners were seen in {seen.share:.0%} of what the image shows. Missing: {missing or 'nothing'}."
-    return Figure(
+    missing = result.missing()
+    return Section(
         "coverage",
-        "Where the board was seen",
+        "Coverage",
         chart(
             *cells,
-            disc.dots(m.theta, m.phi, "corner"),
+            disc.dots(data.theta, data.phi, "corner"),
             disc.rings(),
-            said=said,
+            label=f"Corners cover {result.share:.0%} of the field of view. Missing: {missing or 'nothing'}.",
             width=SIDE + 30,
             height=SIDE,
         ),
-        (
-            "The whole field of view as a disc: the middle is the axis of the camera, the distance from it the angle "
-            "from the axis, and the sides are those of the image. Each dot is a corner of the board. Blue parts have "
-            f"at least {ENOUGH} corners; orange hatched parts are in the image and have none; blank parts are not.",
-            "Blue all around and out to the rim. A camera is only known where it was tested.",
-            more if missing else "Nothing is missing here.",
+        Guide(
+            "The field of view: the radius is the angle from the optical axis, the direction is the side of the image. "
+            f"Each dot is a corner. Blue cells have at least {MIN_CORNERS} corners, orange hatched cells are in the "
+            "image but have fewer, blank cells are outside the image.",
+            "Blue cells on all sides up to the image circle. The calibration is only tested where there are corners.",
+            f"Add images with the board at {missing}{data.next_view_hint}."
+            if missing
+            else "No action needed: nothing is missing.",
         ),
-        "Coverage",
     )
 
 
-def _said(low: float, high: float, side: str, corners: int) -> str:
-    return f"{np.degrees(low):.0f}° to {np.degrees(high):.0f}° from the axis, {side}: {corners} corners"
+def _cell_text(low: float, high: float, side: str, corners: int) -> str:
+    return f"{np.degrees(low):.0f}° to {np.degrees(high):.0f}° off-axis, {side}: {corners} corners"

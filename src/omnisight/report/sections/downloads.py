@@ -1,38 +1,47 @@
-"""The camera in every format that can hold it, inside the page."""
+"""The camera file in every supported format, embedded in the page."""
 
 import base64
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion, convert_model
-from omnisight.formats import Format, FormatError, Written, format_named, format_names, save
+from omnisight.formats import Format, FormatError, SaveResult, get_format, format_names, save
 from omnisight.ray_camera import RayCamera
-from omnisight.report.html import Markup, element, together
-from omnisight.report.report_data import Figure, Material
+from omnisight.report.html import Markup, element, join
+from omnisight.report.report_data import ReportData
+from omnisight.report.section import Guide, Section
 
-# A format that lacks the camera's model gets another one that was fitted to it, if it is so near, px.
-NEAR = 1.0
+# A format without the camera's model gets another model that was fitted to it, up to this error.
+MAX_CONVERSION_ERROR_PX = 1.0
+CONTENT = "The camera in every format that {}. The files are embedded in this page; nothing is downloaded."
+
+
+def downloads(data: ReportData) -> Section:
+    """Return links to the camera in every format."""
+    camera = data.camera
+    body, guide = _ray_files(camera) if isinstance(camera, RayCamera) else _central_files(camera)
+    return Section("downloads", "Downloads", body, guide)
 
 
 @dataclass(frozen=True)
-class _Nearest:
-    """The camera in terms of other models, each fitted once."""
+class ModelConversions:
+    """Conversions of a camera to other models, each fitted once."""
 
     camera: Camera
-    fitted: dict[str, Conversion | None]
+    by_model: dict[str, Conversion | None] = field(default_factory=dict[str, Conversion | None])
 
-    def of(self, models: Sequence[str]) -> Conversion | None:
-        """Give the nearest of some models; None if none can be fitted."""
+    def best_of(self, models: Sequence[str]) -> Conversion | None:
+        """Return the conversion with the smallest error; None if none of the models can be fitted."""
         for model in models:
-            if model not in self.fitted:
-                self.fitted[model] = self._fit(model)
-        found = [conversion for model in models if (conversion := self.fitted[model]) is not None]
-        return min(found, key=lambda conversion: conversion.max_px, default=None)
+            if model not in self.by_model:
+                self.by_model[model] = self._fit(model)
+        conversions = [conversion for model in models if (conversion := self.by_model[model]) is not None]
+        return min(conversions, key=lambda conversion: conversion.max_px, default=None)
 
     def _fit(self, model: str) -> Conversion | None:
         try:
@@ -41,96 +50,85 @@ class _Nearest:
             return None
 
 
-def downloads(m: Material) -> Figure:
-    """Write them all."""
-    held, left_out, how = _of_rays(m.camera) if isinstance(m.camera, RayCamera) else _of_central(m.camera)
-    return Figure(
-        "downloads",
-        "The camera as a file",
-        together(element("ul", *held, class_="downloads"), left_out),
-        how,
-        "Files",
-    )
-
-
-def _of_central(camera: Camera) -> tuple[list[Markup], Markup | None, tuple[str, str, str]]:
-    """Give a central camera in every format that holds it or one near it, why the others do not, and how to read it."""
-    nearest = _Nearest(camera, {})
-    held, refused = list[Markup](), list[Markup]()
+def _central_files(camera: Camera) -> tuple[Markup, Guide]:
+    """Return a central camera in every format, with the reason for each format that cannot represent it."""
+    conversions = ModelConversions(camera)
+    links, refused = list[Markup](), list[Markup]()
     with tempfile.TemporaryDirectory() as folder:
-        for name, chosen, file in _files(Path(folder)):
+        for name, file_format, file in _files(Path(folder)):
             try:
-                held.append(_download(camera, name, chosen, file, nearest))
+                links.append(_download(camera, name, file_format, file, conversions))
             except FormatError as error:
-                why = str(error).removeprefix(f"{file}: {chosen.TITLE}: ")
-                refused.append(element("li", element("b", chosen.TITLE), f": {why}"))
-    left_out = element(
+                reason = str(error).removeprefix(f"{file}: {file_format.TITLE}: ")
+                refused.append(element("li", element("b", file_format.TITLE), f": {reason}"))
+    details = element(
         "details",
-        element("summary", f"{len(refused)} formats cannot hold this camera"),
+        element("summary", f"Formats that cannot represent this camera: {len(refused)}"),
         element("ul", *refused, class_="refused"),
     )
-    how = (
-        "Every format that holds this camera. The files are inside this page: nothing is fetched.",
-        "Files of the same model are off by rounding. Where a format lacks it, another model was fitted,"
-        f" {NEAR:g} px off at most within the calibrated cone; how much is said.",
-        "Keep the omnisight JSON, which loses nothing: covariance, calibrated cone and figures are in it. Take the"
-        " others for the programs that read them.",
+    guide = Guide(
+        CONTENT.format("supports it"),
+        "Files with the same model differ by rounding only. For formats without the model, another model was fitted,"
+        f" with an error of at most {MAX_CONVERSION_ERROR_PX:g} px within the calibrated field of view.",
+        "Keep the omnisight JSON file: only it has the covariance, the calibrated field of view and the quality"
+        " figures. Use the others for the programs that read them.",
     )
-    return held, left_out if refused else None, how
+    return join(element("ul", *links, class_="downloads"), details if refused else None), guide
 
 
-def _of_rays(camera: RayCamera) -> tuple[list[Markup], Markup | None, tuple[str, str, str]]:
-    """Give a camera of rays in every format that holds rays, what to do for the others, and how to read it."""
-    held, others = list[Markup](), 0
+def _ray_files(camera: RayCamera) -> tuple[Markup, Guide]:
+    """Return a non-central camera in every format that supports rays, and the command for the others."""
+    links, others = list[Markup](), 0
     with tempfile.TemporaryDirectory() as folder:
-        for name, chosen, file in _files(Path(folder)):
+        for name, file_format, file in _files(Path(folder)):
             try:
-                held.append(_link(save(camera, file, format=name), name, chosen))
+                links.append(_link(save(camera, file, format=name), name, file_format))
             except FormatError:
                 others += 1
-    how = (
-        "Every format that has a place for where a ray starts. The files are inside this page: nothing is fetched.",
-        "The omnisight JSON loses nothing: covariance, calibrated cone and figures are in it.",
-        "Keep it, and make the central camera for a program from it, for the distance of what that looks at. How far"
-        " off such a camera is at other distances, the part on the viewpoint says.",
-    )
-    said = f"{others} other formats hold cameras whose rays meet in a point. They get the one that fits at a distance:"
+    note = f"{others} other formats support central cameras only. Export the camera that fits best at a distance:"
     command = element("code", "omnisight convert camera.json --to opencv --distance 2m")
-    return held, element("p", f"{said} ", command, class_="note"), how
+    guide = Guide(
+        CONTENT.format("supports rays with different origins"),
+        "The omnisight JSON file is complete: it has the covariance, the calibrated field of view and the quality"
+        " figures.",
+        "Keep it, and export a central camera for the working distance of each program. See Non-central test for its"
+        " error at other distances.",
+    )
+    return join(element("ul", *links, class_="downloads"), element("p", f"{note} ", command, class_="note")), guide
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Format, Path]]:
-    """Give every format, our own first, with the file to write."""
+    """Yield name, format and file to write of every format, the native one first."""
     for name in sorted(format_names(), key=lambda name: (name != "native", name)):
-        chosen = format_named(name)
-        yield name, chosen, folder / f"camera-{name}{chosen.SUFFIX}"
+        file_format = get_format(name)
+        yield name, file_format, folder / f"camera-{name}{file_format.SUFFIX}"
 
 
-def _download(camera: Camera, name: str, chosen: Format, file: Path, nearest: _Nearest) -> Markup:
-    """Give a link that holds the file, or raise `FormatError` if the format can hold nothing near enough."""
-    if camera.model.name in chosen.MODELS:
-        return _link(save(camera, file, format=name), name, chosen)
-    conversion = nearest.of(chosen.MODELS)
-    if conversion is None or not conversion.max_px <= NEAR:
-        raise FormatError(_too_far(chosen, conversion))
-    other = conversion.camera
-    note = f"{other.model.name}, fitted to this camera: {conversion.max_px:.2g} px off at most"
-    return _link(save(other, file, format=name), name, chosen, element("span", "fitted"), note)
+def _download(camera: Camera, name: str, file_format: Format, file: Path, conversions: ModelConversions) -> Markup:
+    """Return a link to the camera in one format; raise `FormatError` if no model of the format is accurate enough."""
+    if camera.model.name in file_format.MODELS:
+        return _link(save(camera, file, format=name), name, file_format)
+    conversion = conversions.best_of(file_format.MODELS)
+    if conversion is None or not conversion.max_px <= MAX_CONVERSION_ERROR_PX:
+        raise FormatError(_refusal(file_format, conversion))
+    converted = conversion.camera
+    note = f"{converted.model.name} fitted to this camera, max error {conversion.max_px:.2g} px"
+    return _link(save(converted, file, format=name), name, file_format, element("span", "fitted"), note)
 
 
-def _link(written: Written, name: str, chosen: Format, label: Markup | None = None, *notes: str) -> Markup:
-    """Give a link that holds a file that was written."""
+def _link(written: SaveResult, name: str, file_format: Format, badge: Markup | None = None, *notes: str) -> Markup:
+    """Return a link with the content of a written file."""
     address = "data:application/octet-stream;base64," + base64.b64encode(written.path.read_bytes()).decode()
-    link = element("a", chosen.TITLE, href=address, download=written.path.name, data_format=name)
-    said = "; ".join([*notes, f"reads back {written.error_px:.1g} px off at most", *written.notes])
-    return element("li", link, label, element("small", written.path.name), element("p", said))
+    link = element("a", file_format.TITLE, href=address, download=written.path.name, data_format=name)
+    text = "; ".join([*notes, f"round-trip error at most {written.error_px:.1g} px", *written.notes])
+    return element("li", link, badge, element("small", written.path.name), element("p", text))
 
 
-def _too_far(chosen: Format, conversion: Conversion | None) -> str:
-    has = f"has {', '.join(chosen.MODELS)}"
+def _refusal(file_format: Format, conversion: Conversion | None) -> str:
+    supported = f"supports {', '.join(file_format.MODELS)}"
     if conversion is None:
-        return f"{has}, which cannot be fitted to this camera"
+        return f"{supported}; none of them can be fitted to this camera"
     name = conversion.camera.model.name
     if not np.isfinite(conversion.max_px):
-        return f"{has}: {name}, the nearest, does not reach as far from the axis"
-    return f"{has}: {name}, the nearest, is {conversion.max_px:.2g} px off"
+        return f"{supported}; the best fit, {name}, does not cover the field of view"
+    return f"{supported}; the best fit, {name}, has an error of {conversion.max_px:.2g} px"

@@ -1,4 +1,4 @@
-"""Every image, with the residuals of its corners drawn over it."""
+"""All images with the residuals of their corners."""
 
 import base64
 import os
@@ -10,215 +10,196 @@ import numpy as np
 
 from omnisight.geometry.sphere import polar
 from omnisight.images import UnreadableImage, read_image, to_gray8
-from omnisight.report.axes import Axes, chart, dots_of, path_of, round_down
-from omnisight.report.html import Markup, element, short, together
-from omnisight.report.report_data import LEAST, Figure, Material, Picture, name_of
+from omnisight.report.axes import Axes, chart, dot_path_data, nice_floor, path_data, segment_path_data
+from omnisight.report.html import Markup, element, format_coordinate, join
+from omnisight.report.report_data import MIN_SCALE_PX, ReportData, ReportImage
+from omnisight.report.section import Guide, Section
 
-# Images are embedded this wide at most, px, and narrower where there are many: together they have so many pixels, of
-# which JPEG takes about a fifth of a byte each.
-WIDEST, NARROWEST, TOGETHER = 700, 240, 9_000_000
-QUALITY = 72
-# Of more images than this only those with the largest residuals are shown.
-MOST = 120
-# A residual as long as the rms is drawn about this long, parts of the image's width.
-LONG = 0.035
-CONE_STEPS = 180
+# Limits of the width of embedded images, and of their pixels in all: JPEG takes about a fifth of a byte per pixel.
+MAX_IMAGE_WIDTH_PX, MIN_IMAGE_WIDTH_PX, MAX_TOTAL_PIXELS = 700, 240, 9_000_000
+JPEG_QUALITY = 72
+# Of more images, only those with the largest residuals are shown.
+MAX_IMAGES = 120
+# Length of a residual of the size of the rms, as a fraction of the image width.
+RMS_LENGTH_FRACTION = 0.035
+# Points along the boundary of the calibrated field of view.
+BOUNDARY_POINTS = 180
+# Largest number of labels on the axis of the bar chart.
+MAX_BAR_LABELS = 30
 
 
-def pictures(m: Material) -> Figure:
-    """Draw all images."""
-    shown = _chosen(m.images)
-    times = exaggeration(m)
-    width = embedded_width(m.camera.size, len(shown))
+def images(data: ReportData) -> Section:
+    """Draw the images, each with its residuals."""
+    shown = _shown_images(data.images)
+    scale = residual_scale(data)
+    width = embedded_width(data.camera.size, len(shown))
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        files = list(pool.map(lambda picture: _embedded(picture, width, m.apply_exif), shown))
-    cards = [_card(m, picture, file, times) for picture, file in zip(shown, files, strict=True)]
-    left_out = len(m.images) - len(shown)
-    others = f" The {left_out} with the smallest residuals are not shown." if left_out else ""
-    return Figure(
+        urls = list(pool.map(lambda image: _data_url(image, width, data.options.apply_exif), shown))
+    cards = [_card(data, image, url, scale) for image, url in zip(shown, urls, strict=True)]
+    hidden = len(data.images) - len(shown)
+    others = f" The {hidden} images with the smallest residuals are not shown." if hidden else ""
+    return Section(
         "images",
-        "What every image says",
-        together(
-            _beyond(m),
-            element("div", _bars(m), class_="scroll bars"),
-            element("p", f"Residuals are drawn {times:g} times as long as they are.{others}", class_="note"),
+        "Images",
+        join(
+            _extrapolated_area(data),
+            element("div", _rms_chart(data), class_="scroll bars"),
+            element("p", f"Residuals are magnified {scale:g} times.{others}", class_="note"),
             element("ol", *cards, class_="cards"),
         ),
-        (
-            "Each line runs from where a corner was seen towards where the calibrated camera puts it, "
-            f"{times:g} times as long as it is. Red lines are doubtful corners, which counted for little. "
-            "The hatched part lies past the calibrated cone: no corner was seen there in any image.",
-            "Short lines that point everywhere, and bars of about the same height.",
-            "An image whose lines are long, or all point one way, is blurred, was taken while something moved, or has"
-            " corners in the wrong place. Click it to drop it: the command that calibrates without it appears at the"
-            " top.",
+        Guide(
+            f"Lines are residuals from the detected to the projected corner, magnified {scale:g} times. Red lines are "
+            "outliers, which have a low weight. The hatched area is outside the calibrated field of view: it has no "
+            "corners in any image.",
+            "Short lines in random directions, and bars of similar height.",
+            "If the lines of an image are long or parallel, it is blurred, was taken in motion, or has wrong corners. "
+            "Click it to drop it: the command that calibrates without it appears at the top of the page.",
         ),
-        "Images",
         wide=True,
     )
 
 
-def exaggeration(m: Material) -> float:
-    """Give how many times longer than they are residuals are drawn: a round number, the same for all images."""
-    return max(1.0, round_down(LONG * m.camera.width / max(m.calibration.rms, LEAST)))
+def residual_scale(data: ReportData) -> float:
+    """Return the magnification of the residuals: a round number, the same for all images."""
+    return max(1.0, nice_floor(RMS_LENGTH_FRACTION * data.camera.width / max(data.rms_px, MIN_SCALE_PX)))
 
 
 def embedded_width(size: tuple[int, int], count: int) -> int:
-    """Give how wide, px, each of so many images of a size is embedded."""
+    """Return the width (px) at which each of `count` images of a size is embedded."""
     width, height = size
-    fair = float(np.sqrt(TOGETHER / max(count, 1) * width / max(height, 1)))
-    return max(1, round(min(width, WIDEST, max(fair, NARROWEST))))
+    fair = float(np.sqrt(MAX_TOTAL_PIXELS / max(count, 1) * width / max(height, 1)))
+    return max(1, round(min(width, MAX_IMAGE_WIDTH_PX, max(fair, MIN_IMAGE_WIDTH_PX))))
 
 
-def _chosen(given: Sequence[Picture]) -> list[Picture]:
-    if len(given) <= MOST:
-        return list(given)
-    worst = sorted(given, key=lambda picture: -np.nan_to_num(picture.rms, nan=-1.0))[:MOST]
-    return sorted(worst, key=lambda picture: picture.number)
+def _shown_images(images: Sequence[ReportImage]) -> list[ReportImage]:
+    if len(images) <= MAX_IMAGES:
+        return list(images)
+    worst = sorted(images, key=lambda image: -np.nan_to_num(image.rms_px, nan=-1.0))[:MAX_IMAGES]
+    return sorted(worst, key=lambda image: image.number)
 
 
-def _embedded(picture: Picture, width: int, apply_exif: bool) -> str | None:
-    """Give the image as a data: address; None if it cannot be read (any more)."""
+def _data_url(image: ReportImage, width: int, apply_exif: bool) -> str | None:
+    """Return a reduced copy of the image as a data: URL; None if it cannot be read."""
     import cv2
 
-    if picture.detection.size is None:
+    if image.path is None or image.size is None:
         return None
     try:
-        image = read_image(picture.detection.path, apply_exif=apply_exif)
+        pixels = read_image(image.path, apply_exif=apply_exif)
     except UnreadableImage:
         return None
-    small: Any = image[..., 2::-1] if image.ndim == 3 and image.dtype == np.uint8 else to_gray8(image)
-    height = max(1, round(image.shape[0] * width / image.shape[1]))
-    if width < image.shape[1]:
-        small = cv2.resize(np.ascontiguousarray(small), (width, height), interpolation=cv2.INTER_AREA)
-    done, data = cv2.imencode(".jpg", np.ascontiguousarray(small), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode() if done else None
+    bgr: Any = pixels[..., 2::-1] if pixels.ndim == 3 and pixels.dtype == np.uint8 else to_gray8(pixels)
+    height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
+    if width < pixels.shape[1]:
+        bgr = cv2.resize(np.ascontiguousarray(bgr), (width, height), interpolation=cv2.INTER_AREA)
+    success, data = cv2.imencode(".jpg", np.ascontiguousarray(bgr), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode() if success else None
 
 
-def _card(m: Material, picture: Picture, file: str | None, times: float) -> Markup:
-    found = bool(picture.views)
-    figures = f"{picture.corners} corners, rms {picture.rms:.2f}, worst {picture.worst:.2f} px"
-    drawing = _drawing(m, picture, file, times) if picture.detection.size is not None else None
-    said = f"Drop image {picture.number}, {picture.name}: {figures}"
+def _card(data: ReportData, image: ReportImage, url: str | None, scale: float) -> Markup:
+    used = bool(image.views)
+    figures = f"{image.corners} corners, rms {image.rms_px:.2f}, max {image.max_px:.2f} px" if used else "not used"
+    drawing = _drawing(data, image, url, scale) if image.size is not None else None
+    label = f"Drop image {image.number}, {image.name}: {figures}"
+    enlarge = element("button", "Enlarge", type="button", class_="enlarge", aria_label=f"Enlarge image {image.number}")
     return element(
         "li",
-        element("button", drawing, type="button", class_="drop", aria_pressed="false", aria_label=said)
-        if found
+        element("button", drawing, type="button", class_="drop", aria_pressed="false", aria_label=label)
+        if used
         else element("div", drawing, class_="no-board"),
-        element("p", element("b", picture.number), " ", name_of(picture.name), class_="name"),
-        element("p", figures if found else "not used", class_="figures"),
-        element("p", picture.detection.note, class_="note") if picture.detection.note else None,
-        element("button", "Enlarge", type="button", class_="enlarge", aria_label=f"Enlarge image {picture.number}")
-        if drawing is not None
-        else None,
-        id=f"image-{picture.number}",
-        class_="card" if found else "card unused",
-        data_number=picture.number,
-        data_drop=m.dropping(picture) if found else None,
+        # The isolation element keeps the writing direction of a file name inside it.
+        element("p", element("b", image.number), " ", element("bdi", image.name), class_="name"),
+        element("p", figures, class_="figures"),
+        element("p", image.note, class_="note") if image.note else None,
+        enlarge if drawing is not None else None,
+        id=f"image-{image.number}",
+        class_="card" if used else "card unused",
+        data_number=image.number,
+        data_drop=data.drop_option(image) if used else None,
     )
 
 
-def _drawing(m: Material, picture: Picture, file: str | None, times: float) -> Markup:
-    width, height = m.camera.size
-    # The pixel (0, 0) is a square around that place.
-    place = {"x": -0.5, "y": -0.5, "width": float(width), "height": float(height)}
-    parts = [element("image", href=file, preserveAspectRatio="none", **place)] if file is not None else []
-    parts.append(element("use", href="#beyond"))
-    if picture.views:
-        pixels, residuals = m.calibration.views.pixels[picture.rows], m.residuals[picture.rows]
-        doubtful = m.calibration.outliers[picture.rows]
-        for rows, class_ in ((~doubtful, "sure"), (doubtful, "doubtful")):
+def _drawing(data: ReportData, image: ReportImage, url: str | None, scale: float) -> Markup:
+    width, height = data.camera.size
+    # The pixel (0, 0) is a square with its centre at (0, 0).
+    area = {"x": -0.5, "y": -0.5, "width": float(width), "height": float(height)}
+    parts = [element("image", href=url, preserveAspectRatio="none", **area)] if url is not None else []
+    parts.append(element("use", href="#extrapolated-image"))
+    if image.views:
+        pixels, vectors = data.observations.pixels[image.rows], scale * data.residuals[image.rows]
+        outliers = data.outliers[image.rows]
+        for rows, class_ in ((~outliers, "inlier"), (outliers, "outlier")):
             if rows.any():
-                path = _lines(pixels[rows], residuals[rows] * times)
+                path = _residual_path(pixels[rows], vectors[rows])
                 parts.append(element("path", d=path, class_="under"))
                 parts.append(element("path", d=path, class_=f"residual {class_}"))
         size = width / 26
-        parts.append(
-            element(
-                "text", f"residuals × {times:g}", x=size / 2, y=height - size / 2, font_size=size, class_="exaggeration"
-            )
-        )
-    what = "with its residuals" if picture.views else "without a board"
-    said = f"Image {picture.number}, {picture.name}, {what}"
-    return element("svg", *parts, viewBox=f"-0.5 -0.5 {width} {height}", role="img", aria_label=said, class_="image")
+        text = {"x": size / 2, "y": height - size / 2, "font_size": size, "class_": "magnification"}
+        parts.append(element("text", f"residuals × {scale:g}", **text))
+    label = f"Image {image.number}, {image.name}, {'with residuals' if image.views else 'without board'}"
+    view = f"-0.5 -0.5 {width} {height}"
+    return element("svg", *parts, viewBox=view, role="img", aria_label=label, class_="image")
 
 
-def _lines(pixels: Any, drawn: Any) -> str:
-    """Give a path with a dot at every corner and a line along its residual."""
-    known = np.isfinite(drawn).all(1)
-    ends = zip(pixels[known], drawn[known], strict=True)
-    lines = "".join(f"M{short(u)} {short(v)}l{short(a)} {short(b)}" for (u, v), (a, b) in ends)
-    return lines + dots_of(pixels[~known])
+def _residual_path(pixels: Any, vectors: Any) -> str:
+    """Return SVG path data with a line per residual, and a dot if the residual is not finite."""
+    finite = np.isfinite(vectors).all(1)
+    return segment_path_data(pixels[finite], vectors[finite]) + dot_path_data(pixels[~finite])
 
 
-def _beyond(m: Material) -> Markup:
-    """Define the part of every image that lies past the calibrated cone."""
-    width, height = m.camera.size
-    azimuth = np.linspace(0, 2 * np.pi, CONE_STEPS, endpoint=False)
-    rim, valid = m.far.model.project_numpy(polar(np.full(CONE_STEPS, m.reach * (1 - 1e-9)), azimuth))
-    cone = path_of(rim[valid]) + "Z" if valid.any() else ""
-    around = f"M-0.5 -0.5H{width - 0.5}V{height - 0.5}H-0.5Z"
-    # Hatched in px of the image: a pattern of its own, as coarse as the image is large.
+def _extrapolated_area(data: ReportData) -> Markup:
+    """Define the area of the images outside the calibrated field of view, for use in all images."""
+    width, height = data.camera.size
+    azimuth = np.linspace(0, 2 * np.pi, BOUNDARY_POINTS, endpoint=False)
+    theta = np.full(BOUNDARY_POINTS, data.max_theta * (1 - 1e-9))
+    boundary, valid = data.central_limit.model.project_numpy(polar(theta, azimuth))
+    calibrated = path_data(boundary[valid]) + "Z" if valid.any() else ""
+    image_area = f"M-0.5 -0.5H{width - 0.5}V{height - 0.5}H-0.5Z"
+    # The hatching is in pixels of the image, so it needs a pattern of its own.
     step = width / 60
     pattern = element(
         "pattern",
-        element("path", d=f"M0 0V{short(step)}", class_="hatching", stroke_width=step / 5),
+        element("path", d=f"M0 0V{format_coordinate(step)}", class_="hatching", stroke_width=step / 5),
         id="hatch-image",
         width=step,
         height=step,
         patternUnits="userSpaceOnUse",
         patternTransform="rotate(45)",
     )
-    area = element("path", d=around + cone, fill="url(#hatch-image)", fill_rule="evenodd")
-    rim_line = element("path", d=cone, class_="cone")
-    return element(
-        "svg",
-        element("defs", pattern, element("g", area, rim_line, id="beyond")),
-        class_="defs",
-        width=0,
-        height=0,
-        aria_hidden="true",
-    )
+    area = element("path", d=image_area + calibrated, fill="url(#hatch-image)", fill_rule="evenodd")
+    edge = element("path", d=calibrated, class_="calibrated-edge")
+    return definitions(pattern, element("g", area, edge, id="extrapolated-image"))
 
 
-def _bars(m: Material) -> Markup:
-    """Draw the rms of every image, each bar a link to its image."""
-    found = [picture for picture in m.images if picture.views]
-    top = max(LEAST, *(picture.rms for picture in found)) * 1.12
-    count = len(m.images)
-    step = max(1, int(np.ceil(count / 30)))
-    axes = Axes(
-        (0.5, count + 0.5),
-        (0.0, top),
-        "image",
-        "rms, px",
-        box=(52.0, 10.0, 908.0, 120.0),
-        x_ticks=tuple((float(n), str(n)) for n in range(1, count + 1, step)),
-    )
-    shown = {picture.number for picture in _chosen(m.images)}
+def definitions(*content: Markup) -> Markup:
+    """Return an invisible SVG element with definitions that other drawings refer to."""
+    return element("svg", element("defs", *content), class_="defs", width=0, height=0, aria_hidden="true")
+
+
+def _rms_chart(data: ReportData) -> Markup:
+    """Draw the rms of each image as a bar that links to the image."""
+    used = [image for image in data.images if image.views]
+    top = max(MIN_SCALE_PX, *(image.rms_px for image in used)) * 1.12
+    count = len(data.images)
+    step = max(1, int(np.ceil(count / MAX_BAR_LABELS)))
+    ticks = tuple((float(n), str(n)) for n in range(1, count + 1, step))
+    axes = Axes((0.5, count + 0.5), (0.0, top), "image", "rms, px", (52.0, 10.0, 908.0, 120.0), ticks)
+    shown = {image.number for image in _shown_images(data.images)}
     bars = list[Markup]()
-    for picture in found:
-        (left, up), (right, down) = axes.at([picture.number - 0.36, picture.number + 0.36], [picture.rms, 0.0])
-        bar = element(
-            "rect",
-            element("title", f"{picture.number} {picture.name}: {picture.rms:.3f} px"),
-            x=float(left),
-            y=float(up),
-            width=float(right - left),
-            height=float(down - up),
-            class_="bar",
-            data_number=picture.number,
-        )
-        said = f"Image {picture.number}: rms {picture.rms:.3f} px"
+    for image in used:
+        (left, upper), (right, lower) = axes.positions([image.number - 0.36, image.number + 0.36], [image.rms_px, 0.0])
+        title = element("title", f"{image.number} {image.name}: {image.rms_px:.3f} px")
+        area = {"x": float(left), "y": float(upper), "width": float(right - left), "height": float(lower - upper)}
+        bar = element("rect", title, **area, class_="bar", data_number=image.number)
+        label = f"Image {image.number}: rms {image.rms_px:.3f} px"
         bars.append(
-            element("a", bar, href=f"#image-{picture.number}", aria_label=said) if picture.number in shown else bar
+            element("a", bar, href=f"#image-{image.number}", aria_label=label) if image.number in shown else bar
         )
-    rms = m.calibration.rms
     return chart(
         axes.frame(),
         *bars,
-        axes.line([0.5, count + 0.5], [rms, rms], "mean"),
-        said=f"Bars: rms of the residuals of each image, px. The line is that of all images, {rms:.3f} px.",
+        axes.line(axes.x_range, [data.rms_px] * 2, "mean"),
+        label=f"Rms of the residuals of each image, px. The line is the rms of all images, {data.rms_px:.3f} px.",
         width=920,
         height=162,
         role="group",

@@ -1,126 +1,94 @@
-"""Whether the rays meet in a point, and what a camera that says so leaves near and far."""
+"""The non-central test: whether a shift of the entrance pupil explains the images better than a central camera."""
 
 import numpy as np
 
-from omnisight.calibration.candidate import Candidate
-from omnisight.pipeline.noncentral import RaysCalibration
 from omnisight.quality.noncentral_test import NonCentralityTest
-from omnisight.ray_camera import RayCamera
-from omnisight.report.axes import Axes, chart
-from omnisight.report.html import Markup, element, together
-from omnisight.report.report_data import LEAST, Figure, Material
+from omnisight.report.axes import Axes, chart, legend
+from omnisight.report.html import Markup, element, join, table
+from omnisight.report.number_format import capitalize
+from omnisight.report.report_data import MIN_SCALE_PX, ReportData
+from omnisight.report.section import Guide, Section
 
-# How the distances are drawn, the nearest first.
-LINES = ("other", "curve", "ideal ideal-0")
-
-
-def viewpoint(m: Material) -> Figure | None:
-    """Draw the error of the central camera over the angle at each distance; nothing where it was not asked.
-
-    Nor beside a camera of rays that has no axis: what is asked is a viewpoint that moves along one.
-    """
-    asked = m.asked
-    if asked is None or (isinstance(m.camera, RayCamera) and m.travel is None):
-        return None
-    sentence, c = str(asked), m.calibration
-    return Figure(
-        "viewpoint",
-        "Whether the rays meet in a point",
-        together(
-            element("p", f"{sentence[:1].upper()}{sentence[1:]}.", class_="lead"),
-            _chart(asked),
-            element("div", _table(asked), class_="scroll"),
-        ),
-        _how_to_leave(asked, c.central) if isinstance(c, RaysCalibration) else _how_to_take(asked),
-        "Viewpoint",
-    )
-
-
-SHOWN = (
-    "A central camera has one point that all rays pass. In most fisheyes that point moves with the angle, by"
-    " millimetres, and in mirrors that are not made and mounted for it, by more. {} drawn is by how much the central"
-    " camera then puts a point beside its place, root mean square around the axis, for points at three distances. It"
-    " stands where it agrees best with the boards. What it leaves is hardly known where the travel is no larger than"
-    " its standard deviation."
+# Line styles of the distances, the nearest first.
+LINE_CLASSES = ("other", "curve", "ideal ideal-0")
+COLUMNS = ("distance", "rms, px", "max, px", "rms, degrees", "max, degrees")
+CONTENT = (
+    "All rays of a central camera pass one point. In most fisheye lenses the entrance pupil shifts by millimetres with"
+    " the angle, and in mirrors that are not designed for a single viewpoint by more. {} The chart shows the error (rms"
+    " over the azimuth) of the best central camera for points at three distances. It is hardly known if the shift is"
+    " not larger than its standard deviation."
 )
 
 
-def _how_to_take(asked: NonCentralityTest) -> tuple[str, str, str]:
-    """Say how to read it beside a central camera."""
-    return (
-        SHOWN.format("The same camera was fitted with a viewpoint that moves along its axis;"),
-        "Images held out that are explained no better by a viewpoint that moves, and errors below the residuals"
-        " themselves at the distances you work at.",
-        "Calibrate with --model axial if you measure nearer or farther than the boards were: the file then has a ray,"
-        " place and bearing, for each pixel."
-        if asked.needed or asked.open
-        else "Nothing, as long as you work at the distances of the boards. To be surer of the travel, hold boards very"
-        " near and far, out to the rim: only the two together tell a viewpoint that moves from a lens.",
+def noncentral_test(data: ReportData) -> Section | None:
+    """Draw the error of the central camera over the angle; None if the test was not run.
+
+    Non-central cameras that are not axial are not tested: the test is about a shift along the axis.
+    """
+    test = data.noncentral_test
+    if test is None or (not data.is_central and data.pupil_shift is None):
+        return None
+    body = join(
+        element("p", f"{capitalize(str(test))}.", class_="lead"),
+        _chart(test),
+        table(COLUMNS, _rows(test), caption="Error of the central camera over the field of view"),
+    )
+    guide = (
+        _central_guide(test) if data.best_central is None else _axial_guide(test, data.best_central.state.model.name)
+    )
+    return Section("noncentral-test", "Non-central test", body, guide)
+
+
+def _central_guide(test: NonCentralityTest) -> Guide:
+    return Guide(
+        CONTENT.format("The same camera was fitted with a shift along its axis."),
+        "A held-out error that the shift does not reduce, and errors below the residuals at your working distances.",
+        "Calibrate with --model axial if you measure nearer or farther than the boards were. The file then has an"
+        " origin and a bearing for each pixel."
+        if test.is_noncentral or test.is_inconclusive
+        else "No action needed if you work at the distances of the boards. To reduce the uncertainty of the shift, add"
+        " images with the board very near and far, up to the image circle: only together they separate the shift from"
+        " the lens profile.",
     )
 
 
-def _how_to_leave(asked: NonCentralityTest, central: Candidate) -> tuple[str, str, str]:
-    """Say how to read it beside an axial camera."""
-    return (
-        SHOWN.format("That of this camera moves along its axis;"),
-        "Images held out that are explained better by a viewpoint that moves, and errors of the central camera well"
-        " above the residuals at the distances you work at: there this camera is worth its distance.",
-        "Give programs that take rays the file as it is. Those that take central cameras only get the one that fits at"
-        " the distance you work at: omnisight convert --distance."
-        if asked.needed or asked.open
-        else f"Take the central camera, --model {central.state.model.name}: these images ask for no more, and every"
-        " program reads it.",
+def _axial_guide(test: NonCentralityTest, central_name: str) -> Guide:
+    return Guide(
+        CONTENT.format("This camera has a shift along its axis."),
+        "A held-out error that the shift reduces, and errors of the central camera well above the residuals at your"
+        " working distances.",
+        "Use the file as it is in programs that support rays. For other programs, export the central camera that fits"
+        " best at your working distance: omnisight convert --distance."
+        if test.is_noncentral or test.is_inconclusive
+        else f"Use the central camera, --model {central_name}: these images do not require more, and all programs"
+        " support it.",
     )
 
 
-def _chart(asked: NonCentralityTest) -> Markup:
-    degrees, left = np.degrees(asked.left.theta), asked.left
-    top = max(float(np.nanmax(left.pixels, initial=LEAST)) * 1.12, LEAST)
-    axes = Axes(
-        (float(degrees[0]), float(degrees[-1])),
-        (0.0, top),
-        "angle from the axis θ, degrees",
-        "error of the central camera, px",
-        box=(52.0, 26.0, 438.0, 248.0),
-    )
-    legend = [
-        together(
-            element("path", d=f"M{56 + 130 * k} 14h18", class_=f"line {line}"),
-            element("text", asked.distance(k), x=80 + 130 * k, y=18),
-        )
-        for k, line in enumerate(LINES)
-    ]
-    said = "; ".join(f"{asked.distance(k)}: {left.rms_pixels[k]:.2g} px" for k in range(len(LINES)))
+def _chart(test: NonCentralityTest) -> Markup:
+    degrees, error = np.degrees(test.central_error.theta), test.central_error
+    top = max(float(np.nanmax(error.pixels, initial=MIN_SCALE_PX)) * 1.12, MIN_SCALE_PX)
+    x_range = float(degrees[0]), float(degrees[-1])
+    box = (52.0, 26.0, 438.0, 248.0)
+    axes = Axes(x_range, (0.0, top), "angle from the axis θ, degrees", "error of the central camera, px", box)
+    entries = [(f"line {class_}", test.distance(k)) for k, class_ in enumerate(LINE_CLASSES)]
+    values = "; ".join(f"{test.distance(k)}: {error.rms_pixels[k]:.2g} px" for k in range(len(LINE_CLASSES)))
     return chart(
         axes.frame(),
-        axes.inside(*(axes.line(degrees, left.pixels[k], line) for k, line in enumerate(LINES))),
-        *legend,
-        said=f"Error of the central camera over the angle from the axis, root mean square: {said}.",
+        axes.clip(*(axes.line(degrees, error.pixels[k], class_) for k, class_ in enumerate(LINE_CLASSES))),
+        legend(entries, (56.0, 14.0), (130.0, 0.0), None),
+        label=f"Error of the central camera over the angle from the axis, rms: {values}.",
     )
 
 
-def _table(asked: NonCentralityTest) -> Markup:
-    left = asked.left
-    rows = [
+def _rows(test: NonCentralityTest) -> list[Markup]:
+    error = test.central_error
+    columns = (error.rms_pixels, error.max_pixels, np.degrees(error.rms_angles), np.degrees(error.max_angles))
+    return [
         element(
             "tr",
-            element("th", asked.distance(k), scope="row"),
-            element("td", f"{left.rms_pixels[k]:.3f}", class_="number"),
-            element("td", f"{left.worst_pixels[k]:.3f}", class_="number"),
-            element("td", f"{np.degrees(left.rms_angles[k]):.3f}", class_="number"),
-            element("td", f"{np.degrees(left.worst_angles[k]):.3f}", class_="number"),
+            element("th", test.distance(k), scope="row"),
+            *(element("td", f"{column[k]:.3f}", class_="number") for column in columns),
         )
-        for k in range(len(left.distances))
+        for k in range(len(error.distances))
     ]
-    columns = ("distance", "rms, px", "worst, px", "rms, degrees", "worst, degrees")
-    return element(
-        "table",
-        element("caption", "What the central camera leaves over the field"),
-        element(
-            "thead",
-            element(
-                "tr", *(element("th", t, scope="col", class_="number" if k else None) for k, t in enumerate(columns))
-            ),
-        ),
-        element("tbody", *rows),
-    )

@@ -1,58 +1,57 @@
-"""The camera's parameters with their standard deviations."""
+"""The camera parameters with their standard deviations."""
 
 import numpy as np
 
 from omnisight.optics.models.axial import Axial
-from omnisight.report.html import Markup, element, together
-from omnisight.report.report_data import Figure, Material
-from omnisight.report.number_format import with_sigma
+from omnisight.report.html import Markup, element, join, table
+from omnisight.report.number_format import format_with_sigma
+from omnisight.report.report_data import ReportData
+from omnisight.report.section import Guide, Section
 
-# More rows than this are folded away.
-MANY = 24
+# Longer tables are collapsed.
+MAX_ROWS = 24
+COLUMNS = ("parameter", "value", "± 1σ", "unit", "description")
 
 
-def parameters(m: Material) -> Figure:
-    """Draw the table."""
-    model, covariance = m.camera.model, m.camera.covariance
+def parameters(data: ReportData) -> Section:
+    """List the parameters."""
+    model, covariance = data.camera.model, data.camera.covariance
     sigmas = np.sqrt(np.diag(covariance)) if covariance is not None else np.full(model.params.shape, np.nan)
     rows = [
         element(
             "tr",
-            element("th", p.name, scope="row"),
-            *(element("td", cell, class_="number") for cell in with_sigma(float(value), float(sigma))),
-            element("td", m.unit if p.unit == "m" else p.unit),
-            element("td", p.doc),
+            element("th", parameter.name, scope="row"),
+            *(element("td", cell, class_="number") for cell in format_with_sigma(float(value), float(sigma))),
+            element("td", data.unit if parameter.unit == "m" else parameter.unit),
+            element("td", parameter.doc),
         )
-        for p, value, sigma in zip(model.parameters, model.params, sigmas, strict=True)
+        for parameter, value, sigma in zip(model.parameters, model.params, sigmas, strict=True)
     ]
-    table = _table(rows)
-    if len(rows) > MANY:
-        # Those of the lens are many, those of the place on its axis are few.
-        own = _table(rows[model.lens.params.size :]) if isinstance(model, Axial) else None
-        folded = element("details", element("summary", f"All {len(rows)} parameters of {model.name}"), table)
-        table = together(own, folded)
-    scale, unit = m.drawn_length
-    bend = scale * m.calibration.state.warp
-    bent = (
-        f"The board is bent: its middle stands {bend[0]:+.3g} {unit} across and {bend[1]:+.3g} {unit} down off the"
-        " plane of its edges."
-    )
-    return Figure(
+    body = table(COLUMNS, rows)
+    if len(rows) > MAX_ROWS:
+        # The few parameters of the entrance pupil stay visible.
+        pupil = table(COLUMNS, rows[model.lens.params.size :]) if isinstance(model, Axial) else None
+        body = join(pupil, element("details", element("summary", f"All {len(rows)} parameters of {model.name}"), body))
+    return Section(
         "parameters",
-        "The parameters",
-        together(table, element("p", bent, class_="note") if bend.any() else None),
-        (
-            "What the camera's file holds, with one standard deviation of each: what noise in the corners, and whatever"
-            " else makes images disagree, leaves open. A dash stood still and was not estimated.",
-            "A centre (cx, cy) known to a fraction of a pixel.",
-            "Do not compare two calibrations by their parameters: several sets of them make nearly the same camera. "
-            "Compare where they put directions, as the map of the uncertainty does.",
-        ),
         "Parameters",
+        join(body, _board_warp(data)),
+        Guide(
+            "The parameters in the camera file, with one standard deviation estimated from the residuals. A dash marks "
+            "a parameter that was held fixed.",
+            "A principal point (cx, cy) with a standard deviation below one pixel.",
+            "Do not compare calibrations by their parameters: different parameters can describe nearly the same "
+            "camera. Compare projections instead, as the projection uncertainty does.",
+        ),
     )
 
 
-def _table(rows: list[Markup]) -> Markup:
-    heads = ("parameter", "value", "± 1 σ", "unit", "what it is")
-    head = element("thead", element("tr", *(element("th", head, scope="col") for head in heads)))
-    return element("div", element("table", head, element("tbody", *rows)), class_="scroll")
+def _board_warp(data: ReportData) -> Markup | None:
+    scale, unit = data.display_unit
+    warp = scale * data.state.warp
+    if not warp.any():
+        return None
+    text = (
+        f"Board warp: its centre is {warp[0]:+.3g} {unit} (horizontal bend) and {warp[1]:+.3g} {unit} (vertical bend)"
+    )
+    return element("p", f"{text} off the plane of its edges.", class_="note")

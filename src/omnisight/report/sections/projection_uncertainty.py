@@ -1,99 +1,89 @@
-"""How sure the camera is of itself at every angle and azimuth, in pixels and in degrees."""
+"""Projection uncertainty of the camera over the field of view, in pixels and degrees."""
 
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.quality.checks import UNCERTAIN
+from omnisight.quality.checks.uncertainty import MAX_UNCERTAINTY_PX
 from omnisight.report.axes import chart
-from omnisight.report.color_scale import LogScale
+from omnisight.report.color_scale import LogColorScale
 from omnisight.report.html import Markup, element
-from omnisight.report.report_data import Figure, Material
-from omnisight.report.polar_axes import SIDE, Polar
+from omnisight.report.polar_axes import SIDE, PolarAxes
+from omnisight.report.report_data import ReportData
+from omnisight.report.section import Guide, Section
 
 Array = NDArray[np.float64]
 
-# Colours of what is extrapolated end at so many times the largest value where corners were seen.
-BEYOND = 2.0
-WHOLE = (0.0, 2 * np.pi)
+# The color scale ends at this multiple of the largest calibrated value, so that extrapolation does not dominate it.
+MAX_EXTRAPOLATED_RATIO = 2.0
+# Cells overlap their outer neighbours by this fraction of a cell, so that no gap is visible between them.
+CELL_OVERLAP = 0.03
 
 
-def uncertainty(m: Material) -> Figure:
-    """Draw the two maps."""
-    found = m.calibration.trust.uncertainty
-    limit = UNCERTAIN[0] * m.far.px_unit
-    pixels, angle, theta, _ = found.worst()
-    worst = (
-        f" At worst it is {pixels:.2g} px and {np.degrees(angle):.2g}°, the former {np.degrees(theta):.0f}° from the"
-        " axis."
-        if np.isfinite(pixels)
+def projection_uncertainty(data: ReportData) -> Section:
+    """Draw maps of the standard deviation of projected points and of pixel directions."""
+    result = data.uncertainty
+    limit_px = MAX_UNCERTAINTY_PX[0] * data.central_limit.px_unit
+    max_px, max_rad, theta, _ = result.worst()
+    largest = (
+        f" The largest values are {max_px:.2g} px ({np.degrees(theta):.0f}° off-axis) and {np.degrees(max_rad):.2g}°."
+        if np.isfinite(max_px)
         else ""
     )
     maps = [
-        _map(m, found.pixels, "pixels", lambda value: f"{value:.2g} px"),
-        _map(m, np.degrees(found.angles), "degrees", lambda value: f"{value:.2g}°"),
+        _map(data, result.pixels, "pixels", lambda value: f"{value:.2g} px"),
+        _map(data, np.degrees(result.angles), "degrees", lambda value: f"{value:.2g}°"),
     ]
-    return Figure(
+    return Section(
         "uncertainty",
-        "How sure the camera is",
+        "Projection uncertainty",
         element("div", *maps, class_="pair"),
-        (
-            "The field of view as above. The colour is how far off, one standard deviation, the camera puts a far"
-            " point (left, in pixels) or the direction of a pixel (right, in degrees), after the camera frame has"
-            " turned to fit best. Hatched is extrapolated: past the dashed circle no corner was seen, and the figure"
-            " holds only if the model does.",
-            f"Below {limit:.2g} px within the dashed circle, and even.{worst}",
-            "Bright parts within the circle want images: put the board there, tilted by 30 to 45"
-            f" degrees{m.where_best}.",
+        Guide(
+            "Standard deviation (1σ) of the projection of a point at infinity (left, px) and of the bearing of a pixel "
+            "(right, degrees), after the rotation of the camera frame that fits best. Hatched directions beyond the "
+            "dashed circle are extrapolated: there are no corners, and the values hold only if the model does.",
+            f"Uniform values below {limit_px:.2g} px inside the dashed circle.{largest}",
+            f"Add images with the board in bright areas inside the circle, tilted by 30° to 45°{data.next_view_hint}.",
         ),
-        "Uncertainty",
         wide=True,
     )
 
 
-def _map(m: Material, values: Array, unit: str, said: Callable[[float], str]) -> Markup:
-    found = m.calibration.trust.uncertainty
-    known = found.shown & np.isfinite(values) & (values > 0)
-    inside = values[known & found.calibrated[:, None]]
-    outside = values[known]
-    if not len(inside):
-        return element("p", f"Not known in {unit}: so few images do not tell it.", class_="note")
-    top = float(inside.max())
-    scale = LogScale(float(inside.min()), float(np.clip(outside.max(), top, BEYOND * top)) * 1.001)
-    step, sector = found.theta[1] - found.theta[0], 2 * np.pi / len(found.phi)
-    disc = Polar(float(found.theta[known.any(1)].max() + step / 2))
-    cells = [
-        element(
-            "path",
-            element(
-                "title",
-                f"{np.degrees(t):.0f}° from the axis, azimuth {np.degrees(p):.0f}°: {said(float(values[i, k]))}",
-            ),
-            # Each reaches a little under the next, so that no seam shows; the axis itself is one.
-            d=disc.cell(
-                (t - step / 2, t + 0.53 * step), (p - sector / 2, p + 0.53 * sector) if i else (0.0, 2 * np.pi)
-            ),
-            fill=scale.colour(float(values[i, k])),
-            class_="heat",
-        )
-        for i, t in enumerate(found.theta)
-        for k, p in enumerate(found.phi)
-        if known[i, k] and (i or not k)
-    ]
-    beyond = [
-        disc.cell((t - step / 2, t + step / 2), (p - sector / 2, p + sector / 2))
-        for i, t in enumerate(found.theta)
-        for k, p in enumerate(found.phi)
-        if known[i, k] and not found.calibrated[i]
-    ]
+def _map(data: ReportData, values: Array, unit: str, format_value: Callable[[float], str]) -> Markup:
+    result = data.uncertainty
+    known = result.visible & np.isfinite(values) & (values > 0)
+    calibrated = values[known & result.calibrated[:, None]]
+    if not len(calibrated):
+        return element("p", f"Uncertainty in {unit} is unknown: not enough images.", class_="note")
+    top = float(calibrated.max())
+    high = float(np.clip(values[known].max(), top, MAX_EXTRAPOLATED_RATIO * top)) * 1.001
+    scale = LogColorScale(float(calibrated.min()), high)
+    half_step, half_sector = (result.theta[1] - result.theta[0]) / 2, np.pi / len(result.phi)
+    disc = PolarAxes(float(result.theta[known.any(1)].max() + half_step))
+    overlap = 1 + 2 * CELL_OVERLAP
+    cells, extrapolated = list[Markup](), list[str]()
+    for i, k in np.argwhere(known):
+        theta, phi, value = float(result.theta[i]), float(result.phi[k]), float(values[i, k])
+        if not result.calibrated[i]:
+            extrapolated.append(
+                disc.cell((theta - half_step, theta + half_step), (phi - half_sector, phi + half_sector))
+            )
+        if i == 0 and k > 0:
+            # The axis is one cell, drawn as a full circle.
+            continue
+        sector = (phi - half_sector, phi + overlap * half_sector) if i else (0.0, 2 * np.pi)
+        text = f"{np.degrees(theta):.0f}° off-axis, azimuth {np.degrees(phi):.0f}°: {format_value(value)}"
+        path = disc.cell((theta - half_step, theta + overlap * half_step), sector)
+        cells.append(element("path", element("title", text), d=path, fill=scale.color(value), class_="heat"))
     return chart(
         *cells,
-        element("path", d="".join(beyond), class_="extrapolated over") if beyond else Markup(),
-        disc.circle(m.reach, "cone"),
+        element("path", d="".join(extrapolated), class_="extrapolated over") if extrapolated else Markup(),
+        disc.circle(data.max_theta, "calibrated-edge"),
         disc.rings(),
-        scale.bar((SIDE + 42, SIDE - 70), SIDE - 140, said),
-        said=f"Uncertainty in {unit}: {said(float(inside.min()))} to {said(top)} where corners were seen.",
+        scale.bar((SIDE + 42, SIDE - 70), SIDE - 140, format_value),
+        label=f"Uncertainty in {unit}: {format_value(float(calibrated.min()))} to {format_value(top)} within the"
+        " calibrated field of view.",
         width=SIDE + 125,
         height=SIDE,
     )

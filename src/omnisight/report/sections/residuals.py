@@ -1,44 +1,44 @@
-"""What is left between the corners and the model, against angle, azimuth and place: structure is the model's error."""
+"""Residuals over angle, azimuth and image position: systematic patterns are errors of the model."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import Camera
-from omnisight.report.axes import WIDTH, Axes, chart, round_down
-from omnisight.report.html import Markup, element, short, together
-from omnisight.report.report_data import Figure, Material
+from omnisight.report.axes import CHART_WIDTH, Axes, chart, nice_floor, path_data, segment_path_data
+from omnisight.report.html import Markup, element, join
+from omnisight.report.report_data import ReportData
+from omnisight.report.section import Guide, Section
 
 Array = NDArray[np.float64]
 
-RINGS, SECTORS = 14, 16
-# Where corners begin farther from the axis than this, degrees, the frame does so too.
-INNER = 10.0
-# Corners that a mean is taken of.
-ENOUGH = 6
-# Half the height of the frames in standard deviations, and how many standard errors the bars of a mean reach.
-SIGMAS, ERRORS = 4.0, 2.0
-# At most so many corners are drawn as dots; means are of all.
-MOST = 3000
-HEIGHT = 230.0
-# Cells of the image along its width, and how long the mean arrow is drawn, cells.
-CELLS, LONG = 16, 0.7
-SIDES = ((0.0, "right"), (90.0, "bottom"), (180.0, "left"), (270.0, "top"), (360.0, "right"))
+NUM_RINGS, NUM_SECTORS = 14, 16
+# The angle axis starts at zero unless the innermost corner is farther off-axis, degrees.
+MAX_INNER_DEG = 10.0
+# Fewest corners that a mean and its standard error are computed from.
+MIN_CORNERS = 6
+# Half the height of the axes in standard deviations, and the error bars of means in standard errors.
+AXIS_SIGMAS, ERROR_BAR_SIGMAS = 4.0, 2.0
+# Residuals drawn as dots, which bounds the size of the page. Means use all of them.
+MAX_DOTS = 3000
+PANEL_HEIGHT = 230.0
+# Cells of the residual map along the image width, and the length of a typical arrow in cells.
+MAP_CELLS, ARROW_CELLS = 16, 0.7
+AZIMUTH_TICKS = ((0.0, "right"), (90.0, "bottom"), (180.0, "left"), (270.0, "top"), (360.0, "right"))
 
 
 @dataclass(frozen=True)
-class Against:
-    """What residuals are drawn against.
+class Abscissa:
+    """The quantity that residuals are drawn over.
 
     Attributes
     ----------
     label
-        What it is.
+        Name and unit.
     values
-        (N,) of every corner, degrees.
+        (N,) its value at each corner, degrees.
     edges
-        Of the parts over which means are taken, degrees.
+        Edges of the bins in which means are computed, degrees.
     ticks
         As in `Axes`.
     """
@@ -48,130 +48,124 @@ class Against:
     edges: Array
     ticks: tuple[tuple[float, str], ...] | None = None
 
-    def means(self, residuals: Array, usable: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-        """Give the middle (degrees), mean and standard error (px) of each part that has corners enough."""
-        part = np.searchsorted(self.edges, self.values[usable], side="right") - 1
-        part = np.clip(part, 0, len(self.edges) - 2)
-        given = [(self.values[usable][part == k], residuals[usable][part == k]) for k in range(len(self.edges) - 1)]
-        found = [(x.mean(), r.mean(), r.std(ddof=1) / np.sqrt(len(r))) for x, r in given if len(r) >= ENOUGH]
-        middle, mean, error = np.array(found).reshape(-1, 3).T
-        return middle, mean, error
+    def bin_means(self, residuals: Array, inliers: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+        """Return centre (degrees), mean and standard error (px) of each bin with enough corners."""
+        values, residuals = self.values[inliers], residuals[inliers]
+        bins = np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.edges) - 2)
+        members = [bins == k for k in range(len(self.edges) - 1)]
+        means = [
+            (values[m].mean(), residuals[m].mean(), residuals[m].std(ddof=1) / np.sqrt(m.sum()))
+            for m in members
+            if m.sum() >= MIN_CORNERS
+        ]
+        centre, mean, error = np.array(means).reshape(-1, 3).T
+        return centre, mean, error
 
 
-def residuals(m: Material) -> Figure:
-    """Draw residuals along and across the radius, and their mean all over the image."""
-    along, across = m.along_and_across
-    degrees = np.degrees(m.theta)
-    rings = np.quantile(degrees[m.usable], np.linspace(0, 1, RINGS + 1))
-    by_angle = Against("angle from the axis, degrees", degrees, rings)
-    by_azimuth = Against("side of the image", np.degrees(m.phi) % 360, np.linspace(0, 360, SECTORS + 1), SIDES)
+def residuals(data: ReportData) -> Section:
+    """Draw radial and tangential residuals, and their mean over the image."""
+    components = dict(zip(("radial", "tangential"), data.radial_and_tangential, strict=True))
+    degrees = np.degrees(data.theta)
+    rings = np.quantile(degrees[data.inliers], np.linspace(0, 1, NUM_RINGS + 1))
+    sectors = np.linspace(0, 360, NUM_SECTORS + 1)
+    by_angle = Abscissa("angle from the axis, degrees", degrees, rings)
+    by_azimuth = Abscissa("side of the image", np.degrees(data.phi) % 360, sectors, AZIMUTH_TICKS)
     panels = [
-        _panel(m, against, value, label)
-        for value, label in ((along, "along the radius, px"), (across, "across the radius, px"))
-        for against in (by_angle, by_azimuth)
+        _panel(data, abscissa, component, f"{name} residual, px")
+        for name, component in components.items()
+        for abscissa in (by_angle, by_azimuth)
     ]
-    arrows, times = _arrows(m)
-    largest = max(float(np.abs(by_angle.means(value, m.usable)[1]).max(initial=0.0)) for value in (along, across))
-    return Figure(
+    residual_map, scale = _residual_map(data)
+    means = [by_angle.bin_means(component, data.inliers)[1] for component in components.values()]
+    largest = max(float(np.abs(mean).max(initial=0.0)) for mean in means)
+    return Section(
         "residuals",
-        "What the model leaves",
-        together(
-            element("div", *panels, class_="pair"),
-            element("div", arrows, class_="alone"),
-            element(
-                "p",
-                f"Mean residuals of parts of the image, {times:g} times as long as they are.",
-                class_="note middle",
-            ),
-        ),
-        (
-            "Dots are residuals: where the camera puts a corner minus where it was seen, split into the part along the "
-            "radius (up is outwards) and the part across it. The line is their mean, its bars two standard errors. "
-            "Below is the mean residual of each part of the image as an arrow.",
-            "Means that stay on zero and arrows in all directions; then only noise is left. "
-            f"Here the largest mean of a ring is {largest:.3f} px, beside a spread of {m.sigma:.2f} px.",
-            "A wave along the angle, or arrows that turn together, is what the model cannot follow: "
-            f"{_instead(m)}. A wave around the image hints at a tilted lens, or at a board"
-            " that is not as flat or as regular as it is taken for.",
-        ),
         "Residuals",
+        join(
+            element("div", *panels, class_="pair"),
+            element("div", residual_map, class_="alone"),
+            element("p", f"Residual map: mean residuals, magnified {scale:g} times.", class_="note middle"),
+        ),
+        Guide(
+            "Dots are residuals (projected minus detected corner), split into a radial part, positive outwards, and a "
+            "tangential part. The line is their mean with error bars of two standard errors. Arrows show the mean "
+            "residual in each part of the image.",
+            "Means near zero and arrows in random directions: only noise is left. Here the largest mean of a ring is "
+            f"{largest:.3f} px, the standard deviation {data.sigma_px:.2f} px.",
+            "A wave over the angle, or neighbouring arrows with the same direction, is an error of the model: "
+            f"{_model_advice(data)}. A wave over the azimuth indicates a tilted lens or a board that is not flat or "
+            "not regular.",
+        ),
         wide=True,
     )
 
 
-def _instead(m: Material) -> str:
-    """Say what to do about a model that cannot follow its lens."""
-    if isinstance(m.camera, Camera) and m.camera.model.name != "spline":
-        return "try --model spline, and see the comparison of the models"
-    return "see how large it is beside the spread of the dots, which is what it costs"
+def _model_advice(data: ReportData) -> str:
+    if data.is_central and data.camera.model.name != "spline":
+        return "try --model spline, and see Models compared"
+    return "compare it with the standard deviation of the residuals"
 
 
-def _panel(m: Material, against: Against, residuals: Array, label: str) -> Markup:
-    box = (52.0, 12.0, WIDTH - 22, HEIGHT - 42)
-    height = SIGMAS * m.sigma
-    low, high = float(against.edges[0]), float(against.edges[-1])
-    span = (low, high) if against.ticks else (low if low > INNER else 0.0, high * 1.02)
-    axes = Axes(span, (-height, height), against.label, label, box, against.ticks)
-    middle, mean, error = against.means(residuals, m.usable)
-    rows = np.flatnonzero(m.usable)
-    rows = rows[:: max(1, int(np.ceil(len(rows) / MOST)))]
-    bars = [
-        axes.line([x, x], [y - ERRORS * e, y + ERRORS * e], "error")
-        for x, y, e in zip(middle, mean, error, strict=True)
+def _panel(data: ReportData, abscissa: Abscissa, component: Array, label: str) -> Markup:
+    box = (52.0, 12.0, CHART_WIDTH - 22, PANEL_HEIGHT - 42)
+    limit = AXIS_SIGMAS * data.sigma_px
+    low, high = float(abscissa.edges[0]), float(abscissa.edges[-1])
+    x_range = (low, high) if abscissa.ticks else (low if low > MAX_INNER_DEG else 0.0, high * 1.02)
+    axes = Axes(x_range, (-limit, limit), abscissa.label, label, box, abscissa.ticks)
+    centre, mean, error = abscissa.bin_means(component, data.inliers)
+    rows = np.flatnonzero(data.inliers)
+    rows = rows[:: max(1, int(np.ceil(len(rows) / MAX_DOTS)))]
+    error_bars = [
+        axes.line([x, x], [y - ERROR_BAR_SIGMAS * e, y + ERROR_BAR_SIGMAS * e], "error")
+        for x, y, e in zip(centre, mean, error, strict=True)
     ]
     return chart(
         axes.frame(),
-        axes.inside(
-            axes.dots(against.values[rows], residuals[rows], "residual-dot"),
-            axes.line(span, (0.0, 0.0), "zero"),
-            *bars,
-            axes.line(middle, mean, "mean"),
-            axes.dots(middle, mean, "mean-dot"),
+        axes.clip(
+            axes.dots(abscissa.values[rows], component[rows], "residual-dot"),
+            axes.line(x_range, (0.0, 0.0), "zero"),
+            *error_bars,
+            axes.line(centre, mean, "mean"),
+            axes.dots(centre, mean, "mean-dot"),
         ),
-        said=f"Residuals {label}, against {against.label}; the largest mean is {np.abs(mean).max(initial=0):.3f} px.",
-        height=HEIGHT,
+        label=f"{label} over {abscissa.label}; the largest mean is {np.abs(mean).max(initial=0):.3f} px.",
+        height=PANEL_HEIGHT,
     )
 
 
-def _arrows(m: Material) -> tuple[Markup, float]:
-    """Draw the mean residual in each cell of the image, and say how many times longer than it is."""
-    width, height = m.camera.size
-    step = width / CELLS
-    pixels, left = m.calibration.views.pixels[m.usable], m.residuals[m.usable]
-    cells = np.floor((pixels + 0.5) / step).astype(int)
-    places, means = list[Array](), list[Array]()
-    for cell in np.unique(cells, axis=0):
-        own = (cells == cell).all(1)
-        if own.sum() >= ENOUGH:
-            places.append(pixels[own].mean(0))
-            means.append(left[own].mean(0))
-    at, mean = np.array(places).reshape(-1, 2), np.array(means).reshape(-1, 2)
-    typical = float(np.sqrt((mean**2).sum(1).mean())) if len(mean) else 1.0
-    times = max(1.0, round_down(LONG * step / max(typical, 1e-9)))
-    lines = "".join(
-        f"M{short(u)} {short(v)}l{short(a)} {short(b)}" for (u, v), (a, b) in zip(at, mean * times, strict=True)
-    )
-    heads = "".join(_head(p, d, step / 6) for p, d in zip(at, mean * times, strict=True))
+def _residual_map(data: ReportData) -> tuple[Markup, float]:
+    """Draw the mean residual of each cell of the image as an arrow; return the magnification too."""
+    width, height = data.camera.size
+    cell_size = width / MAP_CELLS
+    pixels, residuals = data.observations.pixels[data.inliers], data.residuals[data.inliers]
+    cells = np.floor((pixels + 0.5) / cell_size).astype(int)
+    members = [(cells == cell).all(1) for cell in np.unique(cells, axis=0)]
+    members = [m for m in members if m.sum() >= MIN_CORNERS]
+    starts = np.array([pixels[m].mean(0) for m in members]).reshape(-1, 2)
+    means = np.array([residuals[m].mean(0) for m in members]).reshape(-1, 2)
+    typical = float(np.sqrt((means**2).sum(1).mean())) if len(means) else 1.0
+    scale = max(1.0, nice_floor(ARROW_CELLS * cell_size / max(typical, 1e-9)))
+    heads = "".join(_arrow_head(p, v, cell_size / 6) for p, v in zip(starts, means * scale, strict=True))
     drawing = element(
         "svg",
         element("rect", x=-0.5, y=-0.5, width=width, height=height, class_="paper"),
-        element("use", href="#beyond"),
-        element("path", d=lines, class_="arrow"),
+        element("use", href="#extrapolated-image"),
+        element("path", d=segment_path_data(starts, means * scale), class_="arrow"),
         element("path", d=heads, class_="head"),
         viewBox=f"-0.5 -0.5 {width} {height}",
         role="img",
-        aria_label=f"Mean residuals over the image, {times:g} times as long as they are",
+        aria_label=f"Mean residuals over the image, magnified {scale:g} times",
         class_="image arrows",
     )
-    return drawing, times
+    return drawing, scale
 
 
-def _head(at: Array, drawn: Array, size: float) -> str:
-    """Give the path of an arrow's head."""
-    length = float(np.linalg.norm(drawn))
+def _arrow_head(start: Array, vector: Array, size: float) -> str:
+    """Return SVG path data of the head of an arrow."""
+    length = float(np.linalg.norm(vector))
     if length == 0:
         return ""
-    along = drawn / length * min(size, length)
+    along = vector / length * min(size, length)
     across = np.array([-along[1], along[0]]) * 0.45
-    (x, y), (a, b), (c, d) = at + drawn, at + drawn - along + across, at + drawn - along - across
-    return f"M{short(x)} {short(y)}L{short(a)} {short(b)}L{short(c)} {short(d)}Z"
+    tip = start + vector
+    return path_data([tip, tip - along + across, tip - along - across]) + "Z"

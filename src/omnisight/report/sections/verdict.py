@@ -1,125 +1,114 @@
-"""The head of a report: whether to use the camera, why, and the figures that say so."""
+"""The head of the report: title, verdict with its reasons, and key figures."""
 
 import numpy as np
 
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.evidence import Level
-from omnisight.report.html import Markup, element, together
-from omnisight.report.report_data import Material
-from omnisight.report.number_format import with_sigma
+from omnisight.report.html import Markup, element, join
+from omnisight.report.number_format import format_with_sigma
+from omnisight.report.report_data import ReportData
 
-SIGNS = {Level.GOOD: "✓", Level.USABLE: "!", Level.DO_NOT_USE: "✕"}
-WORDS = {Level.GOOD: "Good", Level.USABLE: "Usable", Level.DO_NOT_USE: "Do not use"}
-MEANS = {
-    Level.GOOD: "This calibration can be used as it is.",
-    Level.USABLE: "This calibration can be used. What is said below would make it better.",
-    Level.DO_NOT_USE: "This calibration is not to be relied on. What is said below has to be mended first.",
+SYMBOLS = {Level.GOOD: "✓", Level.USABLE: "!", Level.DO_NOT_USE: "✕"}
+LABELS = {Level.GOOD: "Good", Level.USABLE: "Usable", Level.DO_NOT_USE: "Do not use"}
+MEANINGS = {
+    Level.GOOD: "The calibration can be used as it is.",
+    Level.USABLE: "The calibration can be used. Fixing the points below would improve it.",
+    Level.DO_NOT_USE: "The calibration is not reliable. Fix the points below first.",
 }
 
 
-def verdict(m: Material) -> Markup:
-    """Draw it."""
-    judged = m.calibration.verdict
-    reasons = sorted((check for check in judged.checks if check.sentence), key=lambda check: -check.level)
-    return element(
-        "section",
-        element("p", SIGNS[judged.level], class_="sign", aria_hidden="true"),
-        element("h2", WORDS[judged.level]),
-        element("p", MEANS[judged.level], class_="means"),
-        element(
-            "ul",
-            *(
-                element("li", element("b", SIGNS[check.level], class_=_class(check.level)), " ", check.sentence)
-                for check in reasons
-            ),
-            class_="reasons",
-        )
-        if reasons
-        else None,
-        element(
-            "ul",
-            *(
-                element("li", f"{SIGNS[c.level]} {c.name.replace('_', ' ')}", class_=_class(c.level))
-                for c in judged.checks
-            ),
-            class_="checks",
-            aria_label="What was looked at",
-        ),
-        id="verdict",
-        class_=f"verdict {_class(judged.level)}",
-    )
-
-
-def key_figures(m: Material) -> Markup:
-    """Draw the figures that a reader asks for first."""
-    c, found = m.calibration, sum(bool(picture.views) for picture in m.images)
-    middle, middle_angle = c.trust.uncertainty.median()
-    pixels, angle, theta, _ = c.trust.uncertainty.worst()
-    tiles = [
-        (
-            "Error on images held out",
-            _px(c.held_out_rms),
-            "rms over images it was not calibrated on, without the corners that no model explains",
-        ),
-        ("Error on its own images", _px(c.rms), f"rms; the mean is {c.mean:.3f} px"),
-        (
-            "Uncertainty",
-            _px(middle, "± "),
-            f"and {np.degrees(middle_angle):.2g}° in most places; at worst {pixels:.2g} px and"
-            f" {np.degrees(angle):.2g}°, {np.degrees(theta):.0f}° from the axis"
-            if np.isfinite(pixels)
-            else "so few images do not tell it",
-        ),
-        ("Calibrated to", f"{np.degrees(m.reach):.0f}°", "from the axis: so far out corners were seen"),
-        ("Covered", f"{c.trust.coverage.share:.0%}", "of what the image shows had corners in it"),
-        *_viewpoint(m),
-        (
-            "Images",
-            f"{found} of {len(m.images)}",
-            f"with {len(c.views.pixels)} corners, {int(c.outliers.sum())} of them doubtful",
-        ),
-    ]
-    return element(
-        "dl",
-        *(
-            element("div", element("dt", name), element("dd", value, class_="figure"), element("dd", said))
-            for name, value, said in tiles
-        ),
-        class_="tiles",
-    )
-
-
-def _viewpoint(m: Material) -> list[tuple[str, str, str]]:
-    """Give how far the viewpoint moves, if that is what it does."""
-    if m.travel is None:
-        return []
-    scale, unit = m.drawn_length
-    length, sigma = with_sigma(scale * m.travel.length, scale * m.travel.length_sigma)
-    said = f"± {sigma} {unit} along the axis, between the first corner and the last"
-    return [("Viewpoint moves by", f"{length} {unit}", said)]
-
-
-def title(m: Material) -> Markup:
-    """Name the camera."""
-    camera = m.camera
-    lens = f", its lens {camera.model.lens.name}" if isinstance(camera.model, Axial) else ""
-    made = ", ".join(str(camera.provenance[key]) for key in ("tool", "date") if camera.provenance.get(key))
-    board = m.search.board
-    return together(
+def title(data: ReportData) -> Markup:
+    """Return the heading with camera model, image size, board, software and date."""
+    camera, detections = data.camera, data.detections
+    lens = f" with lens model {camera.model.lens.name}" if isinstance(camera.model, Axial) else ""
+    created = ", ".join(str(camera.provenance[key]) for key in ("tool", "date") if camera.provenance.get(key))
+    board = None if detections is None else detections.board
+    return join(
         element("h1", f"Camera calibration: {camera.model.name}{lens}"),
         element(
             "p",
             f"Images of {camera.width} × {camera.height} px",
             f" · {board.kind} {board}" if board is not None else None,
-            f" · {made}" if made else None,
+            f" · {created}" if created else None,
             class_="about",
         ),
     )
 
 
-def _class(level: Level) -> str:
+def verdict(data: ReportData) -> Markup:
+    """Return the verdict with its reasons, the most severe first, and the result of each check."""
+    result = data.verdict
+    findings = sorted((check for check in result.checks if check.sentence), key=lambda check: -check.level)
+    reasons = [
+        element("li", element("b", SYMBOLS[check.level], class_=_level_class(check.level)), " ", check.sentence)
+        for check in findings
+    ]
+    checks = [
+        element("li", f"{SYMBOLS[check.level]} {check.name.replace('_', ' ')}", class_=_level_class(check.level))
+        for check in result.checks
+    ]
+    return element(
+        "section",
+        element("p", SYMBOLS[result.level], class_="symbol", aria_hidden="true"),
+        element("h2", LABELS[result.level]),
+        element("p", MEANINGS[result.level], class_="meaning"),
+        element("ul", *reasons, class_="reasons") if reasons else None,
+        element("ul", *checks, class_="checks", aria_label="Checks"),
+        id="verdict",
+        class_=f"verdict {_level_class(result.level)}",
+    )
+
+
+def key_figures(data: ReportData) -> Markup:
+    """Return the key figures as tiles."""
+    used = sum(bool(image.views) for image in data.images)
+    tiles = [
+        ("Held-out error", _px(data.selected.held_out_rms), "rms over images left out of the fit, without outliers"),
+        ("Reprojection error", _px(data.rms_px), f"rms; mean {data.selected.mean:.3f} px"),
+        _uncertainty_tile(data),
+        ("Calibrated field of view", f"{np.degrees(data.max_theta):.0f}°", "off-axis, up to the outermost corner"),
+        ("Coverage", f"{data.coverage.share:.0%}", "of the field of view has corners"),
+        *_pupil_shift_tiles(data),
+        (
+            "Images",
+            f"{used} of {len(data.images)}",
+            f"with {len(data.outliers)} corners, {int(data.outliers.sum())} outliers",
+        ),
+    ]
+    return element(
+        "dl",
+        *(
+            element("div", element("dt", name), element("dd", value, class_="figure"), element("dd", detail))
+            for name, value, detail in tiles
+        ),
+        class_="tiles",
+    )
+
+
+def _uncertainty_tile(data: ReportData) -> tuple[str, str, str]:
+    median_px, median_rad = data.uncertainty.median()
+    max_px, max_rad, theta, _ = data.uncertainty.worst()
+    if not np.isfinite(max_px):
+        return "Projection uncertainty", _px(median_px, "± "), "unknown: not enough images"
+    detail = (
+        f"and {np.degrees(median_rad):.2g}° (median, 1σ); at most {max_px:.2g} px and {np.degrees(max_rad):.2g}°,"
+        f" {np.degrees(theta):.0f}° off-axis"
+    )
+    return "Projection uncertainty", _px(median_px, "± "), detail
+
+
+def _pupil_shift_tiles(data: ReportData) -> list[tuple[str, str, str]]:
+    """Return a tile for the entrance pupil shift of an axial camera."""
+    if data.pupil_shift is None:
+        return []
+    scale, unit = data.display_unit
+    length, sigma = format_with_sigma(scale * data.pupil_shift.length, scale * data.pupil_shift.length_sigma)
+    return [("Entrance pupil shift", f"{length} {unit}", f"± {sigma} {unit} along the axis, over the field of view")]
+
+
+def _level_class(level: Level) -> str:
     return level.name.lower().replace("_", "-")
 
 
-def _px(value: float | None, before: str = "") -> str:
-    return "unknown" if value is None or not np.isfinite(value) else f"{before}{value:.2g} px"
+def _px(value: float | None, prefix: str = "") -> str:
+    return "unknown" if value is None or not np.isfinite(value) else f"{prefix}{value:.2g} px"
