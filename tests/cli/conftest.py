@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from shooting import TRUTH
+from cli_scene import TRUTH
 
 from drawn import POSES, shot
 from omnisight import cli

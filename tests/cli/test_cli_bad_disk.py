@@ -4,7 +4,7 @@ import errno
 import os
 
 import pytest
-from shooting import QUICK, visible
+from cli_scene import QUICK, file_names
 
 from omnisight.formats import load
 
@@ -26,7 +26,7 @@ def test_disk_full_at_the_end_names_the_file_and_leaves_the_old_camera(run, shot
     assert "verdict: " in out  # the figures of a long run are not lost with the file
     assert f"cannot write {kept}: No space left on device" in err
     assert kept.read_text() == "what was there"
-    assert visible(tmp_path) == ["camera.json"]
+    assert file_names(tmp_path) == ["camera.json"]
 
 
 def test_read_only_cache_costs_no_run(run, shots, tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from shooting import QUICK, SIZE, lines_of, spoil
+from cli_scene import QUICK, SIZE, damage_image, image_rows
 
 from jpegs import jpeg
 from omnisight.formats import load
@@ -44,7 +44,7 @@ def test_what_is_not_there_is_told_by_its_name(refuses, tmp_path, path):
     ],
 )
 def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, how, note):
-    spoil(folder / "3.png", how)
+    damage_image(folder / "3.png", how)
     status, out, err = run("detect", folder, "--pattern", "9x6", "-o", folder.parent / "drawn")
     assert (status, err) == (0, "")
     (line,) = [line for line in out.splitlines() if line.startswith("3.")]
@@ -54,19 +54,19 @@ def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, 
 
 
 def test_a_camera_comes_of_the_good_pictures(run, folder):
-    spoil(folder / "2.png", "truncated")
-    spoil(folder / "3.png", "black")
+    damage_image(folder / "2.png", "truncated")
+    damage_image(folder / "3.png", "black")
     status, out, err = run("calibrate", folder, *QUICK)
     assert (status, err) == (0, "")
     assert "4 of 6 images" in out
     for name, note in (("2.jpg", "2.jpg: truncated JPEG"), ("3.png", "no 9x6 board found")):
-        assert lines_of(out)[name].split()[1] == "no"
-        assert note in lines_of(out)[name]
+        assert image_rows(out)[name].split()[1] == "no"
+        assert note in image_rows(out)[name]
 
 
 def test_too_few_good_pictures_are_told_with_the_bad_ones(refuses, folder):
     for i, how in enumerate(("text", "empty", "truncated", "black")):
-        spoil(folder / f"{i + 1}.png", how)
+        damage_image(folder / f"{i + 1}.png", how)
     said = refuses("calibrate", folder, *QUICK)
     assert "the 9x6 board was found in 2 of 6 images" in said
     assert "3 is the least" in said
@@ -133,7 +133,7 @@ def test_a_turned_picture_is_taken_as_the_sensor_read_it_with_one_warning(run, f
     status, out, _ = run("calibrate", folder, *QUICK)
     assert status == 0
     assert "6 of 6 images" in out
-    assert "EXIF orientation 6 ignored" in lines_of(out)["2.jpg"]
+    assert "EXIF orientation 6 ignored" in image_rows(out)["2.jpg"]
     assert out.count("EXIF") == 1
 
 
@@ -144,6 +144,7 @@ def test_turned_pictures_are_turned_on_request(run, folder):
     (picture, *others) = json.loads(run("detect", folder, "--json", "--apply-exif")[1])["images"]
     assert picture["note"].startswith("480x640 where others have 640x480: left out; rotated 90 degrees?")
     assert "as the sensor read it, not turned on saving or by --apply-exif" in picture["note"]
+    assert len(others) == 5
     assert all(other["boards"] for other in others)
     for i in range(2, 7):
         path = folder / f"{i}.png"

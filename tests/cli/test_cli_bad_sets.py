@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from cli_scene import BOARD, QUICK, image_rows
 from scipy.spatial.transform import Rotation
-from shooting import BOARD, QUICK, lines_of
 
 from drawn import POSES, scene, shot
 from omnisight.cli._standouts import standouts
@@ -35,7 +35,7 @@ def test_mixed_resolutions_use_the_largest_group_and_name_the_rest_with_sizes_an
     assert (status, err) == (0, "")
     assert "3 of 6 images" in out
     assert "note: images have 3 sizes: 3 of 640x480, which are used; 2 of 320x240 (5.png, 6.png); 1 of 600x480" in out
-    table = lines_of(out)
+    table = image_rows(out)
     for name in ("5.png", "6.png"):
         assert table[name].split()[1] == "no"
         assert "320x240 where others have 640x480: left out; half of 640x480" in table[name]
@@ -81,7 +81,7 @@ def test_duplicates_are_named_and_counted(run, folder):
     (folder / "8.jpg").write_bytes(cv2.imencode(".jpg", read_image(folder / "2.png"))[1].tobytes())
     status, out, _ = run("calibrate", folder, *QUICK)
     assert status == 0
-    table = lines_of(out)
+    table = image_rows(out)
     assert "the same as 1.png" in table["7.png"]
     assert "the same as 2.png" in table["8.jpg"]
     assert "Images that repeat another one: 2 (1.png = 7.png, 2.png = 8.jpg)" in out
@@ -124,7 +124,7 @@ def test_blurred_or_moving_pictures_are_told_with_their_blur_and_how_to_leave_th
 
 def test_corners_outside_the_image_circle_are_flagged_with_their_count(run, folder, monkeypatch):
     circle = ImageField((640, 480), Ellipse((320.0, 240.0), (150.0, 150.0), 0.0))
-    monkeypatch.setattr("omnisight.targets.find.shown_field", lambda *_, **__: circle)
+    monkeypatch.setattr("omnisight.targets.detection.estimate_set_field", lambda *_, **__: circle)
     for picture in detected(run, folder)["images"]:
         outside = len(picture["boards"][0]["outside"])
         assert (f"{outside} corners outside of what the lens shows" in picture["note"]) is (outside > 0)

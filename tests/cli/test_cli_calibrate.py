@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from shooting import QUICK, SIZE, TRUTH, lines_of, raising, visible
+from cli_scene import QUICK, SIZE, TRUTH, file_names, image_rows, raises_error
 
 from omnisight.formats import load
 from omnisight.images import read_image, write_image
@@ -17,7 +17,7 @@ def test_a_calibration_needs_no_options_and_prints_a_line_per_picture(run, shots
     status, out, err = run("calibrate", shots, "--square", "30mm", "-o", tmp_path / "camera.json")
     assert (status, err) == (0, "")
     assert out.split()[:7] == ["image", "found", "corners", "rms", "px", "worst", "px"]
-    table = lines_of(out)
+    table = image_rows(out)
     assert sorted(table) == sorted(path.name for path in shots.iterdir())
     for line in table.values():
         _, found, corners, rms, worst = line.split()[:5]
@@ -61,7 +61,7 @@ def test_json_is_one_object_and_nothing_else(run, folder):
         *("images", "pattern", "model", "rms", "mean", "held_out_rms"),
         *("candidates", "seconds", "camera", "warnings", "reason"),
     }
-    assert [picture["name"] for picture in result["images"]] == visible(folder)
+    assert [picture["name"] for picture in result["images"]] == file_names(folder)
     for picture in result["images"]:
         assert set(picture) == {"name", "found", "corners", "rms", "worst", "note"}
         assert picture["found"] is (int(picture["name"][0]) <= 6)
@@ -92,8 +92,8 @@ def test_a_second_run_takes_what_the_first_one_found(run, shots, tmp_path, monke
     first = run("calibrate", shots, *QUICK)[1]
     renamed = tmp_path / "elsewhere"
     shutil.copytree(shots, renamed)
-    monkeypatch.setattr("omnisight.targets.look.find_grids", raising(AssertionError("searched again")))
-    assert lines_of(run("calibrate", renamed, *QUICK)[1]) == lines_of(first)
+    monkeypatch.setattr("omnisight.targets.raw_detections.find_grids", raises_error(AssertionError("searched again")))
+    assert image_rows(run("calibrate", renamed, *QUICK)[1]) == image_rows(first)
     assert run("calibrate", shots, *QUICK, "--no-cache")[0] == 1
 
 
@@ -101,7 +101,7 @@ def test_drawings_hold_every_picture(run, shots, tmp_path):
     status, out, _ = run("calibrate", shots, *QUICK, "--draw", tmp_path / "drawn")
     assert status == 0
     assert f"drawn: {tmp_path / 'drawn'}" in out
-    assert visible(tmp_path / "drawn") == [f"{i}.png" for i in range(1, 7)]
+    assert file_names(tmp_path / "drawn") == [f"{i}.png" for i in range(1, 7)]
     drawn = read_image(tmp_path / "drawn" / "1.png")
     assert drawn.shape[2] == 3
     green = (drawn[..., 1] > 180) & (drawn[..., 0] < 120)
@@ -109,7 +109,7 @@ def test_drawings_hold_every_picture(run, shots, tmp_path):
 
 
 def test_a_drawing_that_fails_loses_no_result(run, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.report.drawings.detections.draw_residuals", raising(OSError("no room")))
+    monkeypatch.setattr("omnisight.report.drawings.detections.draw_residuals", raises_error(OSError("no room")))
     status, out, err = run("calibrate", shots, *QUICK, "--draw", tmp_path / "drawn", "-o", tmp_path / "c.json")
     assert (status, err) == (2, "omnisight: no room\n")
     assert "written:" in out
@@ -128,13 +128,13 @@ def test_pictures_of_one_name_in_two_folders_are_told_apart(run, shots, tmp_path
     assert [p["corners"] for p in apart] == [p["corners"] for p in together]
     np.testing.assert_allclose([p["rms"] for p in apart], [p["rms"] for p in together], rtol=1e-6)
     run("calibrate", tmp_path / "left", tmp_path / "right", *QUICK, "--draw", tmp_path / "drawn")
-    assert len(visible(tmp_path / "drawn")) == 6
+    assert len(file_names(tmp_path / "drawn")) == 6
 
 
 def test_a_dropped_picture_is_left_out_and_an_unknown_one_is_told_with_those_there_are(run, refuses, shots):
     status, out, _ = run("calibrate", shots, *QUICK, "--drop", "2.png", "--drop", "5.png")
     assert status == 0
-    assert sorted(lines_of(out)) == [name for name in visible(shots) if name not in ("2.png", "5.png")]
+    assert sorted(image_rows(out)) == [name for name in file_names(shots) if name not in ("2.png", "5.png")]
     said = refuses("calibrate", shots, *QUICK, "--drop", "nine.png")
     assert "--drop: there is no image nine.png; there are 1.png, 2.png" in said
 
@@ -160,6 +160,7 @@ def test_the_verdict_and_its_reasons_are_printed_stored_and_in_json(run, shots, 
     stored = load(tmp_path / "camera.json").calibration
     assert f"verdict: {stored['verdict']}" in out
     assert stored["verdict"] in ("good", "usable", "do not use")
+    assert stored["reasons"]
     assert all(reason in out for reason in stored["reasons"])
     result = json.loads(run("calibrate", shots, *QUICK, "--json")[1])
     assert (result["verdict"], result["reasons"]) == (stored["verdict"], stored["reasons"])
@@ -171,7 +172,7 @@ def test_a_report_is_one_page_and_a_failing_one_loses_no_camera(run, shots, tmp_
     assert status == 0
     assert f"report: {page}" in out
     assert 'id="calibration"' in page.read_text(encoding="utf-8")
-    monkeypatch.setattr("omnisight.report.write_report", raising(OSError(28, "No space left on device")))
+    monkeypatch.setattr("omnisight.report.write_report", raises_error(OSError(28, "No space left on device")))
     status, _, err = run("calibrate", shots, *QUICK, "--report", page, "-o", camera)
     assert status != 0
     assert "No space left" in err
@@ -196,5 +197,5 @@ def test_camera_and_report_need_two_files(refuses, shots, tmp_path):
 
 
 def test_dropping_all_pictures_is_told_so(refuses, shots):
-    drops = [word for name in visible(shots) for word in ("--drop", name)]
+    drops = [word for name in file_names(shots) for word in ("--drop", name)]
     assert "--drop leaves no image" in refuses("calibrate", shots, *QUICK, *drops)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from shooting import visible
+from cli_scene import file_names
 
 from omnisight.formats import load
 from omnisight.images import read_image, write_image
@@ -57,7 +57,7 @@ def test_one_image_of_a_room_calibrates_a_mirror(run, room, tmp_path):
     assert 1.0 < camera.theta_max < np.radians(112)
     assert camera.provenance["images"] == ["room.png"]
     assert camera.model.to_dict()["xi"] == pytest.approx(0.97, abs=max(4 * deviation[4], 0.02))
-    assert visible(tmp_path / "drawn") == ["room.png"]
+    assert file_names(tmp_path / "drawn") == ["room.png"]
     sheet = read_image(tmp_path / "drawn" / "room.png").astype(int)
     assert ((sheet[..., 1] > 180) & (sheet[..., 0] < 120)).sum() > 1000
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from shooting import SIZE, TRUTH, seen
+from cli_scene import SIZE, TRUTH, project_boards
 
 from omnisight.formats import load
 from omnisight.images import read_image, write_image
@@ -12,7 +12,7 @@ from omnisight.images import read_image, write_image
 
 @pytest.fixture
 def corners(tmp_path):
-    np.savez(tmp_path / "shots.npz", corners=seen(8), pattern=(9, 6), image_size=SIZE)
+    np.savez(tmp_path / "shots.npz", corners=project_boards(8), pattern=(9, 6), image_size=SIZE)
     return tmp_path / "shots.npz"
 
 
@@ -49,7 +49,7 @@ def test_json_and_drop_know_the_views(run, corners):
 def test_pictures_beside_the_corners_are_drawn_on(run, tmp_path):
     for k in range(4):
         write_image(tmp_path / f"{k}.png", np.full(SIZE[::-1], 200, np.uint8))
-    np.savez(tmp_path / "v.npz", corners=seen(4), pattern=(9, 6), files=[f"{k}.png" for k in range(4)])
+    np.savez(tmp_path / "v.npz", corners=project_boards(4), pattern=(9, 6), files=[f"{k}.png" for k in range(4)])
     status, out, _ = run("calibrate", tmp_path / "v.npz", *QUICK, "--draw", tmp_path / "drawn")
     assert status == 0
     assert out.splitlines()[-1] == f"drawn: {tmp_path / 'drawn'}"
@@ -82,7 +82,7 @@ def test_a_second_look_is_for_pictures(run, corners):
         ("a camera with images", "--which is for files of corners of several cameras"),
         (
             "text",
-            "notes.txt: neither an image nor corners of a known format (begins with 'Call Bob'); known are: babel",
+            "notes.txt: neither an image nor a corner file of a known format (begins with 'Call Bob'); known are: babel",
         ),
         ("its own output", "would be lost"),
     ],
@@ -91,9 +91,9 @@ def test_what_cannot_work_is_said(given, said, refuses, corners, shots, tmp_path
     command = [corners, *QUICK]
     match given:
         case "few views":
-            np.savez(corners, corners=seen(2), pattern=(9, 6), image_size=SIZE)
+            np.savez(corners, corners=project_boards(2), pattern=(9, 6), image_size=SIZE)
         case "no size" | "a size that is none":
-            np.savez(corners, corners=seen(4), pattern=(9, 6))
+            np.savez(corners, corners=project_boards(4), pattern=(9, 6))
             command += [] if given == "no size" else ["--image-size", "big"]
         case "a size with images":
             command = [shots, "--image-size", "640x480"]
@@ -108,7 +108,7 @@ def test_what_cannot_work_is_said(given, said, refuses, corners, shots, tmp_path
 
 
 def test_the_size_is_told(run, corners):
-    np.savez(corners, corners=seen(4), pattern=(9, 6))
+    np.savez(corners, corners=project_boards(4), pattern=(9, 6))
     status, out, _ = run("calibrate", corners, *QUICK, "--image-size", f"{SIZE[0]}x{SIZE[1]}", "--json")
     assert status == 0
     assert json.loads(out)["camera"]["size"] == list(SIZE)

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from shooting import visible
+from cli_scene import file_names
 
 import omnisight as om
 from omnisight.formats import load
@@ -44,7 +44,7 @@ def test_a_mirror_is_told_with_all_that_is_needed_to_make_it(design, tmp_path):
         "for things 1 m away",
     ):
         assert said in out
-    assert visible(tmp_path) == []
+    assert file_names(tmp_path) == []
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -158,7 +158,7 @@ def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
 )
 def test_what_cannot_be_says_why_and_leaves_nothing(cannot, tmp_path, arguments, said):
     assert said in cannot(*arguments)
-    assert visible(tmp_path) == []
+    assert file_names(tmp_path) == []
 
 
 def test_what_else_is_not_designed(run):

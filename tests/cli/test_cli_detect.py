@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from shooting import BOARD, visible
+from cli_scene import BOARD, file_names
 
 from drawn import POSES, SIZE, pose, project
 from omnisight.formats import load
@@ -38,38 +38,38 @@ def line_of(out, name):
     return line
 
 
-def test_every_picture_has_a_line_and_the_set_a_summary(run, shots):
+def test_detect_prints_a_row_per_image_and_the_result(run, shots):
     status, out, err = run("detect", shots, "--pattern", "9x6")
     assert (status, err) == (0, "")
     for i in range(1, 7):
         assert line_of(out, f"{i}.png").split()[1] == "1"
         assert int(line_of(out, f"{i}.png").split()[2]) > 50
-    assert "9x6: 6 of 6 images, " in out
+    assert "detected  9x6 in 6 of 6 images, " in out
     assert "corners\n" in out
-    assert out.rstrip().endswith("drawn: omnisight-detect")
+    assert out.rstrip().borderswith("drawn: omnisight-detect")
 
 
-def test_the_pattern_need_not_be_told(run, shots):
+def test_pattern_is_determined_without_the_option(run, shots):
     told, untold = (json.loads(run("detect", shots, "--json", *more)[1]) for more in (("--size", "9x6"), ()))
     assert untold == told
 
 
-def test_a_wrong_pattern_is_answered_with_the_right_one(run, shots):
+def test_wrong_pattern_gives_a_hint_with_the_right_one(run, shots):
     status, out, _ = run("detect", shots, "--pattern", "10x7")
     assert status == 0
-    assert "10x7: 0 of 6 images, 0 corners" in out
+    assert "detected  10x7 in 0 of 6 images, 0 corners" in out
     assert "10x7 squares have 9x6 inner corners). Use --pattern 9x6." in out
-    assert "no 10x7 board found, but one of 9x6" in line_of(out, "3.png")
+    assert "no 10x7 board detected, but one of 9x6" in line_of(out, "3.png")
 
 
 @pytest.mark.parametrize("output", [None, "drawn/here"])
-def test_pictures_are_drawn_large_with_what_was_found(run, shots, elsewhere, output):
+def test_detections_are_drawn_on_enlarged_images(run, shots, elsewhere, output):
     status, out, _ = run("detect", shots / "1.png", shots / "2.png", *(() if output is None else ("-o", output)))
     assert status == 0
     folder = elsewhere / (output or "omnisight-detect")
     assert f"drawn: {output or 'omnisight-detect'}" in out
-    assert visible(folder) == ["1.png", "2.png"]
-    for name in visible(folder):
+    assert file_names(folder) == ["1.png", "2.png"]
+    for name in file_names(folder):
         drawn, given = read_image(folder / name), read_image(shots / name)
         assert drawn.shape[1] >= 2 * SIZE[0]
         assert drawn.shape[2] == 3
@@ -80,12 +80,12 @@ def test_pictures_are_drawn_large_with_what_was_found(run, shots, elsewhere, out
         assert np.ptp(drawn.astype(int), axis=2).max() > 100
 
 
-def test_small_pictures_are_drawn_at_least_1600_px_wide(run, shots, elsewhere):
+def test_small_images_are_drawn_at_least_1600_px_wide(run, shots, elsewhere):
     assert run("detect", shots / "1.png")[0] == 0
     assert read_image(elsewhere / "omnisight-detect" / "1.png").shape[1] >= 1600
 
 
-def test_a_picture_wide_enough_keeps_its_size(run, shots, tmp_path, elsewhere):
+def test_large_image_is_drawn_at_its_size(run, shots, tmp_path, elsewhere):
     wide = cv2.resize(read_image(shots / "1.png"), (1600, 1200), interpolation=cv2.INTER_CUBIC)
     write_image(tmp_path / "wide.png", wide)
     assert run("detect", tmp_path / "wide.png")[0] == 0
@@ -94,20 +94,20 @@ def test_a_picture_wide_enough_keeps_its_size(run, shots, tmp_path, elsewhere):
     assert (np.abs(drawn.astype(int) - wide[..., None]).max(axis=2) > 60).any()
 
 
-def test_json_is_one_object_and_nothing_is_drawn(run, shots, elsewhere):
+def test_json_prints_one_object_and_draws_nothing(run, shots, elsewhere):
     status, out, err = run("detect", shots, "--json")
     assert (status, err) == (0, "")
     said = json.loads(out)
-    assert visible(elsewhere) == []
+    assert file_names(elsewhere) == []
     assert said["pattern"] == "9x6"
     assert said["target"] == {"target": "checkerboard", "columns": 9, "rows": 6} | said["target"]
     assert said["hint"] is None
     assert [p["name"] for p in said["images"]] == [f"{i}.png" for i in range(1, 7)]
-    for i, picture in enumerate(said["images"]):
-        assert picture["size"] == list(SIZE)
-        assert picture["sharpness"] > 0
-        assert isinstance(picture["note"], str)
-        (board,) = picture["boards"]
+    for i, image in enumerate(said["images"]):
+        assert image["size"] == list(SIZE)
+        assert image["sharpness"] > 0
+        assert isinstance(image["note"], str)
+        (board,) = image["boards"]
         assert board["pattern"] == "9x6"
         assert board["located"] is True
         count = len(board["ids"])
@@ -118,52 +118,52 @@ def test_json_is_one_object_and_nothing_is_drawn(run, shots, elsewhere):
         assert np.abs(np.array(board["pixels"]) - truth[board["ids"]]).max() < 0.35
 
 
-def test_json_draws_where_it_is_told(run, shots, elsewhere):
+def test_json_draws_with_output(run, shots, elsewhere):
     status, out, _ = run("detect", shots / "1.png", "--json", "--output", "drawn")
     assert status == 0
     assert json.loads(out)["pattern"] == "9x6"
-    assert visible(elsewhere / "drawn") == ["1.png"]
+    assert file_names(elsewhere / "drawn") == ["1.png"]
 
 
-def test_pictures_that_cannot_be_read_are_named_with_the_reason(run, folder, elsewhere):
+def test_unreadable_images_are_listed_with_the_reason(run, folder, elsewhere):
     (folder / "2.png").write_text("I am no image")
     (folder / "3.png").write_bytes(b"")
     status, out, _ = run("detect", folder, "--pattern", "9x6")
     assert status == 0
     assert "not an image" in line_of(out, "2.png")
     assert "empty file" in line_of(out, "3.png")
-    assert "9x6: 4 of 6 images" in out
-    assert visible(elsewhere / "omnisight-detect") == ["1.png", "4.png", "5.png", "6.png"]
+    assert "detected  9x6 in 4 of 6 images" in out
+    assert file_names(elsewhere / "omnisight-detect") == ["1.png", "4.png", "5.png", "6.png"]
     said = json.loads(run("detect", folder, "--json")[1])
     bad = said["images"][1]
     assert (bad["size"], bad["boards"], bad["sharpness"], bad["exposure"]) == (None, [], None, None)
 
 
-def test_pictures_without_a_board_are_an_answer_too(run, tmp_path):
+def test_images_without_a_board_are_no_error(run, tmp_path):
     for i in range(2):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 + 90 * i, np.uint8))
     status, out, _ = run("detect", tmp_path)
     assert status == 0
-    assert "no checkerboard found: for a board with markers or circles give --target" in out
+    assert "no checkerboard; for a board with markers or circles specify --target" in out
     assert line_of(out, "0.png").split()[1] == "-"
     status, out, _ = run("detect", tmp_path, "--pattern", "9x6")
     assert status == 0
-    assert "9x6: 0 of 2 images, 0 corners" in out
+    assert "detected  9x6 in 0 of 2 images, 0 corners" in out
     said = json.loads(run("detect", tmp_path, "--json")[1])
     assert said["pattern"] is None
     assert [p["boards"] for p in said["images"]] == [[], []]
 
 
-def test_pictures_of_which_none_can_be_read_are_refused_with_the_reason(refuses, tmp_path):
+def test_only_unreadable_images_are_an_error_with_the_reason(refuses, tmp_path):
     (tmp_path / "a.png").write_text("no")
     said = refuses("detect", tmp_path / "a.png")
     assert "none of the images can be read" in said
     assert "a.png: not an image" in said
 
 
-def test_a_part_of_the_board_is_said_to_be_one(run, shots, tmp_path):
-    picture = read_image(shots / "1.png")
-    write_image(tmp_path / "part.png", picture[:, :330])
+def test_partial_board_is_noted(run, shots, tmp_path):
+    image = read_image(shots / "1.png")
+    write_image(tmp_path / "part.png", image[:, :330])
     _, out, _ = run("detect", tmp_path / "part.png", "--pattern", "9x6")
     assert "of 54 corners" in line_of(out, "part.png")
 
@@ -180,7 +180,7 @@ def test_a_part_of_the_board_is_said_to_be_one(run, shots, tmp_path):
 )
 def test_an_option_that_cannot_be_is_refused(refuses, shots, elsewhere, options, said):
     assert said in refuses("detect", shots, *options)
-    assert visible(elsewhere) == []
+    assert file_names(elsewhere) == []
 
 
 def test_there_must_be_pictures_and_known_options(run, refuses, shots, tmp_path):
@@ -196,7 +196,7 @@ def test_a_target_that_was_made_is_the_board_that_is_found(run, refuses, shots, 
     assert run("target", "make", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
     said = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
     assert said["target"]["square"] == "24mm"
-    assert all(len(p["boards"]) == 1 for p in said["images"])
+    assert [len(p["boards"]) for p in said["images"]] == [1] * 6
     status, out, _ = run(
         "calibrate", shots, "--target", "board.json", "--model", "equidistant", "-o", "camera.json", "--json"
     )
@@ -208,20 +208,20 @@ def test_a_target_that_was_made_is_the_board_that_is_found(run, refuses, shots, 
     assert "not both" in refuses("calibrate", shots, "--target", "board.json", "--square", "24mm")
 
 
-def test_a_board_with_markers_is_found_by_its_file(run, charucos):
+def test_board_with_markers_is_detected_by_its_target_file(run, charucos):
     made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
     assert run("target", "make", *made)[0] == 0
     status, out, _ = run("detect", charucos, "--target", "charuco.json")
     assert status == 0
-    assert "charuco 9x6: 6 of 6 images" in out
+    assert "detected  charuco 9x6 in 6 of 6 images" in out
     assert "no checkerboard" not in out
     status, out, _ = run("detect", charucos, "--target", "charuco.json", "--json")
     said = json.loads(out)
     assert (said["pattern"], said["target"]["target"]) == ("9x6", "charuco")
-    assert all(p["boards"][0]["located"] for p in said["images"])
+    assert [p["boards"][0]["located"] for p in said["images"]] == [True] * 6
 
 
-def test_pictures_of_a_board_with_markers_give_a_camera(run, charucos, elsewhere):
+def test_images_of_a_board_with_markers_calibrate_a_camera(run, charucos, elsewhere):
     made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
     assert run("target", "make", *made)[0] == 0
     told = ("--target", "charuco.json", "--model", "equidistant", "-o", "camera.json", "--json")

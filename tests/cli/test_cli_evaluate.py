@@ -5,15 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shooting import BOARD, SIZE, TRUTH
-from test_cli_corners import seen
+from cli_scene import BOARD, SIZE, TRUTH, project_boards
 
-from omnisight.formats import format_named, format_names, save
+from omnisight.formats import format_names, get_format, save
 
 
 @pytest.fixture
 def corners(tmp_path):
-    np.savez(tmp_path / "other.npz", corners=seen(5, seed=7), pattern=(9, 6), image_size=SIZE)
+    np.savez(tmp_path / "other.npz", corners=project_boards(5, seed=7), pattern=(9, 6), image_size=SIZE)
     return tmp_path / "other.npz"
 
 
@@ -66,9 +65,9 @@ def test_corners_past_the_cone_are_told(run, corners, tmp_path):
     assert "calibrated in part" in out
 
 
-@pytest.mark.parametrize("name", [name for name in format_names() if "equidistant" in format_named(name).MODELS])
+@pytest.mark.parametrize("name", [name for name in format_names() if "equidistant" in get_format(name).MODELS])
 def test_a_camera_of_another_format_is_judged(name, run, corners, tmp_path):
-    file = save(TRUTH, tmp_path / f"c{format_named(name).SUFFIX}", format=name).path
+    file = save(TRUTH, tmp_path / f"c{get_format(name).SUFFIX}", format=name).path
     status, out, _ = run("evaluate", file, corners, "--json")
     assert status == 0
     assert json.loads(out)["all"]["rms"] < 0.2

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from shooting import FOCAL, QUICK, SIZE, TRUTH, visible
+from cli_scene import FOCAL, QUICK, SIZE, TRUTH, file_names
 
 from jpegs import jpeg
 from omnisight.camera import Camera
@@ -86,7 +86,7 @@ def test_convert_refuses_past_the_threshold_and_writes_nothing(run, refuses, cam
     assert err.startswith("omnisight: division cannot represent this equidistant camera to 80 degrees: ")
     assert "1e-06 allowed. Nothing is written; try --model" in err
     assert "--force" in err
-    assert visible(tmp_path) == ["camera.json"]
+    assert file_names(tmp_path) == ["camera.json"]
     assert run(*arguments, "--max-error", "1e-6", "--force")[0] == 0
     assert load(out).model.name == "division"
 
@@ -114,7 +114,7 @@ def test_convert_over_a_smaller_cone_comes_nearer(run, camera_file, tmp_path):
 )
 def test_a_conversion_that_cannot_be_says_why(refuses, camera_file, tmp_path, options, said):
     assert said in refuses("convert", camera_file, "-o", tmp_path / "c.json", *options)
-    assert visible(tmp_path) == ["camera.json"]
+    assert file_names(tmp_path) == ["camera.json"]
 
 
 def test_a_camera_without_a_size_cannot_be_fitted(refuses, tmp_path):

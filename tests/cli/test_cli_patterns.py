@@ -4,29 +4,29 @@ import json
 
 import numpy as np
 import pytest
-from shooting import raising
+from cli_scene import raises_error
 
 from drawn import POSES, shot
 from omnisight.images import write_image
 
 
-def test_columns_and_rows_may_be_exchanged(run, shots):
+def test_columns_and_rows_may_be_swapped(run, shots):
     straight, swapped = (
         json.loads(run("calibrate", shots, "--pattern", p, "--model", "equidistant", "--json")[1])
         for p in ("9x6", "6x9")
     )
     assert swapped["rms"] == pytest.approx(straight["rms"], rel=1e-3)
-    assert all(picture["found"] for picture in swapped["images"])
+    assert [image["found"] for image in swapped["images"]] == [True] * 6
 
 
 @pytest.mark.parametrize(
     ("pattern", "reason"),
     [("10x7", "10x7 squares have 9x6 inner corners"), ("7x5", "did you count squares?")],
 )
-def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern, reason):
+def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, reason):
     said = refuses("calibrate", shots, "--pattern", pattern)
     assert f"the {pattern} board was found in 0 of 6 images" in said
-    assert f"found a 9x6 grid of inner corners in 6/6 images but the board asked for is {pattern} ({reason})" in said
+    assert f"found a 9x6 grid of inner corners in 6/6 images, but the requested board is {pattern} ({reason})" in said
     assert "Use --pattern 9x6." in said
 
 
@@ -35,38 +35,38 @@ def test_a_wrong_pattern_is_answered_with_the_right_one(refuses, shots, pattern,
     [
         (
             ("--pattern", "9"),
-            "cannot read the pattern '9': give COLUMNSxROWS, inner corners of a checkerboard",
+            "cannot read the pattern '9': expected COLUMNSxROWS, inner corners of a checkerboard",
         ),
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
-        (("--square", "30"), "the length '30' has no unit: write 30mm if millimetres are meant"),
+        (("--square", "30"), "the length '30' has no unit: write 30mm for millimetres"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
         (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in, um"),
         (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: auto, cylindrical"),
     ],
 )
-def test_an_option_that_cannot_be_is_told_before_any_picture_is_read(refuses, shots, monkeypatch, options, said):
-    monkeypatch.setattr("omnisight.images.read.read_bytes", raising(AssertionError("an image was read")))
-    monkeypatch.setattr("omnisight.targets.look.read_bytes", raising(AssertionError("an image was read")))
+def test_invalid_option_is_reported_before_any_image_is_read(refuses, shots, monkeypatch, options, said):
+    monkeypatch.setattr("omnisight.images.read.read_bytes", raises_error(AssertionError("an image was read")))
+    monkeypatch.setattr("omnisight.targets.raw_detections.read_bytes", raises_error(AssertionError("an image was read")))
     assert said in refuses("calibrate", shots, *options)
 
 
-def test_an_unknown_loss_is_told_with_those_there_are(run, shots):
+def test_unknown_loss_is_reported_with_the_known_ones(run, shots):
     status, out, err = run("calibrate", shots, "--loss", "cauchy")
     assert status == 2
     assert "huber" in out + err
     assert "squared" in out + err
 
 
-def test_no_board_anywhere_asks_for_the_pattern(refuses, tmp_path):
+def test_no_board_in_any_image_asks_for_the_pattern(refuses, tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
     assert "no checkerboard found in 3 images, so its size is unknown: give --pattern" in refuses("calibrate", tmp_path)
     said = refuses("calibrate", tmp_path, "--pattern", "9x6")
     assert "the 9x6 board was found in 0 of 3 images: does --pattern count inner corners" in said
-    assert "0.png: no 9x6 board found" in said
+    assert "0.png: no 9x6 board detected" in said
 
 
-def test_a_board_that_looks_the_same_upside_down_is_noted(run, tmp_path):
+def test_symmetric_board_is_noted(run, tmp_path):
     for i, view in enumerate(POSES[:4]):
         write_image(tmp_path / f"{i}.png", shot(view, 8, 6)[0])
     status, out, _ = run("calibrate", tmp_path, "--model", "equidistant")

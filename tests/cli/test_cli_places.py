@@ -4,7 +4,7 @@ import glob
 import shutil
 
 import pytest
-from shooting import QUICK, SIZE, raising, visible
+from cli_scene import QUICK, SIZE, file_names, raises_error
 
 from omnisight.formats import load
 
@@ -18,13 +18,13 @@ def test_paths_may_be_named_as_people_name_them(run, shots, tmp_path, name):
     assert status == 0
     assert "6 of 6 images" in said
     assert load(out).size == SIZE
-    assert f"1 {name}.png" in visible(place / "drawn")
+    assert f"1 {name}.png" in file_names(place / "drawn")
     assert "4 of 4 images" in run("calibrate", f"{glob.escape(str(place))}/[2-5].png", *QUICK)[1]
 
 
 @pytest.mark.parametrize("where", ["no folder", "under a file", "a folder itself"])
 def test_an_output_that_cannot_be_written_is_told_before_any_work(refuses, shots, tmp_path, monkeypatch, where):
-    monkeypatch.setattr("omnisight.targets.detect_boards", raising(AssertionError("work was begun")))
+    monkeypatch.setattr("omnisight.targets.detect_boards", raises_error(AssertionError("work was begun")))
     (tmp_path / "file").write_text("")
     output = {
         "no folder": tmp_path / "missing" / "c.json",
@@ -37,8 +37,8 @@ def test_an_output_that_cannot_be_written_is_told_before_any_work(refuses, shots
 
 
 def test_a_folder_that_takes_no_file_is_told_before_any_work(refuses, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.targets.detect_boards", raising(AssertionError("work was begun")))
-    monkeypatch.setattr("tempfile.TemporaryFile", raising(PermissionError(13, "Permission denied")))
+    monkeypatch.setattr("omnisight.targets.detect_boards", raises_error(AssertionError("work was begun")))
+    monkeypatch.setattr("tempfile.TemporaryFile", raises_error(PermissionError(13, "Permission denied")))
     said = refuses("calibrate", shots, *QUICK, "-o", tmp_path / "c.json")
     assert f"{tmp_path / 'c.json'}: cannot be written: Permission denied ({tmp_path})" in said
 
@@ -48,4 +48,4 @@ def test_a_failed_run_leaves_the_old_camera_alone(refuses, shots, tmp_path):
     kept.write_text("what was there")
     refuses("calibrate", shots, "--pattern", "7x5", "-o", kept)
     assert kept.read_text() == "what was there"
-    assert visible(tmp_path) == ["camera.json"]
+    assert file_names(tmp_path) == ["camera.json"]

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 import pytest
-from shooting import raising
+from cli_scene import raises_error
 
 import omnisight
 
@@ -59,7 +59,7 @@ def test_an_unknown_command_is_told(run):
 
 
 def test_a_fault_is_called_one_and_shown_whole_only_to_who_asks(run, camera_file, monkeypatch):
-    monkeypatch.setattr("omnisight.formats.load_all", raising(RuntimeError("lost the thread")))
+    monkeypatch.setattr("omnisight.formats.load_all", raises_error(RuntimeError("lost the thread")))
     status, out, err = run("inspect", camera_file)
     assert (status, out) == (1, "")
     assert err == "omnisight: a fault in omnisight: RuntimeError: lost the thread (--debug shows where)\n"
@@ -73,5 +73,5 @@ def test_bad_input_is_shown_whole_to_who_asks(run, tmp_path):
 
 
 def test_an_interruption_is_no_fault(run, camera_file, monkeypatch):
-    monkeypatch.setattr("omnisight.formats.load_all", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("omnisight.formats.load_all", raises_error(KeyboardInterrupt()))
     assert run("inspect", camera_file) == (130, "", "omnisight: interrupted\n")

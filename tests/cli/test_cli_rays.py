@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from shooting import QUICK, SIZE
+from cli_scene import QUICK, SIZE
 
 import omnisight as om
 from omnisight.images import write_image

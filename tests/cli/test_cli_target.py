@@ -1,7 +1,7 @@
 """omnisight target make."""
 
 import pytest
-from shooting import TRUTH, visible
+from cli_scene import TRUTH, file_names
 
 from omnisight.formats import save
 from omnisight.targets.target_file import load_board
@@ -39,13 +39,13 @@ def cannot(refuses, tmp_path, monkeypatch):
         (("circles", "4x11", "--spacing", "18mm", "--diameter", "1cm"), {"spacing": "18mm", "diameter": "10mm"}),
     ],
 )
-def test_a_board_is_written_three_times_and_described(make, tmp_path, arguments, values):
+def test_target_make_writes_three_files_and_prints_them(make, tmp_path, arguments, values):
     status, out, err = make(*arguments)
     assert (status, err) == (0, "")
     kind, pattern = arguments[:2]
     first = values.get("square") or values.get("tag") or values.get("spacing") or "24mm"
     name = f"{kind}_{pattern}_{first if isinstance(first, str) else '18mm'}"
-    assert visible(tmp_path) == sorted(f"{name}.{suffix}" for suffix in ("json", "pdf", "svg"))
+    assert file_names(tmp_path) == sorted(f"{name}.{suffix}" for suffix in ("json", "pdf", "svg"))
     board = load_board(tmp_path / f"{name}.json")
     assert (board.kind, str(board)) == (kind, pattern)
     assert values.items() <= board.to_dict().items()
@@ -58,13 +58,13 @@ def test_a_board_is_written_three_times_and_described(make, tmp_path, arguments,
 
 
 @pytest.mark.parametrize("name", ["b.pdf", "b", "b.svg", "b.json", "b.PDF", "b.2"])
-def test_the_three_files_lie_side_by_side(make, tmp_path, name):
+def test_target_make_writes_files_next_to_each_other(make, tmp_path, name):
     (tmp_path / "out").mkdir()
     status, out, _ = make("checkerboard", "9x6", "--square", "35mm", "--paper", "a3", "-o", f"out/{name}")
     assert status == 0
     assert "paper    a3, 420 x 297 mm" in out
     stem = "b.2" if name == "b.2" else "b"
-    assert visible(tmp_path / "out") == [f"{stem}.json", f"{stem}.pdf", f"{stem}.svg"]
+    assert file_names(tmp_path / "out") == [f"{stem}.json", f"{stem}.pdf", f"{stem}.svg"]
 
 
 @pytest.mark.parametrize(
@@ -76,11 +76,11 @@ def test_the_three_files_lie_side_by_side(make, tmp_path, name):
         ("circles", "4x10", ("--spacing", "15mm"), "4x11"),
     ],
 )
-def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, options, better):
+def test_symmetric_board_gives_a_note_with_an_alternative(make, kind, pattern, options, better):
     status, out, _ = make(kind, pattern, *options)
     assert status == 0
     assert f"note     {kind} {pattern} looks the same upside-down" in out
-    assert f"{better} can tell" in out
+    assert f"{better} is unambiguous" in out
     assert ("quarter turn" in out) is (pattern == "7x7")
 
 
@@ -90,15 +90,15 @@ def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, o
         (("dots", "9x6"), "unknown kind of target 'dots'; there are: aprilgrid, charuco, checkerboard, circles"),
         (
             ("checkerboard", "nine"),
-            "cannot read the pattern 'nine': give COLUMNSxROWS, inner corners",
+            "cannot read the pattern 'nine': expected COLUMNSxROWS, inner corners",
         ),
-        (("checkerboard", "9x6"), "the side of a square of the 9x6 board is not known: give it, such as 30mm"),
+        (("checkerboard", "9x6"), "the side of a square of the 9x6 board is unknown: specify it, such as 30mm"),
         (("checkerboard", "9x6", "--square", "30"), "square: the length '30' has no unit: write 30mm"),
         (("checkerboard", "9x6", "--square", "30mm", "--tag", "3mm"), "the target checkerboard has no 'tag'"),
         (("checkerboard", "9x6", "--square", "30mm", "--paper", "A4"), "or use A3"),
         (("checkerboard", "9x6", "--square", "30mm", "--paper", "B4"), "cannot read the paper 'B4'"),
         (("checkerboard", "2x6", "--square", "30mm"), "needs 3x3 inner corners or more, got 2x6"),
-        (("checkerboard", "9x6", "--square", "3m"), "more than A0: give --paper"),
+        (("checkerboard", "9x6", "--square", "3m"), "more than A0: specify --paper"),
         (("charuco", "9x6"), "the target charuco needs --square, a length with its unit, such as 24mm"),
         (("charuco", "9x6", "--square", "x"), "cannot read the length 'x'"),
         (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_9"), "such as DICT_5X5_100"),
@@ -111,7 +111,7 @@ def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, o
         (("checkerboard", "200x101", "--square", "1mm"), "the 200x101 checkerboard has 20200 points: more than 10000"),
         (
             ("checkerboard", "9x6", "--square", "24mm", "-o", "b.png"),
-            "is a PDF, an SVG and a JSON; name the PDF, b.pdf",
+            "output is a PDF, an SVG and a JSON; name the PDF, b.pdf",
         ),
         (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "9mm"), "--spacing must be a number, such as 0.3"),
         (("aprilgrid", "6x6", "--tag", "3cm", "--spacing", "nan"), "spacing is nan"),
@@ -120,27 +120,27 @@ def test_a_symmetric_board_is_warned_of_with_a_better_one(make, kind, pattern, o
         (("checkerboard", "9x6", "--square", "24mm", "-o", "none/b.pdf"), "the folder none does not exist"),
     ],
 )
-def test_a_board_that_cannot_be_says_why_and_leaves_nothing(cannot, tmp_path, arguments, said):
+def test_invalid_target_reports_the_reason_and_writes_nothing(cannot, tmp_path, arguments, said):
     assert said in cannot(*arguments)
-    assert visible(tmp_path) == []
+    assert file_names(tmp_path) == []
 
 
-def test_a_board_is_made_again_but_never_over_another_file(make, cannot, tmp_path):
+def test_target_make_overwrites_only_its_own_files(make, cannot, tmp_path):
     board = ("checkerboard", "9x6", "--square", "24mm", "-o", "b.pdf")
     assert make(*board)[0] == 0
     assert make(*board)[0] == 0
-    assert "b.json: is there and describes another board" in cannot(*board[:3], "20mm", "-o", "b.pdf")
+    assert "b.json: exists and describes another board" in cannot(*board[:3], "20mm", "-o", "b.pdf")
     assert load_board(tmp_path / "b.json").square == 0.024
     for name in ("other.pdf", "other.svg"):
         (tmp_path / name).write_text("a drawing of someone else's")
-        assert f"{name}: is there and was not written by omnisight" in cannot(*board[:4], "-o", "other.pdf")
+        assert f"{name}: exists and was not written by omnisight" in cannot(*board[:4], "-o", "other.pdf")
         (tmp_path / name).unlink()
     camera = save(TRUTH, tmp_path / "camera.json").path
     kept = camera.read_bytes()
-    assert "is there and is no target, so it is kept" in cannot(*board[:4], "-o", "camera.pdf")
+    assert "exists and is no target, so it is not overwritten" in cannot(*board[:4], "-o", "camera.pdf")
     assert camera.read_bytes() == kept
-    assert "camera.pdf" not in visible(tmp_path)
+    assert "camera.pdf" not in file_names(tmp_path)
 
 
-def test_an_unknown_action_is_wrong_usage(run):
+def test_unknown_action_is_a_usage_error(run):
     assert run("target", "bake", "checkerboard", "9x6")[0] == 2

@@ -42,6 +42,7 @@ def test_a_clip_is_calibrated_as_pictures_are(run, shot, tmp_path):
     assert "with a board" in out
     camera = load(tmp_path / "camera.json")
     assert bearing_error(camera, SETUP.camera, np.radians(80)) < 0.1
+    assert len(camera.provenance["images"]) >= 5
     assert all(name.startswith("board-") for name in camera.provenance["images"])
 
 

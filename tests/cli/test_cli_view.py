@@ -5,7 +5,7 @@ import shutil
 import cv2
 import numpy as np
 import pytest
-from shooting import BOARD, QUICK, TRUTH, spoil, visible
+from cli_scene import BOARD, QUICK, TRUTH, damage_image, file_names
 
 import omnisight
 from drawn import POSES, pose
@@ -63,7 +63,7 @@ def test_several_pictures_go_to_a_folder(run, shots, camera_file, tmp_path):
     out = tmp_path / "new" / "views"
     status, said, _ = run("view", shots, "--camera", camera_file, "--size", "160x120", "-o", out)
     assert status == 0
-    assert visible(out) == visible(shots)
+    assert file_names(out) == file_names(shots)
     assert {read_image(path).shape for path in out.iterdir()} == {(120, 160)}
     assert str(out) in said
 
@@ -74,16 +74,16 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(run, shots, camera_fil
         shutil.copy(shots / f"{number}.png", tmp_path / name / "a.png")
     out = tmp_path / "out"
     assert run("view", tmp_path / "left", tmp_path / "right", "--camera", camera_file, "-o", out)[0] == 0
-    assert len(visible(out)) == 2
+    assert len(file_names(out)) == 2
 
 
 def test_a_bad_picture_does_not_stop_the_others(run, folder, camera_file, tmp_path):
-    spoil(folder / "1.png", "truncated")
+    damage_image(folder / "1.png", "truncated")
     write_image(folder / "3.png", np.zeros((100, 100), np.uint8))
     out = tmp_path / "out"
     status, _, err = run("view", folder, "--camera", camera_file, "--size", "160x120", "-o", out)
     assert status == 2
-    assert visible(out) == ["2.png", "4.png", "5.png", "6.png"]
+    assert file_names(out) == ["2.png", "4.png", "5.png", "6.png"]
     assert err.startswith("omnisight: 2 of 6 images were left out")
     assert "1.jpg: truncated JPEG" in err
     assert "3.png: the image is 100x100, the camera 640x480" in err
@@ -171,9 +171,9 @@ def test_a_camera_without_a_size_takes_that_of_the_pictures(run, photo, camera_f
     ],
 )
 def test_a_view_that_cannot_be_is_refused_and_nothing_is_written(refuses, photo, camera_file, tmp_path, options, said):
-    before = visible(tmp_path)
+    before = file_names(tmp_path)
     assert said in refuses("view", photo, "--camera", camera_file, "-o", tmp_path / "v.png", *options)
-    assert visible(tmp_path) == before
+    assert file_names(tmp_path) == before
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_a_picture_may_go_to_a_folder_too(run, photo, camera_file, tmp_path):
     status, out, _ = run("view", photo, "--camera", camera_file, "-o", place)
     assert status == 0
     assert f"written: {place / '1.png'}" in out
-    assert visible(place) == ["1.png"]
+    assert file_names(place) == ["1.png"]
 
 
 @pytest.mark.parametrize("command", ["one view", "views", "mask", "drawings"])
@@ -267,7 +267,7 @@ def test_a_damaged_camera_file_is_told_by_name(refuses, photo, tmp_path, how, co
     said = refuses(*arguments)
     assert str(path) in said
     assert expected in said
-    assert visible(tmp_path) == ["camera.json"]
+    assert file_names(tmp_path) == ["camera.json"]
 
 
 @pytest.mark.parametrize("what", ["missing", "folder", "image"])

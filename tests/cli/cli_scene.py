@@ -1,4 +1,4 @@
-"""What the tests of the command line share: a lens, its board, and readers of what was said."""
+"""Shared by the tests of the command line: a camera, its board, and helpers for output and damaged files."""
 
 import cv2
 import numpy as np
@@ -16,8 +16,8 @@ TRUTH = Camera(model_class("equidistant")(FOCAL, FOCAL, *CENTRE), SIZE, theta_ma
 QUICK = ("--pattern", "9x6", "--model", "equidistant")
 
 
-def seen(count, seed=0):
-    """Give corners (count, 54, 2) of tilted boards in front of the lens."""
+def project_boards(count, seed=0):
+    """Return corners (count, 54, 2) of tilted boards in front of the camera."""
     rng = np.random.default_rng(seed)
     found = []
     while len(found) < count:
@@ -29,28 +29,28 @@ def seen(count, seed=0):
     return np.array(found)
 
 
-def lines_of(out):
-    """Give the table's lines by image."""
+def image_rows(out):
+    """Return the rows of the table by image name."""
     lines = [line for line in out.splitlines() if line.split()[1:2] in (["yes"], ["no"])]
     return {line.split()[0]: line for line in lines}
 
 
-def visible(folder):
+def file_names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def raising(error):
+def raises_error(error):
     def function(*_, **__):
         raise error
 
     return function
 
 
-def spoil(path, how):
-    """Put something else in the place of an image."""
+def damage_image(path, damage):
+    """Replace an image file by a damaged one."""
     good = read_image(path)
     path.unlink()
-    match how:
+    match damage:
         case "text":
             path.with_suffix(".jpg").write_text("I am no image")
         case "empty":
