@@ -189,27 +189,19 @@ def calibrate(
     if failure is not None:
         raise failure
     if draw is not None:
-        from omnisight.report.drawings.detections import draw_residuals
+        from omnisight.report.drawings.residuals import draw_residuals
 
-        off = found.state.residuals(found.views)
-        bare = draw_residuals(result.search, found.views.pixels, off, found.outliers, draw, apply_exif=apply_exif)
+        residuals = found.state.residuals(found.views)
+        num_blank = draw_residuals(result.search, residuals, found.outliers, draw, apply_exif=apply_exif)
         if not json:
-            print(f"drawn: {draw}{bare}")
+            note = f" ({num_blank} without image, since the files are missing)" if num_blank else ""
+            print(f"drawn: {draw}{note}")
     if report is not None:
         import sys
 
-        from omnisight.report import write_report
+        from omnisight.report import ReportOptions, write_report
 
-        write_report(
-            found,
-            result.search,
-            own,
-            report,
-            names=names,
-            command=["omnisight", *sys.argv[1:]],
-            apply_exif=apply_exif,
-            asked=asked,
-        )
+        write_report(found, report, ReportOptions(["omnisight", *sys.argv[1:]], apply_exif))
         if not json:
             print(f"report: {report}")
 

@@ -56,7 +56,7 @@ def detect(
     from omnisight.cli._detect_report import as_json, print_report
     from omnisight.images import collect_images
     from omnisight.images.output_paths import drawing_paths
-    from omnisight.report.drawings.detections import draw_boards
+    from omnisight.report.drawings.detections import draw_detections
 
     board = asked_board(pattern, square, target)
     paths = collect_images(pictures, videos=True)
@@ -75,6 +75,6 @@ def detect(
             print_report(search)
         if folder is not None:
             files = drawing_paths([picture.path for picture in search.images], folder)
-            draw_boards(search, files, apply_exif=apply_exif, progress=lambda done, all_: report("draw", done, all_))
+            draw_detections(search, files, apply_exif=apply_exif, progress=lambda done, all_: report("draw", done, all_))
     if folder is not None and not json:
         print(f"drawn: {folder}")

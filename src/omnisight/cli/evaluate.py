@@ -107,12 +107,13 @@ def evaluate(
     else:
         print_report(search, names, found)
     if draw is not None:
-        from omnisight.report.drawings.detections import draw_residuals
+        from omnisight.report.drawings.residuals import draw_residuals
 
         judged = next(iter(found.values()))
-        bare = draw_residuals(search, views.pixels, judged.residuals, judged.outliers, draw, apply_exif=apply_exif)
+        num_blank = draw_residuals(search, judged.residuals, judged.outliers, draw, apply_exif=apply_exif)
         if not json:
-            print(f"drawn: {draw}{bare}")
+            note = f" ({num_blank} without image, since the files are missing)" if num_blank else ""
+            print(f"drawn: {draw}{note}")
 
 
 def _labelled(files: list[Path]) -> dict[str, Path]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion, convert_model
-from omnisight.formats import Format, FormatError, SaveResult, get_format, format_names, save
+from omnisight.formats import Format, FormatError, SaveResult, format_names, get_format, save
 from omnisight.ray_camera import RayCamera
 from omnisight.report.html import Markup, element, join
 from omnisight.report.report_data import ReportData
