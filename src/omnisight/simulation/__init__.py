@@ -1,4 +1,4 @@
-"""Images of scenes through any camera, by ray casting, with ground truth."""
+"""Rendering of scenes through any camera by ray casting, with ground truth."""
 
 from omnisight.simulation.board import BoardInScene, board_solid
 from omnisight.simulation.board_poses import board_poses

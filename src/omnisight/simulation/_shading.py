@@ -20,7 +20,7 @@ LIFT = 1e-5  # metres by which rays to the light start off a face
 
 @njit_helper
 def _between(start, width, height, u, v):
-    """Give where a place of a grid lies: its cell's index, the steps right and below, and its share of each."""
+    """Return where a place of a grid lies: its cell's index, the steps right and below, and its share of each."""
     x = min(max(u * width - 0.5, 0.0), width - 1.0)
     y = min(max(v * height - 0.5, 0.0), height - 1.0)
     column, row = int(x), int(y)
@@ -31,7 +31,7 @@ def _between(start, width, height, u, v):
 
 @njit_helper
 def _texel(world, level, u, v):
-    """Give the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
+    """Return the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
     start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
     at, right, below, fx, fy = _between(start, width, height, u, v)
     texels, linear = world.texels, world.linear
@@ -49,7 +49,7 @@ def _texel(world, level, u, v):
 
 @njit_helper
 def _filtered(world, texture, u, v, ux, vx, uy, vy):
-    """Give the mean light of a texture over the parallelogram of two steps (ux, vx), (uy, vy) about (u, v).
+    """Return the mean light of a texture over the parallelogram of two steps (ux, vx), (uy, vy) about (u, v).
 
     Probes lie along the longer step, each in the level whose texels are as large as the shorter one.
     """
@@ -79,7 +79,7 @@ def _filtered(world, texture, u, v, ux, vx, uy, vy):
 
 @njit_helper
 def _light(world, face, u, v):
-    """Give the light that falls on a place of a face, bilinear."""
+    """Return the light that falls on a place of a face, bilinear."""
     start, width, height = world.faces[face, 1], world.faces[face, 2], world.faces[face, 3]
     at, right, below, fx, fy = _between(start, width, height, u, v)
     light = world.light
@@ -90,7 +90,7 @@ def _light(world, face, u, v):
 
 @njit_helper
 def _moved(world, solid, face, x, y, z, u, v, step):
-    """Give by how much (u, v) changes over a step (x, y, z) along a face."""
+    """Return by how much (u, v) changes over a step (x, y, z) along a face."""
     sx, sy, sz = to_local(world.local_from_world[solid], step[0], step[1], step[2])
     kind = world.kinds[solid]
     a, b = chart(kind, face, x + sx, y + sy, z + sz)
@@ -102,7 +102,7 @@ def _moved(world, solid, face, x, y, z, u, v, step):
 
 @njit_helper
 def _on_face(t, d, n, origin_step, bearing_step):
-    """Give how far a hit moves along its face as the ray goes to its neighbour's."""
+    """Return how far a hit moves along its face as the ray goes to its neighbour's."""
     sx = origin_step[0] + t * bearing_step[0]
     sy = origin_step[1] + t * bearing_step[1]
     sz = origin_step[2] + t * bearing_step[2]
@@ -114,7 +114,7 @@ def _on_face(t, d, n, origin_step, bearing_step):
 
 @njit_helper
 def _radiance(world, o, d, ox, dx, oy, dy):
-    """Give the light (r, g, b) along a ray; o, d and their changes towards the neighbours across and down."""
+    """Return the light (r, g, b) along a ray; o, d and their changes towards the neighbours across and down."""
     t, solid, face = first_hit(world, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf)
     if solid < 0:
         if world.sky < 0:
@@ -168,7 +168,7 @@ def _less(a, b):
 
 @njit_helper
 def _neighbour(i, samples, end):
-    """Give a ray beside ray i: of the same pixel if it has several, so that how an image is cut changes nothing."""
+    """Return a ray beside ray i: of the same pixel if it has several, so that how an image is cut changes nothing."""
     if samples > 1:
         return i + 1 if (i + 1) % samples else i - 1
     return i + 1 if i + 1 < end else i - 1 if i > 0 else i

@@ -28,7 +28,7 @@ PLANES = np.array(
 
 @njit_helper
 def meet(kind, ox, oy, oz, dx, dy, dz, least):
-    """Give the first distance > least, in lengths of the direction, at which a ray meets a shape, and the face."""
+    """Return the first distance > least, in lengths of the direction, at which a ray meets a shape, and the face."""
     if kind == RECTANGLE:
         t = -oz / dz
         x, y = ox + t * dx, oy + t * dy
@@ -46,7 +46,7 @@ def meet(kind, ox, oy, oz, dx, dy, dz, least):
 
 @njit_helper
 def _roots(a, b, c):
-    """Give both solutions of a t^2 + 2 b t + c = 0, the lesser first; inf where there is none."""
+    """Return both solutions of a t^2 + 2 b t + c = 0, the lesser first; inf where there is none."""
     under = b * b - a * c
     if under < 0:
         return np.inf, np.inf
@@ -58,7 +58,7 @@ def _roots(a, b, c):
 
 @njit_helper
 def _first(enter, enter_face, leave, leave_face, least):
-    """Give where a ray first meets a convex solid past `least`, and which face: going in, or else coming out."""
+    """Return where a ray first meets a convex solid past `least`, and which face: going in, or else coming out."""
     if enter > leave:
         return np.inf, 0
     if enter > least:
@@ -115,7 +115,7 @@ def _cylinder(ox, oy, oz, dx, dy, dz, least):
 
 @njit_helper
 def normal(kind, face, x, y, z):
-    """Give the outward normal, of any length, at a point of a face."""
+    """Return the outward normal, of any length, at a point of a face."""
     if kind == RECTANGLE:
         return 0.0, 0.0, -1.0
     if kind == BOX:
@@ -131,7 +131,7 @@ def normal(kind, face, x, y, z):
 
 @njit_helper
 def chart(kind, face, x, y, z):
-    """Give (u, v) of a point of a face, or of one near it."""
+    """Return (u, v) of a point of a face, or of one near it."""
     if kind == RECTANGLE:
         return x, y
     if kind == BOX:
@@ -155,7 +155,7 @@ def chart(kind, face, x, y, z):
 
 @njit_helper
 def place(kind, face, u, v):
-    """Give the point of a face that has (u, v): `chart` backwards."""
+    """Return the point of a face that has (u, v): `chart` backwards."""
     if kind == RECTANGLE:
         return u, v, 0.0
     if kind == BOX:

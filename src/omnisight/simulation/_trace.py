@@ -74,7 +74,7 @@ def to_local(m, x, y, z):
 
 @njit_helper
 def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
-    """Give distance, solid and face of what a ray meets first between two distances; inf and -1 where nothing."""
+    """Return distance, solid and face of what a ray meets first between two distances; inf and -1 where nothing."""
     best, solid, best_face = most, -1, 0
     ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
     boxes, node, end = world.boxes, 0, len(world.nodes)
@@ -101,7 +101,7 @@ def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
 
 @njit_helper
 def world_normal(world, solid, face, x, y, z):
-    """Give the unit normal (world frame) of the side that is seen, at a local point of a face."""
+    """Return the unit normal (world frame) of the side that is seen, at a local point of a face."""
     m = world.local_from_world[solid]
     a, b, c = normal(world.kinds[solid], face, x, y, z)
     nx = m[0, 0] * a + m[1, 0] * b + m[2, 0] * c

@@ -1,4 +1,4 @@
-"""Where to hold a board so that a calibration learns the whole image."""
+"""Board poses that cover the whole field of view of a camera, for rendering calibration images."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,10 @@ from omnisight.targets import Checkerboard
 
 Array = NDArray[np.float64]
 
-GOLDEN = np.pi * (3 - np.sqrt(5))
-TRIES = 200
+# Azimuths advance by the golden angle, which distributes any number of boards evenly.
+GOLDEN_ANGLE_RAD = np.pi * (3 - np.sqrt(5))
+MAX_ATTEMPTS = 200
+# Distance of boards from the image border.
 MARGIN_PX = 6.0
 
 
@@ -27,51 +29,51 @@ def board_poses(
     distance: tuple[float, float] = (1.1, 1.7),
     tilt_deg: tuple[float, float] = (20.0, 45.0),
 ) -> list[Pose]:
-    """Give cam_from_board of boards all around the field of view, tilted, at varied distances, wholly visible.
+    """Return cam_from_board of tilted, fully visible boards, distributed over the whole field of view.
 
-    The same seed gives the same poses.
+    The poses are reproducible by the seed.
 
     Parameters
     ----------
     camera
-        Whose field of view.
+        The camera.
     board
-        What is held.
+        The board.
     count
-        How many.
+        Number of poses.
     seed
-        Of everything random.
+        Seed of the random rotations and distances.
     theta
-        From which angle to which (radians from the axis) the camera sees.
+        Field of view: range of angles from the axis, radians.
     distance
-        Least and most, in board widths.
+        Range of distances, in board widths.
     tilt_deg
-        Least and most angle between the board's normal and the line to the camera, degrees.
+        Range of angles between the board's normal and the line of sight, degrees.
 
     Raises
     ------
     ValueError
-        If no place shows all of the board.
+        If the whole board fits nowhere in the image.
     """
     rng = np.random.default_rng(seed)
     far = min(theta[1], camera.image_theta_max() if theta[1] >= np.pi else theta[1])
     turn = rng.uniform(0, 2 * np.pi)
     poses: list[Pose] = []
     for i in range(count):
-        # Equal areas of an equidistant image, from the rim inwards so that the rim is never left out.
-        wanted = theta[0] + (far - theta[0]) * np.sqrt(1 - i / count)
-        for attempt in range(TRIES):
-            pulled = wanted + ((theta[0] + far) / 2 - wanted) * attempt / TRIES
-            pose = _held(board, pulled, turn + i * GOLDEN, rng, distance, tilt_deg)
-            if _shown(camera, BoardInScene(board, pose), (theta[0], far)):
+        # Equal areas of an equidistant image, starting at the image circle so that it is always covered.
+        target = theta[0] + (far - theta[0]) * np.sqrt(1 - i / count)
+        for attempt in range(MAX_ATTEMPTS):
+            moved = target + ((theta[0] + far) / 2 - target) * attempt / MAX_ATTEMPTS
+            pose = _random_pose(board, moved, turn + i * GOLDEN_ANGLE_RAD, rng, distance, tilt_deg)
+            if _is_visible(camera, BoardInScene(board, pose), (theta[0], far)):
                 poses.append(pose)
                 break
         else:
-            raise ValueError(f"no place in the image shows all of the {board} board: hold it farther away")
+            raise ValueError(f"the whole {board} board fits nowhere in the image: increase its distance")
     return poses
 
 
-def _held(
+def _random_pose(
     board: Checkerboard,
     theta: float,
     azimuth: float,
@@ -79,10 +81,10 @@ def _held(
     distance: tuple[float, float],
     tilt_deg: tuple[float, float],
 ) -> Pose:
-    """Hold the board's middle in a direction, turned at random in its plane and tilted about a random axis in it."""
+    """Return a pose with the board's centre in a direction, rotated randomly in its plane and tilted."""
     towards = np.array((np.sin(theta) * np.cos(azimuth), np.sin(theta) * np.sin(azimuth), np.cos(theta)))
     axis = np.array((-np.sin(azimuth), np.cos(azimuth), 0.0))
-    # Tilts lean mostly towards the axis or away from it: there they tell the profile most.
+    # The tilt axis is random within the board's plane.
     lean = rng.uniform(0, 2 * np.pi)
     tilt = np.radians(rng.uniform(*tilt_deg)) * np.array((np.cos(lean), np.sin(lean), 0))
     spin = np.array((0, 0, rng.uniform(-np.pi, np.pi)))
@@ -92,8 +94,8 @@ def _held(
     return Pose(rotation, towards * width * rng.uniform(*distance) - rotation @ points.mean(0))
 
 
-def _shown(camera: Camera, board: BoardInScene, theta: tuple[float, float]) -> bool:
-    """Say whether the paper lies inside the image and the image circle, its printed side to the camera."""
+def _is_visible(camera: Camera, board: BoardInScene, theta: tuple[float, float]) -> bool:
+    """Return whether the whole board is inside image and image circle, with its printed side towards the camera."""
     outline = board.outline(8)
     angle = angle_from_axis(outline)
     pixels, valid = camera.project(outline)

@@ -1,4 +1,4 @@
-"""What images can be taken with."""
+"""The interface of cameras that images can be rendered with."""
 
 from typing import Protocol
 
@@ -9,7 +9,7 @@ from omnisight.geometry.rays import Rays
 
 
 class RenderableCamera(Protocol):
-    """A camera, central or not: `Camera`, `RayCamera`, or anything that gives this. Lengths are in metres."""
+    """A camera, central or not: `Camera`, `RayCamera`, or any object with this interface. Lengths are in metres."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -17,9 +17,9 @@ class RenderableCamera(Protocol):
         ...
 
     def rays(self, pixels: ArrayLike, /) -> Rays:
-        """Give the rays of pixels (..., 2) in the camera's frame, NaN where not valid."""
+        """Return the rays of pixels (..., 2) in the camera frame, NaN where not valid."""
         ...
 
     def project(self, points: ArrayLike, /) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Give the pixels (..., 2) of points (..., 3) of the camera's frame, and whether they are valid."""
+        """Project points (..., 3) of the camera frame to pixels (..., 2) and their validity (...)."""
         ...

@@ -1,4 +1,4 @@
-"""The cameras that the demonstration, the examples and the documentation share."""
+"""Cameras shared by the demonstration, the examples and the documentation."""
 
 from dataclasses import dataclass
 
@@ -19,16 +19,16 @@ DEMO_BOARD = Checkerboard(8, 5, 0.04)
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """A camera in its place.
+    """A camera with its pose in the room.
 
     Attributes
     ----------
     camera
-        The truth.
+        The true camera.
     world_from_cam
-        Where it stands in the room.
+        Its pose.
     theta
-        From which angle to which it sees (radians from the axis).
+        Field of view: range of angles from the axis, radians.
     """
 
     camera: Camera
@@ -36,17 +36,17 @@ class CameraSetup:
     theta: tuple[float, float]
 
     def renderer(self, samples: int = 2) -> Renderer:
-        """Set the camera up in the furnished room."""
+        """Return a renderer of the furnished room."""
         return Renderer(self.camera, self.world_from_cam, theta=self.theta, samples=samples)
 
     def boards(self, count: int = 12, board: Checkerboard = DEMO_BOARD, *, seed: int = 0) -> list[BoardInScene]:
-        """Hold a board up in so many places, one for each image."""
+        """Return boards at different poses, one for each image."""
         poses = board_poses(self.camera, board, count, seed=seed, theta=self.theta)
         return [BoardInScene(board, pose) for pose in poses]
 
 
 def fisheye_setup(width: int = 960) -> CameraSetup:
-    """Give a fisheye lens of 190 degrees, its whole circle in an image 4:3."""
+    """Return a fisheye of 190 degrees with its whole image circle in a 4:3 image."""
     f = width / 960
     model = KannalaBrandt(222.0 * f, 221.4 * f, 483.2 * f, 356.7 * f, k1=-0.018, k2=0.0031, k3=-0.0016, k4=1e-4)
     camera = Camera(model, (width, round(0.75 * width)))
@@ -54,9 +54,9 @@ def fisheye_setup(width: int = 960) -> CameraSetup:
 
 
 def mirror_setup(width: int = 720) -> CameraSetup:
-    """Give a camera that looks up into a nearly parabolic mirror: all around, from 18 to 110 degrees off the nadir.
+    """Return a camera below a nearly parabolic mirror that sees all around, from 18 to 110 degrees off nadir.
 
-    The mirror exchanges left and right: fx is negative in a frame that does not.
+    fx is negative, because the mirror exchanges left and right.
     """
     f = width / 720
     camera = Camera(Unified(-175.0 * f, 174.6 * f, 361.4 * f, 268.3 * f, xi=0.97), (width, round(0.75 * width)))

@@ -1,4 +1,4 @@
-"""Polydioptric heads: cameras that look all around together. Nominal, to simulate and to try things with."""
+"""Nominal rigs that see all around (polydioptric cameras), for simulation and examples."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,14 +11,14 @@ from omnisight.rig import Rig
 
 
 def back_to_back(width: int = 960, apart: float = 0.024) -> Rig:
-    """Give two fisheyes of 200 degrees, back to back: the whole sphere with 20 degrees of overlap all around.
+    """Return two fisheyes of 200 degrees back to back: the whole sphere with 20 degrees of overlap.
 
     Parameters
     ----------
     width
-        Of each image, px, which is square and holds the whole image circle.
+        Width of each square image, px; it contains the whole image circle.
     apart
-        Distance of the two viewpoints, metres; the rig's frame is in the middle, z ahead of the first.
+        Distance between the viewpoints, metres. The rig frame is in the middle, with z along the first camera.
     """
     camera = _fisheye((width, width), 200.0, 0.49 * width)
     return Rig.from_sensors(
@@ -30,14 +30,14 @@ def back_to_back(width: int = 960, apart: float = 0.024) -> Rig:
 
 
 def ladybug(height: int = 1024, radius: float = 0.06) -> Rig:
-    """Give five upright wide-angle cameras in a ring, one every 72 degrees: all around, to 72 degrees up and down.
+    """Return a ring of five wide-angle cameras in portrait format, one every 72 degrees, to 72 degrees up and down.
 
     Parameters
     ----------
     height
-        Of each image, px, 4:3 upright: 150 degrees high, 112 across.
+        Height of each 3:4 image, px: 150 degrees vertically, 112 horizontally.
     radius
-        Of the ring of viewpoints, metres; the rig's frame is in its middle, z through the first camera.
+        Radius of the ring of viewpoints, metres. The rig frame is at its centre, with z along the first camera.
     """
     camera = _fisheye((round(0.75 * height), height), 150.0, height / 2)
     sensors: dict[str, tuple[Camera, Pose]] = {}
@@ -49,14 +49,14 @@ def ladybug(height: int = 1024, radius: float = 0.06) -> Rig:
 
 
 def surround_car(width: int = 1280) -> Rig:
-    """Give the four fisheyes of 190 degrees of a car: in its grille, its door mirrors and above its number plate.
+    """Return the four fisheyes of 190 degrees of a car: in the grille, the door mirrors and above the number plate.
 
-    The rig's frame lies on the ground below the middle of the car: x right, y down, z ahead; metres.
+    The rig frame is on the ground below the centre of the car: x right, y down, z forward; metres.
 
     Parameters
     ----------
     width
-        Of each image, px, 4:3.
+        Width of each 4:3 image, px.
     """
     camera = _fisheye((width, round(0.75 * width)), 190.0, 0.54 * width)
     return Rig.from_sensors(
@@ -70,9 +70,9 @@ def surround_car(width: int = 1280) -> Rig:
 
 
 def _fisheye(size: tuple[int, int], degrees: float, radius: float) -> Camera:
-    """Give a fisheye, next to equidistant, that shows so many degrees on a circle of that radius, px, in the middle."""
+    """Return a nearly equidistant fisheye with a field of view and a centred image circle of a radius, px."""
     rim = np.radians(degrees / 2)
-    # Equisolid lenses and their kin bend inwards a little towards the rim.
+    # Real lenses, such as equisolid ones, compress the image slightly towards the edge.
     bent = {"k1": -0.01, "k2": -0.001, "k3": 0.0, "k4": 0.0}
     focal = float(radius / (rim * (1 + bent["k1"] * rim**2 + bent["k2"] * rim**4)))
     centre = {"cx": (size[0] - 1) / 2, "cy": (size[1] - 1) / 2}
@@ -80,6 +80,6 @@ def _fisheye(size: tuple[int, int], degrees: float, radius: float) -> Camera:
 
 
 def _standing(*, camera_yaw: float, camera_pitch: float = 0.0, at: ArrayLike) -> Pose:
-    """Give sensor_from_rig of a camera at a place of the rig that looks so far to the right and up, degrees."""
+    """Return sensor_from_rig of a camera at a position of the rig, rotated by yaw and pitch (degrees)."""
     rotation = look(camera_yaw, camera_pitch)
     return Pose(rotation, -rotation @ np.asarray(at, float))

@@ -1,4 +1,4 @@
-"""Takes images of a scene through any camera, by casting rays, with the truth beside them."""
+"""Rendering of a scene through any camera by ray casting, with ground truth."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,11 +22,16 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Poses = Pose | Sequence[Pose]
 
-RAYS_AT_ONCE = 400_000
-RIM = 0.012  # radians over which the rim of the image circle fades
-GRAIN = 8  # rows worth a thread
-SETTLED = 4  # times that the row of a pixel of a rolling shutter is asked for
-HIDDEN = 1e-6  # of the distance, by which what hides a point is nearer
+# Rays held in memory at a time.
+MAX_RAYS = 400_000
+# Width of the soft edge of the image circle.
+EDGE_RAD = 0.012
+# Image rows per task of a thread.
+ROWS_PER_TASK = 8
+# Fixed-point iterations for the row, and thus the pose, of a point under a rolling shutter.
+ROLLING_SHUTTER_ITERATIONS = 4
+# A point is hidden if something is nearer by more than this share of its distance.
+OCCLUSION_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +52,18 @@ class RenderedImage:
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """What each pixel's middle sees; NaN, and instance 0, where that is the sky or nothing.
+    """Ground truth at the pixel centres; NaN, and instance 0, for sky or nothing.
 
     Attributes
     ----------
     depth
         (H, W) metres along the bearing, from the ray's origin.
     normals
-        (H, W, 3) unit, in the camera's frame, towards the camera.
+        (H, W, 3) unit vectors in the camera frame, towards the camera.
     instances
-        (H, W), 1 + the place in `Scene.names`.
+        (H, W), 1 + the index in `Scene.names`.
     points
-        (H, W, 3) in the world.
+        (H, W, 3) in the world frame.
     """
 
     depth: Array
@@ -68,29 +73,28 @@ class GroundTruth:
 
 
 class Renderer:
-    """A camera in its place: the scene is painted once, each image then only where its boards are.
+    """A renderer for one camera pose. The scene is rendered once; for each image only the regions of boards are redone.
 
     Parameters
     ----------
     camera
-        Anything with `rays`, `project` and `size`. A negative fx mirrors the image, as one mirror does.
+        Any object with `rays`, `project` and `size`. A negative fx mirrors the image, as a mirror does.
     world_from_cam
-        Where it stands, metres; or where it is as each row of the image is read, for a rolling shutter. The scene's
-        frame unless told otherwise.
+        Pose, metres; or one pose for each image row, for a rolling shutter. The default is the scene frame.
     scene
-        The room unless given.
+        The room by default.
     theta
-        From which angle to which (radians from the axis) it sees the world: past the second its image circle ends,
-        before the first a mirror shows the camera itself. Both are black.
+        Range of angles from the axis (radians) in view. The image is black outside the image circle (beyond the second)
+        and where a mirror shows the camera itself (below the first).
     samples
-        Rays per pixel and side.
+        Rays per side of a pixel.
     vignette
-        How much less light the rim gets than the middle.
+        Relative loss of light at the image circle.
 
     Raises
     ------
     ValueError
-        If there are not as many poses as rows.
+        If the number of poses differs from the number of rows.
     """
 
     def __init__(
@@ -114,7 +118,7 @@ class Renderer:
 
     @property
     def world_from_cam(self) -> Pose:
-        """Where the camera is; for a rolling shutter, as it reads its middle row."""
+        """Pose of the camera; for a rolling shutter, that of the middle row."""
         return Pose(self._rotations[self._height // 2], self._eyes[self._height // 2])
 
     def __call__(
@@ -127,14 +131,14 @@ class Renderer:
         noise: float = 1.5,
         jpeg: int | None = None,
     ) -> RenderedImage:
-        """Take an image.
+        """Render an image.
 
         Parameters
         ----------
         boards
-            What is held up.
+            Boards in front of the camera.
         rng
-            Makes the sensor's noise; without it every image has the same.
+            Source of the sensor noise; by default a fixed seed.
         exposure, blur, noise, jpeg
             See `develop`.
         """
@@ -143,25 +147,25 @@ class Renderer:
         if self._still:
             return RenderedImage(image, tuple(board.corners(self.camera) for board in boards))
         in_world = [self.world_from_cam @ (board.cam_from_board @ board.board.points) for board in boards]
-        return RenderedImage(image, tuple(self._settled(points)[0] for points in in_world))
+        return RenderedImage(image, tuple(self._project_world(points)[0] for points in in_world))
 
     def light(self, boards: Sequence[BoardInScene] = ()) -> Floats:
-        """Give the light (H, W, 3) that falls on the sensor, 1 for white."""
+        """Return the light (H, W, 3) on the sensor, 1 for white."""
         if not boards:
-            return self._empty.copy()
-        scene = self._with(boards)
-        # A board's shadow falls anywhere, and each row of a rolling shutter sees it elsewhere.
+            return self._background.copy()
+        scene = self._scene_with(boards)
+        # A shadow can be anywhere, and under a rolling shutter each row sees the board elsewhere.
         if self.scene.sun[1] > 0 or not self._still:
-            return self._painted(scene, slice(0, self._height), slice(0, self._width))
-        light = self._empty.copy()
+            return self._render(scene, slice(0, self._height), slice(0, self._width))
+        light = self._background.copy()
         for board in boards:
             window = self._window(board)
-            light[window] = self._painted(scene, *window)
+            light[window] = self._render(scene, *window)
         return light
 
     def truth(self, boards: Sequence[BoardInScene] = ()) -> GroundTruth:
-        """Give what each pixel's middle sees, exactly."""
-        scene = self._with(boards)
+        """Return the exact ground truth at the pixel centres."""
+        scene = self._scene_with(boards)
         shape = (self._height, self._width)
         depth, normals, points = np.empty(shape), np.empty((*shape, 3)), np.empty((*shape, 3))
         instances = np.empty(shape, np.int32)
@@ -170,7 +174,7 @@ class Renderer:
             turn = self._rotations[rows]
             origins = rays.origins @ turn.transpose(0, 2, 1) + self._eyes[rows, None]
             bearings = rays.bearings @ turn.transpose(0, 2, 1)
-            bearings[~self._sees(rays.bearings)] = np.nan
+            bearings[~self._in_view(rays.bearings)] = np.nan
             hits = scene.cast(origins, bearings)
             depth[rows], instances[rows] = hits.distances, hits.instances
             normals[rows] = hits.normals @ turn
@@ -178,62 +182,62 @@ class Renderer:
         return GroundTruth(depth, normals, instances, points)
 
     def locate(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Say where points of the world are seen.
+        """Project points of the world into the image, with occlusion.
 
         Parameters
         ----------
         points
-            (..., 3), on the surfaces of the scene such as `GroundTruth.points`.
+            (..., 3), on the surfaces of the scene, such as `GroundTruth.points`.
 
         Returns
         -------
         pixels
-            (..., 2), NaN where not seen.
-        seen
-            (...), whether the point is in the image and nothing of the scene hides it.
+            (..., 2), NaN where not visible.
+        visible
+            (...), whether the point is in the image and not occluded.
         """
         x = np.asarray(points, float)
-        pixels, valid, row = self._settled(x)
+        pixels, valid, row = self._project_world(x)
         with np.errstate(invalid="ignore"):
             valid = valid & ((pixels >= -0.5) & (pixels < np.array(self.camera.size) - 0.5)).all(-1)
         rays = self.camera.rays(np.where(valid[..., None], pixels, np.nan))
-        valid &= rays.valid & self._sees(rays.bearings)
+        valid &= rays.valid & self._in_view(rays.bearings)
         origins = np.einsum("...ij,...j->...i", self._rotations[row], rays.origins) + self._eyes[row]
         with np.errstate(invalid="ignore"):
             distance = np.linalg.norm(x - origins, axis=-1)
-            met = self.scene.cast(origins, np.where(valid[..., None], (x - origins) / distance[..., None], np.nan))
-            valid &= ~(met.distances < distance * (1 - HIDDEN))
+            hits = self.scene.cast(origins, np.where(valid[..., None], (x - origins) / distance[..., None], np.nan))
+            valid &= ~(hits.distances < distance * (1 - OCCLUSION_TOLERANCE))
         return np.where(valid[..., None], pixels, np.nan), valid
 
     @cached_property
     def _still(self) -> bool:
         return bool((self._rotations == self._rotations[0]).all() and (self._eyes == self._eyes[0]).all())
 
-    def _settled(self, points: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
-        """Project points of the world, each by the pose of the row that it falls on; give that row too."""
+    def _project_world(self, points: Array) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
+        """Project points of the world, each by the pose of the row it falls on; return that row too."""
         row = np.full(points.shape[:-1], self._height // 2)
-        pixels, valid = self._projected(points, row)
-        for _ in range(0 if self._still else SETTLED):
+        pixels, valid = self._project_by_row(points, row)
+        for _ in range(0 if self._still else ROLLING_SHUTTER_ITERATIONS):
             row = np.clip(np.rint(np.nan_to_num(pixels[..., 1])), 0, self._height - 1).astype(np.int64)
-            pixels, valid = self._projected(points, row)
+            pixels, valid = self._project_by_row(points, row)
         return pixels, valid, row
 
-    def _projected(self, points: Array, row: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
+    def _project_by_row(self, points: Array, row: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
         """Project points of the world by the poses of rows."""
         return self.camera.project(np.einsum("...ji,...j->...i", self._rotations[row], points - self._eyes[row]))
 
     @cached_property
-    def _empty(self) -> Floats:
-        return self._painted(self.scene, slice(0, self._height), slice(0, self._width))
+    def _background(self) -> Floats:
+        return self._render(self.scene, slice(0, self._height), slice(0, self._width))
 
-    def _with(self, boards: Sequence[BoardInScene]) -> Scene:
+    def _scene_with(self, boards: Sequence[BoardInScene]) -> Scene:
         if not boards:
             return self.scene
         pose = self.world_from_cam
         return self.scene.with_solids([b.solid(pose, f"board {i + 1}") for i, b in enumerate(boards)])
 
-    def _painted(self, scene: Scene, whole: slice, columns: slice) -> Floats:
-        """Give the light of some rows and columns."""
+    def _render(self, scene: Scene, whole: slice, columns: slice) -> Floats:
+        """Return the light of a window of rows and columns."""
         from omnisight.simulation import _shading
 
         result = np.zeros((whole.stop - whole.start, columns.stop - columns.start, 3), np.float32)
@@ -242,55 +246,58 @@ class Renderer:
             rays = self._rays(rows, columns, self.samples)
             part = result[rows.start - whole.start : rows.stop - whole.start]
             fixed: Any = (world, rays.origins, rays.bearings, self._rotations[rows], self._eyes[rows], self.samples)
-            parallel_for(lambda first, last, f=fixed, p=part: _shading.paint(*f, p, first, last), len(part), GRAIN)
+            parallel_for(
+                lambda first, last, f=fixed, p=part: _shading.paint(*f, p, first, last), len(part), ROWS_PER_TASK
+            )
             if self.vignette or self.theta != (0.0, np.pi):
-                middles = rays if self.samples == 1 else self._rays(rows, columns, 1)
-                part *= self._brightness(middles.bearings)[..., None]
+                centres = rays if self.samples == 1 else self._rays(rows, columns, 1)
+                part *= self._vignetting(centres.bearings)[..., None]
         return result
 
     def _window(self, board: BoardInScene) -> tuple[slice, slice]:
-        """Give the rows and columns in which a board can be seen."""
+        """Return the rows and columns that contain a board."""
         outline, valid = self.camera.project(board.outline())
-        if not valid.all():  # it may reach anywhere
+        if not valid.all():  # the extent in the image is unknown
             return slice(0, self._height), slice(0, self._width)
         low, high = np.floor(outline.min(0)) - 2, np.ceil(outline.max(0)) + 3
         (left, top), (right, bottom) = np.maximum(low, 0), np.minimum(high, self.camera.size)
         return slice(int(top), max(int(bottom), int(top))), slice(int(left), max(int(right), int(left)))
 
     def _rays(self, rows: slice, columns: slice, samples: int) -> Rays:
-        """Give the rays (rows x samples, columns x samples) of some pixels in the camera's frame."""
+        """Return the rays (rows x samples, columns x samples) of a window in the camera frame."""
         fine = (np.arange(samples) + 0.5) / samples - 0.5
         v = (np.arange(rows.start, rows.stop)[:, None] + fine).ravel()
         u = (np.arange(columns.start, columns.stop)[:, None] + fine).ravel()
         return self.camera.rays(np.stack(np.broadcast_arrays(u, v[:, None]), -1))
 
-    def _sees(self, bearings: Array) -> NDArray[np.bool_]:
+    def _in_view(self, bearings: Array) -> NDArray[np.bool_]:
         if self.theta == (0.0, np.pi):
             return ~np.isnan(bearings[..., 0])
         theta = angle_from_axis(bearings)
         with np.errstate(invalid="ignore"):
             return (theta >= self.theta[0]) & (theta <= self.theta[1])
 
-    def _brightness(self, bearings: Array) -> Floats:
+    def _vignetting(self, bearings: Array) -> Floats:
+        """Return the relative brightness by angle from the axis, with soft edges of the field of view."""
         theta = angle_from_axis(bearings)
         near, far = self.theta
         light = 1 - self.vignette * (theta / min(far, np.pi)) ** 4
-        light *= np.clip((far - theta) / RIM + 0.5, 0, 1) if far < np.pi else 1
-        light *= np.clip((theta - near) / RIM + 0.5, 0, 1) if near > 0 else 1
+        light *= np.clip((far - theta) / EDGE_RAD + 0.5, 0, 1) if far < np.pi else 1
+        light *= np.clip((theta - near) / EDGE_RAD + 0.5, 0, 1) if near > 0 else 1
         return np.nan_to_num(light).astype(np.float32)
 
 
 def _chunks(rows: slice, rays_per_row: int) -> Iterator[slice]:
-    """Cut rows into parts of bounded memory."""
-    step = max(1, RAYS_AT_ONCE // max(rays_per_row, 1))
+    """Split rows into parts of bounded memory."""
+    step = max(1, MAX_RAYS // max(rays_per_row, 1))
     for start in range(rows.start, rows.stop, step):
         yield slice(start, min(start + step, rows.stop))
 
 
 def dense_correspondences(first: Renderer, second: Renderer) -> Array:
-    """Give for each pixel of the first image where the second shows the same point: pixels (H, W, 2).
+    """Return for each pixel of the first image the pixel (H, W, 2) of the same scene point in the second.
 
-    NaN where it does not: outside its image, hidden there, or no point at all.
+    NaN where the point is outside the second image or occluded, or there is no point.
     """
     return second.locate(first.truth().points)[0]
 
@@ -310,6 +317,6 @@ def render(
     noise: float = 1.5,
     jpeg: int | None = None,
 ) -> RenderedImage:
-    """Take one image; see `Renderer`, which is for several from one place."""
+    """Render one image. Use `Renderer` for several images from one pose; it documents the parameters."""
     renderer = Renderer(camera, world_from_cam, scene, theta=theta, samples=samples, vignette=vignette)
     return renderer(boards, rng, exposure=exposure, blur=blur, noise=noise, jpeg=jpeg)

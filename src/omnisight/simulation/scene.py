@@ -1,4 +1,4 @@
-"""A scene: solids, the sky, lamps and the sun; and what rays meet in it."""
+"""A scene of solids, sky, lamps and sun, and its intersection with rays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,24 +11,25 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.parallel import parallel_for
 from omnisight.simulation.solids import Solid
 from omnisight.simulation.texture import Texture
+from omnisight.simulation.world import Lighting, Point, build_world, illuminate
 
 Array = NDArray[np.float64]
-Point = tuple[float, float, float]
 
-GRAIN = 4096  # rays worth a thread
+# Rays per task of a thread.
+RAYS_PER_TASK = 4096
 
 
 class Hits(NamedTuple):
-    """What rays meet, each figure NaN (the instance 0) where they meet nothing.
+    """First intersections of rays with a scene; NaN, and instance 0, where there is none.
 
     Attributes
     ----------
     distances
         (...) along the bearing from the ray's origin, metres.
     normals
-        (..., 3) unit, in the world's frame, towards where the ray comes from.
+        (..., 3) unit, in the world frame, towards the origin of the ray.
     instances
-        (...), 1 + the place in `Scene.names` of what is met.
+        (...), 1 + the index in `Scene.names`.
     """
 
     distances: Array
@@ -38,26 +39,26 @@ class Hits(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A place to take images of: x right, y down, z forward, in metres.
+    """A scene to render: x right, y down, z forward, in metres.
 
     Attributes
     ----------
     solids
-        What stands there.
+        The objects.
     free
-        Low and high corner of a box in which nothing stands: there a camera may move.
+        Low and high corner of a box without solids, in which cameras may move.
     sky
-        What is seen past everything, as an image of all directions: forward in the middle, up at the top.
+        Background as an equirectangular image: forward in the centre, up at the top.
     sun
         Direction to the sun and its strength; it casts sharp shadows.
     lamps
-        Discs that shine: middle, radius, and strength.
+        Light-emitting discs: centre, radius and strength.
     ambient
-        The light from all around; it reaches less where solids stand within `reach`, metres.
+        Strength of the light from all directions (ambient occlusion reduces it near solids).
     reach
-        See `ambient`.
+        Distance, metres, within which solids occlude the ambient light.
     spacing
-        Of the places at which light is worked out beforehand, metres.
+        Distance between precomputed light samples, metres.
     """
 
     solids: tuple[Solid, ...]
@@ -68,41 +69,38 @@ class Scene:
     ambient: float = 1.0
     reach: float = 0.5
     spacing: float = 0.1
-    # What falls on each face of a solid, once it is worked out.
+    # Precomputed light on the faces of each solid.
     _lights: dict[Solid, Any] = field(default_factory=dict[Solid, Any], repr=False)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """What there is, by name; an instance's number is 1 + its place here."""
+        """Names of the objects; the instance number is 1 + the index here."""
         return tuple(dict.fromkeys(solid.name for solid in self.solids))
 
     @cached_property
-    def _built(self) -> tuple[Any, list[Solid]]:
-        from omnisight.simulation.world import build
-
-        return build(self)
+    def _compiled(self) -> tuple[Any, list[Solid]]:
+        return build_world(self.solids, self.names, self.sky, self.sun, self.spacing)
 
     @cached_property
-    def lit(self) -> Any:
-        """The scene as the compiled loops see it, with its light, which is worked out once."""
-        from omnisight.simulation.world import illuminate
-
-        world, solids = self._built
-        illuminate(self, world, solids, self._lights)
+    def world_with_light(self) -> Any:
+        """The compiled scene with its precomputed light."""
+        world, solids = self._compiled
+        lighting = Lighting(self.lamps, self.ambient, self.reach, self.spacing)
+        illuminate(world, solids, lighting, self._lights)
         return world
 
-    def holding(self, solids: Sequence[Solid]) -> "Scene":
-        """Give the scene with more in it; the light on what was there stays as it was."""
-        self.world_with_light  # noqa: B018  works out the light
+    def with_solids(self, solids: Sequence[Solid]) -> "Scene":
+        """Return the scene with additional solids; the light on the existing solids is unchanged."""
+        self.world_with_light  # noqa: B018  computes the light
         return replace(self, solids=(*self.solids, *solids), _lights=dict(self._lights))
 
     def cast(self, origins: ArrayLike, bearings: ArrayLike) -> Hits:
-        """Give what rays meet, exactly.
+        """Intersect rays with the scene, exactly.
 
         Parameters
         ----------
         origins, bearings
-            (..., 3) in the scene's frame, bearings of unit length. Where a bearing is NaN nothing is met.
+            (..., 3) in the scene frame, bearings of unit length. A NaN bearing meets nothing.
 
         Raises
         ------
@@ -114,37 +112,37 @@ class Scene:
         o, b = np.broadcast_arrays(np.asarray(origins, float), np.asarray(bearings, float))
         if b.ndim < 1 or b.shape[-1] != 3:
             raise ValueError(f"origins and bearings must be (..., 3), got {np.shape(origins)} and {np.shape(bearings)}")
-        starts, ways = np.ascontiguousarray(o.reshape(-1, 3)), np.ascontiguousarray(b.reshape(-1, 3))
-        count = len(ways)
+        starts, directions = np.ascontiguousarray(o.reshape(-1, 3)), np.ascontiguousarray(b.reshape(-1, 3))
+        count = len(directions)
         distances, normals, instances = np.empty(count), np.empty((count, 3)), np.empty(count, np.int32)
-        world, _ = self._built
+        world, _ = self._compiled
         parallel_for(
-            lambda first, last: _trace.cast(world, starts, ways, distances, normals, instances, first, last),
+            lambda first, last: _trace.cast(world, starts, directions, distances, normals, instances, first, last),
             count,
-            GRAIN,
+            RAYS_PER_TASK,
         )
         lead = b.shape[:-1]
         return Hits(distances.reshape(lead), normals.reshape(*lead, 3), instances.reshape(lead))
 
-    def what_holds(self, points: ArrayLike) -> list[str]:
-        """Say for each of points (N, 3) in which solid it lies, or past which wall; "" where a camera may be.
+    def solids_at(self, points: ArrayLike) -> list[str]:
+        """Return the name of the solid that contains each of points (N, 3), or "" for free space.
 
-        A rectangle, which has no inside, holds nothing.
+        A point outside a room is in the room's walls. Rectangles contain nothing.
         """
         x = np.asarray(points, float).reshape(-1, 3)
-        holder = np.full(len(x), "", object)
+        names = np.full(len(x), "", object)
         for solid in self.solids:
-            holder[solid.contains(x) != solid.inside] = solid.name
-        return holder.tolist()
+            names[solid.contains(x) != solid.inside] = solid.name
+        return names.tolist()
 
     def instance(self, name: str) -> int:
-        """Give the number of what has a name.
+        """Return the instance number of a name.
 
         Raises
         ------
         ValueError
-            If nothing has it.
+            If no solid has the name.
         """
         if name not in self.names:
-            raise ValueError(f"there is no {name!r} in the scene; there are {', '.join(self.names)}")
+            raise ValueError(f"no object {name!r} in the scene; choose one of: {', '.join(self.names)}")
         return self.names.index(name) + 1

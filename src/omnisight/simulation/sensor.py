@@ -1,4 +1,4 @@
-"""What a sensor makes of light: exposure, noise, values of 8 bits, and what JPEG leaves of them."""
+"""A sensor model: exposure, blur, noise, quantization to 8 bits and JPEG compression."""
 
 from typing import Any
 
@@ -9,9 +9,11 @@ from omnisight.simulation.texture import to_display
 
 Floats = NDArray[np.float32]
 
-MIDDLE = 0.2158  # the light that sRGB shows as 128 of 255
-SLOPE = 1.0752 * 255  # by which noise of that light grows as it is shown
-READ_SHARE = 0.01  # of the noise's variance there that is not the photons'
+# The light that sRGB encodes as 128 of 255 (middle gray), and the derivative of the encoded value there.
+MIDDLE_GRAY_LIGHT = 0.2158
+MIDDLE_GRAY_SLOPE = 1.0752 * 255
+# Share of the noise variance at middle gray that is read noise; the rest is photon noise.
+READ_NOISE_SHARE = 0.01
 
 
 def develop(
@@ -23,38 +25,39 @@ def develop(
     noise: float = 1.5,
     jpeg: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Give the image that light (H, W, 3), 1 for white, leaves on a sensor.
+    """Convert light to an image (H, W, 3) of 8 bits.
 
     Parameters
     ----------
     light
-        What comes through the lens.
+        (H, W, 3), 1 for white.
     rng
-        Makes the noise.
+        Source of the noise.
     exposure
-        In stops: each doubles the light.
+        Stops; each doubles the light.
     blur
-        Standard deviation of the lens' blur, px.
+        Standard deviation of the lens blur, px.
     noise
-        Standard deviation at a middle gray, of 255: that of photons, as the root of the light, and a little read noise.
+        Standard deviation at middle gray, of 255: photon noise (square root of the light) plus some read noise.
     jpeg
-        Quality, 1 to 100, of the JPEG that it went through; None for none.
+        Quality, 1 to 100, of a JPEG compression; None for none.
 
     Raises
     ------
     ValueError
-        If a figure is out of its range.
+        If a value is out of its range.
     """
     import cv2
 
     check_sensor(exposure=exposure, blur=blur, noise=noise, jpeg=jpeg)
-    seen = light if exposure == 0 else light * np.float32(2.0**exposure)
+    exposed = light if exposure == 0 else light * np.float32(2.0**exposure)
     if blur > 0:
-        seen = np.asarray(cv2.GaussianBlur(seen, (0, 0), blur))
+        exposed = np.asarray(cv2.GaussianBlur(exposed, (0, 0), blur))
     if noise > 0:
-        variance = (noise / SLOPE) ** 2 * (READ_SHARE + (1 - READ_SHARE) * np.maximum(seen, 0) / MIDDLE)
-        seen = seen + np.sqrt(variance, dtype=np.float32) * rng.standard_normal(seen.shape, np.float32)
-    image = np.rint(255 * to_display(seen)).astype(np.uint8)
+        photons = (1 - READ_NOISE_SHARE) * np.maximum(exposed, 0) / MIDDLE_GRAY_LIGHT
+        variance = (noise / MIDDLE_GRAY_SLOPE) ** 2 * (READ_NOISE_SHARE + photons)
+        exposed = exposed + np.sqrt(variance, dtype=np.float32) * rng.standard_normal(exposed.shape, np.float32)
+    image = np.rint(255 * to_display(exposed)).astype(np.uint8)
     if jpeg is None:
         return image
     packed = np.asarray(cv2.imdecode(encode_jpeg(image, jpeg), cv2.IMREAD_COLOR), np.uint8)
@@ -62,23 +65,23 @@ def develop(
 
 
 def check_sensor(*, exposure: float, blur: float, noise: float, jpeg: int | None) -> None:
-    """Refuse figures out of their range; see `develop`.
+    """Check the ranges of the parameters of `develop`.
 
     Raises
     ------
     ValueError
-        Naming the figure and its range.
+        If a value is out of its range.
     """
-    for what, value, least, most in (
+    for name, value, low, high in (
         *(("exposure", exposure, -20, 20), ("blur", blur, 0, 100), ("noise", noise, 0, 255)),
         ("jpeg", 75 if jpeg is None else jpeg, 1, 100),
     ):
-        if not least <= value <= most:
-            raise ValueError(f"{what} must be from {least} to {most}, got {value}")
+        if not low <= value <= high:
+            raise ValueError(f"{name} must be from {low} to {high}, got {value}")
 
 
 def encode_jpeg(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Give the bytes of an RGB image (H, W, 3) as a JPEG file of a quality from 1 to 100."""
+    """Return an RGB image (H, W, 3) as the bytes of a JPEG file of a quality from 1 to 100."""
     import cv2
 
     options: Any = [cv2.IMWRITE_JPEG_QUALITY, quality]

@@ -1,4 +1,4 @@
-"""What scenes are built of: a few shapes, mapped into the world by affine motions, with a texture on each face."""
+"""The primitives of scenes: affinely transformed unit shapes with a texture on each face."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,22 +29,22 @@ UNIT = ((0, 0, 0), (1, 1, 1))
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A shape in its place.
+    """A transformed shape.
 
     Attributes
     ----------
     shape
-        A name of `FACES`.
+        A key of `FACES`.
     world_from_local
-        (3, 4): columns are the shape's own axes in the world, metres, and where its origin is.
+        (3, 4) affine transform; the columns are the axes of the unit shape and its origin in the world, metres.
     textures
         One for each face, in the order of `FACES`.
     name
-        What it belongs to: solids of one name are one instance.
+        Name of the object; solids with the same name are one instance.
     inside
-        Seen from inside, as a room is.
+        Whether it is seen from inside, as a room is.
     glow
-        Its light, where it shines by itself (1 shows its texture as it is); None where light must fall on it.
+        Emitted light (1 shows the texture unchanged); None if it only reflects.
     """
 
     shape: str
@@ -55,12 +55,12 @@ class Solid:
     glow: float | None = None
 
     def moved(self, pose: Pose) -> "Solid":
-        """Give it in another frame: world_from_here."""
+        """Return the solid transformed by a pose."""
         matrix = np.column_stack([pose.rotation @ self.world_from_local[:, :3], pose @ self.world_from_local[:, 3]])
         return replace(self, world_from_local=matrix)
 
     def bounds(self) -> tuple[Array, Array]:
-        """Give the low and the high corner of a box around it."""
+        """Return the low and the high corner of its bounding box."""
         low, high = np.array(BOUNDS.get(self.shape, UNIT), float)
         matrix, origin = self.world_from_local[:, :3], self.world_from_local[:, 3]
         middle = matrix @ ((low + high) / 2) + origin
@@ -68,7 +68,7 @@ class Solid:
         return middle - half, middle + half
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Say which of points (..., 3) of the world lie inside its shape."""
+        """Return which points (..., 3) of the world are inside the shape."""
         linear, origin = self.world_from_local[:, :3], self.world_from_local[:, 3]
         x, y, z = np.moveaxis((points - origin) @ np.linalg.inv(linear).T, -1, 0)
         if self.shape == "ellipsoid":
@@ -82,7 +82,7 @@ class Solid:
 
 
 def rectangle(corner: ArrayLike, across: ArrayLike, down: ArrayLike, texture: Texture, name: str) -> Solid:
-    """Give a flat image from its top left corner along its two sides; lit is the side that shows it upright."""
+    """Make a flat image from its top left corner and its two sides; only the front is lit."""
     a, d = np.asarray(across, float), np.asarray(down, float)
     normal = np.cross(a, d)
     return Solid(
@@ -99,7 +99,7 @@ def box(
     inside: bool = False,
     glow: float | None = None,
 ) -> Solid:
-    """Give a box along the axes; textures are those of named faces (`FACES`), and "other" of the rest."""
+    """Make an axis-aligned box; `textures` maps names of `FACES` to textures, "other" those of the remaining faces."""
     origin, size = np.asarray(low, float), np.asarray(high, float) - np.asarray(low, float)
     matrix = np.column_stack([np.diag(size), origin])
     return Solid("box", matrix, _by_face("box", textures), name, inside, glow)
@@ -108,7 +108,7 @@ def box(
 def ellipsoid(
     centre: ArrayLike, radii: float | Sequence[float], texture: Texture, name: str, *, glow: float | None = None
 ) -> Solid:
-    """Give a ellipsoid, or an ellipsoid along the axes."""
+    """Make a sphere, or an axis-aligned ellipsoid from three radii."""
     matrix = np.column_stack([np.diag(np.broadcast_to(np.asarray(radii, float), 3)), np.asarray(centre, float)])
     return Solid("ellipsoid", matrix, (texture,), name, glow=glow)
 
@@ -122,7 +122,7 @@ def cylinder(
     *,
     glow: float | None = None,
 ) -> Solid:
-    """Give a closed cylinder between the middles of its caps, "top" and "bottom"."""
+    """Make a closed cylinder from the centres of its caps, "top" and "bottom"."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     axis = b - a
     aside = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
@@ -133,7 +133,7 @@ def cylinder(
 
 
 def roof(low: ArrayLike, high: ArrayLike, textures: Texture | Mapping[str, Texture], name: str) -> Solid:
-    """Give a gable roof that fills a box, its ridge along x."""
+    """Make a gable roof in a box, with its ridge along x."""
     origin, size = np.asarray(low, float), np.asarray(high, float) - np.asarray(low, float)
     return Solid("roof", np.column_stack([np.diag(size), origin]), _by_face("roof", textures), name)
 

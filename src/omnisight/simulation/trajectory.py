@@ -1,4 +1,4 @@
-"""Motions: poses over time, between them, in files and built in."""
+"""Trajectories: poses over time, their interpolation, preset motions and files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,16 +15,18 @@ Array = NDArray[np.float64]
 Corner = tuple[float, float, float]
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-LARGEST_FILE, LARGEST_POSES = 64 << 20, 500_000  # bytes, and rows
-FARTHEST = 1e9  # metres
-LONGEST_NUMBER = 40  # characters
+# Limits for hostile files: bytes, rows, metres and characters.
+MAX_FILE_BYTES, MAX_POSES = 64 << 20, 500_000
+MAX_COORDINATE_M = 1e9
+MAX_NUMBER_CHARS = 40
 PRESETS = ("line", "loop", "still", "turn")
-KEYS = 96  # poses of a built-in motion, with what is between them interpolated
+# Poses of a preset motion; poses between them are interpolated.
+PRESET_POSES = 96
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Where a camera is over time.
+    """Poses of a camera over time.
 
     Attributes
     ----------
@@ -38,16 +40,16 @@ class Trajectory:
     poses: tuple[Pose, ...]
 
     def __post_init__(self) -> None:
-        """Refuse what is no motion."""
+        """Check that times and poses match and that times increase."""
         if len(self.times) != len(self.poses) or not len(self.poses):
             raise ValueError(f"a trajectory needs a time for each pose, got {len(self.times)} and {len(self.poses)}")
         if (np.diff(self.times) <= 0).any():
             raise ValueError("the times of a trajectory must increase")
 
     def at(self, time: float) -> Pose:
-        """Give world_from_cam at a time: turned evenly from one pose to the next, and moved along a straight line.
+        """Interpolate world_from_cam at a time: rotation by spherical interpolation, translation linearly.
 
-        Before the first pose and after the last it is theirs.
+        Before the first and after the last pose, return that pose.
         """
         i = int(np.searchsorted(self.times, time, side="right")) - 1
         if i < 0 or i >= len(self.poses) - 1:
@@ -60,57 +62,58 @@ class Trajectory:
         return Pose(turn, (1 - share) * a.translation + share * b.translation)
 
     def row_poses(self, time: float, height: int, readout: float) -> Sequence[Pose]:
-        """Give where the camera is as each row is read, the middle row at a time.
+        """Return the pose of each image row under a rolling shutter; the middle row is read at `time`.
 
         Parameters
         ----------
         time
             Seconds.
         height
-            Rows.
+            Number of rows.
         readout
-            Seconds from the first row to the last.
+            Seconds from the first to the last row.
         """
         offsets = (np.arange(height) - height // 2) / max(height - 1, 1) * readout
         return [self.at(time + offset) for offset in offsets]
 
 
 def preset_trajectory(name: str, free: tuple[Corner, Corner], duration: float) -> Trajectory:
-    """Give a motion within a box that is free of solids.
+    """Return a preset motion within a box of free space.
 
     Parameters
     ----------
     name
-        "loop": around, looking ahead; "line": along the longest side, looking ahead; "turn": on the spot; "still".
+        "loop": a closed loop, looking ahead; "line": along the longest side, looking ahead; "turn": rotation in place;
+        "still".
     free
-        Low and high corner, metres.
+        Low and high corner of the box, metres.
     duration
         Seconds.
 
     Raises
     ------
     ValueError
-        If there is no such motion.
+        If the name is unknown.
     """
     if name not in PRESETS:
-        raise ValueError(f"there is no motion {name!r}; there are {', '.join(PRESETS)}")
+        raise ValueError(f"unknown trajectory {name!r}; choose one of: {', '.join(PRESETS)}")
     low, high = np.array(free, float)
     middle, half = (low + high) / 2, (high - low) / 2
-    share = np.linspace(0, 1, KEYS)
+    share = np.linspace(0, 1, PRESET_POSES)
     turn = 2 * np.pi * share
     if name == "loop":
-        # It rises and falls twice, and leans a little, as what is carried does.
+        # Height and roll vary, as for a hand-held camera.
         places = middle + half * np.stack([-np.cos(turn), 0.3 * np.sin(2 * turn), np.sin(turn)], -1)
         heading = np.arctan2(half[0] * np.sin(turn), half[2] * np.cos(turn))
         leaning = 0.06 * np.sin(2 * turn + 0.7)
     elif name == "line":
         along = half * (np.arange(3) == np.argmax(half))
         places = middle + (2 * share[:, None] - 1) * along
-        heading = np.full(KEYS, np.arctan2(along[0], along[2]))
+        heading = np.full(PRESET_POSES, np.arctan2(along[0], along[2]))
         leaning = 0.03 * np.sin(3 * turn)
     else:
-        places, leaning = np.tile(middle, (KEYS, 1)), np.zeros(KEYS)
-        heading = turn if name == "turn" else np.zeros(KEYS)
+        places, leaning = np.tile(middle, (PRESET_POSES, 1)), np.zeros(PRESET_POSES)
+        heading = turn if name == "turn" else np.zeros(PRESET_POSES)
     poses = [
         Pose(exp(np.array((0, yaw, 0))) @ exp(np.array((0, 0, roll))), place)
         for yaw, roll, place in zip(heading, leaning, places, strict=True)
@@ -119,19 +122,19 @@ def preset_trajectory(name: str, free: tuple[Corner, Corner], duration: float) -
 
 
 def quaternion(rotation: ArrayLike) -> Array:
-    """Give (qx, qy, qz, qw), qw >= 0, of a rotation (3, 3)."""
+    """Return the quaternion (qx, qy, qz, qw), qw >= 0, of a rotation (3, 3)."""
     w = log(rotation)
     angle = float(np.linalg.norm(w))
     return np.append(np.sinc(angle / (2 * np.pi)) / 2 * w, np.cos(angle / 2))
 
 
 def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
-    """Write the TUM format: `timestamp tx ty tz qx qy qz qw` in each line, world_from_cam, seconds and metres.
+    """Write the TUM format: lines of `timestamp tx ty tz qx qy qz qw`, world_from_cam, seconds and metres.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
     lines = [f"# {' '.join(COLUMNS)}"]
     for time, pose in zip(format_timestamps(trajectory.times), trajectory.poses, strict=True):
@@ -141,28 +144,29 @@ def write_trajectory(path: str | Path, trajectory: Trajectory) -> None:
 
 
 def format_timestamps(times: Array) -> list[str]:
-    """Give times (N,), seconds, as text: to microseconds, or as exactly as it takes to tell them apart."""
+    """Format times (N,), seconds, to microseconds, or exactly if they would not be unique."""
     texts = [f"{time:.6f}" for time in times]
     return texts if len(set(texts)) == len(texts) else [np.format_float_positional(time, trim="0") for time in times]
 
 
 def read_trajectory(path: str | Path) -> Trajectory:
-    """Read the TUM format, or CSV of the same columns: by their names where a first line tells them, else in its order.
+    """Read the TUM format, or CSV with the same columns in any order named by a header line.
 
-    Without names a line holds these columns and no others: of other formats' longer lines, such as EuRoC's, the order
-    is not ours.
+    Without a header a line must have exactly the TUM columns, because longer lines, such as those of EuRoC, have
+    another order.
 
     Raises
     ------
     ValueError
-        Naming the line, what is in it and what was expected.
+        If a line is invalid; the message has the line number and what was expected.
     OSError
         If the file cannot be read.
     """
     path = Path(path)
-    if path.stat().st_size > LARGEST_FILE:
+    if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(
-            f"{path}: {path.stat().st_size >> 20} MB is no trajectory; at most {LARGEST_FILE >> 20} are read"
+            f"{path}: a file of {path.stat().st_size >> 20} MB is too large for a trajectory, at most"
+            f" {MAX_FILE_BYTES >> 20} MB"
         )
     order: list[int] | None = None
     times: list[float] = []
@@ -184,10 +188,10 @@ def read_trajectory(path: str | Path) -> Trajectory:
             )
         times.append(time)
         poses.append(pose)
-        if len(poses) > LARGEST_POSES:
-            raise ValueError(f"{path}: more than {LARGEST_POSES} poses")
+        if len(poses) > MAX_POSES:
+            raise ValueError(f"{path}: more than {MAX_POSES} poses")
     if not poses:
-        raise ValueError(f"{path}: holds no poses; expected lines of {' '.join(COLUMNS)}")
+        raise ValueError(f"{path}: contains no poses; expected lines of {' '.join(COLUMNS)}")
     return Trajectory(np.array(times), tuple(poses))
 
 
@@ -197,8 +201,8 @@ def _row(words: list[str], order: list[int] | None, where: str) -> tuple[float, 
         raise ValueError(f"{where}: {len(words)} values; {expected}")
     chosen = [words[i] for i in order] if order else words
     values = np.array([_number(word, where, expected) for word in chosen])
-    if not np.isfinite(values).all() or (np.abs(values[1:]) > FARTHEST).any():
-        wrong = next(v for i, v in enumerate(values) if not np.isfinite(v) or (i and abs(v) > FARTHEST))
+    if not np.isfinite(values).all() or (np.abs(values[1:]) > MAX_COORDINATE_M).any():
+        wrong = next(v for i, v in enumerate(values) if not np.isfinite(v) or (i and abs(v) > MAX_COORDINATE_M))
         raise ValueError(f"{where}: {wrong:g} is out of range; {expected}")
     q = values[4:]
     length = float(np.linalg.norm(q))
@@ -213,6 +217,6 @@ def _row(words: list[str], order: list[int] | None, where: str) -> tuple[float, 
 
 def _number(word: str, where: str, expected: str) -> float:
     try:
-        return float(word if len(word) <= LONGEST_NUMBER else "")
+        return float(word if len(word) <= MAX_NUMBER_CHARS else "")
     except ValueError:
-        raise ValueError(f"{where}: {word[:LONGEST_NUMBER]!r} is no number; {expected}") from None
+        raise ValueError(f"{where}: {word[:MAX_NUMBER_CHARS]!r} is not a number; {expected}") from None

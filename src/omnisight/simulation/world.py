@@ -1,7 +1,8 @@
-"""Makes of a scene what the compiled loops run over: a tree of boxes, tables of faces and texels, and the light."""
+"""Compilation of a scene for the compiled loops: a bounding-box tree, tables of faces and texels, and the lighting."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,43 +11,59 @@ from omnisight.parallel import parallel_for
 from omnisight.simulation.solids import FACES, Solid
 from omnisight.simulation.texture import LINEAR, Texture
 
-if TYPE_CHECKING:
-    from omnisight.simulation.scene import Scene
-
 Array = NDArray[np.float64]
+Point = tuple[float, float, float]
 
-SHAPES = tuple(FACES)  # in the order of the numbers in `_shapes`
-LEAF = 2  # solids
-PAD = 1e-6  # metres around a box of the tree
-DIRECTIONS, LAMP_POINTS = 48, 5
-FINEST, COARSEST = 2, 128  # places of a face at which its light is worked out, along each side
-SPOTS_AT_ONCE = 256
+# In the order of the shape numbers in `_shapes`.
+SHAPES = tuple(FACES)
+# Solids in a leaf of the tree.
+LEAF_SIZE = 2
+# Padding of the boxes of the tree against rounding, metres.
+BOX_PADDING_M = 1e-6
+# Rays for the ambient light at a point, and points on a lamp.
+AMBIENT_DIRECTIONS, LAMP_POINTS = 48, 5
+# Samples of the light along each side of a face.
+MIN_LIGHT_SAMPLES, MAX_LIGHT_SAMPLES = 2, 128
+# Light samples per task of a thread.
+SAMPLES_PER_TASK = 256
 
 
-def build(scene: "Scene") -> tuple[Any, list[Solid]]:
-    """Give the scene's `World`, its light still dark, and the solids in the order in which they stand in it."""
+@dataclass(frozen=True)
+class Lighting:
+    """The lights of a scene; see `Scene` for the fields."""
+
+    lamps: Sequence[tuple[Point, float, float]]
+    ambient: float
+    reach: float
+    spacing: float
+
+
+def build_world(
+    solids: Sequence[Solid], names: Sequence[str], sky: Texture | None, sun: tuple[Point, float], spacing: float
+) -> tuple[Any, list[Solid]]:
+    """Return the `World` of a scene without light, and the solids in its order."""
     from omnisight.simulation._trace import World
 
-    bounds = np.array([np.concatenate(solid.bounds()) for solid in scene.solids]).reshape(-1, 6)
+    bounds = np.array([np.concatenate(solid.bounds()) for solid in solids]).reshape(-1, 6)
     boxes, nodes, order = _tree(bounds)
-    solids = [scene.solids[i] for i in order]
+    solids = [solids[i] for i in order]
     textures = list(dict.fromkeys(t for s in solids for t in s.textures))
-    textures += [scene.sky] if scene.sky is not None else []
+    textures += [sky] if sky is not None else []
     number = {texture: i for i, texture in enumerate(textures)}
     rows, levels, texels = _texels(textures)
-    grids = [_grid(solid, scene.spacing) for solid in solids]
+    grids = [_light_grid(solid, spacing) for solid in solids]
     faces, first_face, start = [], [], 0
     for solid, sizes in zip(solids, grids, strict=True):
         first_face.append(len(faces))
         for texture, (width, height) in zip(solid.textures, sizes, strict=True):
             faces.append((number[texture], start, width, height))
             start += width * height
-    towards = np.array(scene.sun[0], float)
+    sun_direction = np.array(sun[0], float)
     return World(
         local_from_world=np.array([_inverse(s.world_from_local) for s in solids]).reshape(-1, 3, 4),
         kinds=np.array([SHAPES.index(s.shape) for s in solids], np.int64),
         first_face=np.array(first_face, np.int64),
-        instance=np.array([scene.names.index(s.name) + 1 for s in solids], np.int32),
+        instance=np.array([names.index(s.name) + 1 for s in solids], np.int32),
         inward=np.array([-1.0 if s.inside else 1.0 for s in solids]),
         boxes=boxes,
         nodes=nodes,
@@ -56,8 +73,8 @@ def build(scene: "Scene") -> tuple[Any, list[Solid]]:
         levels=levels,
         texels=texels,
         linear=LINEAR,
-        sun=np.append(towards / np.linalg.norm(towards), scene.sun[1]),
-        sky=-1 if scene.sky is None else number[scene.sky],
+        sun=np.append(sun_direction / np.linalg.norm(sun_direction), sun[1]),
+        sky=-1 if sky is None else number[sky],
     ), solids
 
 
@@ -67,7 +84,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _tree(bounds: Array) -> tuple[Array, NDArray[np.int64], list[int]]:
-    """Give the boxes and nodes of a tree over solids, parents first, and the order in which solids stand in it."""
+    """Return the boxes and nodes of a bounding-box tree, parents first, and the order of the solids in it."""
     middles = (bounds[:, :3] + bounds[:, 3:]) / 2
     boxes: list[Array] = []
     nodes: list[list[int]] = []
@@ -76,12 +93,12 @@ def _tree(bounds: Array) -> tuple[Array, NDArray[np.int64], list[int]]:
     def grow(members: NDArray[np.int64]) -> None:
         here = len(nodes)
         inside = bounds[members]
-        boxes.append(np.concatenate([inside[:, :3].min(0) - PAD, inside[:, 3:].max(0) + PAD]))
+        boxes.append(np.concatenate([inside[:, :3].min(0) - BOX_PADDING_M, inside[:, 3:].max(0) + BOX_PADDING_M]))
         nodes.append([0, len(order), 0])
-        # A solid as large as the whole, such as the room's shell, would make every part as large.
+        # A solid as large as the whole set, such as the walls of a room, would enlarge the boxes of both halves.
         size = (inside[:, 3:] - inside[:, :3]).max(1)
         huge = size > 0.6 * (inside[:, 3:].max(0) - inside[:, :3].min(0)).max()
-        if len(members) <= LEAF or huge.all():
+        if len(members) <= LEAF_SIZE or huge.all():
             own, rest = members, members[:0]
         else:
             own, rest = members[huge], members[~huge]
@@ -101,7 +118,7 @@ def _tree(bounds: Array) -> tuple[Array, NDArray[np.int64], list[int]]:
 
 
 def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Lay all levels of all textures end to end."""
+    """Concatenate all levels of all textures; return their tables `textures`, `levels` and `texels`."""
     rows: list[tuple[int, int]] = []
     levels: list[tuple[int, int, int]] = []
     texels: list[NDArray[np.uint8]] = [np.zeros((0, 3), np.uint8)]
@@ -119,8 +136,8 @@ def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int6
     )
 
 
-def _grid(solid: Solid, spacing: float) -> list[tuple[int, int]]:
-    """Give at how many places along u and v of each face its light is worked out."""
+def _light_grid(solid: Solid, spacing: float) -> list[tuple[int, int]]:
+    """Return the number of light samples along u and v of each face."""
     if solid.glow is not None:
         return [(1, 1)] * len(solid.textures)
     x, y, z = np.linalg.norm(solid.world_from_local[:, :3], axis=0)
@@ -131,41 +148,42 @@ def _grid(solid: Solid, spacing: float) -> list[tuple[int, int]]:
         "cylinder": ((2 * np.pi * x, y), (2 * x, 2 * z), (2 * x, 2 * z)),
         "roof": ((x, np.hypot(y, z / 2)), (x, np.hypot(y, z / 2)), (z, y), (z, y), (x, z)),
     }[solid.shape]
-    counts = [[int(np.clip(np.ceil(side / spacing), FINEST, COARSEST)) for side in pair] for pair in sides]
+    low, high = MIN_LIGHT_SAMPLES, MAX_LIGHT_SAMPLES
+    counts = [[int(np.clip(np.ceil(side / spacing), low, high)) for side in pair] for pair in sides]
     return [(width, height) for width, height in counts]
 
 
-def illuminate(scene: "Scene", world: Any, solids: Sequence[Solid], lights: dict[Solid, Any]) -> None:
-    """Fill the world's light; what `lights` has not yet is worked out and put there."""
+def illuminate(world: Any, solids: Sequence[Solid], lighting: Lighting, lights: dict[Solid, Any]) -> None:
+    """Fill the light of a world. `lights` caches the light of each solid; missing entries are computed and added."""
     from omnisight.simulation import _shading
 
-    grids = [_grid(solid, scene.spacing) for solid in solids]
-    spots: list[Array] = []
-    fresh: list[tuple[Solid, int, int]] = []
+    grids = [_light_grid(solid, lighting.spacing) for solid in solids]
+    samples: list[Array] = []
+    added: list[tuple[Solid, int, int]] = []
     count = 0
     for i, (solid, sizes) in enumerate(zip(solids, grids, strict=True)):
         if solid.glow is not None or solid in lights:
             continue
-        begun = count
+        first_sample = count
         for face, (width, height) in enumerate(sizes):
             u, v = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
-            spots.append(np.column_stack([np.full(u.size, i), np.full(u.size, face), u.ravel(), v.ravel()]))
+            samples.append(np.column_stack([np.full(u.size, i), np.full(u.size, face), u.ravel(), v.ravel()]))
             count += u.size
-        fresh.append((solid, begun, count))
+        added.append((solid, first_sample, count))
     if count:
-        every = np.concatenate(spots)
-        fallen = np.empty(count, np.float32)
+        every = np.concatenate(samples)
+        light = np.empty(count, np.float32)
         forward = np.array([solid.world_from_local for solid in solids])
-        ways, lamps = _cosine_spread(), _lamp_points(scene)
-        ambient, reach = float(scene.ambient), float(scene.reach)
+        directions, lamps = _cosine_directions(), _lamp_points(lighting.lamps)
+        ambient, reach = float(lighting.ambient), float(lighting.reach)
         parallel_for(
             lambda first, last: _shading.illuminate(
-                world, forward, every, ways, lamps, ambient, reach, fallen, first, last
+                world, forward, every, directions, lamps, ambient, reach, light, first, last
             ),
             count,
-            SPOTS_AT_ONCE,
+            SAMPLES_PER_TASK,
         )
-        lights.update({solid: fallen[begun:end] for solid, begun, end in fresh})
+        lights.update({solid: light[first:end] for solid, first, end in added})
     start = 0
     for solid, sizes in zip(solids, grids, strict=True):
         size = sum(width * height for width, height in sizes)
@@ -173,18 +191,18 @@ def illuminate(scene: "Scene", world: Any, solids: Sequence[Solid], lights: dict
         start += size
 
 
-def _cosine_spread() -> Array:
-    """Give directions (K, 3) about z, parallel_for as the cosine of their angle from it: a spiral on the disc, lifted."""
-    k = np.arange(DIRECTIONS) + 0.5
-    radius, turn = np.sqrt(k / DIRECTIONS), k * np.pi * (3 - np.sqrt(5))
+def _cosine_directions() -> Array:
+    """Return directions (K, 3) about z with cosine-weighted density: a spiral on the disc, projected to the sphere."""
+    k = np.arange(AMBIENT_DIRECTIONS) + 0.5
+    radius, turn = np.sqrt(k / AMBIENT_DIRECTIONS), k * np.pi * (3 - np.sqrt(5))
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)])
 
 
-def _lamp_points(scene: "Scene") -> Array:
-    """Give points (M, 4) of the lamps and their strengths: one amid each, the others around."""
+def _lamp_points(disc_lamps: Sequence[tuple[Point, float, float]]) -> Array:
+    """Return points (M, 4) of the lamps and their strengths: the centre and a ring of each."""
     points = [
         (x + away * np.cos(turn), y, z + away * np.sin(turn), strength / LAMP_POINTS)
-        for (x, y, z), radius, strength in scene.lamps
+        for (x, y, z), radius, strength in disc_lamps
         for away, turn in [(0.0, 0.0), *((0.7 * radius, i * 2 * np.pi / (LAMP_POINTS - 1)) for i in range(4))]
     ]
     return np.array(points, float).reshape(-1, 4)

@@ -148,12 +148,12 @@ def rug(face: Bytes, place: Place, rng: np.random.Generator) -> None:
     cloth[:] = np.clip(cloth * dye[..., None] + pile[..., None], 0, 255).astype(np.uint8)
 
 
-def outdoors(picture: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:
+def outdoors(image: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:
     """Paint hills under a sky."""
-    rows, columns = picture.shape[:2]
+    rows, columns = image.shape[:2]
     ends: Any = ((88, 98, 150), (248, 176, 112)) if dusk else ((140, 186, 232), (236, 242, 246))
     share = np.linspace(0, 1, rows)[:, None, None]
-    picture[:] = ((1 - share) * ends[0] + share * ends[1]).astype(np.uint8)
+    image[:] = ((1 - share) * ends[0] + share * ends[1]).astype(np.uint8)
     across = np.linspace(0, 1, columns)
     for i, level in enumerate((0.5, 0.62, 0.76)):
         waves = np.zeros(columns)
@@ -161,7 +161,7 @@ def outdoors(picture: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:
             waves += rng.uniform(0.015, 0.05) * np.sin(rng.uniform(4, 12) * across + rng.uniform(0, 6))
         hill = np.arange(rows)[:, None] > (level + waves) * rows
         far, near = ((110, 84, 120), (44, 38, 60)) if dusk else ((150, 178, 170), (84, 124, 62))
-        picture[hill] = (np.array(far) * (1 - i / 2) + np.array(near) * (i / 2)).astype(np.uint8)
+        image[hill] = (np.array(far) * (1 - i / 2) + np.array(near) * (i / 2)).astype(np.uint8)
 
 
 def framed(face: Bytes, place: Place, paper: Colour, frame: Colour, border: float = 0.035) -> Bytes:
@@ -182,14 +182,14 @@ def cast_shadow(face: Bytes, place: Place) -> None:
 
 
 def cut(face: Bytes, place: Place) -> Bytes:
-    """Give a rectangle of the face, to draw into."""
+    """Return a rectangle of the face, to draw into."""
     left, top, width, height = place
     (u0, v0), (u1, v1) = point(left, top), point(left + width, top + height)
     return face[max(v0, 0) : v1, max(u0, 0) : u1]
 
 
 def point(u: float, v: float) -> NDArray[np.int64]:
-    """Give a place on a face in pixels."""
+    """Return a place on a face in pixels."""
     return np.rint(np.array((u, v)) * PIXELS_PER_METRE).astype(np.int64)
 
 

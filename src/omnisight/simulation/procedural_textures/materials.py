@@ -16,13 +16,13 @@ KNOTS, SPRIGS = 10, 55  # on a square metre
 
 
 def px(metres: float, density: float = PIXELS_PER_METRE) -> int:
-    """Give a length in pixels of a face."""
+    """Return a length in pixels of a face."""
     return max(round(metres * density), 1)
 
 
-def finished(picture: NDArray[Any]) -> Bytes:
+def finished(image: NDArray[Any]) -> Bytes:
     """Clip to what 8 bits hold."""
-    return np.clip(picture, 0, 255).astype(np.uint8)
+    return np.clip(image, 0, 255).astype(np.uint8)
 
 
 def cloud(rng: Rng, shape: tuple[int, int], size: Any, amount: float) -> Floats:
@@ -46,7 +46,7 @@ def rough(rng: Rng, shape: tuple[int, int], largest: float, amount: float) -> Fl
 
 
 def toned(colour: Colour, change: Floats, tint: tuple[float, float, float] | None = None) -> Floats:
-    """Give a colour made brighter by (h, w), more or less in each channel."""
+    """Return a colour made brighter by (h, w), more or less in each channel."""
     tinted = change[..., None] if tint is None else change[..., None] * np.array(tint, np.float32)
     return np.asarray(np.array(colour, np.float32) + tinted, np.float32)
 
@@ -54,22 +54,22 @@ def toned(colour: Colour, change: Floats, tint: tuple[float, float, float] | Non
 def plaster(rng: Rng, width: float, height: float, colour: Colour, *, trim: bool = False) -> Bytes:
     """Draw a painted wall of so many metres, if asked with a skirting board and a cornice."""
     shape = (px(height), px(width))
-    picture = toned(colour, rough(rng, shape, px(0.5), 2.6) + cloud(rng, shape, 5, 6.0) + cloud(rng, shape, 11, 6.0))
+    image = toned(colour, rough(rng, shape, px(0.5), 2.6) + cloud(rng, shape, 5, 6.0) + cloud(rng, shape, 11, 6.0))
     if trim:
-        picture[-px(0.1) :] = (238, 236, 230)
-        picture[-px(0.1) : -px(0.09)] = (170, 168, 160)
-        picture[: px(0.12)] = (240, 238, 232)
+        image[-px(0.1) :] = (238, 236, 230)
+        image[-px(0.1) : -px(0.09)] = (170, 168, 160)
+        image[: px(0.12)] = (240, 238, 232)
         for edge in (0.03, 0.07, 0.11):
-            picture[px(edge) : px(edge + 0.012)] = (176, 172, 164)
-    return finished(picture)
+            image[px(edge) : px(edge + 0.012)] = (176, 172, 164)
+    return finished(image)
 
 
 def wallpaper(rng: Rng, width: float, height: float, colour: Colour, print_colour: Colour) -> Bytes:
     """Draw a wall as `plaster` does, with trim, and sprigs strewn over it, no two alike."""
     import cv2
 
-    picture = plaster(rng, width, height, colour, trim=True)
-    field = picture[px(0.13) : -px(0.11)]
+    image = plaster(rng, width, height, colour, trim=True)
+    field = image[px(0.13) : -px(0.11)]
     for _ in range(int(width * height * SPRIGS)):
         foot = rng.uniform((0, 0), field.shape[1::-1])
         turn, size = rng.uniform(0, 2 * np.pi), rng.uniform(9, 17)
@@ -81,7 +81,7 @@ def wallpaper(rng: Rng, width: float, height: float, colour: Colour, print_colou
             at = np.rint(foot + rng.uniform(-0.8, 1) * size * along).astype(int).tolist()
             lean = np.degrees(turn) + rng.choice((-1, 1)) * rng.uniform(30, 60)
             cv2.ellipse(field, at, (round(0.42 * size), round(0.17 * size)), lean, 0, 360, tone, -1, SOFT)
-    return picture
+    return image
 
 
 def wood(rng: Rng, width: float, height: float, colour: Colour, density: float = PIXELS_PER_METRE) -> Bytes:
@@ -126,15 +126,15 @@ def leaves(rng: Rng, colour: Colour = (74, 112, 48), size: int = 512) -> Bytes:
     """Draw foliage: leaves in front of leaves, the deeper ones darker."""
     import cv2
 
-    picture = np.full((size // 2, size, 3), np.array(colour) * 0.25, np.uint8)
+    image = np.full((size // 2, size, 3), np.array(colour) * 0.25, np.uint8)
     count = 2600
     for i in range(count):
         tone = (0.35 + 0.75 * i / count) * rng.uniform(0.75, 1.25)
         shade = tuple(int(c) for c in np.clip(np.array(colour) * tone + rng.normal(0, 6, 3), 0, 255))
         at = int(rng.integers(size)), int(rng.integers(size // 2))
         axes = int(rng.integers(4, 9)), int(rng.integers(2, 4))
-        cv2.ellipse(picture, at, axes, float(rng.uniform(0, 180)), 0, 360, shade, -1, cv2.LINE_AA)
-    return picture
+        cv2.ellipse(image, at, axes, float(rng.uniform(0, 180)), 0, 360, shade, -1, cv2.LINE_AA)
+    return image
 
 
 def bark(rng: Rng, size: int = 128) -> Bytes:
@@ -154,9 +154,9 @@ def bricks(rng: Rng, width: float, height: float, colour: Colour, density: float
     tones = rng.normal(0, 13, (row.max() + 1, column.max() + 1)).astype(np.float32)
     tone = tones[row, column]
     gap = (down % 1 < 0.14) | (along - column < 0.05)
-    picture = toned(colour, tone + rough(rng, (rows, columns), density, 4.0))
-    picture[gap] = toned((176, 168, 156), rough(rng, (rows, columns), 30, 4.0))[gap]
-    return finished(picture)
+    image = toned(colour, tone + rough(rng, (rows, columns), density, 4.0))
+    image[gap] = toned((176, 168, 156), rough(rng, (rows, columns), 30, 4.0))[gap]
+    return finished(image)
 
 
 def tiles(rng: Rng, width: float, height: float, colour: Colour, density: float) -> Bytes:
@@ -175,9 +175,9 @@ def paving(rng: Rng, width: float, depth: float, side: float, density: float, co
     rows, columns = px(depth, density), px(width, density)
     v, u = np.mgrid[:rows, :columns].astype(np.float32) / (side * density)
     tones = rng.normal(0, 9, (int(v.max()) + 1, int(u.max()) + 1)).astype(np.float32)
-    picture = toned(colour, tones[v.astype(int), u.astype(int)] + rough(rng, (rows, columns), density, 5.0))
-    picture[(u % 1 < 0.03) | (v % 1 < 0.03)] *= 0.6
-    return finished(picture)
+    image = toned(colour, tones[v.astype(int), u.astype(int)] + rough(rng, (rows, columns), density, 5.0))
+    image[(u % 1 < 0.03) | (v % 1 < 0.03)] *= 0.6
+    return finished(image)
 
 
 def asphalt(rng: Rng, width: float, depth: float, density: float) -> Bytes:
@@ -185,15 +185,15 @@ def asphalt(rng: Rng, width: float, depth: float, density: float) -> Bytes:
     import cv2
 
     shape = (px(depth, density), px(width, density))
-    picture = toned((98, 98, 101), rough(rng, shape, 3 * density, 3.0) + rng.normal(0, 9, shape).astype(np.float32))
+    image = toned((98, 98, 101), rough(rng, shape, 3 * density, 3.0) + rng.normal(0, 9, shape).astype(np.float32))
     for _ in range(int(width * depth / 12)):
         left, top = int(rng.integers(shape[1])), int(rng.integers(shape[0]))
         wide, deep = (int(rng.uniform(0.4, 2.2) * density) for _ in range(2))
-        picture[top : top + deep, left : left + wide] *= rng.uniform(0.82, 1.1)
+        image[top : top + deep, left : left + wide] *= rng.uniform(0.82, 1.1)
     for _ in range(int(width * depth / 6)):
         line = np.cumsum(rng.normal(0, 0.12 * density, (14, 2)), 0) + rng.uniform((0, 0), shape[::-1])
-        cv2.polylines(picture, [line.astype(np.int32)], False, (62, 62, 64), 1, cv2.LINE_AA)
-    return finished(picture)
+        cv2.polylines(image, [line.astype(np.int32)], False, (62, 62, 64), 1, cv2.LINE_AA)
+    return finished(image)
 
 
 def grass(rng: Rng, width: float, depth: float, density: float) -> Bytes:

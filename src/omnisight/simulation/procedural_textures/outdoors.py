@@ -108,8 +108,8 @@ def road(rng: Rng, width: float, length: float) -> Bytes:
     """Draw a road that runs down the image, with lines, crossings and lids."""
     import cv2
 
-    picture = materials.asphalt(rng, width, length, DENSITY)
-    m, rows, columns = DENSITY, picture.shape[0], picture.shape[1]
+    image = materials.asphalt(rng, width, length, DENSITY)
+    m, rows, columns = DENSITY, image.shape[0], image.shape[1]
     paint = np.zeros((rows, columns), np.float32)
     for top in np.arange(0, length, 6.0):
         paint[
@@ -124,46 +124,46 @@ def road(rng: Rng, width: float, length: float) -> Bytes:
             paint[top : top + round(3 * m), round(u * m) : round((u + 0.5) * m)] = 1
     worn = 0.72 + 0.035 * materials.rough(rng, (rows, columns), 30, 2.5)
     share = (paint * np.clip(worn, 0, 1))[..., None]
-    picture = materials.finished(picture * (1 - share) + share * np.array((226, 224, 214), np.float32))
+    image = materials.finished(image * (1 - share) + share * np.array((226, 224, 214), np.float32))
     for _ in range(int(length / 9)):
         at = (int(rng.uniform(0.2, 0.8) * columns), int(rng.integers(rows)))
-        cv2.circle(picture, at, round(0.33 * m), (74, 72, 70), -1, SOFT)
-        cv2.circle(picture, at, round(0.29 * m), (104, 100, 96), 2, SOFT)
+        cv2.circle(image, at, round(0.33 * m), (74, 72, 70), -1, SOFT)
+        cv2.circle(image, at, round(0.29 * m), (104, 100, 96), 2, SOFT)
         for k in range(-3, 4):
-            cv2.line(picture, (at[0] - 14, at[1] + 5 * k), (at[0] + 14, at[1] + 5 * k), (92, 88, 84), 1, SOFT)
-    return picture
+            cv2.line(image, (at[0] - 14, at[1] + 5 * k), (at[0] + 14, at[1] + 5 * k), (92, 88, 84), 1, SOFT)
+    return image
 
 
 def car_side(rng: Rng, paint: Colour, *, cabin: bool) -> Bytes:
     """Draw the side of a car's body, or of its cabin with the windows."""
     import cv2
 
-    picture = np.full((96, 320, 3), paint, np.uint8)
+    image = np.full((96, 320, 3), paint, np.uint8)
     if cabin:
         for left, right in ((14, 154), (166, 306)):
-            cv2.rectangle(picture, (left, 10), (right, 92), (52, 62, 72), -1)
-            cv2.line(picture, (left + 20, 88), (left + 60, 14), (110, 124, 136), 6, SOFT)
+            cv2.rectangle(image, (left, 10), (right, 92), (52, 62, 72), -1)
+            cv2.line(image, (left + 20, 88), (left + 60, 14), (110, 124, 136), 6, SOFT)
     else:
         for x in (104, 196):
-            cv2.line(picture, (x, 0), (x, 88), tuple(int(c * 0.6) for c in paint), 2, SOFT)
-            cv2.rectangle(picture, (x + 12, 18), (x + 34, 24), (30, 30, 32), -1)
-        cv2.rectangle(picture, (0, 78), (320, 96), (36, 36, 38), -1)
-        cv2.line(picture, (0, 34), (320, 30), tuple(min(int(c * 1.25), 255) for c in paint), 2, SOFT)
-    return materials.finished(picture + rng.normal(0, 2, picture.shape))
+            cv2.line(image, (x, 0), (x, 88), tuple(int(c * 0.6) for c in paint), 2, SOFT)
+            cv2.rectangle(image, (x + 12, 18), (x + 34, 24), (30, 30, 32), -1)
+        cv2.rectangle(image, (0, 78), (320, 96), (36, 36, 38), -1)
+        cv2.line(image, (0, 34), (320, 30), tuple(min(int(c * 1.25), 255) for c in paint), 2, SOFT)
+    return materials.finished(image + rng.normal(0, 2, image.shape))
 
 
 def car_end(paint: Colour, *, back: bool) -> Bytes:
     """Draw the front or the back of a car's body."""
     import cv2
 
-    picture = np.full((80, 192, 3), paint, np.uint8)
+    image = np.full((80, 192, 3), paint, np.uint8)
     light = (190, 36, 30) if back else (240, 240, 226)
     for left in (8, 148):
-        cv2.rectangle(picture, (left, 14), (left + 36, 34), light, -1)
-    cv2.rectangle(picture, (66, 44), (126, 62), (236, 236, 230), -1)
-    cv2.putText(picture, "OMNI 5", (70, 58), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 24), 1, SOFT)
-    cv2.rectangle(picture, (0, 66), (192, 80), (40, 40, 42), -1)
-    return picture
+        cv2.rectangle(image, (left, 14), (left + 36, 34), light, -1)
+    cv2.rectangle(image, (66, 44), (126, 62), (236, 236, 230), -1)
+    cv2.putText(image, "OMNI 5", (70, 58), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 24), 1, SOFT)
+    cv2.rectangle(image, (0, 66), (192, 80), (40, 40, 42), -1)
+    return image
 
 
 def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
@@ -176,10 +176,10 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
     up = np.sin(lat)[:, None]
     across, ahead = np.cos(lat)[:, None] * np.sin(lon), np.cos(lat)[:, None] * np.cos(lon)
     rise = np.clip(up, 0, 1) ** 0.55
-    picture = (1 - rise)[..., None] * np.array((206, 222, 236), np.float32) + rise[..., None] * np.array(
+    image = (1 - rise)[..., None] * np.array((206, 222, 236), np.float32) + rise[..., None] * np.array(
         (58, 112, 190), np.float32
     )
-    picture = np.repeat(picture, width, 1)
+    image = np.repeat(image, width, 1)
     # The clouds lie in a layer: what is near the horizon is far away, and small.
     side = 1024
     noise = np.zeros((side, side), np.float32)
@@ -194,15 +194,15 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
     shade = np.clip(0.5 + 0.35 * (thick - lower) - 0.16 * np.clip(thick - 0.9, 0, 3), 0, 1)[..., None]
     cloud = (1 - shade) * np.array((176, 186, 200), np.float32) + shade * np.array((255, 253, 248), np.float32)
     cover *= np.clip((up[..., None] - 0.02) / 0.12, 0, 1) * 0.95
-    picture = picture * (1 - cover) + cloud * cover
+    image = image * (1 - cover) + cloud * cover
     x, y, z = (np.array(sun) / np.linalg.norm(sun)).astype(np.float32)
     off = np.arccos(np.clip(across * x - up * y + ahead * z, -1, 1))
     glow = (np.exp(-off / 0.16) * 90 + (off < 0.022) * 255).astype(np.float32)
     haze = np.clip(-up * 6, 0, 1)[..., None]
-    picture = (picture + glow[..., None] * np.array((1, 0.96, 0.86), np.float32)) * (1 - haze) + haze * np.array(
+    image = (image + glow[..., None] * np.array((1, 0.96, 0.86), np.float32)) * (1 - haze) + haze * np.array(
         (150, 158, 146), np.float32
     )
-    return materials.finished(picture)
+    return materials.finished(image)
 
 
 def _wrapped(rng: Rng, side: int, cells: int) -> NDArray[np.float32]:

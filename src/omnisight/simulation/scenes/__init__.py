@@ -7,13 +7,13 @@ from omnisight.simulation.scene import Scene
 
 
 def scene_names() -> tuple[str, ...]:
-    """Give the names of all scenes."""
+    """Return the names of all scenes."""
     return names_in(__name__)
 
 
 @cache
 def scene_named(name: str, seed: int = 0) -> Scene:
-    """Give a scene by its name; the seed changes what in it is left to chance. It is built once.
+    """Return a scene by its name; the seed changes what in it is left to chance. It is built once.
 
     Raises
     ------

@@ -13,7 +13,7 @@ Rng = np.random.Generator
 
 
 def table(low: Point, high: Point, rng: Rng) -> list[Solid]:
-    """Give a coffee table with books, a cup and fruit on it."""
+    """Return a coffee table with books, a cup and fruit on it."""
     oak = Texture(materials.wood(rng, high[0] - low[0], high[2] - low[2], (176, 132, 88)))
     top = low[1] + 0.04
     solids = [box(low, (high[0], top, high[2]), oak, "table")]
@@ -43,7 +43,7 @@ def table(low: Point, high: Point, rng: Rng) -> list[Solid]:
 
 
 def armchair(low: Point, rng: Rng) -> list[Solid]:
-    """Give an armchair of 0.85 x 0.9 x 0.8 m that looks along -z."""
+    """Return an armchair of 0.85 x 0.9 x 0.8 m that looks along -z."""
     x, y, z = low
     cloth = Texture(materials.fabric(rng, 0.8, 0.8, (64, 92, 104)))
     cushion = Texture(materials.fabric(rng, 0.5, 0.5, (206, 150, 70)))
@@ -59,7 +59,7 @@ def armchair(low: Point, rng: Rng) -> list[Solid]:
 
 
 def chair(low: Point, rng: Rng) -> list[Solid]:
-    """Give a wooden chair of 0.45 x 1 x 0.45 m that looks along -x."""
+    """Return a wooden chair of 0.45 x 1 x 0.45 m that looks along -x."""
     x, y, z = low
     birch = Texture(materials.wood(rng, 0.5, 0.5, (196, 160, 112)))
     solids = [box((x, y + 0.54, z), (x + 0.45, y + 0.58, z + 0.45), birch, "chair")]
@@ -72,7 +72,7 @@ def chair(low: Point, rng: Rng) -> list[Solid]:
 
 
 def floor_lamp(foot: Point) -> list[Solid]:
-    """Give a lamp on a pole, its shade lit."""
+    """Return a lamp on a pole, its shade lit."""
     x, y, z = foot
     steel = Texture.plain((90, 90, 94))
     return [
@@ -83,7 +83,7 @@ def floor_lamp(foot: Point) -> list[Solid]:
 
 
 def potted_plant(foot: Point, rng: Rng) -> list[Solid]:
-    """Give a tall plant: leaves on stems out of a pot."""
+    """Return a tall plant: leaves on stems out of a pot."""
     x, y, z = foot
     clay = Texture(materials.finished(materials.toned((170, 92, 62), materials.rough(rng, (96, 192), 32, 5.0))))
     solids = [cylinder((x, y - 0.38, z), (x, y, z), 0.19, clay, "plant")]
@@ -99,7 +99,7 @@ def potted_plant(foot: Point, rng: Rng) -> list[Solid]:
 
 
 def on_the_sideboard(low: Point, rng: Rng) -> list[Solid]:
-    """Give what stands in a row: a plant in a pot, a vase, a clock."""
+    """Return what stands in a row: a plant in a pot, a vase, a clock."""
     x, y, z = low
     clay, leaf = Texture.plain((190, 104, 70)), Texture(materials.leaves(rng, (84, 128, 70), 256))
     solids = [cylinder((x + 0.3, y - 0.15, z), (x + 0.3, y, z), 0.09, clay, "herbs")]
@@ -120,7 +120,7 @@ def on_the_sideboard(low: Point, rng: Rng) -> list[Solid]:
 
 
 def parcels(foot: Point, rng: Rng) -> list[Solid]:
-    """Give cardboard boxes on top of each other."""
+    """Return cardboard boxes on top of each other."""
     solids: list[Solid] = []
     for i, (wide, tall) in enumerate(((0.5, 0.36), (0.4, 0.3), (0.26, 0.2))):
         card = materials.toned(

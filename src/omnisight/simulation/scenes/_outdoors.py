@@ -17,7 +17,7 @@ CAR_PAINTS: tuple[tuple[int, int, int], ...] = (
 
 
 def tree(foot: Point, leaf: Texture, bark: Texture, name: str, rng: Rng, tall: float = 5.5) -> list[Solid]:
-    """Give a trunk under a crown of leafy balls."""
+    """Return a trunk under a crown of leafy balls."""
     base = np.array(foot)
     fork = base + np.array((0, -0.45 * tall, 0))
     solids = [cylinder(fork, base, 0.025 * tall, bark, name)]
@@ -34,7 +34,7 @@ def tree(foot: Point, leaf: Texture, bark: Texture, name: str, rng: Rng, tall: f
 
 
 def lamp_post(foot: Point, towards: int, name: str) -> list[Solid]:
-    """Give a street lamp whose arm reaches along x."""
+    """Return a street lamp whose arm reaches along x."""
     x, y, z = foot
     iron = Texture.plain((70, 78, 76))
     top = y - 5.2
@@ -47,7 +47,7 @@ def lamp_post(foot: Point, towards: int, name: str) -> list[Solid]:
 
 
 def car(foot: Point, name: str, rng: Rng) -> list[Solid]:
-    """Give a parked car along z."""
+    """Return a parked car along z."""
     paint = CAR_PAINTS[int(rng.integers(len(CAR_PAINTS)))]
     x, y, z = foot
     body, cabin = (Texture(outdoors.car_side(rng, paint, cabin=c)) for c in (False, True))
@@ -70,7 +70,7 @@ def car(foot: Point, name: str, rng: Rng) -> list[Solid]:
 
 
 def poster_column(foot: Point, rng: Rng) -> list[Solid]:
-    """Give a round column with posters on it."""
+    """Return a round column with posters on it."""
     x, y, z = foot
     face = np.full((materials.px(2.4), materials.px(3.8), 3), (214, 208, 190), np.uint8)
     decor.poster(face, (0.1, 0.4, 0.9, 1.2))
@@ -87,7 +87,7 @@ def poster_column(foot: Point, rng: Rng) -> list[Solid]:
 
 
 def bench(foot: Point, rng: Rng) -> list[Solid]:
-    """Give a bench of planks along z, its back away from the road."""
+    """Return a bench of planks along z, its back away from the road."""
     x, y, z = foot
     oak, iron = Texture(materials.wood(rng, 1.6, 0.15, (150, 104, 62))), Texture.plain((52, 54, 56))
     away = np.sign(x)
@@ -107,7 +107,7 @@ def bench(foot: Point, rng: Rng) -> list[Solid]:
 
 
 def road_sign(foot: Point, words: str, name: str) -> list[Solid]:
-    """Give a round sign that faces along -z."""
+    """Return a round sign that faces along -z."""
     import cv2
 
     x, y, z = foot
@@ -121,8 +121,8 @@ def road_sign(foot: Point, words: str, name: str) -> list[Solid]:
     ]
 
 
-def _disc(picture: materials.Bytes, radius: int, colour: tuple[int, int, int]) -> None:
+def _disc(image: materials.Bytes, radius: int, colour: tuple[int, int, int]) -> None:
     import cv2
 
-    middle = picture.shape[0] // 2
-    cv2.circle(picture, (middle, middle), radius, colour, -1, cv2.LINE_AA)
+    middle = image.shape[0] // 2
+    cv2.circle(image, (middle, middle), radius, colour, -1, cv2.LINE_AA)

@@ -49,7 +49,7 @@ def scene(seed: int = 0) -> Scene:
 
 
 def _shell(rng: np.random.Generator) -> list[Solid]:
-    """Give the walls with what hangs on them, floor and ceiling; each drawn as seen from inside."""
+    """Return the walls with what hangs on them, floor and ceiling; each drawn as seen from inside."""
     width, height, depth = (b - a for a, b in zip(LOW, HIGH, strict=True))
     front = materials.wallpaper(rng, width, height, (150, 172, 176), (112, 136, 142))
     decor.poster(front, (0.62, 0.45, 0.95, 1.25))
@@ -78,7 +78,7 @@ def _shell(rng: np.random.Generator) -> list[Solid]:
 
 
 def _cupboards(rng: np.random.Generator) -> list[Solid]:
-    """Give two bookcases and two sideboards along the walls."""
+    """Return two bookcases and two sideboards along the walls."""
     body = Texture(materials.wood(rng, 1.0, 0.5, (118, 80, 50)))
     dark = Texture(materials.wood(rng, 1.0, 0.5, (104, 72, 46)))
 

@@ -48,8 +48,8 @@ def scene(seed: int = 0) -> Scene:
 def _ground(rng: Rng) -> list[Solid]:
     long = END - START
 
-    def flat(name: str, x0: float, x1: float, y: float, picture: Texture) -> Solid:
-        return rectangle((x0, y, END), (x1 - x0, 0, 0), (0, 0, -long), picture, name)
+    def flat(name: str, x0: float, x1: float, y: float, image: Texture) -> Solid:
+        return rectangle((x0, y, END), (x1 - x0, 0, 0), (0, 0, -long), image, name)
 
     stone = Texture(materials.paving(rng, 4.0, 0.3, 0.8, 60, (150, 148, 144)))
     solids = [flat("road", -KERB, KERB, GROUND, Texture(outdoors.road(rng, 2 * KERB, long)))]
@@ -66,7 +66,7 @@ def _ground(rng: Rng) -> list[Solid]:
 
 
 def _houses(rng: Rng, side: int) -> list[Solid]:
-    """Give a row of houses on one side (-1 left, 1 right)."""
+    """Return a row of houses on one side (-1 left, 1 right)."""
     solids: list[Solid] = []
     z, number = START + 2, 0
     while z < END - 7:
