@@ -115,8 +115,8 @@ def in_microns(views, rng):
     [
         (shuffled, 8, ""),
         (repeated, 8, "corners listed twice, counted once: 160"),
-        (missing, 8, r"corners that are no numbers, or at 0, 0, left out as not seen: \d+$"),
-        (marked(0), 8, r"corners that are no numbers, or at 0, 0, left out as not seen: \d+$"),
+        (missing, 8, r"corners that are not finite, or at (0, 0), left out: \d+$"),
+        (marked(0), 8, r"corners that are not finite, or at (0, 0), left out: \d+$"),
         (marked(-1), 8, r"corners outside of the image, left out as not seen: \d+$"),
         (few, 6, ""),
         (in_line, 7, ""),

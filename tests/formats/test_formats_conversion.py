@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from omnisight.camera import Camera
-from omnisight.conversion import DENSER, ENOUGH, convert_model, reach
-from omnisight.formats import format_named, format_names, save
+from omnisight.conversion import DENSE_GRID, MIN_DENSE_SAMPLES, convert_model, max_convertible_theta
+from omnisight.formats import get_format, format_names, save
 from omnisight.models import model_class, model_names
 
 CONE = np.radians(25)
@@ -29,8 +29,8 @@ def test_every_pair_of_models_comes_as_near_as_it_says(source):
     camera, refused = narrow(source), {}
     rng = np.random.default_rng(5)
     bearings, pixels = camera.samples()
-    if len(bearings) < ENOUGH:
-        bearings, pixels = camera.samples(None, DENSER)
+    if len(bearings) < MIN_DENSE_SAMPLES:
+        bearings, pixels = camera.samples(None, DENSE_GRID)
     for target in model_names():
         if target in SLOW and source != FISHEYES[0]:
             continue
@@ -46,7 +46,7 @@ def test_every_pair_of_models_comes_as_near_as_it_says(source):
         apart = np.linalg.norm(seen - pixels, axis=1)
         assert np.max(np.where(valid, apart, np.inf)) == pytest.approx(found.max_px, abs=1e-9), target
         if found.max_px > NEAR_PX:
-            assert found.worst <= CONE + 1e-9, target
+            assert found.worst_theta <= CONE + 1e-9, target
             continue
         theta, phi = CONE * 0.9 * np.sqrt(rng.uniform(0, 1, 300)), rng.uniform(0, 2 * np.pi, 300)
         between = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
@@ -71,15 +71,15 @@ def test_a_model_without_pixels_there_says_from_which_angle():
     found = convert_model(camera, "radial_tangential")
     assert found.max_px == np.inf
     assert found.rms_px == np.inf
-    assert np.radians(20) < found.worst <= np.radians(91)
+    assert np.radians(20) < found.worst_theta <= np.radians(91)
 
 
 def test_reach_is_the_widest_cone_that_a_fit_of_its_own_holds():
     camera = Camera(model_class("kannala_brandt").example(), (960, 960))
-    widest = reach(camera, "equidistant", 0.5)
+    widest = max_convertible_theta(camera, "equidistant", 0.5)
     assert convert_model(camera, "equidistant", theta_max=widest).max_px <= 0.5
     assert convert_model(camera, "equidistant", theta_max=widest + np.radians(6)).max_px > 0.5
-    assert reach(camera, "equidistant", 1e-9) is None
+    assert max_convertible_theta(camera, "equidistant", 1e-9) is None
 
 
 def test_a_fit_over_a_narrower_cone_is_calibrated_to_that_cone():
@@ -94,7 +94,7 @@ def test_a_fit_over_a_narrower_cone_is_calibrated_to_that_cone():
 def test_a_fisheye_reaches_every_format(name, tmp_path):
     camera = Camera(model_class("equidistant")(300.0, 300.0, 479.5, 359.5), (960, 720), theta_max=np.radians(40))
     near = []
-    for model in format_named(name).MODELS:
+    for model in get_format(name).MODELS:
         try:
             found = convert_model(camera, model)
             if found.max_px < NEAR_PX:

@@ -29,22 +29,22 @@ def params(camera):
     return camera.model.to_dict()
 
 
-def test_ocamcalib_centre_is_row_column_and_size_height_width(get):
-    camera = get(OCAM)
+def test_ocamcalib_centre_is_row_column_and_size_height_width(load_text):
+    camera = load_text(OCAM)
     assert (camera.model.cx, camera.model.cy) == (400.75, 300.25)
     assert camera.size == (800, 600)
 
 
-def test_ocamcalib_z_is_back_so_the_polynomial_changes_sign(get):
-    camera = get(OCAM)
+def test_ocamcalib_z_is_back_so_the_polynomial_changes_sign(load_text):
+    camera = load_text(OCAM)
     assert camera.model.a == (471.4441, -7.356108e-04, 3.773045e-07, -5.800006e-10)
     with pytest.raises(FormatError, match=r"a0 must be negative.*471"):
-        get(OCAM.replace("-4.714441e+02", "4.714441e+02"))
+        load_text(OCAM.replace("-4.714441e+02", "4.714441e+02"))
 
 
-def test_ocamcalib_x_is_down_and_y_right(get):
+def test_ocamcalib_x_is_down_and_y_right(load_text):
     """A ray of OCamCalib's own cam2world, computed by its formula here."""
-    camera = get(OCAM)
+    camera = load_text(OCAM)
     row, column = 350.0, 500.0
     stretch = np.array([[1.000305, -0.000277], [-0.000925, 1.0]])
     x, y = np.linalg.solve(stretch, [row - 300.25, column - 400.75])
@@ -53,15 +53,15 @@ def test_ocamcalib_x_is_down_and_y_right(get):
     assert bearing == pytest.approx(np.array([y, x, -z]) / np.linalg.norm([x, y, z]), abs=1e-12)
 
 
-def test_ocamcalib_a1_must_be_zero(get):
-    assert len(get(OCAM.replace(" 0.000000e+00", " 1e-12", 1)).model.a) == 4
+def test_ocamcalib_a1_must_be_zero(load_text):
+    assert len(load_text(OCAM.replace(" 0.000000e+00", " 1e-12", 1)).model.a) == 4
     with pytest.raises(FormatError, match=r"a1 must be 0.*0\.01"):
-        get(OCAM.replace(" 0.000000e+00", " -0.01", 1))
+        load_text(OCAM.replace(" 0.000000e+00", " -0.01", 1))
 
 
-def test_ocamcalib_a_wrong_inverse_polynomial_changes_nothing_and_is_kept(get):
-    wrong = get(OCAM.replace("3 772.4 504.7 7.0", "2 1 1"))
-    assert wrong.model == get(OCAM).model
+def test_ocamcalib_a_wrong_inverse_polynomial_changes_nothing_and_is_kept(load_text):
+    wrong = load_text(OCAM.replace("3 772.4 504.7 7.0", "2 1 1"))
+    assert wrong.model == load_text(OCAM).model
     assert wrong.extra == {"inverse_polynomial": [1.0, 1.0]}  # a good one is fitted anew, and need not be kept
 
 
@@ -72,30 +72,30 @@ DIRECT = "5 -4.714441e+02 0.000000e+00 7.356108e-04 -3.773045e-07 5.800006e-10"
     "direct",
     ["21 -400 0" + " 1e11" * 19, "21 -1e7 0" + " 1e12" * 19, "5 -400 0 1e-300 1e11 1e-300", "4 -400 0 -1e11 1e11"],
 )
-def test_ocamcalib_polynomials_of_absurd_size_do_no_harm(get, direct):
-    camera = get(OCAM.replace(DIRECT, direct))
+def test_ocamcalib_polynomials_of_absurd_size_do_no_harm(load_text, direct):
+    camera = load_text(OCAM.replace(DIRECT, direct))
     bearings, valid = camera.model.unproject_numpy(camera.border())
     assert np.isfinite(bearings[valid]).all()
     pixels, valid = camera.model.project_numpy(bearings[valid])
     assert np.isfinite(pixels[valid]).all()
 
 
-def test_ocamcalib_polynomials_of_absurd_length_are_refused(get):
-    with pytest.raises(FormatError, match=r"OCamCalib text: f\(r\) has 98 coefficients, 20 are the most"):
-        get(OCAM.replace(DIRECT, "99 -400 0" + " 1e11" * 97))
-    with pytest.raises(FormatError, match=r"inverse polynomial: 100000 coefficients, 99 are the most"):
-        get(OCAM.replace("3 772.4 504.7 7.0", "100000" + " 1" * 100_000))
+def test_ocamcalib_polynomials_of_absurd_length_are_refused(load_text):
+    with pytest.raises(FormatError, match=r"OCamCalib text: f\(r\) has 98 coefficients, at most 20 are read"):
+        load_text(OCAM.replace(DIRECT, "99 -400 0" + " 1e11" * 97))
+    with pytest.raises(FormatError, match=r"inverse polynomial: 100000 coefficients, at most 99 are read"):
+        load_text(OCAM.replace("3 772.4 504.7 7.0", "100000" + " 1" * 100_000))
 
 
-def test_ocamcalib_three_digit_exponents_of_windows(get):
-    assert get(OCAM.replace("e-04", "e-004").replace("e+02", "e+002")).model == get(OCAM).model
+def test_ocamcalib_three_digit_exponents_of_windows(load_text):
+    assert load_text(OCAM.replace("e-04", "e-004").replace("e+02", "e+002")).model == load_text(OCAM).model
 
 
-def test_ocamcalib_counts_that_do_not_match_are_refused(get):
-    with pytest.raises(FormatError, match="direct polynomial: says 5 coefficients and has 4"):
-        get(OCAM.replace(" 5.800006e-10", ""))
+def test_ocamcalib_counts_that_do_not_match_are_refused(load_text):
+    with pytest.raises(FormatError, match="direct polynomial: claims 5 coefficients and has 4"):
+        load_text(OCAM.replace(" 5.800006e-10", ""))
     with pytest.raises(FormatError, match="ends before the size"):
-        get(OCAM.replace("600 800", ""))
+        load_text(OCAM.replace("600 800", ""))
 
 
 def test_ocamcalib_writes_an_inverse_polynomial_that_its_own_programs_can_use(tmp_path):

@@ -29,39 +29,39 @@ def params(camera):
     return camera.model.to_dict()
 
 
-def test_opencv_four_coefficients_are_ambiguous(get):
+def test_opencv_four_coefficients_are_ambiguous(load_text):
     with pytest.raises(FormatError, match=r"ambiguous.*fisheye_model: 1.*fisheye_model: 0"):
-        get(FOUR.format(extra=""))
-    assert params(get(FOUR.format(extra="fisheye_model: 1\n")))["k3"] == 0.003
-    assert params(get(FOUR.format(extra="fisheye_model: 0\n")))["p1"] == 0.003
-    assert get(FOUR.format(extra='distortion_model: "equidistant"\n')).model.name == "kannala_brandt"
-    assert params(get(FOUR.format(extra="xi: 1.2\n")))["p2"] == 0.0004
+        load_text(FOUR.format(extra=""))
+    assert params(load_text(FOUR.format(extra="fisheye_model: 1\n")))["k3"] == 0.003
+    assert params(load_text(FOUR.format(extra="fisheye_model: 0\n")))["p1"] == 0.003
+    assert load_text(FOUR.format(extra='distortion_model: "equidistant"\n')).model.name == "kannala_brandt"
+    assert params(load_text(FOUR.format(extra="xi: 1.2\n")))["p2"] == 0.0004
 
 
-def test_opencv_names_of_any_case_and_age(get):
+def test_opencv_names_of_any_case_and_age(load_text):
     text = FOUR.format(extra="fisheye_model: 1\n")
     old = text.replace("image_width", "image_Width").replace("image_height", "image_Height")
     old = old.replace("camera_matrix", "Camera_Matrix").replace("distortion_coefficients", "Distortion_Coefficients")
     short = text.replace("camera_matrix", "K").replace("distortion_coefficients", "D")
-    assert get(old).model == get(short).model == get(text).model
-    assert get(old).size == (640, 480)
+    assert load_text(old).model == load_text(short).model == load_text(text).model
+    assert load_text(old).size == (640, 480)
 
 
-def test_opencv_names_without_a_space_and_newer_heads(get):
+def test_opencv_names_without_a_space_and_newer_heads(load_text):
     text = FOUR.format(extra="fisheye_model:1\n").replace("image_width: ", "image_width:")
-    assert get(text).size == (640, 480)
-    assert get(text.replace("%YAML:1.0", "%YAML 1.2")).model == get(text).model
-    assert get(text.replace("%YAML:1.0\n---\n", "")).model == get(text).model
+    assert load_text(text).size == (640, 480)
+    assert load_text(text.replace("%YAML:1.0", "%YAML 1.2")).model == load_text(text).model
+    assert load_text(text.replace("%YAML:1.0\n---\n", "")).model == load_text(text).model
 
 
-def test_opencv_integers_where_reals_are_expected(get):
+def test_opencv_integers_where_reals_are_expected(load_text):
     text = FOUR.format(extra="fisheye_model: 1\n").replace("400., 0., 320.", "400, 0, 320")
-    assert params(get(text))["fx"] == 400.0
+    assert params(load_text(text))["fx"] == 400.0
 
 
-def test_opencv_without_a_size_is_read_and_shown_as_unknown(get, tmp_path):
+def test_opencv_without_a_size_is_read_and_shown_as_unknown(load_text, tmp_path):
     text = FOUR.format(extra="fisheye_model: 1\n")
-    camera = get(re.sub(r"image_.*\n", "", text))
+    camera = load_text(re.sub(r"image_.*\n", "", text))
     assert camera.size == (0, 0)
     written = save(camera, tmp_path / "again", format="opencv")
     assert written.error_px < 1e-9
@@ -69,16 +69,16 @@ def test_opencv_without_a_size_is_read_and_shown_as_unknown(get, tmp_path):
     assert load(tmp_path / "again").size == (0, 0)
 
 
-def test_opencv_without_coefficients_may_be_cut_off(get):
+def test_opencv_without_coefficients_may_be_cut_off(load_text):
     text = FOUR.format(extra="fisheye_model: 0\n")
     with pytest.raises(FormatError, match=r"camera_matrix has no distortion coefficients.*five zeros"):
-        get(text[: text.index("distortion_coefficients")])
+        load_text(text[: text.index("distortion_coefficients")])
 
 
-def test_opencv_twelve_coefficients_end_in_zeros_or_are_refused(get):
+def test_opencv_twelve_coefficients_end_in_zeros_or_are_refused(load_text):
     def with_coefficients(values):
         text = FOUR.format(extra="").replace("rows: 4\n", f"rows: {len(values)}\n")
-        return get(re.sub(r"0\.1, 0\.02, 0\.003,\s+0\.0004", ", ".join(map(str, values)), text))
+        return load_text(re.sub(r"0\.1, 0\.02, 0\.003,\s+0\.0004", ", ".join(map(str, values)), text))
 
     eight = [0.3, 0.05, 4e-4, -3e-4, 0.002, 0.6, 0.12, 0.011]
     assert with_coefficients([*eight, 0, 0, 0, 0]).model == with_coefficients(eight).model
@@ -91,11 +91,11 @@ def test_opencv_twelve_coefficients_end_in_zeros_or_are_refused(get):
         with_coefficients([1] * 7)
 
 
-def test_opencv_skew_belongs_to_omnidir_and_is_refused_where_opencv_ignores_it(get):
+def test_opencv_skew_belongs_to_omnidir_and_is_refused_where_opencv_ignores_it(load_text):
     text = FOUR.format(extra="xi: 1.2\n").replace("400., 0., 320.", "400., 0.5, 320.")
-    assert params(get(text))["skew"] == 0.5
+    assert params(load_text(text))["skew"] == 0.5
     with pytest.raises(FormatError, match=r"skew of 0\.5 px"):
-        get(text.replace("xi: 1.2", "fisheye_model: 1"))
+        load_text(text.replace("xi: 1.2", "fisheye_model: 1"))
 
 
 def test_opencv_a_stereo_pair_holds_two_cameras(tmp_path):
@@ -108,6 +108,6 @@ def test_opencv_a_stereo_pair_holds_two_cameras(tmp_path):
     assert list(cameras) == ["camera1", "camera2"]
 
 
-def test_opencv_what_it_does_not_use_is_kept(get):
-    camera = get(FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n'))
+def test_opencv_what_it_does_not_use_is_kept(load_text):
+    camera = load_text(FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n'))
     assert camera.extra == {"calibration_time": "Mon 3: x", "flags": 8, "per_view": [".Nan", 1.0]}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from omnisight.camera import Camera
-from omnisight.formats import format_named, load, save
+from omnisight.formats import get_format, load, save
 from omnisight.formats.colmap import LENSES
 from omnisight.models import model_class
 
@@ -72,7 +72,7 @@ def opencv_pixels(camera):
 
 OMNIDIR = {"mei", "unified"}
 OPENCV = [
-    pytest.param(m, marks=[pytest.mark.peer] * (m in OMNIDIR)) for m in format_named("opencv").MODELS if m != "pinhole"
+    pytest.param(m, marks=[pytest.mark.peer] * (m in OMNIDIR)) for m in get_format("opencv").MODELS if m != "pinhole"
 ]
 
 
@@ -105,7 +105,7 @@ def test_opencv_reads_what_opencv_writes(model, kind, tmp_path):
     assert valid.sum() > 30
 
 
-@pytest.mark.parametrize("model", format_named("opencv").MODELS)
+@pytest.mark.parametrize("model", get_format("opencv").MODELS)
 def test_opencv_itself_reads_what_we_write(model, tmp_path):
     camera = Camera(model_class(model).example(), (960, 720))
     save(camera, tmp_path / "camera.yml", format="opencv")

@@ -26,19 +26,19 @@ TRANSFORMS = {
 }  # fmt: skip
 
 
-def test_nerfstudio_pixels_are_half_a_pixel_farther_and_frames_are_kept(get, tmp_path):
-    camera = get(json.dumps(TRANSFORMS))
+def test_nerfstudio_pixels_are_half_a_pixel_farther_and_frames_are_kept(load_text, tmp_path):
+    camera = load_text(json.dumps(TRANSFORMS))
     own = (0.0312, 0.0051, 0.0006, 0.0001)
     assert camera.model == model_class("kannala_brandt")(1072.0, 1068.0, 1503.5, 999.5, *own)
     assert save(camera, tmp_path / "t.json", format="nerfstudio").notes == ()
     assert json.loads((tmp_path / "t.json").read_text())["frames"] == TRANSFORMS["frames"]
 
 
-def test_nerfstudio_files_of_instant_ngp(get):
+def test_nerfstudio_files_of_instant_ngp(load_text):
     ngp = {"camera_angle_x": np.pi / 2, "w": 640.0, "h": 480.0, "frames": [], "k1": 0.1, "is_fisheye": False}
     plane = {"fx": 320.0, "fy": 320.0, "cx": 319.5, "cy": 239.5, "k1": 0.1, "k2": 0, "p1": 0, "p2": 0, "k3": 0}
-    assert params(get(json.dumps(ngp))) == pytest.approx(plane, abs=1e-12)
-    assert get(json.dumps(ngp | {"is_fisheye": True})).model.name == "kannala_brandt"
+    assert params(load_text(json.dumps(ngp))) == pytest.approx(plane, abs=1e-12)
+    assert load_text(json.dumps(ngp | {"is_fisheye": True})).model.name == "kannala_brandt"
 
 
 def test_nerfstudio_frames_of_two_cameras(tmp_path):
@@ -51,11 +51,11 @@ def test_nerfstudio_frames_of_two_cameras(tmp_path):
     }
 
 
-def test_nerfstudio_what_it_lacks_is_said(get):
+def test_nerfstudio_what_it_lacks_is_said(load_text):
     with pytest.raises(FormatError, match="no camera_model 'FISHEYE624'"):
-        get(json.dumps(TRANSFORMS | {"camera_model": "FISHEYE624"}))
+        load_text(json.dumps(TRANSFORMS | {"camera_model": "FISHEYE624"}))
     with pytest.raises(FormatError, match="image width must be a number, got None"):
-        get(json.dumps({key: value for key, value in TRANSFORMS.items() if key != "w"}))
+        load_text(json.dumps({key: value for key, value in TRANSFORMS.items() if key != "w"}))
 
 
 # -- AliceVision --------------------------------------------------------------------------------------------------
@@ -72,26 +72,26 @@ def sfm(version, **changes):
     return json.dumps({"version": version.split("."), "views": [], "intrinsics": [given]})
 
 
-def test_alicevision_focal_length_in_mm_and_numbers_as_texts(get):
-    camera = get(sfm("1.2.13"))
+def test_alicevision_focal_length_in_mm_and_numbers_as_texts(load_text):
+    camera = load_text(sfm("1.2.13"))
     fisheye = model_class("kannala_brandt")(2000.0, 2020.0, 2010.0, 1479.5, 0.1, 0.02, 0.003, 0.0004)
     assert camera.model == fisheye
     assert camera.extra == {"locked": "0"}
 
 
-def test_alicevision_older_versions(get):
-    newest = params(get(sfm("1.2.13", pixelRatio="1")))
-    assert params(get(sfm("1.2.3", pixelRatio="1.25")))["fy"] == 2000 / 1.25
+def test_alicevision_older_versions(load_text):
+    newest = params(load_text(sfm("1.2.13", pixelRatio="1")))
+    assert params(load_text(sfm("1.2.3", pixelRatio="1.25")))["fy"] == 2000 / 1.25
     px = {"focalLength": None, "pixelRatio": None, "distortionType": None, "type": "fisheye4"}
-    assert params(get(sfm("1.2.1", pxFocalLength=["2000", "2000"], **px))) == newest
+    assert params(load_text(sfm("1.2.1", pxFocalLength=["2000", "2000"], **px))) == newest
     corner = {"principalPoint": ["2010.5", "1480"]}
-    assert params(get(sfm("1.0.0", pxFocalLength="2000", **px, **corner))) == newest
+    assert params(load_text(sfm("1.0.0", pxFocalLength="2000", **px, **corner))) == newest
 
 
-def test_alicevision_equidistant_projects_as_its_source(get):
+def test_alicevision_equidistant_projects_as_its_source(load_text):
     text = sfm("1.2.13", type="equidistant", distortionType="radialk3", distortionParams=["0.1", "0.02", "-0.003"],
                fisheyeCircleRadius="1480", pixelRatio="1", sensorHeight="6.2")  # fmt: skip
-    seen = get(text).project(POINTS)[0]
+    seen = load_text(text).project(POINTS)[0]
     focal_mm = 2000 * 8 / 4000
     theta, phi = np.arctan2(np.hypot(*POINTS.T[:2]), POINTS[:, 2]), np.arctan2(POINTS[:, 1], POINTS[:, 0])
     r = theta / (0.5 * (6.2 / focal_mm))
@@ -100,11 +100,11 @@ def test_alicevision_equidistant_projects_as_its_source(get):
     assert seen + 0.5 == pytest.approx(theirs, abs=1e-9)
 
 
-def test_alicevision_what_is_none_of_ours_is_said(get):
+def test_alicevision_what_is_none_of_ours_is_said(load_text):
     with pytest.raises(FormatError, match=r"intrinsic 17: .*radialk3pt.*a pinhole has fisheye"):
-        get(sfm("1.2.13", distortionType="radialk3pt"))
+        load_text(sfm("1.2.13", distortionType="radialk3pt"))
     with pytest.raises(FormatError, match="fisheye has 4 distortionParams"):
-        get(sfm("1.2.13", distortionParams=["0.1"]))
+        load_text(sfm("1.2.13", distortionParams=["0.1"]))
 
 
 # -- Metashape ------------------------------------------------------------------------------------------------------
@@ -138,41 +138,41 @@ def metashape(x, y, p1=-0.00148237, p2=0.0018401):
     return np.stack([3840 * 0.5 + 12.25 + xd * 1700.5 + xd * 2.5, 2160 * 0.5 - 7.5 + yd * 1700.5], -1)
 
 
-def test_metashape_frame_and_fisheye_project_as_its_manual(get):
+def test_metashape_frame_and_fisheye_project_as_its_manual(load_text):
     x, y = (POINTS[:, :2] / POINTS[:, 2:]).T
-    frame = get(METASHAPE.format(kind="frame"))
+    frame = load_text(METASHAPE.format(kind="frame"))
     assert frame.extra == {"date": "2024-05-01T10:00:00Z"}
     near = np.hypot(x, y) < 0.6
     assert frame.project(POINTS)[0][near] + 0.5 == pytest.approx(metashape(x, y)[near], abs=1e-9)
     r = np.hypot(x, y)
     x, y = x * np.arctan(r) / r, y * np.arctan(r) / r
-    fisheye = get(METASHAPE.format(kind="fisheye"))
+    fisheye = load_text(METASHAPE.format(kind="fisheye"))
     assert fisheye.model.name == "thin_prism_fisheye"
     assert fisheye.project(POINTS)[0] + 0.5 == pytest.approx(metashape(x, y), abs=1e-9)
-    plain = get(METASHAPE.format(kind="fisheye").replace("-0.00148237", "0").replace("0.0018401", "0"))
+    plain = load_text(METASHAPE.format(kind="fisheye").replace("-0.00148237", "0").replace("0.0018401", "0"))
     assert plain.model.name == "kannala_brandt"
     assert plain.project(POINTS)[0] + 0.5 == pytest.approx(metashape(x, y, 0, 0), abs=1e-9)
 
 
-def test_metashape_calibrations_inside_cameras_xml(get):
+def test_metashape_calibrations_inside_cameras_xml(load_text):
     size = '<resolution width="3840" height="2160"/>'
     one = '<calibration type="fisheye" class="{}">' + size + "<f>{}</f><k1>0.05</k1></calibration>"
     sensor = f'<sensor id="0" label="GoPro">{one.format("initial", 1600)}{one.format("adjusted", 1700)}</sensor>'
-    camera = get(
+    camera = load_text(
         f'<?xml version="1.0"?><document version="2.0.0"><chunk><sensors>{sensor}</sensors></chunk></document>'
     )
     assert (camera.model.fx, camera.model.cx, camera.size) == (1700.0, 1919.5, (3840, 2160))
 
 
-def test_metashape_what_is_none_of_ours_is_said(get):
+def test_metashape_what_is_none_of_ours_is_said(load_text):
     with pytest.raises(FormatError, match=r"frame with k4 = 0\.1 is none of our models; calibrate with these fixed"):
-        get(METASHAPE.format(kind="frame").replace("<b1>2.5</b1>", "<k4>0.1</k4>"))
+        load_text(METASHAPE.format(kind="frame").replace("<b1>2.5</b1>", "<k4>0.1</k4>"))
     with pytest.raises(FormatError, match="no projection 'cylindrical'"):
-        get(METASHAPE.format(kind="cylindrical"))
+        load_text(METASHAPE.format(kind="cylindrical"))
     with pytest.raises(FormatError, match=r"positive.*got 0"):
-        get(METASHAPE.format(kind="frame").replace("1700.5", "-2.5"))
+        load_text(METASHAPE.format(kind="frame").replace("1700.5", "-2.5"))
     with pytest.raises(FormatError, match="DOCTYPE"):
-        get("<!DOCTYPE a [<!ENTITY b 'c'>]>" + METASHAPE.format(kind="frame").partition("\n")[2])
+        load_text("<!DOCTYPE a [<!ENTITY b 'c'>]>" + METASHAPE.format(kind="frame").partition("\n")[2])
 
 
 # -- Hugin ----------------------------------------------------------------------------------------------------------
@@ -187,8 +187,8 @@ c n0 N1 x1 y2 X3 Y4 t0
 """
 
 
-def test_hugin_fisheye_with_a_b_c_bends_as_panotools_says(get):
-    camera = get(PTO)  # both images are by one camera
+def test_hugin_fisheye_with_a_b_c_bends_as_panotools_says(load_text):
+    camera = load_text(PTO)  # both images are by one camera
     assert camera.size == (2000, 3000)
     focal, radius = 1000 / np.radians(110.5 / 2), 1000.0
     theta, phi = np.arctan2(np.hypot(*POINTS.T[:2]), POINTS[:, 2]), np.arctan2(POINTS[:, 1], POINTS[:, 0])
@@ -209,23 +209,23 @@ def test_hugin_fisheye_with_a_b_c_bends_as_panotools_says(get):
         (21, lambda f, half: 2 * f * np.sin(half / 2)),
     ],
 )
-def test_hugin_the_angle_of_view_reaches_the_sides(kind, r, get):
-    camera = get(f'i w800 h600 f{kind} v100 r0 p0 y0 a0 b0 c0 d0 e0 n"x.png"\n')
+def test_hugin_the_angle_of_view_reaches_the_sides(kind, r, load_text):
+    camera = load_text(f'i w800 h600 f{kind} v100 r0 p0 y0 a0 b0 c0 d0 e0 n"x.png"\n')
     half = np.radians(50)
     assert camera.project([np.sin(half), 0, np.cos(half)])[0] == pytest.approx([399.5 + 400, 299.5], abs=1e-9)
     assert r(camera.model.fx, half) == pytest.approx(400)
 
 
-def test_hugin_what_is_none_of_ours_is_said(get):
+def test_hugin_what_is_none_of_ours_is_said(load_text):
     line = 'i w800 h600 f0 v80 a0 b0 c0.01 d0 e0 g0 t0 r0 p0 y0 n"x.png"'
     with pytest.raises(FormatError, match=r"image 0: f0 with a = 0, b = 0, c = 0\.01 is none of our models"):
-        get(line)
+        load_text(line)
     with pytest.raises(FormatError, match="a shear"):
-        get(line.replace("g0", "g3"))
+        load_text(line.replace("g0", "g3"))
     with pytest.raises(FormatError, match=r"v=7 refers to no image"):
-        get(line.replace("v80", "v=7"))
+        load_text(line.replace("v80", "v=7"))
     with pytest.raises(FormatError, match=r"no projection f1 of ours"):
-        get(line.replace("f0", "f1"))
+        load_text(line.replace("f0", "f1"))
 
 
 def test_hugin_has_one_focal_length(tmp_path):
@@ -259,8 +259,8 @@ projection_parameters:
 """
 
 
-def test_kitti_360_without_a_space_after_the_colon(get):
-    camera = get(KITTI)
+def test_kitti_360_without_a_space_after_the_colon(load_text):
+    camera = load_text(KITTI)
     assert camera.model.name == "mei"
     assert params(camera)["xi"] == 2.2134047507854890
     assert camera.provenance["format"] == "camodocal"

@@ -11,7 +11,7 @@ import scipy.io
 
 from omnisight.camera import Camera
 from omnisight.corners import read_corners
-from omnisight.formats import FormatError, format_named, load, load_all, save
+from omnisight.formats import FormatError, get_format, load, load_all, save
 from omnisight.models import model_class
 
 A = [-471.4441, 0.0, 7.356108e-04, -3.773045e-07, 5.800006e-10]  # OCamCalib's sign
@@ -67,8 +67,8 @@ TEXTS = {
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_a_pixel_has_the_bearing_that_the_tools_own_formula_gives(name, get):
-    camera = get(TEXTS[name])
+def test_a_pixel_has_the_bearing_that_the_tools_own_formula_gives(name, load_text):
+    camera = load_text(TEXTS[name])
     assert camera.unproject(PIXEL)[0] == pytest.approx(BEARING, abs=1e-12)
     assert camera.size == ((0, 0) if name == "py_ocamcalib" else (800, 600))
 
@@ -138,8 +138,8 @@ Camera.mirrorMask: 1
 """
 
 
-def test_lafida_agrees_with_its_own_inverse_by_worldtoimg(get):
-    camera = get(LAFIDA_TEXT)
+def test_lafida_agrees_with_its_own_inverse_by_worldtoimg(load_text):
+    camera = load_text(LAFIDA_TEXT)
     bearings, pixels = camera.samples()
     flat = np.maximum(np.hypot(bearings[:, 0], bearings[:, 1]), 1e-14)
     rho = np.polynomial.polynomial.polyval(np.arctan(-bearings[:, 2] / flat), LAFIDA)
@@ -150,19 +150,19 @@ def test_lafida_agrees_with_its_own_inverse_by_worldtoimg(get):
     assert camera.extra == {"Camera.mirrorMask": 1}
 
 
-def test_signs_that_are_another_tools_are_refused(get):
+def test_signs_that_are_another_tools_are_refused(load_text):
     with pytest.raises(FormatError, match=r"p0 must be negative.*got 471"):
-        get(CAMODOCAL.replace("p0: -471", "p0: 471"))
+        load_text(CAMODOCAL.replace("p0: -471", "p0: 471"))
     with pytest.raises(FormatError, match=r"a0 must be negative.*got 471"):
-        get(MULTICOL.replace("a0: -471", "a0: 471"))
+        load_text(MULTICOL.replace("a0: -471", "a0: 471"))
     with pytest.raises(FormatError, match=r"a0 .* must be positive.*-471"):
-        get(MATLAB.replace("[471", "[-471"))
+        load_text(MATLAB.replace("[471", "[-471"))
 
 
-def test_camodocal_a_centre_as_row_column_is_refused(get):
+def test_camodocal_a_centre_as_row_column_is_refused(load_text):
     swapped = CAMODOCAL.replace("cx: 400.75", "cx: 300.25").replace("cy: 300.25", "cy: 400.75", 1)
     with pytest.raises(FormatError, match=r"centre \(300.25, 400.75\) of a 800 x 600 image seems to be row, column"):
-        get(swapped)
+        load_text(swapped)
 
 
 def test_more_coefficients_than_four_are_fitted_and_said(tmp_path):
@@ -194,8 +194,8 @@ def test_matlab_mat_files(place, compressed, tmp_path):
     assert camera.unproject(PIXEL)[0] == pytest.approx(BEARING, abs=1e-12)
 
 
-def test_matlab_ocamcalibs_own_mat_is_its_text(get, tmp_path):
-    text = get(f"5 {' '.join(map(repr, A))}\n1 1\n300.25 400.75\n{C} {D} {E}\n600 800\n")
+def test_matlab_ocamcalibs_own_mat_is_its_text(load_text, tmp_path):
+    text = load_text(f"5 {' '.join(map(repr, A))}\n1 1\n300.25 400.75\n{C} {D} {E}\n600 800\n")
     ocam = {"ss": np.array(A)[:, None], "xc": 301.25, "yc": 401.75, "c": C, "d": D, "e": E, "width": 800, "height": 600}
     scipy.io.savemat(tmp_path / "c.mat", {"calib_data": {"ocam_model": ocam, "n_imgs": 5}})
     assert load(tmp_path / "c.mat").model == text.model
@@ -251,12 +251,12 @@ def test_matlab_objects_are_named_with_what_to_type(tmp_path):
         read_corners([tmp_path / "o.mat"])
 
 
-def test_matlab_what_the_messages_say_to_type_gives_files_that_are_read(get, tmp_path):
+def test_matlab_what_the_messages_say_to_type_gives_files_that_are_read(load_text, tmp_path):
     """The .mat that MATLAB has written after each of them."""
     path = tmp_path / "c.mat"
     ocam = {"ss": np.array(A)[:, None], "xc": 301.25, "yc": 401.75, "c": C, "d": D, "e": E, "width": 800, "height": 600}
     scipy.io.savemat(path, {"ocam_model": ocam | {"invpol": np.ones((1, 9))}})
-    text = get(f"5 {' '.join(map(repr, A))}\n1 1\n300.25 400.75\n{C} {D} {E}\n600 800\n")
+    text = load_text(f"5 {' '.join(map(repr, A))}\n1 1\n300.25 400.75\n{C} {D} {E}\n600 800\n")
     assert load(path).model == text.model
     assert list(load_all(path)) == ["ocam_model"]
     scipy.io.savemat(path, {"s": FIELDS})
@@ -276,12 +276,12 @@ def test_matlab_hdf5_is_refused_with_the_line_that_saves_it_anew(head, tmp_path)
 def with_many(count):
     """Give files of every format that has the model, with that many coefficients of f(r)."""
     more = [1e11] * (count - 5)
-    native = json.loads(format_named("native").render(Camera(model_class("ocam").example(), (800, 600)))[0])
+    native = json.loads(get_format("native").serialize(Camera(model_class("ocam").example(), (800, 600)))[0])
     native["params"] |= {f"a{i}": 1e11 for i in range(5, count + 1)}
     listed = " ".join(map(repr, A + more))
     yield "ocamcalib", f"{count} {listed}\n1 1\n300.25 400.75\n{C} {D} {E}\n600 800\n"
     yield "native", json.dumps(native)
-    python = format_named("py_ocamcalib").render(Camera(model_class("ocam").example(), (800, 600)))[0]
+    python = get_format("py_ocamcalib").serialize(Camera(model_class("ocam").example(), (800, 600)))[0]
     yield "py_ocamcalib", json.dumps(json.loads(python) | {"taylor_coefficient": FORWARD + more})
     extra = "".join(f"Camera.a{i}: 1e11\n" for i in range(5, min(count, 40)))
     yield "multicol_slam", MULTICOL.replace("Camera.nrpol: 5", f"Camera.nrpol: {min(count, 40)}") + extra
@@ -297,7 +297,7 @@ def test_very_many_coefficients_are_refused_before_anything_is_made_of_them(coun
     for name, text in with_many(count):
         if name == "ocamcalib" and count > 99:  # no count of a file of OCamCalib: another text
             continue
-        assert format_named(name).matches(text), name
+        assert get_format(name).matches(text), name
         (tmp_path / "c").write_text(text)
         with pytest.raises(FormatError, match=r"f\(r\) has \d+ coefficients, 20 are the most"):
             load(tmp_path / "c")

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from omnisight.camera import Camera
-from omnisight.formats import FormatError, format_named, load, load_all, save
+from omnisight.formats import FormatError, get_format, load, load_all, save
 from omnisight.models import model_class
 
 
@@ -71,13 +71,13 @@ def test_kalibr_keeps_what_stays_true_of_a_single_camera(tmp_path):
     assert load(tmp_path / "one.yaml").extra == {"rostopic": "/cam0/image_raw"}
 
 
-def test_kalibr_a_lens_cut_off_does_not_lose_its_distortion(get):
+def test_kalibr_a_lens_cut_off_does_not_lose_its_distortion(load_text):
     with pytest.raises(FormatError, match=r"distortion_model.*missing"):
-        get("cam0:\n  camera_model: pinhole\n  intrinsics: [400.0, 400.0, 320.0, 240.0]\n  resolution: [640, 480]\n")
+        load_text("cam0:\n  camera_model: pinhole\n  intrinsics: [400.0, 400.0, 320.0, 240.0]\n  resolution: [640, 480]\n")
 
 
-def test_kalibr_reads_the_sensor_yaml_of_euroc(get):
-    camera = get(
+def test_kalibr_reads_the_sensor_yaml_of_euroc(load_text):
+    camera = load_text(
         "sensor_type: camera\nrate_hz: 20\nresolution: [752, 480]\ncamera_model: pinhole\n"
         "intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv\ndistortion_model: radial-tangential\n"
         "distortion_coefficients: [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]\n"
@@ -86,23 +86,23 @@ def test_kalibr_reads_the_sensor_yaml_of_euroc(get):
     assert camera.extra == {"sensor_type": "camera", "rate_hz": 20}
 
 
-def test_ros_names_and_six_digits(get):
-    text = format_named("ros").render(Camera(model_class("kannala_brandt").example(), (960, 960)))[0]
+def test_ros_names_and_six_digits(load_text):
+    text = get_format("ros").serialize(Camera(model_class("kannala_brandt").example(), (960, 960)))[0]
     assert "distortion_model: equidistant" in text or 'distortion_model: "equidistant"' in text
     old = text.replace("distortion_model", "camera_model").replace("equidistant", "fisheye")
-    assert get(old).model == get(text).model
+    assert load_text(old).model == load_text(text).model
     block = text.replace("camera_matrix: {", "camera_matrix:\n  {")
-    assert get(block).model == get(text).model
+    assert load_text(block).model == load_text(text).model
 
 
-def test_ros_four_coefficients_need_a_model(get):
-    text = format_named("ros").render(Camera(model_class("kannala_brandt").example(), (960, 960)))[0]
+def test_ros_four_coefficients_need_a_model(load_text):
+    text = get_format("ros").serialize(Camera(model_class("kannala_brandt").example(), (960, 960)))[0]
     with pytest.raises(FormatError, match="ambiguous"):
-        get(re.sub("distortion_model.*\n", "", text))
+        load_text(re.sub("distortion_model.*\n", "", text))
 
 
-def test_colmap_pixels_are_half_a_pixel_farther(get):
-    camera = get("1 OPENCV_FISHEYE 640 480 400 401 320 240 0.1 0.02 0.003 0.0004\n")
+def test_colmap_pixels_are_half_a_pixel_farther(load_text):
+    camera = load_text("1 OPENCV_FISHEYE 640 480 400 401 320 240 0.1 0.02 0.003 0.0004\n")
     assert (camera.model.cx, camera.model.cy) == (319.5, 239.5)
 
 
@@ -120,32 +120,32 @@ def test_colmap_pixels_are_half_a_pixel_farther(get):
         ("EQUIRECTANGULAR 1024 512 1024.0 512.0", "equirectangular"),
     ],
 )
-def test_colmap_writes_the_most_specific_name(line, model, get):
-    camera = get(f"# a comment\n1 {line}")
+def test_colmap_writes_the_most_specific_name(line, model, load_text):
+    camera = load_text(f"# a comment\n1 {line}")
     assert camera.model.name == model
-    assert format_named("colmap").render(camera)[0].splitlines()[-1] == f"1 {line}"
+    assert get_format("colmap").serialize(camera)[0].splitlines()[-1] == f"1 {line}"
 
 
-def test_colmap_says_what_is_wrong_in_which_line(get):
+def test_colmap_says_what_is_wrong_in_which_line(load_text):
     with pytest.raises(FormatError, match=r"line 2: no camera model 'SPHERE'.*EQUIRECTANGULAR"):
-        get("# x\n1 SPHERE 640 480 1 1 1\n")
+        load_text("# x\n1 SPHERE 640 480 1 1 1\n")
     with pytest.raises(FormatError, match=r"line 1: PINHOLE has 4 parameters \(fx, fy, cx, cy\), got 3"):
-        get("1 PINHOLE 640 480 1 1 1\n")
+        load_text("1 PINHOLE 640 480 1 1 1\n")
 
 
-def test_camodocal_counts_the_fisheyes_coefficients_from_two(get):
+def test_camodocal_counts_the_fisheyes_coefficients_from_two(load_text):
     text = (
         "%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: camera\nimage_width: 640\nimage_height: 480\n"
         "projection_parameters:\n   k2: 0.1\n   k3: 0.02\n   k4: 0.003\n   k5: 0.0004\n"
         "   mu: 400\n   mv: 401\n   u0: 320\n   v0: 240\n"
     )
-    assert get(text).model == model_class("kannala_brandt")(400.0, 401.0, 320.0, 240.0, 0.1, 0.02, 0.003, 0.0004)
+    assert load_text(text).model == model_class("kannala_brandt")(400.0, 401.0, 320.0, 240.0, 0.1, 0.02, 0.003, 0.0004)
     with pytest.raises(FormatError, match="projection_parameters must hold k2, k3"):
-        get(text.replace("k5", "k6"))
+        load_text(text.replace("k5", "k6"))
 
 
-def test_basalt_the_unified_model_in_alpha(get):
-    camera = get(
+def test_basalt_the_unified_model_in_alpha(load_text):
+    camera = load_text(
         '{"value0": {"T_imu_cam": [{"px": 0.1}], "intrinsics": [{"camera_type": "ucm", "intrinsics":'
         ' {"fx": 200.0, "fy": 201.0, "cx": 320, "cy": 240, "alpha": 0.5}}], "resolution": [[640, 480]]}}'
     )
@@ -153,20 +153,20 @@ def test_basalt_the_unified_model_in_alpha(get):
     assert camera.extra == {"T_imu_cam": {"px": 0.1}}
 
 
-def test_mrcal_text_is_python_and_never_evaluated(get):
+def test_mrcal_text_is_python_and_never_evaluated(load_text):
     text = (
         "# made by mrcal\n{\n    'lensmodel':  'LENSMODEL_OPENCV4',\n\n    # intrinsics are fx,fy,cx,cy,...\n"
         "    'intrinsics': [ 400., 401, 320.5, 240.5, 0.1, 0.02, 0.003, 0.0004,],\n    'imagersize': [ 640, 480,],\n"
         "    'icam_intrinsics': None,\n    'optimization_inputs': b'x{]#,,:',\n}\n"
     )
-    assert params(get(text))["p2"] == 0.0004
-    assert get(text).extra == {"icam_intrinsics": None, "optimization_inputs": "x{]#,,:"}
+    assert params(load_text(text))["p2"] == 0.0004
+    assert load_text(text).extra == {"icam_intrinsics": None, "optimization_inputs": "x{]#,,:"}
     with pytest.raises(FormatError):
-        get(text.replace("400.", "__import__('os').abort()"))
+        load_text(text.replace("400.", "__import__('os').abort()"))
 
 
-def test_opensfm_lengths_are_shares_of_the_longer_side(get):
-    camera = get(
+def test_opensfm_lengths_are_shares_of_the_longer_side(load_text):
+    camera = load_text(
         '{"v2 cam 640 480": {"projection_type": "fisheye_opencv", "width": 640, "height": 480, "focal_x": 0.5,'
         ' "focal_y": 0.5, "c_x": 0.01, "c_y": 0.0, "k1": 0.1, "k2": 0, "k3": 0, "k4": 0, "k1_prior": 0.1}}'
     )
