@@ -14,15 +14,15 @@ from omnisight.images import read_image
 from omnisight.models import model_class, model_names
 
 
-def test_inspect_says_model_size_field_focal_centre_and_conventions(run, camera_file):
+def test_inspect_prints_model_size_field_focal_length_and_conventions(run, camera_file):
     status, out, err = run("inspect", camera_file)
     assert (status, err) == (0, "")
-    for said in (
+    for message in (
         *("model       equidistant: ", "size        640 x 480 px", "focal       190.00 px per radian"),
         *("centre      (322.30, 236.80), +2.8, -2.7 px", "calibrated  to 80.2 degrees", "x right, y down, z forward"),
-        *("193.0 deg across", "144.7 deg down", "radius, px  (* calibrated, . extrapolated, - equidistant)"),
+        *("193.0 deg horizontal", "144.7 deg vertical", "radius, px  (* calibrated, . extrapolated, - equidistant)"),
     ):
-        assert said in out
+        assert message in out
     assert "nan" not in out
 
 
@@ -44,12 +44,12 @@ def test_inspect_json_is_the_camera(run, camera_file):
     assert stored["camera"]["size"] == [640, 480]
 
 
-def test_inspect_tells_the_names_there_are(refuses, camera_file):
-    said = refuses("inspect", camera_file, "--name", "left")
-    assert f"{camera_file}: no camera 'left'; it holds camera" in said
+def test_inspect_lists_camera_names(refuses, camera_file):
+    message = refuses("inspect", camera_file, "--name", "left")
+    assert f"{camera_file}: no camera 'left'; it holds camera" in message
 
 
-def test_inspect_shows_how_sure_a_calibrated_camera_is(run, shots, tmp_path):
+def test_inspect_prints_standard_deviations(run, shots, tmp_path):
     run("calibrate", shots, *QUICK, "-o", tmp_path / "c.json")
     out = run("inspect", tmp_path / "c.json")[1]
     focal = next(line for line in out.splitlines() if line.strip().startswith("fx"))
@@ -62,71 +62,71 @@ def test_inspect_shows_how_sure_a_calibrated_camera_is(run, shots, tmp_path):
 # -- convert -----------------------------------------------------------------------------------------------------
 
 
-def test_convert_prints_how_near_it_comes(run, camera_file, tmp_path):
+def test_convert_prints_error(run, camera_file, tmp_path):
     out = tmp_path / "c.json"
-    status, said, err = run("convert", camera_file, "--to", "native", "--model", "double_sphere", "-o", out)
+    status, message, err = run("convert", camera_file, "--to", "native", "--model", "double_sphere", "-o", out)
     assert (status, err) == (0, "")
-    assert "model       equidistant -> double_sphere" in said
-    assert "fitted      to 80.2 degrees" in said
-    error = float(said.split("error       at most ")[1].split()[0])
+    assert "model       equidistant -> double_sphere" in message
+    assert "fitted      up to 80.2 degrees" in message
+    error = float(message.split("error       at most ")[1].split()[0])
     assert error < 1
-    assert f"written     {out}" in said
+    assert f"written     {out}" in message
     converted = load(out)
     bearings, pixels = TRUTH.samples()
     assert np.linalg.norm(converted.project(bearings)[0] - pixels, axis=1).max() == pytest.approx(error, rel=0.01)
     assert converted.provenance["converted_from"] == "equidistant"
 
 
-def test_convert_refuses_past_the_threshold_and_writes_nothing(run, refuses, camera_file, tmp_path):
+def test_convert_above_max_error_writes_nothing(run, refuses, camera_file, tmp_path):
     out = tmp_path / "c.json"
     arguments = ("convert", camera_file, "--to", "native", "--model", "division", "-o", out)
-    status, said, err = run(*arguments, "--max-error", "1e-6")
+    status, message, err = run(*arguments, "--max-error", "1e-6")
     assert status == 2
-    assert "holds       within 0.5 px up to" in said
+    assert "agreement   within 0.5 px up to" in message
     assert err.startswith("omnisight: division cannot represent this equidistant camera to 80 degrees: ")
-    assert "1e-06 allowed. Nothing is written; try --model" in err
+    assert "1e-06 allowed. Nothing was written; try --model" in err
     assert "--force" in err
     assert file_names(tmp_path) == ["camera.json"]
     assert run(*arguments, "--max-error", "1e-6", "--force")[0] == 0
     assert load(out).model.name == "division"
 
 
-def test_convert_over_a_smaller_cone_comes_nearer(run, camera_file, tmp_path):
+def test_convert_over_smaller_field_of_view_is_more_accurate(run, camera_file, tmp_path):
     errors = []
     for options in ((), ("--max-theta", "40")):
-        said = run(
+        message = run(
             *("convert", camera_file, "--to", "native", "--model", "division", "--force"),
             *("-o", tmp_path / "c.json", *options),
         )[1]
-        errors.append(float(said.split("at most ")[1].split()[0]))
+        errors.append(float(message.split("at most ")[1].split()[0]))
     assert errors[1] < errors[0] / 3
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (("--to", "nonsense"), "unknown format 'nonsense'; there are:"),
         (("--to", "mei"), "mei is a camera model: --to native --model mei"),
         (("--to", "native", "--model", "nonsense"), "has no model nonsense; it has cylindrical"),
         (("--to", "native", "--name", "left"), "no camera 'left'; it holds camera"),
-        (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "sees almost nothing"),
+        (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "almost no pixel of the camera"),
     ],
 )
-def test_a_conversion_that_cannot_be_says_why(refuses, camera_file, tmp_path, options, said):
-    assert said in refuses("convert", camera_file, "-o", tmp_path / "c.json", *options)
+def test_impossible_conversion_is_refused(refuses, camera_file, tmp_path, options, message):
+    assert message in refuses("convert", camera_file, "-o", tmp_path / "c.json", *options)
     assert file_names(tmp_path) == ["camera.json"]
 
 
-def test_a_camera_without_a_size_cannot_be_fitted(refuses, tmp_path):
+def test_camera_without_size_cannot_be_converted(refuses, tmp_path):
     path = save(Camera(TRUTH.model, (0, 0)), tmp_path / "c.json").path
-    said = refuses("convert", path, "--to", "native", "--model", "mei", "-o", tmp_path / "d.json")
-    assert "does not say how large its images are" in said
+    message = refuses("convert", path, "--to", "native", "--model", "mei", "-o", tmp_path / "d.json")
+    assert "image size is not known" in message
 
 
-def test_convert_names_its_file_beside_the_camera(run, camera_file):
-    status, said, _ = run("convert", camera_file, "--to", "native")
+def test_convert_writes_beside_the_input(run, camera_file):
+    status, message, _ = run("convert", camera_file, "--to", "native")
     assert status == 0
-    assert "model       equidistant, as it is" in said
+    assert "model       equidistant, unchanged" in message
     assert load(camera_file.with_name("camera-native.json")).model == TRUTH.model
 
 
@@ -153,7 +153,7 @@ def spoiled(data, rng):
 
 
 @pytest.mark.parametrize("model", ["ocam", "double_sphere"])
-def test_no_camera_file_however_spoiled_is_a_fault(run, tmp_path, model):
+def test_damaged_camera_file_is_not_a_crash(run, tmp_path, model):
     path = tmp_path / "camera.json"
     whole = save(Camera(model_class(model).example(), SIZE, theta_max=1.2), path).path.read_bytes()
     rng = np.random.default_rng(0)
@@ -167,7 +167,7 @@ def test_no_camera_file_however_spoiled_is_a_fault(run, tmp_path, model):
     assert {0, 2} == set(statuses)
 
 
-def test_no_picture_however_spoiled_is_a_fault(run, shots, camera_file, tmp_path):
+def test_damaged_image_is_not_a_crash(run, shots, camera_file, tmp_path):
     good = read_image(shots / "1.png")[::4, ::4]
     files = [jpeg(good), *(cv2.imencode(e, good)[1].tobytes() for e in (".png", ".tif", ".bmp", ".webp", ".pgm"))]
     options = ("--scale-camera", "--size", "64x48", "-o", tmp_path / "v.png")

@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 
 from lenses import BOARD, lens, observe_boards
-from omnisight.corners import get_corner_format, corner_format_names, read_corners
+from omnisight.corners import corner_format_names, get_corner_format, read_corners
 from omnisight.formats import FormatError
 
 SIZE = (960, 962)
@@ -116,15 +116,15 @@ def same(search):
     assert len(search.found) == len(VIEWS)
     points = search.board.points
     unit = 1.0 if search.board.unit == "squares" else STEP
-    for picture, (whole, pixels) in zip(search.found, VIEWS, strict=True):
-        (seen,) = picture.boards
+    for image, (whole, pixels) in zip(search.found, VIEWS, strict=True):
+        (seen,) = image.boards
         np.testing.assert_allclose(seen.pixels, pixels, atol=1e-9)
         apart = points[seen.ids] - points[seen.ids[:1]]
         np.testing.assert_allclose(apart, unit * (whole - whole[:1]), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", corner_format_names())
-def test_a_format_gives_the_corners_that_its_tool_wrote(name, tmp_path):
+def test_format_reads_corners_of_its_tool(name, tmp_path):
     files, options = WRITERS[name](tmp_path)
     search = read_corners(files, **options)
     same(search)
@@ -136,7 +136,7 @@ def test_a_format_gives_the_corners_that_its_tool_wrote(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", corner_format_names())
-def test_a_format_says_what_it_is_and_knows_no_other(name, tmp_path):
+def test_format_is_documented_and_matches_only_its_files(name, tmp_path):
     chosen = get_corner_format(name)
     assert chosen.TITLE
     assert chosen.CONVENTION
@@ -151,7 +151,7 @@ def test_a_format_says_what_it_is_and_knows_no_other(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", corner_format_names())
-def test_a_damaged_file_is_refused_in_a_sentence(name, tmp_path):
+def test_truncated_corner_file_is_read_or_refused(name, tmp_path):
     (file, *rest), options = WRITERS[name](tmp_path)
     whole = file.read_bytes()
     refused = 0
@@ -166,7 +166,7 @@ def test_a_damaged_file_is_refused_in_a_sentence(name, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
-def test_opencv_writes_it_three_ways(suffix, tmp_path):
+def test_opencv_yaml_xml_and_json(suffix, tmp_path):
     same(read_corners(opencv(tmp_path, suffix)[0]))
 
 
@@ -179,7 +179,7 @@ def test_opencv_calibration_sample_keeps_a_row_per_picture(tmp_path):
     same(read_corners([tmp_path / "c.yml"]))
 
 
-def test_a_stereo_pair_asks_for_one_camera(tmp_path):
+def test_stereo_pair_needs_camera_name(tmp_path):
     (file,), _ = opencv(tmp_path)
     text = file.read_text()
     points = text[text.index("imagePoints:") : text.index("image_width")]
@@ -191,7 +191,7 @@ def test_a_stereo_pair_asks_for_one_camera(tmp_path):
         read_corners([file], which="left")
 
 
-def test_several_boards_are_one_body(tmp_path):
+def test_several_boards_form_one_target(tmp_path):
     side = np.array([[0.0, 0, 1, 2.5], [0, 1, 0, -1], [-1, 0, 0, 5]])
     count = len(BOARD.points)
     both = structs(X=[BOARD.points[:, :2].T] * 2, Rt=[np.eye(3, 4), side])
@@ -219,7 +219,7 @@ def test_several_boards_are_one_body(tmp_path):
     np.testing.assert_allclose(metric.board.points[metric.images[0].boards[0].ids], 0.01 * expected, atol=1e-9)
 
 
-def test_mrcal_levels_say_how_sure_a_corner_is(tmp_path):
+def test_mrcal_levels_determine_covariance(tmp_path):
     levels = ["0", "1", "2", "-"] * 14
     rows = [f"a.png {x!r} {y!r} {level}" for (x, y), level in zip(VIEWS[0][1].tolist(), levels, strict=False)]
     (tmp_path / "c.vnl").write_text("\n".join(["# filename x y level", *rows]))
@@ -236,7 +236,7 @@ def test_mrcal_levels_say_how_sure_a_corner_is(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("write", "said"),
+    ("write", "message"),
     [
         ("mrcal without a board", r"the board is not in the file; it has 54 corners: specify --pattern, such as 14x14"),
         ("mrcal of another board", r"has 54 corners, the 8x6 board 48: mrgingham lists whole boards; is --pattern"),
@@ -251,7 +251,7 @@ def test_mrcal_levels_say_how_sure_a_corner_is(tmp_path):
         ("text", r"begins with 'I am no'"),
     ],
 )
-def test_what_is_wrong_is_said_with_what_to_do(write, said, tmp_path):
+def test_error_message_has_remedy(write, message, tmp_path):
     options = {}
     match write:
         case "mrcal without a board" | "mrcal of another board":
@@ -287,7 +287,7 @@ def test_what_is_wrong_is_said_with_what_to_do(write, said, tmp_path):
         case _:
             files = [tmp_path / "notes.txt"]
             files[0].write_text("I am no")
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=message):
         read_corners(files, **options)
 
 
@@ -297,8 +297,8 @@ def test_babelcalib_files_are_read_as_scipy_reads_them(data):
     assert search.size == (1280, 800)
     truth = scipy.io.loadmat(folder / "train.mat", squeeze_me=True, struct_as_record=False)
     step = 0.75  # cm
-    for picture, corners in zip(search.images, truth["corners"], strict=True):
-        (seen,) = picture.boards
+    for image, corners in zip(search.images, truth["corners"], strict=True):
+        (seen,) = image.boards
         order = np.lexsort(seen.pixels.T)
         theirs = corners.x.T - 1
         np.testing.assert_allclose(seen.pixels[order], theirs[np.lexsort(theirs.T)], atol=1e-9)
@@ -307,10 +307,10 @@ def test_babelcalib_files_are_read_as_scipy_reads_them(data):
     # The same corners as the detector wrote them, image by image, from 0, with the points in metres.
     files = sorted(folder.glob("*.orpc"))
     metric = read_corners(files)
-    assert [picture.path.suffix for picture in metric.images] == [".png"] * len(files)
+    assert [image.path.suffix for image in metric.images] == [".png"] * len(files)
     theirs = {len(d): (search.board.points[d.ids], d.pixels) for p in search.images for d in p.boards}
-    for picture in metric.images:
-        (seen,) = picture.boards
+    for image in metric.images:
+        (seen,) = image.boards
         points, pixels = theirs[len(seen)]
         order, other = np.lexsort(seen.pixels.T), np.lexsort(pixels.T)
         np.testing.assert_allclose(seen.pixels[order], pixels[other], atol=1e-4)
@@ -324,6 +324,6 @@ def test_opencv_contrib_corners_are_read_as_opencv_reads_them(data):
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
     node = storage.getNode("imagePoints2")
     assert len(search.found) == node.size() == 39
-    for k, picture in enumerate(search.images):
+    for k, image in enumerate(search.images):
         theirs = node.at(k).mat().reshape(-1, 2)
-        np.testing.assert_allclose(picture.boards[0].pixels, theirs, atol=1e-6)
+        np.testing.assert_allclose(image.boards[0].pixels, theirs, atol=1e-6)

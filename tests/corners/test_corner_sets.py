@@ -1,16 +1,16 @@
-"""Corners as users have them: shuffled, repeated, missing, exchanged; each is used, or left out and said so."""
+"""Corners as users have them: shuffled, repeated, missing, exchanged; each is used, or left out and message so."""
 
 import re
 
 import numpy as np
 import pytest
+from omnisight.pipeline.central import calibrate_camera
+from omnisight.pipeline.pictures import calibrate_pictures
 
 from lenses import BOARD, bearing_error, lens, observe_boards
 from omnisight.corners import read_corners
 from omnisight.formats import FormatError
 from omnisight.images import write_image
-from omnisight.pipeline.central import calibrate_camera
-from omnisight.pipeline.pictures import calibrate_pictures
 from omnisight.targets import Checkerboard
 from omnisight.targets.observations import Observations
 
@@ -111,44 +111,44 @@ def in_microns(views, rng):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "kept", "said"),
+    ("spoil", "kept", "message"),
     [
         (shuffled, 8, ""),
-        (repeated, 8, "corners listed twice, counted once: 160"),
-        (missing, 8, r"corners that are not finite, or at (0, 0), left out: \d+$"),
-        (marked(0), 8, r"corners that are not finite, or at (0, 0), left out: \d+$"),
-        (marked(-1), 8, r"corners outside of the image, left out as not seen: \d+$"),
+        (repeated, 8, "duplicate corners, left out: 160"),
+        (missing, 8, r"corners that are not finite, or at \(0, 0\), left out: \d+$"),
+        (marked(0), 8, r"corners that are not finite, or at \(0, 0\), left out: \d+$"),
+        (marked(-1), 8, r"corners outside the image, left out: \d+$"),
         (few, 6, ""),
         (in_line, 7, ""),
-        (exchanged, 7, r"show the board from its other side: 1 of 8 \(v-4\); are x and y, .* exchanged\? Left out"),
-        (upright, 8, "the points lie on a plane that is not z = 0"),
-        (far_away, 8, "the points lie far from their origin: poses are those of their middle"),
+        (exchanged, 7, r"show the board from behind: 1 of 8 \(v-4\); are x and y, .* exchanged\? Left out"),
+        (upright, 8, "the points lie on a plane other than z = 0"),
+        (far_away, 8, "the points lie far from their origin: poses are those of their centroid"),
         (in_microns, 8, ""),
     ],
 )
-def test_what_is_odd_is_used_or_left_out_and_said(spoil, kept, said, views, read):
+def test_unusual_corners_are_used_or_left_out_with_note(spoil, kept, message, views, read):
     spoil(views, np.random.default_rng(0))
     search = read(views)
     assert len(search.found) == kept
-    if said:
+    if message:
         (note,) = search.notes
-        assert re.search(said, note)
+        assert re.search(message, note)
     # A pixel is 0.17 degrees.
     assert fitted(search) < 0.05
 
 
-def test_a_view_that_is_left_out_says_why(views, read):
+def test_left_out_image_has_reason(views, read):
     few(views, np.random.default_rng(0))
     in_line(views[4:], None)
     exchanged(views, None)
-    notes = [picture.note for picture in read(views).images]
-    assert notes[0] == "4 corners, 6 are the least: left out"
+    notes = [image.note for image in read(views).images]
+    assert notes[0] == "4 corners, at least 6 are needed: left out"
     assert notes[4] == "all corners on one line: left out"
-    assert notes[3] == "shows the board from its other side: left out"
+    assert notes[3] == "shows the board from behind: left out"
     assert notes[5] == ""
 
 
-def test_pixels_that_count_from_one_move_the_centre_and_nothing_else(views, read):
+def test_pixels_counted_from_one_shift_only_the_principal_point(views, read):
     before = calibrate_pictures(read(views), model="equisolid", flat=True).calibration
     for view in views:
         view[1] += 1
@@ -159,25 +159,25 @@ def test_pixels_that_count_from_one_move_the_centre_and_nothing_else(views, read
 
 
 @pytest.mark.parametrize(
-    ("size", "said"),
+    ("size", "message"),
     [
-        (None, r"does not say how large the images are, .* give --image-size, such as 1280x800 \(corners reach \d+"),
-        ((480, 480), r"\d+% of them outside of images of 480x480: give the --image-size of the images that"),
+        (None, r"the image size is in neither .* specify --image-size, such as 1280x800 \(corners reach \d+"),
+        ((480, 480), r"\d+% of them outside images of 480x480: specify the --image-size of the images that"),
     ],
 )
-def test_a_size_that_cannot_be_is_refused(size, said, views, read):
-    with pytest.raises(FormatError, match=said):
+def test_missing_or_wrong_size_is_refused(size, message, views, read):
+    with pytest.raises(FormatError, match=message):
         read(views, size=size)
 
 
-def test_height_and_width_exchanged_are_told(views, read):
+def test_exchanged_width_and_height_are_detected(views, read):
     for view in views:
         view[1] *= (0.5, 1.0)
-    with pytest.raises(FormatError, match=r"the size is height x width \(give --image-size 480x962\), or x and y"):
+    with pytest.raises(FormatError, match=r"the size is height x width \(specify --image-size 480x962\), or x and y"):
         read(views, size=(962, 480))
 
 
-def test_the_size_comes_from_pictures_beside_the_file(views, tmp_path):
+def test_size_is_read_from_images_beside_the_file(views, tmp_path):
     names = [f"{k}.png" for k in range(8)]
     for name in names:
         write_image(tmp_path / name, np.zeros((4, 6), np.uint8) if name == "7.png" else np.zeros(SIZE[::-1], np.uint8))
@@ -190,7 +190,7 @@ def test_the_size_comes_from_pictures_beside_the_file(views, tmp_path):
     assert search.images[0].path == tmp_path / "0.png"
 
 
-def test_a_name_leads_out_of_no_folder(views, tmp_path):
+def test_image_name_cannot_leave_the_folder(views, tmp_path):
     (tmp_path / "in").mkdir()
     write_image(tmp_path / "a.png", np.zeros(SIZE[::-1], np.uint8))
     names = ["../a.png", "/etc/hosts", "x\x1b[2Jy", *"abcde"]
@@ -200,7 +200,7 @@ def test_a_name_leads_out_of_no_folder(views, tmp_path):
     assert search.images[2].path.name == "x?[2Jy"
 
 
-def test_files_of_one_camera_are_read_together(views, tmp_path):
+def test_several_files_of_one_camera_are_merged(views, tmp_path):
     for k in range(2):
         pixels = [p for _, p in views[4 * k : 4 * k + 4]]
         np.savez(tmp_path / f"part{k}.npz", corners=pixels, pattern=(9, 6), image_size=SIZE)

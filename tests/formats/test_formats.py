@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from omnisight.camera import Camera
-from omnisight.formats import FormatError, get_format, format_names, load, load_all, save
+from omnisight.formats import FormatError, format_names, get_format, load, load_all, save
 from omnisight.formats._files import encode
 from omnisight.models import model_class, model_names
 from pace import assert_quick
@@ -62,7 +62,7 @@ def read(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "model"), PAIRS)
-def test_save_then_load_gives_the_same_camera(name, model, tmp_path):
+def test_saved_camera_reads_back_identically(name, model, tmp_path):
     camera = example(name, model)
     written = save(camera, tmp_path / "camera", format=name)
     again = load(tmp_path / "camera")
@@ -77,13 +77,13 @@ def test_save_then_load_gives_the_same_camera(name, model, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "model"), PAIRS)
-def test_exactly_one_format_claims_a_text(name, model):
+def test_exactly_one_format_matches_a_file(name, model):
     text = text_of(name, model)
     assert [other for other in format_names() if get_format(other).matches(text)] == [name]
 
 
 @pytest.mark.parametrize(("name", "model"), REFUSED)
-def test_a_model_that_the_format_lacks_is_refused_with_what_it_has(name, model, tmp_path):
+def test_unsupported_model_error_lists_supported_models(name, model, tmp_path):
     with pytest.raises(FormatError, match=f"has no model {model}; it has .*--model"):
         save(Camera(model_class(model).example(), (960, 720)), tmp_path / "camera", format=name)
     assert not list(tmp_path.iterdir())
@@ -101,7 +101,7 @@ DIRT = {
 
 @pytest.mark.parametrize("dirt", DIRT)
 @pytest.mark.parametrize("name", TEXTS)
-def test_dirt_changes_nothing(name, dirt, read):
+def test_encoding_and_white_space_do_not_matter(name, dirt, read):
     for model in get_format(name).MODELS[:2]:
         text = text_of(name, model)
         clean, dirty = read(text), read(DIRT[dirt](text))
@@ -120,7 +120,7 @@ def survives(read, text):
 
 
 @pytest.mark.parametrize(("name", "model"), PAIRS)
-def test_truncated_texts_are_refused_and_nothing_worse(name, model, read):
+def test_truncated_file_is_refused(name, model, read):
     text = text_of(name, model)
     for end in np.linspace(0, len(text) - 8, 60).astype(int):
         survives(read, text[:end])
@@ -128,7 +128,7 @@ def test_truncated_texts_are_refused_and_nothing_worse(name, model, read):
 
 
 @pytest.mark.parametrize(("name", "model"), PAIRS)
-def test_scrambled_texts_are_refused_and_nothing_worse(name, model, read):
+def test_scrambled_file_is_read_or_refused(name, model, read):
     text, chance = text_of(name, model), np.random.default_rng(3)
     for _ in range(60):
         at, length = chance.integers(len(text)), chance.integers(12)
@@ -138,7 +138,7 @@ def test_scrambled_texts_are_refused_and_nothing_worse(name, model, read):
 
 @pytest.mark.parametrize("bad", ["nan", ".nan", "NaN", "inf", "-Infinity", "1e999", "1e300", "abc", "[]", '""'])
 @pytest.mark.parametrize("name", TEXTS)
-def test_no_number_of_a_camera_may_be_absurd(name, bad, read):
+def test_invalid_number_is_refused(name, bad, read):
     text = text_of(name, get_format(name).MODELS[0])
     original = read(text)
     numbers = list(re.finditer(r"(?<=[\s\[,:])-?\d+\.\d+(?:e[-+]?\d+)?", text))
@@ -161,7 +161,7 @@ def asked(camera):
 
 
 @pytest.mark.parametrize(("name", "model"), [(f, m) for f, m in PAIRS if f not in BINARY])
-def test_a_file_of_absurd_numbers_is_refused_or_projects_without_a_warning(name, model, read):
+def test_extreme_numbers_are_refused_or_project_without_warnings(name, model, read):
     """As warnings are errors here: the file that overflows when it projects is refused when it is read."""
     text = text_of(name, model)
     found = list(re.finditer(r"(?<=[\s\[,:(>])-?\d+\.\d+(?:e[-+]?\d+)?", text))[:14]
@@ -184,7 +184,7 @@ NO_FOCAL_LENGTH = {
 
 @pytest.mark.parametrize("name", sorted(set(TEXTS) - NO_FOCAL_LENGTH))
 @pytest.mark.parametrize("value", ["0.0", "-300.0"])
-def test_a_focal_length_must_be_positive(name, value, read):
+def test_nonpositive_focal_length_is_refused(name, value, read):
     model = "pinhole" if "pinhole" in get_format(name).MODELS else "kannala_brandt"
     camera = example(name, model)
     text = get_format(name).serialize(camera)[0].replace(repr(float(camera.model.params[0])), value, 1)
@@ -194,7 +194,7 @@ def test_a_focal_length_must_be_positive(name, value, read):
 
 @pytest.mark.parametrize("name", sorted(set(TEXTS) - {"native", "opensfm", "woodscape"}))
 @pytest.mark.parametrize("width", ["0", "-960", "9600000", "960.5"])
-def test_an_absurd_size_is_refused(name, width, read):
+def test_invalid_image_size_is_refused(name, width, read):
     text = text_of(name, get_format(name).MODELS[0])
     spoiled = re.sub(r"(?<![\d.])960\b(?!\.)", width, text)
     assert spoiled != text
@@ -203,7 +203,7 @@ def test_an_absurd_size_is_refused(name, width, read):
 
 
 @pytest.mark.parametrize("name", sorted(set(format_names()) - SIZE_UNKNOWN))
-def test_a_format_that_needs_the_size_says_so(name, tmp_path):
+def test_unknown_image_size_is_refused_when_required(name, tmp_path):
     camera = dataclasses.replace(example(name, get_format(name).MODELS[0]), size=(0, 0))
     with pytest.raises(FormatError, match="size is not known"):
         save(camera, tmp_path / "camera", format=name)
@@ -234,7 +234,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_a_hostile_text_is_refused_quickly(kind, read):
+def test_hostile_file_is_refused_quickly(kind, read):
     told = []
 
     def refused():
@@ -246,7 +246,7 @@ def test_a_hostile_text_is_refused_quickly(kind, read):
     assert len(told[-1]) < 1500
 
 
-def test_what_is_no_calibration_is_refused_with_the_known_formats(read, tmp_path):
+def test_unknown_file_error_lists_known_formats(read, tmp_path):
     for text in ("hello", "<html></html>", "a: 1", "{}", "[]", "1,2,3\n4,5,6\n", "\0\1\2"):
         with pytest.raises(FormatError, match="known"):
             read(text)
@@ -256,7 +256,7 @@ def test_what_is_no_calibration_is_refused_with_the_known_formats(read, tmp_path
         load(tmp_path / "missing")
 
 
-def test_of_several_cameras_one_is_named(tmp_path):
+def test_name_selects_one_of_several_cameras(tmp_path):
     path = tmp_path / "cameras.txt"
     path.write_text("1 PINHOLE 640 480 500 500 320 240\n2 PINHOLE 640 480 600 600 320 240\n")
     assert set(load_all(path)) == {"1", "2"}
@@ -267,20 +267,20 @@ def test_of_several_cameras_one_is_named(tmp_path):
         load(path, name="left")
 
 
-def test_a_skew_that_the_format_lacks_is_fitted_away_and_said(tmp_path):
+def test_small_unsupported_skew_is_refitted_with_note(tmp_path):
     model = dataclasses.replace(model_class("mei").example(), skew=0.05)
     written = save(Camera(model, (960, 720)), tmp_path / "camera", format="kalibr")
     assert 0 < written.error_px < 0.06
     assert "no skew" in written.notes[0]
 
 
-def test_what_cannot_be_fitted_away_is_refused(tmp_path):
+def test_large_unsupported_skew_is_refused(tmp_path):
     model = dataclasses.replace(model_class("mei").example(), skew=30.0)
     with pytest.raises(FormatError, match=r"no skew of mei.*px off.*--model"):
         save(Camera(model, (960, 720)), tmp_path / "camera", format="kalibr")
 
 
-def test_what_is_not_written_is_said(tmp_path):
+def test_dropped_fields_are_noted(tmp_path):
     camera = dataclasses.replace(
         example("ros", "kannala_brandt"),
         theta_max=1.2,
@@ -292,7 +292,7 @@ def test_what_is_not_written_is_said(tmp_path):
     assert notes == ("not written: the calibrated field of view, the calibration figures, the covariance, serial",)
 
 
-def test_unknown_names_reach_the_native_file(read, tmp_path):
+def test_unknown_fields_are_kept_in_native_file(read, tmp_path):
     for name in ("kalibr", "opencv", "ros", "camodocal", "fisheye_calib_adapter"):
         camera = read(text_of(name, "kannala_brandt") + "serial: 7\nsize_mm: [6.4, 4.8]\nversion: old\n")
         save(camera, tmp_path / "native.json")

@@ -7,7 +7,7 @@ import pytest
 
 from omnisight.camera import Camera
 from omnisight.conversion import DENSE_GRID, MIN_DENSE_SAMPLES, convert_model, max_convertible_theta
-from omnisight.formats import get_format, format_names, save
+from omnisight.formats import format_names, get_format, save
 from omnisight.models import model_class, model_names
 
 CONE = np.radians(25)
@@ -25,7 +25,7 @@ def narrow(model):
 
 
 @pytest.mark.parametrize("source", model_names())
-def test_every_pair_of_models_comes_as_near_as_it_says(source):
+def test_reported_conversion_error_holds_for_every_model_pair(source):
     camera, refused = narrow(source), {}
     rng = np.random.default_rng(5)
     bearings, pixels = camera.samples()
@@ -55,7 +55,7 @@ def test_every_pair_of_models_comes_as_near_as_it_says(source):
         seen, valid = found.camera.project(between[use])
         assert valid.all(), target
         assert np.linalg.norm(seen - expected[use], axis=1).max() < 2 * found.max_px + 1e-3, target
-    assert all(f"{target} cannot be fitted to" in said for target, said in refused.items()), refused
+    assert all(f"{target} cannot be fitted to" in message for target, message in refused.items()), refused
     assert len(refused) < 3
 
 
@@ -66,7 +66,7 @@ def test_fisheyes_represent_each_other_over_a_hundred_degrees(source, target):
     assert convert_model(camera, target).max_px < NEAR_PX
 
 
-def test_a_model_without_pixels_there_says_from_which_angle():
+def test_worst_theta_of_model_with_smaller_domain():
     camera = Camera(model_class("equidistant").example(), (960, 720), theta_max=np.radians(110))
     found = convert_model(camera, "radial_tangential")
     assert found.max_px == np.inf
@@ -74,7 +74,7 @@ def test_a_model_without_pixels_there_says_from_which_angle():
     assert np.radians(20) < found.worst_theta <= np.radians(91)
 
 
-def test_reach_is_the_widest_cone_that_a_fit_of_its_own_holds():
+def test_max_convertible_theta_is_largest_valid_angle():
     camera = Camera(model_class("kannala_brandt").example(), (960, 960))
     widest = max_convertible_theta(camera, "equidistant", 0.5)
     assert convert_model(camera, "equidistant", theta_max=widest).max_px <= 0.5
@@ -82,7 +82,7 @@ def test_reach_is_the_widest_cone_that_a_fit_of_its_own_holds():
     assert max_convertible_theta(camera, "equidistant", 1e-9) is None
 
 
-def test_a_fit_over_a_narrower_cone_is_calibrated_to_that_cone():
+def test_narrow_conversion_limits_calibrated_theta():
     camera = Camera(model_class("ocam").example(), (1024, 768), theta_max=np.radians(80))
     found = convert_model(camera, "eucm", theta_max=np.radians(40))
     assert found.camera.theta_max == np.radians(40)
@@ -91,7 +91,7 @@ def test_a_fit_over_a_narrower_cone_is_calibrated_to_that_cone():
 
 # The camera of each format that a converted fisheye comes to: what is written reads back.
 @pytest.mark.parametrize("name", sorted(set(format_names()) - {"woodscape"}))
-def test_a_fisheye_reaches_every_format(name, tmp_path):
+def test_fisheye_converts_to_every_format(name, tmp_path):
     camera = Camera(model_class("equidistant")(300.0, 300.0, 479.5, 359.5), (960, 720), theta_max=np.radians(40))
     near = []
     for model in get_format(name).MODELS:

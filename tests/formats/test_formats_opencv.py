@@ -108,6 +108,8 @@ def test_opencv_a_stereo_pair_holds_two_cameras(tmp_path):
     assert list(cameras) == ["camera1", "camera2"]
 
 
-def test_opencv_what_it_does_not_use_is_kept(load_text):
-    camera = load_text(FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n'))
+def test_opencv_unknown_fields_are_kept(load_text):
+    camera = load_text(
+        FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n')
+    )
     assert camera.extra == {"calibration_time": "Mon 3: x", "flags": 8, "per_view": [".Nan", 1.0]}

@@ -150,7 +150,7 @@ def test_lafida_agrees_with_its_own_inverse_by_worldtoimg(load_text):
     assert camera.extra == {"Camera.mirrorMask": 1}
 
 
-def test_signs_that_are_another_tools_are_refused(load_text):
+def test_wrong_sign_convention_is_refused(load_text):
     with pytest.raises(FormatError, match=r"p0 must be negative.*got 471"):
         load_text(CAMODOCAL.replace("p0: -471", "p0: 471"))
     with pytest.raises(FormatError, match=r"a0 must be negative.*got 471"):
@@ -165,7 +165,7 @@ def test_camodocal_a_centre_as_row_column_is_refused(load_text):
         load_text(swapped)
 
 
-def test_more_coefficients_than_four_are_fitted_and_said(tmp_path):
+def test_more_than_four_coefficients_are_refitted_with_note(tmp_path):
     ocam = model_class("ocam").example()
     longer = model_class("ocam")(ocam.cx, ocam.cy, ocam.c, ocam.d, ocam.e, a=(*ocam.a, 0.0, 1e-16))
     for name in ("matlab", "camodocal", "multicol_slam"):
@@ -201,11 +201,11 @@ def test_matlab_ocamcalibs_own_mat_is_its_text(load_text, tmp_path):
     assert load(tmp_path / "c.mat").model == text.model
 
 
-def test_matlab_hostile_and_useless_mat_files_are_refused(tmp_path):
+def test_matlab_refuses_hostile_and_empty_mat_files(tmp_path):
     path = tmp_path / "c.mat"
     scipy.io.savemat(path, {"x": 1.0, "cells": np.array([1, "a"], dtype=object)})
     whole = path.read_bytes()
-    with pytest.raises(FormatError, match=r"cells is no struct of numbers; in MATLAB.*: i = cells\.Intrinsics"):
+    with pytest.raises(FormatError, match=r"cells is not a struct of numbers; in MATLAB.*: i = cells\.Intrinsics"):
         load(path)
     bomb = zlib.compress(b"\0" * 50_000_000)
     path.write_bytes(whole[:128] + struct.pack("<II", 15, len(bomb)) + bomb)
@@ -240,9 +240,9 @@ def with_object(path, variable, of_class):
     path.write_bytes(path.read_bytes() + element(14, body + inner))
 
 
-def test_matlab_objects_are_named_with_what_to_type(tmp_path):
+def test_matlab_object_error_has_extraction_command(tmp_path):
     with_object(tmp_path / "m.mat", b"fisheyeParams", b"fisheyeParameters")
-    with pytest.raises(FormatError, match=r"fisheyeParams is no struct.*: i = fisheyeParams\.Intrinsics; s = struct"):
+    with pytest.raises(FormatError, match=r"fisheyeParams is not a struct.*i = fisheyeParams\.Intrinsics; s = struct"):
         load(tmp_path / "m.mat")
     with_object(tmp_path / "o.mat", b"calib_data", b"C_calib_data")
     with pytest.raises(FormatError, match=r"calib_data is an object of OCamCalib.*ocam_model = calib_data\.ocam_model"):
@@ -251,7 +251,7 @@ def test_matlab_objects_are_named_with_what_to_type(tmp_path):
         read_corners([tmp_path / "o.mat"])
 
 
-def test_matlab_what_the_messages_say_to_type_gives_files_that_are_read(load_text, tmp_path):
+def test_matlab_extraction_commands_produce_readable_files(load_text, tmp_path):
     """The .mat that MATLAB has written after each of them."""
     path = tmp_path / "c.mat"
     ocam = {"ss": np.array(A)[:, None], "xc": 301.25, "yc": 401.75, "c": C, "d": D, "e": E, "width": 800, "height": 600}
@@ -266,7 +266,7 @@ def test_matlab_what_the_messages_say_to_type_gives_files_that_are_read(load_tex
 @pytest.mark.parametrize(
     "head", [b"MATLAB 7.3 MAT-file, Platform: GLNXA64", b"MATLAB 7.0 MAT-file", b"\x89HDF\r\n\x1a\n"]
 )
-def test_matlab_hdf5_is_refused_with_the_line_that_saves_it_anew(head, tmp_path):
+def test_matlab_hdf5_error_has_save_command(head, tmp_path):
     (tmp_path / "c.mat").write_bytes(head.ljust(124) + b"\0\2IM" + bytes(400))
     for read in (load, lambda path: read_corners([path])):
         with pytest.raises(FormatError, match=r"c\.mat: .*save it with -v7, in MATLAB: s = load\('old\.mat'\); save\("):
@@ -293,15 +293,15 @@ def with_many(count):
 
 
 @pytest.mark.parametrize("count", [30, 99, 1500])
-def test_very_many_coefficients_are_refused_before_anything_is_made_of_them(count, tmp_path):
+def test_long_polynomial_is_refused_before_compilation(count, tmp_path):
     for name, text in with_many(count):
         if name == "ocamcalib" and count > 99:  # no count of a file of OCamCalib: another text
             continue
         assert get_format(name).matches(text), name
         (tmp_path / "c").write_text(text)
-        with pytest.raises(FormatError, match=r"f\(r\) has \d+ coefficients, 20 are the most"):
+        with pytest.raises(FormatError, match=r"f\(r\) has \d+ coefficients, at most 20 are read"):
             load(tmp_path / "c")
     ocam = {"ss": np.array(A + [1e11] * count)[:, None], "xc": 1, "yc": 1, "c": 1, "d": 0, "e": 0}
     scipy.io.savemat(tmp_path / "c.mat", {"ocam_model": ocam | {"width": 800, "height": 600}})
-    with pytest.raises(FormatError, match=r"f\(r\) has \d+ coefficients, 20 are the most"):
+    with pytest.raises(FormatError, match=r"f\(r\) has \d+ coefficients, at most 20 are read"):
         load(tmp_path / "c.mat")

@@ -5,7 +5,7 @@ import pytest
 from omnisight.formats._yaml import read
 
 
-def test_the_reader_of_yaml():
+def test_yaml_reader():
     text = """%YAML:1.0
 ---
 # a comment
@@ -40,19 +40,19 @@ last: 2026-01-02 text"""
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
-        ("a: 1\na: 2", "line 2: a second"),
+        ("a: 1\na: 2", "line 2: duplicate"),
         ("a: [1, 2", "expected a comma or ]"),
         ("a: {b 1}", "expected a colon after 'b'"),
         ("a: 1\n  b: 2", "wrong indentation|line 2"),
         ("a: [1] 2", "unexpected"),
         ("a: &x 1", "anchors"),
-        ("a: |\n  text", "several lines"),
+        ("a: |\n  text", "multi-line"),
         ("a: 1\njust words", "line 2: expected a name"),
         ("a:\n" + "".join(" " * i + f"a{i}:\n" for i in range(1, 40)), "levels"),
     ],
 )
-def test_the_reader_says_where(text, said):
-    with pytest.raises(ValueError, match=said):
+def test_yaml_errors_name_the_line(text, message):
+    with pytest.raises(ValueError, match=message):
         read(text)
