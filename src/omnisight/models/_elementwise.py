@@ -1,121 +1,77 @@
-"""What a model's formulas are written with: they run on arrays as they stand, and compiled on scalars.
+"""Building blocks of elementwise formulas, which run on NumPy arrays and, compiled by numba, on scalars.
 
-`where`, `span_of`, `atan2` and `sine_cosine` are elementwise, the last two compiled as in `_branchless`. The others are
-the hooks of a model: each calls the function of that name of the model that the parameters `m` belong to (`m.model`);
-`_kernels` resolves them at compile time.
+A formula uses `where` in place of `if`, and `atan2` and `sine_cosine`, which compile to vectorizable code (`_simd_math`).
+A function that it calls is decorated in the file that defines it:
 
-What is solved by iteration takes a few steps, and up to `effort` more. A result of inf says that they were not enough:
-the compiled loop runs all points with `ONCE` (no more steps, so that it vectorises), and the few that are left with
-`FULL`.
+- `elementwise` for a helper function,
+- `model_method` for a function that each camera model implements as a static method of the same name. It takes the
+  parameters `m` first; `m.model` is the class of the model. numba resolves the method at compile time.
+
+Iterative formulas run a fixed number of Newton steps, and up to `max_iterations` more. A result of inf means that the steps
+were not sufficient. The compiled loop runs all points with `FIXED_STEPS`, which vectorizes, and repeats the few that
+have not converged with `MAX_ITERATIONS`.
 """
 
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import numpy as np
 
-ONCE, FULL = None, 60
+FIXED_STEPS, MAX_ITERATIONS = None, 60
+
+# Functions that `_kernels` makes known to numba before it compiles.
+ELEMENTWISE: list[Callable[..., Any]] = []
+MODEL_METHODS: list[Callable[..., Any]] = []
+
+
+def elementwise(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Declare a function that compiled formulas call; it is inlined."""
+    ELEMENTWISE.append(function)
+    return function
+
+
+def model_method(declaration: Callable[..., Any]) -> Callable[..., Any]:
+    """Declare a function that calls the static method of its name of the model `m.model`."""
+
+    @wraps(declaration)
+    def call(m: Any, *arguments: Any) -> Any:
+        return getattr(m.model, declaration.__name__)(m, *arguments)
+
+    MODEL_METHODS.append(call)
+    return call
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """Choose `a` where `condition` holds, else `b`."""
+    """Return `a` where the condition holds, else `b`."""
     return np.where(condition, a, b)
 
 
-def settled(step: Any, least: Any) -> Any:
-    """Say whether an iteration's steps are all at most `least`; never, where it is compiled and the count is fixed."""
-    return np.all(np.abs(step) <= least)
+def has_converged(step: Any, limit: Any) -> Any:
+    """Return whether all steps of an iteration are at most `limit`; False if compiled, where the count is fixed."""
+    return np.all(np.abs(step) <= limit)
 
 
-def span_of(place: Any, count: Any) -> Any:
-    """Give the index of the span of width 1 that a place lies in, 0 to `count` - 1: the outer two have no end."""
-    return np.where(place > 0.0, np.where(place < count - 1.0, place, count - 1.0), 0.0).astype(np.intp)
+def span_index(position: Any, count: Any) -> Any:
+    """Return the index, 0 to count - 1, of the unit span that contains a position; the outer two are unbounded."""
+    return np.where(position > 0.0, np.where(position < count - 1.0, position, count - 1.0), 0.0).astype(np.intp)
 
 
 def atan2(y: Any, x: Any) -> Any:
-    """Angle of (x, y) for y >= 0, in [0, pi] (radians)."""
+    """Return the angle of (x, y) for y >= 0, in [0, pi] (radians)."""
     return np.arctan2(y, x)
 
 
 def sine_cosine(angle: Any) -> Any:
-    """Give (sin, cos) of an angle in [0, pi]."""
+    """Return (sin, cos) of an angle in [0, pi]."""
     return np.sin(angle), np.cos(angle)
 
 
-def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
-    """Give (u, v, valid) of a point in the camera frame."""
-    return m.model.project_point(m, x, y, z, effort)
+@model_method
+def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
+    """Return (u, v, valid) of a point in the camera frame."""
 
 
-def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
-    """Give (x, y, z, valid), the unit bearing of a pixel."""
-    return m.model.unproject_pixel(m, u, v, effort)
-
-
-def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
-    """Give r(theta) / sin(theta) from s = sin(theta), c = cos(theta)."""
-    return m.model.gain(m, s, c, effort)
-
-
-def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
-    """Give (sin(theta) / r, cos(theta)) from the radius r and its square."""
-    return m.model.ungain(m, r, r2, effort)
-
-
-def distort(m: Any, x: Any, y: Any) -> Any:
-    """Bend a point of the normalised plane."""
-    return m.model.distort(m, x, y)
-
-
-def undistort(m: Any, x: Any, y: Any, effort: Any) -> Any:
-    """Give (x, y, converged), the inverse of `distort`."""
-    return m.model.undistort(m, x, y, effort)
-
-
-def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
-    """Give (dx/dx, dx/dy, dy/dx, dy/dy) of `distort`."""
-    return m.model.distort_jacobian(m, x, y)
-
-
-def first_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-    """Give (p, q) after the steps of `inverse_step` that every point takes, and the squared distance missed before."""
-    return m.model.first_steps(m, p, q, x, y)
-
-
-def inverse_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-    """Give a better inverse (p, q) of `distort` at (x, y), and the squared distance missed before."""
-    return m.model.inverse_step(m, p, q, x, y)
-
-
-def angle_step(m: Any, theta: Any, r: Any) -> Any:
-    """Give a better angle of the radius r, and the step made."""
-    return m.model.angle_step(m, theta, r)
-
-
-def bracketed_angle(m: Any, theta: Any, low: Any, high: Any, r: Any) -> Any:
-    """Give a better angle of the radius r, its bracket, and the step made."""
-    return m.model.bracketed_angle(m, theta, low, high, r)
-
-
-def radius_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
-    """Give a better radius of the angle, its bracket, and the step made."""
-    return m.model.radius_step(m, r, low, high, s, c)
-
-
-def height(m: Any, y: Any, q: Any) -> Any:
-    """Give the height on an unrolled cylinder of y / q, with q = hypot(x, z)."""
-    return m.model.height(m, y, q)
-
-
-def unheight(m: Any, h: Any) -> Any:
-    """Give t = y / hypot(x, z) and its validity from the height."""
-    return m.model.unheight(m, h)
-
-
-HOOKS = {
-    hook.__name__: hook
-    for hook in (
-        *(project_point, unproject_pixel, gain, ungain, height, unheight),
-        *(distort, undistort, distort_jacobian, first_steps, inverse_step),
-        *(angle_step, bracketed_angle, radius_step),
-    )
-}
+@model_method
+def unproject_pixel(m: Any, u: Any, v: Any, max_iterations: Any) -> Any:
+    """Return (x, y, z, valid), the unit bearing of a pixel."""

@@ -1,29 +1,33 @@
-"""Fitting one camera to bearings and their pixels."""
+"""Fit of a camera model to bearings and their pixels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
 import numpy as np
 
-from omnisight.models._protocol import Array, CameraModel
+from omnisight.models._projector import Array, Projector
 from omnisight.optim.gauss_newton import gauss_newton
 
-SKETCH = 250  # pairs that are enough to tell a good start from a bad one
-PRIOR_WEIGHT_PX = 1e-5  # residual of a parameter one prior sigma from 0: it decides only what the pairs leave open
-Model = TypeVar("Model", bound=CameraModel)
+# Pairs that suffice to compare initial models.
+SUBSAMPLE_SIZE = 250
+# Residual of a parameter one prior sigma from 0, px: the prior determines only what the pairs do not.
+PRIOR_WEIGHT_PX = 1e-5
+Model = TypeVar("Model", bound=Projector)
 
 
-def fit(cls: type[Model], bearings: Array, pixels: Array, fixed: Sequence[str] = ()) -> Model:
-    """Refine each start of the model a little, and the best to the end; see `CameraModel.fit`."""
+def fit_model(
+    name: str, initial_models: Iterable[Model], bearings: Array, pixels: Array, fixed: Sequence[str] = ()
+) -> Model:
+    """Refine each initial model on a subsample, and the best one on all pairs; see `CameraModel.fit`."""
     if len(bearings) != len(pixels) or len(bearings) < 4:
         raise ValueError(f"fit needs 4 or more pairs, got {len(bearings)} bearings and {len(pixels)} pixels")
-    every = -(-len(bearings) // SKETCH)
-    sketch = bearings[::every], pixels[::every]
-    tried = [refine(start, *sketch, fixed, iterations=10, tolerance=1e-4) for start in cls.starts(bearings, pixels)]
-    if not tried:
-        farthest = np.degrees(np.arccos((bearings[:, 2] / np.linalg.norm(bearings, axis=1)).min()))
-        raise ValueError(f"{cls.name} cannot be fitted to bearings up to {farthest:.0f} degrees from the axis")
-    best, _ = min(tried, key=lambda found: found[1])
+    every = -(-len(bearings) // SUBSAMPLE_SIZE)
+    subsample = bearings[::every], pixels[::every]
+    refined = [refine(model, *subsample, fixed, iterations=10, tolerance=1e-4) for model in initial_models]
+    if not refined:
+        largest = np.degrees(np.arccos((bearings[:, 2] / np.linalg.norm(bearings, axis=1)).min()))
+        raise ValueError(f"{name} cannot be fitted to bearings up to {largest:.0f} degrees from the axis")
+    best, _ = min(refined, key=lambda model_and_cost: model_and_cost[1])
     return refine(best, bearings, pixels, fixed)[0]
 
 

@@ -1,10 +1,11 @@
-"""The compiled drivers: one loop for all models, resolved per model at compile time.
+"""The compiled loops over points and pixels: one source for all models, which numba resolves at compile time.
 
-Imported at the first use only, because numba costs a quarter of a second. Compiled code is kept in the user's
-cache folder under a hash of the sources of all models: numba itself would look at this file alone and run stale code.
+Imported on first use only, because importing numba takes a quarter of a second. Compiled code is cached in the user's
+cache folder under a hash of the sources of all models.
 """
 
 import inspect
+from collections.abc import Callable
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
@@ -17,90 +18,97 @@ from numba.extending import overload, register_jitable
 
 from omnisight.cache import cache_folder
 from omnisight.compiled import cached_njit, source_hash
-from omnisight.models import _branchless, _bspline, _elementwise
-from omnisight.models._elementwise import FULL, ONCE, project_point, unproject_pixel
+from omnisight.models import _elementwise, _simd_math
+from omnisight.models._elementwise import FIXED_STEPS, MAX_ITERATIONS, project_point, unproject_pixel
 
-# Divisions by zero give inf, as in numpy; a fused multiply-add may round once instead of twice.
-# What is not inlined keeps the loop around it from vectorising, so formulas are inlined however often they are used.
+# Divisions by zero return inf, as in numpy; a fused multiply-add may round once instead of twice.
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
-FORMULA: Any = {**OPTIONS, "forceinline": True}
-# Points worked on at a time: their planes stay in the first cache.
+# A loop vectorizes only if all functions that it calls are inlined.
+INLINED: Any = {**OPTIONS, "forceinline": True}
+# Points per block: the five coordinate arrays of a block fit in the L1 cache.
 BLOCK = 256
 
 
-def _register_hooks() -> None:
-    for formula in _bspline.FORMULAS:
-        register_jitable(**FORMULA)(formula)
+def _overload_building_blocks() -> None:
+    """Provide the scalar versions of the functions of `_elementwise`."""
 
-    @overload(_elementwise.where, jit_options=FORMULA)
+    @overload(_elementwise.where, jit_options=INLINED)
     def _where(condition: Any, a: Any, b: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
         def choose(condition: Any, a: Any, b: Any) -> Any:
             return a if condition else b
 
         return choose
 
-    @overload(_elementwise.span_of, jit_options=FORMULA)
-    def _span_of(place: Any, count: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
-        def span(place: Any, count: Any) -> Any:
-            # 32 bits: processors convert several at a time to these alone.
-            return np.int32(min(place, count - 1.0) if place > 0.0 else 0.0)
+    @overload(_elementwise.span_index, jit_options=INLINED)
+    def _span_index(position: Any, count: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def span(position: Any, count: Any) -> Any:
+            # 32 bits: vector units convert only these several at a time.
+            return np.int32(min(position, count - 1.0) if position > 0.0 else 0.0)
 
         return span
 
-    @overload(_elementwise.settled, jit_options=FORMULA)
-    def _settled(step: Any, least: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
-        def never(step: Any, least: Any) -> Any:
+    @overload(_elementwise.has_converged, jit_options=INLINED)
+    def _has_converged(step: Any, limit: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def never(step: Any, limit: Any) -> Any:
             return False
 
         return never
 
-    for formula in (_branchless.atan2, _branchless.sine_cosine):
+    for formula in (_simd_math.atan2, _simd_math.sine_cosine):
         plain = getattr(_elementwise, formula.__name__)
-        overload(plain, jit_options=FORMULA)(_like(plain, lambda *_, formula=formula: formula))
-    for name, hook in _elementwise.HOOKS.items():
-        model = attrgetter(f"instance_class.model.{name}")
-        overload(hook, jit_options=FORMULA)(_like(hook, lambda m, *_, model=model: model(m)))
+        overload(plain, jit_options=INLINED)(_with_signature(plain, lambda *_, formula=formula: formula))
 
 
-def _like(hook: Any, resolve: Any) -> Any:
-    """Give what resolves a hook the hook's own signature, which numba asks for."""
-    resolve.__signature__ = inspect.signature(hook)
+@cache
+def _register_function(function: Callable[..., Any]) -> None:
+    register_jitable(**INLINED)(function)
+
+
+@cache
+def _register_method(method: Callable[..., Any]) -> None:
+    of_model = attrgetter(f"instance_class.model.{method.__name__}")
+    overload(method, jit_options=INLINED)(_with_signature(method, lambda m, *_: of_model(m)))
+
+
+def _with_signature(function: Callable[..., Any], resolve: Any) -> Any:
+    """Return `resolve` with the signature of the function that it overloads, which numba requires."""
+    resolve.__signature__ = inspect.signature(function)
     return resolve
 
 
 class NoAliasCompiler(Compiler):
-    """Compiles functions whose arrays overlap no other: only so what a model looks up in its tables vectorises."""
+    """Compiles functions whose arguments do not overlap; otherwise loops that read a model's tables do not vectorize."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.state.flags.noalias = True  # pyright: ignore[reportAttributeAccessIssue]
 
 
-_register_hooks()
+_overload_building_blocks()
 FOLDER = cache_folder() / f"compiled-{source_hash(Path(__file__).parent, '*.py')}"
 
 
 @numba.njit(**OPTIONS)
-def _any_left(values: Any) -> Any:
-    # NonCentralityTest first: the loop over what is left vectorises too, and would do all the work again under a mask.
-    left = 0
+def _any_unconverged(values: Any) -> Any:
+    # Counted first: the loop over the unconverged points vectorizes too, and would repeat all points under a mask.
+    count = 0
     for value in values:
-        left += np.abs(value) == np.inf
-    return left > 0
+        count += np.abs(value) == np.inf
+    return count > 0
 
 
 @numba.njit(pipeline_class=NoAliasCompiler, **OPTIONS)
 def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
-    # Planes of x, y, z and no branch: this loop vectorises, the interleaved arrays of the callers would not.
+    # One array per coordinate and no branch: this loop vectorizes. With interleaved coordinates it would not.
     for j in range(x.shape[0]):
-        a, b, ok = project_point(m, x[j], y[j], z[j], ONCE)
+        a, b, ok = project_point(m, x[j], y[j], z[j], FIXED_STEPS)
         u[j] = a if ok or np.abs(a) == np.inf else np.nan
         v[j] = b if ok else np.nan
-    if not _any_left(u):
+    if not _any_unconverged(u):
         return
     for j in range(x.shape[0]):
         if np.abs(u[j]) == np.inf:
-            a, b, ok = project_point(m, x[j], y[j], z[j], FULL)
+            a, b, ok = project_point(m, x[j], y[j], z[j], MAX_ITERATIONS)
             ok = ok and np.abs(a) != np.inf
             u[j] = a if ok else np.nan
             v[j] = b if ok else np.nan
@@ -109,15 +117,15 @@ def _project_block(m: Any, x: Any, y: Any, z: Any, u: Any, v: Any) -> None:
 @numba.njit(pipeline_class=NoAliasCompiler, **OPTIONS)
 def _unproject_block(m: Any, u: Any, v: Any, x: Any, y: Any, z: Any) -> None:
     for j in range(u.shape[0]):
-        a, b, c, ok = unproject_pixel(m, u[j], v[j], ONCE)
+        a, b, c, ok = unproject_pixel(m, u[j], v[j], FIXED_STEPS)
         x[j] = a if ok or np.abs(a) == np.inf else np.nan
         y[j] = b if ok else np.nan
         z[j] = c if ok else np.nan
-    if not _any_left(x):
+    if not _any_unconverged(x):
         return
     for j in range(u.shape[0]):
         if np.abs(x[j]) == np.inf:
-            a, b, c, ok = unproject_pixel(m, u[j], v[j], FULL)
+            a, b, c, ok = unproject_pixel(m, u[j], v[j], MAX_ITERATIONS)
             ok = ok and np.abs(a) != np.inf
             x[j] = a if ok else np.nan
             y[j] = b if ok else np.nan
@@ -130,13 +138,14 @@ def project(m: Any, points: Any, pixels: Any, valid: Any, first: int, last: int)
     for start in range(first, last, BLOCK):
         size = min(BLOCK, last - start)
         x, y, z, u, v = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size], planes[4, :size]
-        given, found, shown = points[start : start + size], pixels[start : start + size], valid[start : start + size]
+        points_in, pixels_out = points[start : start + size], pixels[start : start + size]
+        valid_out = valid[start : start + size]
         for j in range(size):
-            x[j], y[j], z[j] = given[j, 0], given[j, 1], given[j, 2]
+            x[j], y[j], z[j] = points_in[j, 0], points_in[j, 1], points_in[j, 2]
         _project_block(m, x, y, z, u, v)
         for j in range(size):
-            found[j, 0], found[j, 1] = u[j], v[j]
-            shown[j] = u[j] == u[j]
+            pixels_out[j, 0], pixels_out[j, 1] = u[j], v[j]
+            valid_out[j] = u[j] == u[j]
 
 
 def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: int) -> None:
@@ -145,19 +154,20 @@ def unproject(m: Any, pixels: Any, bearings: Any, valid: Any, first: int, last: 
     for start in range(first, last, BLOCK):
         size = min(BLOCK, last - start)
         x, y, z, u, v = planes[0, :size], planes[1, :size], planes[2, :size], planes[3, :size], planes[4, :size]
-        given, found, shown = pixels[start : start + size], bearings[start : start + size], valid[start : start + size]
+        pixels_in, bearings_out = pixels[start : start + size], bearings[start : start + size]
+        valid_out = valid[start : start + size]
         for j in range(size):
-            u[j], v[j] = given[j, 0], given[j, 1]
+            u[j], v[j] = pixels_in[j, 0], pixels_in[j, 1]
         _unproject_block(m, u, v, x, y, z)
         for j in range(size):
-            found[j, 0], found[j, 1], found[j, 2] = x[j], y[j], z[j]
-            shown[j] = x[j] == x[j]
+            bearings_out[j, 0], bearings_out[j, 1], bearings_out[j, 2] = x[j], y[j], z[j]
+            valid_out[j] = x[j] == x[j]
 
 
 def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, first: int, last: int) -> None:
-    """Fill rows first to last of map_u, map_v (H, W): where the target's pixel is in the source, NaN if nowhere.
+    """Fill rows first to last of map_u, map_v (H, W) with the source pixel of each target pixel; NaN if there is none.
 
-    `rotation` (3, 3) turns bearings of the target into the source's frame.
+    `rotation` (3, 3) maps bearings of the target to the source frame.
     """
     columns = map_u.shape[1]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
@@ -166,27 +176,31 @@ def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, fi
     for row in range(first, last):
         us, vs = map_u[row], map_v[row]
         for column in range(columns):
-            x, y, z, ok = unproject_pixel(target, float(column), float(row), ONCE)
+            x, y, z, ok = unproject_pixel(target, float(column), float(row), FIXED_STEPS)
             a, b, c = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-            u, v, seen = project_point(source, a, b, c, ONCE)
+            u, v, seen = project_point(source, a, b, c, FIXED_STEPS)
             shown = u if ok & seen else np.nan
             us[column] = np.inf if (np.abs(x) == np.inf) | (np.abs(u) == np.inf) else shown
             vs[column] = v if ok & seen else np.nan
-        if not _any_left(us):
+        if not _any_unconverged(us):
             continue
         for column in range(columns):
             if us[column] == np.inf:
-                x, y, z, ok = unproject_pixel(target, float(column), float(row), FULL)
+                x, y, z, ok = unproject_pixel(target, float(column), float(row), MAX_ITERATIONS)
                 a, b, c = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-                u, v, seen = project_point(source, a, b, c, FULL)
+                u, v, seen = project_point(source, a, b, c, MAX_ITERATIONS)
                 us[column] = u if ok & seen else np.nan
                 vs[column] = v if ok & seen else np.nan
 
 
 @cache
 def compiled(loop: str, *models: str) -> Any:
-    """Give one of the loops above (project, unproject, map_view), compiled for models by name or kept from before.
+    """Return one of the loops above (project, unproject, map_view), compiled for models by name.
 
-    Each has a folder of its own: a process that needs one model does not read what was kept of all.
+    Each combination has its own folder: a process that needs one model does not read the index of all.
     """
+    for function in _elementwise.ELEMENTWISE:
+        _register_function(function)
+    for method in _elementwise.MODEL_METHODS:
+        _register_method(method)
     return cached_njit(globals()[loop], FOLDER / "-".join(models), nogil=True, **OPTIONS)

@@ -24,7 +24,16 @@ class Parameter:
     free
         Whether a calibration estimates it unless told otherwise.
     prior_sigma
-        How far from 0 it is expected to be (a standard deviation), known before any image; inf where nothing is.
+        Standard deviation of a zero-mean Gaussian prior, part of every cost; inf if there is none.
+    start_zero
+        Whether a well-built camera has next to nothing of it (decentring): a calibration starts from 0.
+    truncated_start
+        Whether it is a term of a series whose terms nearly compensate each other: a calibration also starts from the
+        series without this term and those after it.
+    start_scale
+        Scale of the Cauchy distribution about a fitted value from which starts of a calibration are drawn; 0 for none.
+    start_range
+        Interval from which starts of a calibration are drawn uniformly instead.
     """
 
     name: str
@@ -34,21 +43,16 @@ class Parameter:
     high: float = np.inf
     free: bool = True
     prior_sigma: float = np.inf
+    start_zero: bool = False
+    truncated_start: bool = False
+    start_scale: float = 0.0
+    start_range: tuple[float, float] | None = None
 
 
-def parameter(
-    doc: str,
-    *,
-    unit: str = "",
-    low: float = -np.inf,
-    high: float = np.inf,
-    default: Any = dataclasses.MISSING,
-    free: bool = True,
-    prior_sigma: float = np.inf,
-) -> Any:
-    """Declare a parameter of a camera model (a dataclass field): its meaning, unit and bounds."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "free": free, "prior_sigma": prior_sigma}
-    return dataclasses.field(default=default, metadata=metadata)
+def parameter(doc: str, *, default: Any = dataclasses.MISSING, **known: Any) -> Any:
+    """Declare a parameter of a camera model (a dataclass field): its meaning, and the other fields of `Parameter`."""
+    Parameter("", doc, **known)  # raises TypeError for an unknown field
+    return dataclasses.field(default=default, metadata={"doc": doc, **known})
 
 
 def finite(value: Any, what: str) -> float:

@@ -6,11 +6,15 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.models._parametric import Parametric
+from omnisight.models._parameterized import Parameterized
 
 Array = NDArray[np.float64]
 # A derivative for each of N points, (N,) or (K, N) for a tuple of K parameters; a float if it is the same for all.
 Partial = Array | float
+
+
+# A radius that increases, relative to the axis, more slowly than this nearly stops.
+MIN_RELATIVE_GROWTH = 0.05
 
 
 class NearFold(NamedTuple):
@@ -31,7 +35,7 @@ class NearFold(NamedTuple):
     by_params: Array
 
 
-class Projector(Parametric):
+class Projector(Parameterized):
     """A camera model as solvers see it: a parameter vector, and points to pixels with derivatives.
 
     `CameraModel` derives from it for central cameras and adds `unproject`; `RayModel` derives from it for non-central

@@ -5,15 +5,15 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
-class Division(Central):
+class Division(ProfileCamera):
     """Fitzgibbon's division model: a point (x, y) of the plane has the bearing (x, y, 1 + k r^2).
 
     r = 2 sin(theta)/(cos(theta) + sqrt(cos(theta)^2 - 4 k sin(theta)^2))
@@ -25,7 +25,7 @@ class Division(Central):
 
     auto_max_theta: ClassVar[float] = 0.0
 
-    SHAPES: ClassVar = tuple({"k": k} for k in (-0.1, -0.25, -0.5))
+    INITIAL_SHAPES: ClassVar = tuple({"k": k} for k in (-0.1, -0.25, -0.5))
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")
@@ -34,18 +34,18 @@ class Division(Central):
     k: float = parameter("distortion")
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         root = np.sqrt(c * c - 4.0 * m.k * s * s)
         # The two forms of the same root: neither subtracts two numbers that are nearly equal.
         return where(c > 0.0, 2.0 / (c + root), (c - root) / (2.0 * m.k * s * s))
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         z = 1.0 + m.k * r2
         h = 1.0 / np.sqrt(r2 + z * z)
         return h, h * z
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         root = np.sqrt(c * c - 4 * self.k * s * s)
         return -g * g / 2 * (1 + c * (1 + 4 * self.k) / root), {"k": g * g * s * s / root}
 

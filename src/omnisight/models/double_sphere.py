@@ -5,14 +5,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
-class DoubleSphere(Central):
+class DoubleSphere(ProfileCamera):
     """Usenko's double sphere: two unit spheres xi apart, then a pinhole shifted by alpha/(1 - alpha).
 
     With d1 = |X| and d2 = |(x, y, xi d1 + z)|:  m = (x, y)/(alpha d2 + (1 - alpha)(xi d1 + z)),  pixel = K m.
@@ -21,7 +21,7 @@ class DoubleSphere(Central):
     w2 = (w1 + xi)/sqrt(2 w1 xi + xi^2 + 1). Usenko, Demmel and Cremers, The double sphere camera model, 3DV 2018.
     """
 
-    SHAPES: ClassVar = tuple(
+    INITIAL_SHAPES: ClassVar = tuple(
         {"xi": xi, "alpha": alpha}
         for xi, alpha in ((0.0, 0.2), (-0.2, 0.6), (0.0, 0.55), (0.3, 0.7), (0.8, 0.72), (0.97, 0.9), (1.1, 0.6))
     )
@@ -30,22 +30,22 @@ class DoubleSphere(Central):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    xi: float = parameter("distance between the spheres", low=-0.999, high=4.0)
-    alpha: float = parameter("share of the second sphere", low=0.0, high=0.999)
+    xi: float = parameter("distance between the spheres", low=-0.999, high=4.0, start_scale=0.4)
+    alpha: float = parameter("share of the second sphere", low=0.0, high=0.999, start_range=(0.4, 0.8))
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         k = m.xi + c
         return 1.0 / (m.alpha * np.sqrt(s * s + k * k) + (1.0 - m.alpha) * k)
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         inside = 1.0 - (2.0 * m.alpha - 1.0) * r2
         z = (1.0 - m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)
         h = (z * m.xi + np.sqrt(z * z + (1.0 - m.xi * m.xi) * r2)) / (z * z + r2)
         return h, h * z - m.xi
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         alpha, k = self.alpha, self.xi + c
         d2 = np.sqrt(s * s + k * k)
         g2 = g * g

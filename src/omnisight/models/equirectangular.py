@@ -5,13 +5,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from omnisight.models._cylindrical_projection import CylindricalProjection
 from omnisight.models._elementwise import atan2, sine_cosine, where
 from omnisight.models._projector import Array
-from omnisight.models._unrolled import Unrolled
 
 
 @dataclass(frozen=True)
-class Equirectangular(Unrolled):
+class Equirectangular(CylindricalProjection):
     """Longitude and latitude as they are: u = fx atan2(x, z) + cx, v = fy atan(y/hypot(x, z)) + cy.
 
     Forward (z) is in the middle, right is to the right, down is below. An image W x H of the whole sphere has
@@ -21,17 +21,17 @@ class Equirectangular(Unrolled):
     auto_max_theta: ClassVar[float] = 0.0
 
     @staticmethod
-    def height(m: Any, y: Any, q: Any) -> Any:
+    def cylinder_height(m: Any, y: Any, q: Any) -> Any:
         down = atan2(np.abs(y), q)
         down = where(y < 0.0, -down, down)
         return where(np.abs(y) + q > 0.0, down, np.nan)
 
     @staticmethod
-    def unheight(m: Any, h: Any) -> Any:
+    def inverse_cylinder_height(m: Any, h: Any) -> Any:
         around = np.abs(h)
         s, c = sine_cosine(where(around < 1.5707963267948966, around, 1.5707963267948966))
         return c, where(h < 0.0, -s, s), around <= 1.5707963267948966 * (1.0 + 1e-12)
 
     @staticmethod
-    def height_slope(t: Array) -> Array:
+    def cylinder_height_derivative(t: Array) -> Array:
         return 1 / (1 + t * t)

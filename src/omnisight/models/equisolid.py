@@ -5,15 +5,15 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
-class Equisolid(Central):
+class Equisolid(ProfileCamera):
     """Equisolid-angle fisheye: r = 2 sin(theta/2). Valid for theta < 180 degrees.
 
     Equal solid angles have equal areas in the image: the projection of sky cameras.
@@ -27,16 +27,16 @@ class Equisolid(Central):
     cy: float = parameter("principal point", unit="px")
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         # 1 + c = s^2/(1 - c) keeps its digits near theta = pi.
         return np.sqrt(2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c))
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         half = 0.5 * r
         return np.sqrt(where(half < 1.0, (1.0 - half) * (1.0 + half), 0.0)), 1.0 - 2.0 * half * half
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return -0.25 * g**3, {}
 
     @property

@@ -5,14 +5,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
-class EnhancedUnified(Central):
+class EnhancedUnified(ProfileCamera):
     """Khomutenko's enhanced unified model: projection onto an ellipsoid or hyperboloid, then a pinhole.
 
     With d = sqrt(beta (x^2 + y^2) + z^2):  m = (x, y)/(alpha d + (1 - alpha) z),  pixel = K m.
@@ -22,7 +22,7 @@ class EnhancedUnified(Central):
     enhanced unified camera model, RA-L 2016.
     """
 
-    SHAPES: ClassVar = tuple({"alpha": alpha, "beta": 1.0} for alpha in (0.1, 0.4, 0.55, 0.7))
+    INITIAL_SHAPES: ClassVar = tuple({"alpha": alpha, "beta": 1.0} for alpha in (0.1, 0.4, 0.55, 0.7))
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")
@@ -32,17 +32,17 @@ class EnhancedUnified(Central):
     beta: float = parameter("shape of the conicoid", low=1e-3)
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         return 1.0 / (m.alpha * np.sqrt(m.beta * s * s + c * c) + (1.0 - m.alpha) * c)
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         inside = 1.0 - (2.0 * m.alpha - 1.0) * m.beta * r2
         z = (1.0 - m.beta * m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)
         h = 1.0 / np.sqrt(r2 + z * z)
         return h, h * z
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         alpha, beta = self.alpha, self.beta
         d = np.sqrt(beta * s * s + c * c)
         g2 = g * g

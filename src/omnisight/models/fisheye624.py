@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
-from omnisight.models._angle import AnglePolynomial
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import Distorted, decentring_partials
+from omnisight.models._planar_distortion import PlanarDistortion, tangential_partials
 from omnisight.models._projector import Array, Partial
+from omnisight.models._theta_polynomial import ThetaPolynomial
 
 
-class ThinPrism(Distorted):
+class TangentialPrismDistortion(PlanarDistortion):
     """x' = x + 2 p2 x y + p1 (r^2 + 2 x^2) + s1 r^2 + s2 r^4, and alike in y with p2, p1, s3, s4."""
 
     p1: float
@@ -38,7 +38,7 @@ class ThinPrism(Distorted):
 
     def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         r2 = x * x + y * y
-        by = decentring_partials(x, y)
+        by = tangential_partials(x, y)
         return {
             "p1": by["p2"],
             "p2": by["p1"],
@@ -50,7 +50,7 @@ class ThinPrism(Distorted):
 
 
 @dataclass(frozen=True)
-class Fisheye624(ThinPrism, AnglePolynomial):
+class Fisheye624(TangentialPrismDistortion, ThetaPolynomial):
     """Fisheye with 6 radial, 2 tangential and 4 thin-prism coefficients: Project Aria's Fisheye624.
 
     COLMAP's RAD_TAN_THIN_PRISM_FISHEYE with its k0 ... k5 as k1 ... k6, p0, p1 as p1, p2 and s0 ... s3 as s1 ... s4.
@@ -68,18 +68,18 @@ class Fisheye624(ThinPrism, AnglePolynomial):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("coefficient of theta^3", prior_sigma=2.0)
-    k2: float = parameter("coefficient of theta^5", prior_sigma=2.0)
-    k3: float = parameter("coefficient of theta^7", prior_sigma=2.0)
-    k4: float = parameter("coefficient of theta^9", prior_sigma=2.0)
-    k5: float = parameter("coefficient of theta^11", prior_sigma=2.0)
-    k6: float = parameter("coefficient of theta^13", prior_sigma=2.0)
-    p1: float = parameter("tangential distortion", prior_sigma=0.02)
-    p2: float = parameter("tangential distortion", prior_sigma=0.02)
-    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02)
-    s2: float = parameter("thin-prism distortion in x", prior_sigma=0.02)
-    s3: float = parameter("thin-prism distortion in y", prior_sigma=0.02)
-    s4: float = parameter("thin-prism distortion in y", prior_sigma=0.02)
+    k1: float = parameter("coefficient of theta^3", prior_sigma=2.0, truncated_start=True)
+    k2: float = parameter("coefficient of theta^5", prior_sigma=2.0, truncated_start=True)
+    k3: float = parameter("coefficient of theta^7", prior_sigma=2.0, truncated_start=True)
+    k4: float = parameter("coefficient of theta^9", prior_sigma=2.0, truncated_start=True)
+    k5: float = parameter("coefficient of theta^11", prior_sigma=2.0, truncated_start=True)
+    k6: float = parameter("coefficient of theta^13", prior_sigma=2.0, truncated_start=True)
+    p1: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
+    p2: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
+    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02, start_zero=True)
+    s2: float = parameter("thin-prism distortion in x", prior_sigma=0.02, start_zero=True)
+    s3: float = parameter("thin-prism distortion in y", prior_sigma=0.02, start_zero=True)
+    s4: float = parameter("thin-prism distortion in y", prior_sigma=0.02, start_zero=True)
 
     @classmethod
     def example(cls) -> Self:

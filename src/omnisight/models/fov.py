@@ -5,14 +5,14 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central, along_the_sphere
 from omnisight.models._elementwise import atan2, sine_cosine, where
 from omnisight.models._parameter import parameter
+from omnisight.models._profile_camera import ProfileCamera, derivative_by_cosine
 from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
-class FieldOfView(Central):
+class FieldOfView(ProfileCamera):
     """Devernay and Faugeras' FOV model: r = atan(2 tan(theta) tan(omega/2))/omega.
 
     Past 90 degrees the arc tangent goes on as atan2(2 sin(theta) tan(omega/2), cos(theta)). Valid for theta < 180
@@ -21,7 +21,7 @@ class FieldOfView(Central):
 
     auto_max_theta: ClassVar[float] = 0.0
 
-    SHAPES: ClassVar = tuple({"omega": omega} for omega in (0.5, 0.9, 1.3))
+    INITIAL_SHAPES: ClassVar = tuple({"omega": omega} for omega in (0.5, 0.9, 1.3))
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")
@@ -29,27 +29,27 @@ class FieldOfView(Central):
     cy: float = parameter("principal point", unit="px")
     omega: float = parameter("field of view of the ideal fisheye, rad", low=1e-2, high=3.1)
 
-    def derived(self) -> dict[str, Any]:
-        return {**super().derived(), "two_t": 2 * np.tan(self.omega / 2)}
+    def projection_constants(self) -> dict[str, Any]:
+        return {**super().projection_constants(), "two_t": 2 * np.tan(self.omega / 2)}
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         r = atan2(m.two_t * s, c) / m.omega
         return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.two_t / m.omega)
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         s, c = sine_cosine(where(r * m.omega < 3.141592653589793, r * m.omega, 3.141592653589793))
         s = s / m.two_t
         inverse_n = 1.0 / np.sqrt(s * s + c * c)
         h = where(r > 1e-9, s / where(r > 1e-9, r, 1.0), m.omega / m.two_t)
         return h * inverse_n, c * inverse_n
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         t, omega = np.tan(self.omega / 2), self.omega
         below = c * c + 4 * t * t * s * s
         at_axis = 2 * t / omega * (8 * t * t / 3 - 1)
-        dg_dc = along_the_sphere(s, c, g, slope=2 * t / (omega * below), at_axis=at_axis)
+        dg_dc = derivative_by_cosine(s, c, g, slope=2 * t / (omega * below), at_axis=at_axis)
         return dg_dc, {"omega": (c * (1 + t * t) / below - g) / omega}
 
     def radius_max(self) -> float:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from omnisight.models._angle import AnglePolynomial
 from omnisight.models._parameter import parameter
+from omnisight.models._theta_polynomial import ThetaPolynomial
 
 
 @dataclass(frozen=True)
-class KannalaBrandt(AnglePolynomial):
+class KannalaBrandt(ThetaPolynomial):
     """Kannala and Brandt's radial polynomial: r = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
 
     The same as OpenCV fisheye, Kalibr pinhole-equidistant, COLMAP OPENCV_FISHEYE, and camodocal's KANNALA_BRANDT, which
@@ -16,7 +16,8 @@ class KannalaBrandt(AnglePolynomial):
     camera model and calibration method for conventional, wide-angle, and fish-eye lenses, PAMI 2006.
     """
 
-    SHAPES: ClassVar = tuple({"k1": k, "k2": 0.0, "k3": 0.0, "k4": 0.0} for k in (0.0, -0.04, 0.08))
+    in_initial_search: ClassVar[bool] = True
+    INITIAL_SHAPES: ClassVar = tuple({"k1": k, "k2": 0.0, "k3": 0.0, "k4": 0.0} for k in (0.0, -0.04, 0.08))
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from typing import Self
 
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import RadialTangential
+from omnisight.models._planar_distortion import RadialTangentialDistortion
 from omnisight.models.unified import UnifiedProfile
 
 
 @dataclass(frozen=True)
-class Mei(RadialTangential, UnifiedProfile):
+class Mei(RadialTangentialDistortion, UnifiedProfile):
     """Mei and Rives' model: the unified model, then Brown's distortion of its plane.
 
     (x, y) = (X, Y)/(Z + xi |P|);  (x', y') = radial-tangential (k1, k2, p1, p2);  pixel = K (x', y')
@@ -23,11 +23,11 @@ class Mei(RadialTangential, UnifiedProfile):
     fy: float = parameter("focal length along y (gamma)", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    xi: float = parameter("distance of the second viewpoint from the sphere's centre", low=-0.999)
+    xi: float = parameter("distance of the second viewpoint from the sphere's centre", low=-0.999, start_scale=0.4)
     k1: float = parameter("radial distortion")
     k2: float = parameter("radial distortion")
-    p1: float = parameter("tangential distortion")
-    p2: float = parameter("tangential distortion")
+    p1: float = parameter("tangential distortion", start_zero=True)
+    p2: float = parameter("tangential distortion", start_zero=True)
     skew: float = parameter("skew of the pixel axes", unit="px", default=0.0, free=False)
 
     @classmethod

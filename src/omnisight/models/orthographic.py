@@ -5,15 +5,15 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
 @dataclass(frozen=True)
-class Orthographic(Central):
+class Orthographic(ProfileCamera):
     """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, where the image folds over."""
 
     auto_max_theta: ClassVar[float] = 0.0
@@ -24,14 +24,14 @@ class Orthographic(Central):
     cy: float = parameter("principal point", unit="px")
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         return 1.0 + 0.0 * c
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         return 1.0 + 0.0 * r, np.sqrt(where(r < 1.0, (1.0 - r) * (1.0 + r), 0.0))
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return np.zeros_like(c), {}
 
     @property

@@ -7,10 +7,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.models._camera_model import CameraModel
 from omnisight.models._elementwise import where
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
-from omnisight.models._protocol import CameraModel
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Panini(CameraModel):
     cy: float = parameter("principal point", unit="px")
     d: float = parameter("distance of the eye behind the axis, in radii", low=0.0, default=1.0)
 
-    def derived(self) -> dict[str, Any]:
+    def projection_constants(self) -> dict[str, Any]:
         # Just inside: at the limit itself the image is infinitely wide, or folds over.
         limit = -self.d if self.d <= 1 else -1 / self.d
         return {"cos_min": limit + 1e-6, "cos_back": limit}
 
     @staticmethod
-    def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
+    def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
         q = np.sqrt(x * x + z * z)
         c = z / q
         stretch = (m.d + 1.0) / (m.d + c)
@@ -47,7 +47,7 @@ class Panini(CameraModel):
         return m.fx * stretch * (x / q) + m.cx, m.fy * stretch * (y / q) + m.cy, valid
 
     @staticmethod
-    def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
+    def unproject_pixel(m: Any, u: Any, v: Any, max_iterations: Any) -> Any:
         # With k = u^2/(d + 1)^2: cos(lon) is the larger root of (1 + k) c^2 + 2 k d c + k d^2 - 1 = 0.
         a, b = (u - m.cx) / m.fx, (v - m.cy) / m.fy
         k = (a / (m.d + 1.0)) ** 2
@@ -76,14 +76,14 @@ class Panini(CameraModel):
         by_d = (e - (d + 1) * q) / e**2
         d_params[:, 0, 0], d_params[:, 0, 2], d_params[:, 0, 4] = k * x, 1.0, self.fx * x * by_d
         d_params[:, 1, 1], d_params[:, 1, 3], d_params[:, 1, 4] = k * y, 1.0, self.fy * y * by_d
-        return pixels, (c > self.forward.cos_min) & (q + np.abs(y) < np.inf), d_point, d_params
+        return pixels, (c > self.projection_values.cos_min) & (q + np.abs(y) < np.inf), d_point, d_params
 
     @property
     def theta_max(self) -> float:
-        return float(np.arccos(self.forward.cos_min))
+        return float(np.arccos(self.projection_values.cos_min))
 
     @classmethod
-    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+    def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
         """Fit both axes linearly for three distances of the eye."""
         x, y, z = bearings.T
         for d in (0.3, 1.0, 2.0):

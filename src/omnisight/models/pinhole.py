@@ -5,24 +5,24 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._parameter import parameter
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
-class PinholeProfile(Central):
+class PinholeProfile(ProfileCamera):
     """r = tan(theta)."""
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         return 1.0 / c
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         c = 1.0 / np.sqrt(1.0 + r2)
         return c, c
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return -g * g, {}
 
     @property

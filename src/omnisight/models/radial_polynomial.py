@@ -6,103 +6,107 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central, per_sine
-from omnisight.models._elementwise import angle_step, atan2, settled, sine_cosine, where
+from omnisight.models._elementwise import atan2, elementwise, has_converged, sine_cosine, where
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN, first_positive_root
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._polynomial_roots import first_positive_root
+from omnisight.models._profile_camera import ProfileCamera, divide_by_sine
 from omnisight.models._projector import Array
 
-# What magnifies so much more off the axis than on it is no lens: f would run to 0 and the others after it.
-STEEPEST = 4.0
+# Bound of the coefficients: without it a fit lets the focal length approach 0 and these grow.
+MAX_COEFFICIENT = 4.0
+
+
+@elementwise
+def angle_newton_step(m: Any, theta: Any, r: Any) -> Any:
+    """Return theta after a Newton step towards r(theta) = r, clipped to the valid cone, and the step."""
+    value = theta * (1.0 + theta * (m.k2 + theta * (m.k3 + theta * m.k4))) - r
+    slope = 1.0 + theta * (2.0 * m.k2 + theta * (3.0 * m.k3 + theta * 4.0 * m.k4))
+    step = value / slope
+    theta = theta - step
+    theta = where(theta < m.theta_max, theta, m.theta_max)
+    return where(theta > 0.0, theta, 0.0), step
 
 
 @dataclass(frozen=True)
-class RadialPolynomial(Central):
+class RadialPolynomial(ProfileCamera):
     """Polynomial of the angle, even powers too: r = theta (1 + k2 theta + k3 theta^2 + k4 theta^3).
 
     WoodScape's radial_poly, whose k1 is our fx and whose k2 ... k4 are fx times ours; Hugin's fisheye with a, b, c.
     The even powers bend r at the axis, as no lens does, and make room for a better rim. Valid up to the angle where r
-    stops growing, 180 degrees at most. Yogamani et al., WoodScape: a multi-task, multi-camera fisheye dataset for
+    stops increasing, at most 180 degrees. Yogamani et al., WoodScape: a multi-task, multi-camera fisheye dataset for
     autonomous driving, ICCV 2019.
     """
 
     auto_max_theta: ClassVar[float] = 0.0
 
-    SHAPES: ClassVar = tuple({"k2": k2, "k3": k3, "k4": 0.0} for k2, k3 in ((0.0, 0.0), (-0.1, 0.05), (0.05, -0.05)))
+    INITIAL_SHAPES: ClassVar = tuple(
+        {"k2": k2, "k3": k3, "k4": 0.0} for k2, k3 in ((0.0, 0.0), (-0.1, 0.05), (0.05, -0.05))
+    )
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k2: float = parameter("coefficient of theta^2", low=-STEEPEST, high=STEEPEST)
-    k3: float = parameter("coefficient of theta^3", low=-STEEPEST, high=STEEPEST)
-    k4: float = parameter("coefficient of theta^4", low=-STEEPEST, high=STEEPEST)
+    k2: float = parameter("coefficient of theta^2", low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
+    k3: float = parameter("coefficient of theta^3", low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
+    k4: float = parameter("coefficient of theta^4", low=-MAX_COEFFICIENT, high=MAX_COEFFICIENT)
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         theta = atan2(s, c)
         r = theta * (1.0 + theta * (m.k2 + theta * (m.k3 + theta * m.k4)))
         return where(s > 1e-9, r / where(s > 1e-9, s, 1.0), 1.0)
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
-        # theta(r) has a square root at the fold, and so is smooth in w; the even powers make it smooth in q as well.
-        q = r * m.over_fold
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
+        # theta(r) behaves like a square root at the fold, so it is smooth in w; the even powers also need q.
+        q = r * m.inverse_fold_radius
         w = 1.0 - q * q
         w = np.sqrt(where(w > 0.0, w, 0.0))
         theta = r * (m.i0 + w * (m.i1 + w * (m.i2 + w * m.i3)) + q * (m.i4 + w * (m.i5 + w * m.i6)))
         theta = where(theta < m.theta_max, theta, m.theta_max)
-        # Written out, not in a loop: so the compiled loop over the points vectorises.
-        theta, step = angle_step(m, theta, r)
-        theta, step = angle_step(m, theta, r)
-        theta, step = angle_step(m, theta, r)
-        if effort is not None:
-            for _ in range(effort):
-                theta, step = angle_step(m, theta, r)
-                if settled(step, 1e-15):
+        # Unrolled, so that the compiled loop over the points vectorizes.
+        theta, step = angle_newton_step(m, theta, r)
+        theta, step = angle_newton_step(m, theta, r)
+        theta, step = angle_newton_step(m, theta, r)
+        if max_iterations is not None:
+            for _ in range(max_iterations):
+                theta, step = angle_newton_step(m, theta, r)
+                if has_converged(step, 1e-15):
                     break
         s, c = sine_cosine(theta)
-        # A last step leaves its square over w, which vanishes at the fold; past the rim there is nothing to find.
-        found = (step * step < 1e-13 * w) | (r > m.r_last)
-        return where(found, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), np.inf), c
+        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
+        converged = (step * step < 1e-13 * w) | (r > m.r_last)
+        return where(converged, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), np.inf), c
 
-    @staticmethod
-    def angle_step(m: Any, theta: Any, r: Any) -> Any:
-        """Give theta after a Newton step towards r(theta) = r, kept within the valid cone, and the step."""
-        value = theta * (1.0 + theta * (m.k2 + theta * (m.k3 + theta * m.k4))) - r
-        slope = 1.0 + theta * (2.0 * m.k2 + theta * (3.0 * m.k3 + theta * 4.0 * m.k4))
-        step = value / slope
-        theta = theta - step
-        theta = where(theta < m.theta_max, theta, m.theta_max)
-        return where(theta > 0.0, theta, 0.0), step
-
-    def derived_back(self) -> dict[str, Any]:
+    def unprojection_constants(self) -> dict[str, Any]:
         theta = self.fold * np.sin(np.linspace(0, np.pi / 2, 65)[1:])  # denser towards the fold
         r = self._radius(theta)
         q = r / r[-1]
         w = np.sqrt(np.maximum(1 - q * q, 0))
         powers = [w**i for i in range(4)] + [q * w**i for i in range(3)]
         start = np.linalg.lstsq(np.stack(powers, -1), theta / r, rcond=None)[0]
-        # A hair past the last angle keeps the rim itself.
+        # Slightly larger than the last angle, so that the rim itself is valid.
         inverse = {
-            "over_fold": 1 / float(r[-1]),
+            "inverse_fold_radius": 1 / float(r[-1]),
             "theta_max": self.theta_max * (1 + 1e-12),
             "r_last": self.radius_max(),
         }
-        return super().derived_back() | {f"i{i}": float(value) for i, value in enumerate(start)} | inverse
+        return super().unprojection_constants() | {f"i{i}": float(value) for i, value in enumerate(start)} | inverse
 
     def _radius(self, theta: Any) -> Any:
         return np.polynomial.polynomial.polyval(theta, [0.0, 1.0, self.k2, self.k3, self.k4])
 
     @cached_property
     def fold(self) -> float:
-        """The angle (radians) where r(theta) stops growing, 180 degrees at most."""
-        return float(min(np.pi, first_positive_root(self.growth())))
+        """The angle (radians) where r(theta) stops increasing, at most 180 degrees."""
+        return float(min(np.pi, first_positive_root(self.slope_polynomial())))
 
-    def growth(self) -> list[float]:
+    def slope_polynomial(self) -> list[float]:
         return [1.0, 2 * self.k2, 3 * self.k3, 4 * self.k4]
 
-    def growth_angle(self, x: float) -> float:
+    def slope_angle(self, x: float) -> float:
         return x
 
     @property
@@ -112,13 +116,13 @@ class RadialPolynomial(Central):
     def radius_max(self) -> float:
         return float(self._radius(np.float64(self.theta_max)))
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         theta = atan2(s, c)
-        slope = np.polynomial.polynomial.polyval(theta, self.growth())
-        # It grows as k2/theta towards the axis, where it meets factors that vanish: no limit is needed there.
+        slope = np.polynomial.polynomial.polyval(theta, self.slope_polynomial())
+        # It grows like k2/theta towards the axis, but is multiplied by factors that vanish there.
         near = (s < 1e-9) & (c > 0)
         dg_dc = np.where(near, 0.0, -(slope - g * c) / np.where(near, 1.0, s * s))
-        return dg_dc, {f"k{i}": per_sine(theta**i, s, c) for i in (2, 3, 4)}
+        return dg_dc, {f"k{i}": divide_by_sine(theta**i, s, c) for i in (2, 3, 4)}
 
     @classmethod
     def example(cls) -> Self:

@@ -6,12 +6,12 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import Rational
+from omnisight.models._planar_distortion import RationalDistortion
 from omnisight.models.pinhole import PinholeProfile
 
 
 @dataclass(frozen=True)
-class RadialTangentialPinhole(Rational, PinholeProfile):
+class RadialTangentialPinhole(RationalDistortion, PinholeProfile):
     """Pinhole camera with Brown's distortion; ROS `plumb_bob`, OpenCV's five coefficients.
 
     On the plane x/z, y/z, with r^2 = x^2 + y^2:
@@ -31,12 +31,12 @@ class RadialTangentialPinhole(Rational, PinholeProfile):
     cy: float = parameter("principal point", unit="px")
     k1: float = parameter("radial distortion")
     k2: float = parameter("radial distortion")
-    p1: float = parameter("tangential distortion")
-    p2: float = parameter("tangential distortion")
+    p1: float = parameter("tangential distortion", start_zero=True)
+    p2: float = parameter("tangential distortion", start_zero=True)
     k3: float = parameter("radial distortion")
 
-    def derived(self) -> dict[str, Any]:
-        return super().derived() | {"k4": 0.0, "k5": 0.0, "k6": 0.0}
+    def projection_constants(self) -> dict[str, Any]:
+        return super().projection_constants() | {"k4": 0.0, "k5": 0.0, "k6": 0.0}
 
     @classmethod
     def example(cls) -> Self:

@@ -7,7 +7,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import Rational, first_positive_root
+from omnisight.models._planar_distortion import RationalDistortion
+from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._projector import Array
 from omnisight.models.pinhole import PinholeProfile
 
@@ -16,7 +17,7 @@ STEEPEST = 4.0
 
 
 @dataclass(frozen=True)
-class RationalPinhole(Rational, PinholeProfile):
+class RationalPinhole(RationalDistortion, PinholeProfile):
     """Pinhole camera with OpenCV's eight coefficients; ROS `rational_polynomial`, COLMAP FULL_OPENCV.
 
     On the plane x/z, y/z, with r^2 = x^2 + y^2 and d = (1 + k1 r^2 + k2 r^4 + k3 r^6)/(1 + k4 r^2 + k5 r^4 + k6 r^6):
@@ -35,29 +36,29 @@ class RationalPinhole(Rational, PinholeProfile):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("radial distortion, numerator", prior_sigma=1.0)
-    k2: float = parameter("radial distortion, numerator", prior_sigma=1.0)
-    p1: float = parameter("tangential distortion", prior_sigma=0.02)
-    p2: float = parameter("tangential distortion", prior_sigma=0.02)
-    k3: float = parameter("radial distortion, numerator", prior_sigma=1.0)
-    k4: float = parameter("radial distortion, denominator", prior_sigma=1.0)
-    k5: float = parameter("radial distortion, denominator", prior_sigma=1.0)
-    k6: float = parameter("radial distortion, denominator", prior_sigma=1.0)
+    k1: float = parameter("radial distortion, numerator", prior_sigma=1.0, truncated_start=True)
+    k2: float = parameter("radial distortion, numerator", prior_sigma=1.0, truncated_start=True)
+    p1: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
+    p2: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
+    k3: float = parameter("radial distortion, numerator", prior_sigma=1.0, truncated_start=True)
+    k4: float = parameter("radial distortion, denominator", prior_sigma=1.0, truncated_start=True)
+    k5: float = parameter("radial distortion, denominator", prior_sigma=1.0, truncated_start=True)
+    k6: float = parameter("radial distortion, denominator", prior_sigma=1.0, truncated_start=True)
 
     def radial_fold(self) -> float:
         # The denominator's own root lies beyond.
         d = np.array([1.0, self.k4, self.k5, self.k6])
-        steep = np.array(self.growth()) - STEEPEST * np.convolve(d, d)
+        steep = np.array(self.slope_polynomial()) - STEEPEST * np.convolve(d, d)
         return min(super().radial_fold(), first_positive_root(list(steep)) ** 0.5)
 
     @classmethod
-    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+    def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
         """Beside the plain pinhole, fit numerator and denominator linearly, about the centre of a fisheye."""
         from scipy.optimize import lsq_linear
 
         from omnisight.models.equidistant import Equidistant
 
-        yield from super().starts(bearings, pixels)
+        yield from super().initial_models(bearings, pixels)
         front = bearings[:, 2] > 0.05 * np.linalg.norm(bearings, axis=1)
         if front.sum() < 8:
             return

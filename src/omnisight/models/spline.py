@@ -1,7 +1,7 @@
 """The generic camera: splines along the radius and over the image."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -9,24 +9,45 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omnisight.models._bspline import TO_POWERS, BentPlane, basis, blend, slopes, weights
-from omnisight.models._central import Central, along_the_sphere
-from omnisight.models._elementwise import atan2, bracketed_angle, settled, sine_cosine, span_of, where
+from omnisight.models._bspline import TO_POWERS, basis, blend, slopes, weights
+from omnisight.models._camera_model import VariantFit
+from omnisight.models._elementwise import atan2, elementwise, has_converged, sine_cosine, span_index, where
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN, first_positive_root
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._polynomial_roots import first_positive_root
+from omnisight.models._profile_camera import ProfileCamera, derivative_by_cosine
 from omnisight.models._projector import Array, Partial
+from omnisight.models._spline_distortion import SplineDistortion
+from omnisight.models.equidistant import Equidistant
 
-# What a camera has unless told otherwise: spans of the radius, cells of the square along each side.
+# Default spans of the radius, and cells along each side of the correction.
 SPANS, CELLS = 16, 5
-# A file may hold this many control values of the radius, and this many along each side of the square.
-MOST_SPANS, MOST_SIDE = 200, 100
+# Spans of the radius in a calibration, and cells along each side with fewer than that many corners, and with more.
+CALIBRATED_SPANS, MANY_CORNERS, MIN_CALIBRATED_CELLS, MAX_CALIBRATED_CELLS = 10, 800, 3, 5
+# Limits for files: spans of the radius, control values along each side of the correction.
+MAX_SPANS, MAX_SIDE = 200, 100
+# Cells of the table that starts the inversion of the profile.
 START_CELLS = 256
-# What second differences of the radius weigh beside the pixels where a line through them decides (px).
-SMOOTH = 1e-3
+# Weight of the second differences of the profile: it decides only where no pixel does.
+SMOOTHING = 1e-3
 
 
-class SplineProfile(Central):
-    """r(theta) = theta S(theta), S an even uniform cubic B-spline on [0, reach]: so r is smooth on the axis."""
+@elementwise
+def bracketed_newton_step(m: Any, theta: Any, low: Any, high: Any, r: Any) -> Any:
+    """Return theta after a Newton step towards r(theta) = r, bracket and step; bisect if theta is outside the bracket."""
+    theta = where((theta >= low) & (theta <= high), theta, 0.5 * (low + high))
+    spans = len(m.controls) - 3
+    place = theta * (spans / m.reach)
+    i = span_index(place, spans)
+    mean_slope = blend(m.controls, i, weights(place - i))
+    slope = mean_slope + place * blend(m.controls, i, slopes(place - i))
+    value = r - theta * mean_slope  # positive before the root
+    step = value / slope
+    return theta + step, where(value > 0.0, theta, low), where(value > 0.0, high, theta), step
+
+
+class SplineProfile(ProfileCamera):
+    """r(theta) = theta S(theta), S an even uniform cubic B-spline on [0, reach], so that r is smooth on the axis."""
 
     reach: float
     r: tuple[float, ...]
@@ -37,85 +58,72 @@ class SplineProfile(Central):
         return np.array([self.r[1], *self.r])
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         theta = atan2(s, c)
         place = theta * ((len(m.controls) - 3) / m.reach)
-        i = span_of(place, len(m.controls) - 3)
-        per_angle = blend(m.controls, i, weights(place - i))
-        return where(s > 1e-9, per_angle * theta / where(s > 1e-9, s, 1.0), per_angle)
+        i = span_index(place, len(m.controls) - 3)
+        mean_slope = blend(m.controls, i, weights(place - i))
+        return where(s > 1e-9, mean_slope * theta / where(s > 1e-9, s, 1.0), mean_slope)
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
-        # theta(r) has a square root at a fold, and so is smooth in w: theta/r is a table of it.
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
+        # theta(r) behaves like a square root at a fold, so theta/r is smooth in w and is tabulated over it.
         w = 1.0 - (r * m.over_last) ** 2
         w = np.sqrt(where(w > 0.0, w, 0.0))
         place = w * (len(m.start) - 1)
-        i = span_of(place, len(m.start) - 1)
+        i = span_index(place, len(m.start) - 1)
         theta = r * (m.start[i] + (place - i) * (m.start[i + 1] - m.start[i]))
         low, high = 0.0 * theta, m.theta_last + 0.0 * theta
-        # Written out, not in a loop: so the compiled loop over the points vectorises.
-        theta, low, high, step = bracketed_angle(m, theta, low, high, r)
-        theta, low, high, step = bracketed_angle(m, theta, low, high, r)
-        if effort is not None:
-            for _ in range(effort):
-                theta, low, high, step = bracketed_angle(m, theta, low, high, r)
-                if settled(step, 1e-15):
+        # Unrolled, so that the compiled loop over the points vectorizes.
+        theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
+        theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
+        if max_iterations is not None:
+            for _ in range(max_iterations):
+                theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
+                if has_converged(step, 1e-15):
                     break
         theta = where(theta < m.theta_last, theta, m.theta_last)
         s, c = sine_cosine(where(theta > 0.0, theta, 0.0))
-        # A last step leaves its square over w, which vanishes at the fold; past the rim there is nothing to find.
-        found = (step * step < 1e-13 * w) | (r > m.r_last)
-        return where(found, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), m.start[len(m.start) - 1]), np.inf), c
+        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
+        converged = (step * step < 1e-13 * w) | (r > m.r_last)
+        return where(converged, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), m.start[len(m.start) - 1]), np.inf), c
 
-    @staticmethod
-    def bracketed_angle(m: Any, theta: Any, low: Any, high: Any, r: Any) -> Any:
-        """Give theta after a Newton step towards r(theta) = r (from half the bracket if it left it), bracket, step."""
-        theta = where((theta >= low) & (theta <= high), theta, 0.5 * (low + high))
-        spans = len(m.controls) - 3
-        place = theta * (spans / m.reach)
-        i = span_of(place, spans)
-        per_angle = blend(m.controls, i, weights(place - i))
-        slope = per_angle + place * blend(m.controls, i, slopes(place - i))
-        value = r - theta * per_angle  # positive before the root
-        step = value / slope
-        return theta + step, where(value > 0.0, theta, low), where(value > 0.0, high, theta), step
+    def projection_constants(self) -> dict[str, Any]:
+        return {**super().projection_constants(), "controls": self.controls}
 
-    def derived(self) -> dict[str, Any]:
-        return {**super().derived(), "controls": self.controls}
-
-    def derived_back(self) -> dict[str, Any]:
+    def unprojection_constants(self) -> dict[str, Any]:
         limit = min(self.reach, self.fold, np.pi)
         theta = limit * np.sin(np.linspace(0, np.pi / 2, 4 * START_CELLS + 1))  # denser towards the fold
         with np.errstate(all="ignore"):
-            per_angle = self._per_angle(theta)
-            r = theta * per_angle
+            mean_slope = self._mean_slope(theta)
+            r = theta * mean_slope
             w = np.sqrt(np.maximum(1 - (r / r[-1]) ** 2, 0))
-            start = np.interp(np.linspace(0, 1, START_CELLS + 1), w[::-1], 1 / per_angle[::-1])
+            start = np.interp(np.linspace(0, 1, START_CELLS + 1), w[::-1], 1 / mean_slope[::-1])
             over_last = float(1 / r[-1])
         inverse = {
             "start": start,
             "over_last": over_last,
-            # A hair past the last angle keeps the rim itself.
+            # Slightly larger than the last angle, so that the rim itself is valid.
             "theta_last": self.theta_max * (1 + 1e-12),
             "r_last": self.radius_max(),
         }
-        return {**super().derived_back(), **inverse}
+        return {**super().unprojection_constants(), **inverse}
 
-    def _per_angle(self, theta: Array) -> Array:
+    def _mean_slope(self, theta: Array) -> Array:
         place = theta * ((len(self.controls) - 3) / self.reach)
-        i = span_of(place, len(self.controls) - 3)
+        i = span_index(place, len(self.controls) - 3)
         return blend(self.controls, i, weights(place - i))
 
     @cached_property
     def fold(self) -> float:
-        """The angle (radians) where r(theta) stops growing; inf if it grows up to the last knot."""
+        """The angle (radians) where r(theta) stops increasing; inf if it increases up to the last knot."""
         spans = len(self.controls) - 3
         around = np.lib.stride_tricks.sliding_window_view(self.controls, 4)
         p0, p1, p2, p3 = TO_POWERS @ around.T
         # dr/dtheta = S + (k + f) dS/df on span k, as a cubic in f.
         k = np.arange(spans)
         cubic = np.stack([p0 + k * p1, 2 * (p1 + k * p2), 3 * (p2 + k * p3), 4 * p3], -1)
-        # A cubic stays above the least of its Bezier points.
+        # A cubic is bounded below by its Bezier control points.
         bezier = cubic @ np.array([[1, 1, 1, 1], [0, 1 / 3, 2 / 3, 1], [0, 0, 1 / 3, 1], [0, 0, 0, 1]])
         for span in np.flatnonzero(bezier.min(axis=1) <= 0):
             f = 0.0 if cubic[span, 0] <= 0 else first_positive_root([float(c) for c in cubic[span]])
@@ -129,23 +137,23 @@ class SplineProfile(Central):
 
     @property
     def fold_angle(self) -> float:
-        # It ends near the last corner it was fitted to, and need not fold there.
+        # The last knot is near the last corner, where the image need not fold.
         return min(self.fold * (1 - FOLD_MARGIN), np.pi)
 
     def radius_max(self) -> float:
         limit = self.theta_max
-        return float(limit * self._per_angle(np.array([limit]))[0])
+        return float(limit * self._mean_slope(np.array([limit]))[0])
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         theta = atan2(s, c)
         spans = len(self.controls) - 3
         place = theta * (spans / self.reach)
-        i = span_of(place, spans)
-        per_angle = blend(self.controls, i, weights(place - i))
+        i = span_index(place, spans)
+        mean_slope = blend(self.controls, i, weights(place - i))
         rising = place * blend(self.controls, i, slopes(place - i))  # theta dS/dtheta
         # S = S0 + S2 theta^2 + ...:  dg/dc = -(2 S2 + S0/3) on the axis.
         at_axis = -2 * (spans / self.reach) ** 2 * (self.r[1] - self.r[0]) - (2 * self.r[0] + self.r[1]) / 9
-        dg_dc = along_the_sphere(s, c, g, slope=per_angle + rising, at_axis=at_axis)
+        dg_dc = derivative_by_cosine(s, c, g, slope=mean_slope + rising, at_axis=at_axis)
         over_sine = where(s > 1e-9, theta / where(s > 1e-9, s, 1.0), 1.0)
         weigh = basis(place, spans)
         weigh[2] += weigh[0]  # the control value before the axis is the one after it
@@ -153,8 +161,8 @@ class SplineProfile(Central):
 
 
 @dataclass(frozen=True)
-class Spline(BentPlane, SplineProfile):
-    """Generic camera of splines: any smooth profile, and any small smooth correction of the image.
+class Spline(SplineDistortion, SplineProfile):
+    """Generic spline camera: any smooth profile, and any small smooth correction of the image.
 
     r = theta S(theta) with S an even cubic B-spline of evenly spaced knots from 0 to reach, in px: there are as many
     spans as values in r, less two. Then on the plane (x, y) = r (cos phi, sin phi)
@@ -163,8 +171,8 @@ class Spline(BentPlane, SplineProfile):
     with bicubic B-splines Du and Dv over the square -extent <= x, y <= extent, n * n control values each, row by row.
     Stretch, skew and tangential distortion are inside the correction.
 
-    The yardstick of the models with few parameters: what it leaves of the residuals is no matter of the model. Valid up
-    to reach, or where r stops growing, and as far as the square holds the whole circle. Similar to Schoeps, Larsson,
+    The baseline for the models with few parameters: its residuals are not caused by the model. Valid up to reach, or
+    where r stops increasing, and within the circle inscribed in the square. Similar to Schoeps, Larsson,
     Pollefeys and Sattler, Why having 10,000 parameters in your camera model is better than twelve, CVPR 2020, with a
     profile of its own so that the correction stays small.
     """
@@ -180,19 +188,19 @@ class Spline(BentPlane, SplineProfile):
     dv: tuple[float, ...] = parameter("control value of the correction of v", unit="px", prior_sigma=1.0)
 
     def __post_init__(self) -> None:
-        """Refuse what makes no spline."""
+        """Check the numbers of control values."""
         if not (self.reach > 0 and self.extent > 0):
             raise ValueError(f"spline needs reach and extent above 0, got {self.reach:g} and {self.extent:g}")
-        if not 3 <= len(self.r) <= MOST_SPANS + 2:
-            raise ValueError(f"spline needs 3 to {MOST_SPANS + 2} values of r, got {len(self.r)}")
+        if not 3 <= len(self.r) <= MAX_SPANS + 2:
+            raise ValueError(f"spline needs 3 to {MAX_SPANS + 2} values of r, got {len(self.r)}")
         side = math.isqrt(len(self.du))
-        if side * side != len(self.du) or not 4 <= side <= MOST_SIDE:
-            raise ValueError(f"spline needs n * n values of du with n from 4 to {MOST_SIDE}, got {len(self.du)}")
+        if side * side != len(self.du) or not 4 <= side <= MAX_SIDE:
+            raise ValueError(f"spline needs n * n values of du with n from 4 to {MAX_SIDE}, got {len(self.du)}")
         if len(self.dv) != len(self.du):
             raise ValueError(f"spline needs as many values of dv as of du, got {len(self.dv)} and {len(self.du)}")
 
     def kernel_values(self) -> dict[str, Any]:
-        # As arrays, which `derived` gives: one compiled code serves all counts.
+        # `projection_constants` holds them as arrays, so that the same compiled code serves all counts.
         return {name: value for name, value in super().kernel_values().items() if name not in {"r", "du", "dv"}}
 
     def affine(self) -> tuple[float, float, float, float, float, float]:
@@ -203,22 +211,27 @@ class Spline(BentPlane, SplineProfile):
 
     @classmethod
     def fit(cls, bearings: ArrayLike, pixels: ArrayLike, *, fixed: Sequence[str] = ()) -> Self:
-        # Knots stay where they begin: they say where the data end.
+        # The knots are fixed: they mark the end of the data.
         return super().fit(bearings, pixels, fixed=(*fixed, "reach", "extent"))
 
     @classmethod
-    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Fit the profile linearly, the correction 0."""
-        yield cls.start_of(bearings, pixels, SPANS, CELLS)
+    def variants(cls, corners: int) -> Mapping[str, VariantFit]:
+        cells = MIN_CALIBRATED_CELLS if corners < MANY_CORNERS else MAX_CALIBRATED_CELLS
+        return {
+            cls.name: lambda bearings, pixels, fixed=(): cls.initial_model(bearings, pixels, CALIBRATED_SPANS, cells)
+        }
 
     @classmethod
-    def start_of(cls, bearings: Array, pixels: Array, spans: int, cells: int) -> Self:
-        """Fit a profile of that many spans linearly, about the centre that an equidistant lens would have.
+    def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """Return a linear fit of the profile without a correction."""
+        yield cls.initial_model(bearings, pixels, SPANS, CELLS)
 
-        The correction has `cells` times `cells` cells, and is 0.
+    @classmethod
+    def initial_model(cls, bearings: Array, pixels: Array, spans: int, cells: int) -> Self:
+        """Return a linear fit of a profile with the centre of the best equidistant model.
+
+        The profile has `spans` spans; the correction has `cells` times `cells` cells and is 0.
         """
-        from omnisight.models.equidistant import Equidistant
-
         lens = Equidistant.fit(bearings, pixels)
         x, y, z = bearings.T
         theta = np.arctan2(np.hypot(x, y), z)
@@ -226,7 +239,7 @@ class Spline(BentPlane, SplineProfile):
         reach = min(1.02 * float(theta.max()), np.pi)
         weigh = basis(theta * (spans / reach), spans)
         weigh[2] += weigh[0]
-        bent = SMOOTH * np.diff(np.eye(spans + 2), 2, axis=0)
+        bent = SMOOTHING * np.diff(np.eye(spans + 2), 2, axis=0)
         design = np.concatenate([(theta * weigh[1:]).T, bent])
         r = np.linalg.lstsq(design, np.append(radius, np.zeros(spans)), rcond=None)[0]
         flat = (0.0,) * (cells + 3) ** 2
@@ -235,7 +248,7 @@ class Spline(BentPlane, SplineProfile):
 
     @classmethod
     def example(cls) -> Self:
-        # Polynomials, whose control values are exact: p - h^2 p''/6 at the knots, h apart.
+        # Polynomials, which have exact control values: p - h^2 p''/6 at knots h apart.
         knots, h = 1.9 / 8 * np.arange(10), 1.9 / 8
         r = 281.0 - 5.0 * (knots**2 - h**2 / 3) - 1.5 * (knots**3 - h**2 * knots)
         knots, h = np.linspace(-5 / 3, 5 / 3, 6), 2 / 3

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import Radial, decentring_partials
+from omnisight.models._planar_distortion import RadialDistortion, tangential_partials
 from omnisight.models._projector import Array, Partial
 from omnisight.models.equidistant import EquidistantProfile
 
 
-class RadialTangentialPrism(Radial):
+class ThinPrismDistortion(RadialDistortion):
     """x' = x (1 + k1 r^2 + ... + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2, and alike in y with s2."""
 
     k1: float
@@ -38,14 +38,14 @@ class RadialTangentialPrism(Radial):
     def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         r2 = x * x + y * y
         radial = {f"k{i}": (x * r2**i, y * r2**i) for i in (1, 2, 3, 4)}
-        return radial | decentring_partials(x, y) | {"s1": (r2, 0.0), "s2": (0.0, r2)}
+        return radial | tangential_partials(x, y) | {"s1": (r2, 0.0), "s2": (0.0, r2)}
 
-    def growth(self) -> list[float]:
+    def slope_polynomial(self) -> list[float]:
         return [1.0, 3 * self.k1, 5 * self.k2, 7 * self.k3, 9 * self.k4]
 
 
 @dataclass(frozen=True)
-class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
+class ThinPrismFisheye(ThinPrismDistortion, EquidistantProfile):
     """Equidistant fisheye, then eight coefficients on its plane: COLMAP's THIN_PRISM_FISHEYE.
 
     With (x, y) = theta (cos phi, sin phi) and r = theta:
@@ -62,14 +62,14 @@ class ThinPrismFisheye(RadialTangentialPrism, EquidistantProfile):
     fy: float = parameter("focal length along y", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    k1: float = parameter("coefficient of theta^3", prior_sigma=2.0)
-    k2: float = parameter("coefficient of theta^5", prior_sigma=2.0)
-    p1: float = parameter("tangential distortion", prior_sigma=0.02)
-    p2: float = parameter("tangential distortion", prior_sigma=0.02)
-    k3: float = parameter("coefficient of theta^7", prior_sigma=2.0)
-    k4: float = parameter("coefficient of theta^9", prior_sigma=2.0)
-    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02)
-    s2: float = parameter("thin-prism distortion in y", prior_sigma=0.02)
+    k1: float = parameter("coefficient of theta^3", prior_sigma=2.0, truncated_start=True)
+    k2: float = parameter("coefficient of theta^5", prior_sigma=2.0, truncated_start=True)
+    p1: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
+    p2: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
+    k3: float = parameter("coefficient of theta^7", prior_sigma=2.0, truncated_start=True)
+    k4: float = parameter("coefficient of theta^9", prior_sigma=2.0, truncated_start=True)
+    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02, start_zero=True)
+    s2: float = parameter("thin-prism distortion in y", prior_sigma=0.02, start_zero=True)
 
     @classmethod
     def example(cls) -> Self:

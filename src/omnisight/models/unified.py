@@ -5,28 +5,28 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._central import Central
 from omnisight.models._parameter import parameter
-from omnisight.models._planar import FOLD_MARGIN
+from omnisight.models._planar_distortion import FOLD_MARGIN
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
 
 
-class UnifiedProfile(Central):
+class UnifiedProfile(ProfileCamera):
     """r = sin(theta) / (cos(theta) + xi)."""
 
-    SHAPES: ClassVar = ({"xi": 0.0}, {"xi": 0.5}, {"xi": 1.0}, {"xi": 1.8})
+    INITIAL_SHAPES: ClassVar = ({"xi": 0.0}, {"xi": 0.5}, {"xi": 1.0}, {"xi": 1.8})
     xi: float
 
     @staticmethod
-    def gain(m: Any, s: Any, c: Any, effort: Any) -> Any:
+    def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         return 1.0 / (c + m.xi)
 
     @staticmethod
-    def ungain(m: Any, r: Any, r2: Any, effort: Any) -> Any:
+    def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         h = (m.xi + np.sqrt(1.0 + (1.0 - m.xi * m.xi) * r2)) / (1.0 + r2)
         return h, h - m.xi
 
-    def gain_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
+    def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return -g * g, {"xi": -g * g}
 
     @property
@@ -51,6 +51,8 @@ class Unified(UnifiedProfile):
     flips handedness: the camera's frame looks into the mirror, so that the image is the world's mirror image only if
     fx and fy differ in sign.
     """
+
+    in_initial_search: ClassVar[bool] = True
 
     fx: float = parameter("focal length along x (gamma)", unit="px")
     fy: float = parameter("focal length along y (gamma)", unit="px")

@@ -12,7 +12,7 @@ from omnisight.geometry.rays import Rays
 from omnisight.models import CameraModel, model_class
 from omnisight.models._parameter import finite
 from omnisight.models._projector import Array
-from omnisight.models._camera_model import rows, shaped
+from omnisight.models._arrays import as_rows, with_leading_shape
 from omnisight.optics import fermat
 from omnisight.optics.mirrors import mirror_class
 from omnisight.optics.placed_mirror import PlacedMirror
@@ -78,7 +78,7 @@ class Catadioptric(RayModel):
         Points on the last mirror and directions in the lens frame. Not valid are pixels outside the domain of the lens,
         and rays that miss a mirror or that a mirror blocks.
         """
-        flat, lead = rows(pixels, 2, "pixels")
+        flat, lead = as_rows(pixels, 2, "pixels")
         result = Rays(np.empty((len(flat), 3)), np.empty((len(flat), 3)), np.empty(len(flat), np.bool_))
         for first in range(0, len(flat), BLOCK_RAYS):
             part = slice(first, first + BLOCK_RAYS)
@@ -109,7 +109,7 @@ class Catadioptric(RayModel):
         valid
             (...), whether the mirrors show the point and the lens sees its reflection.
         """
-        flat, lead = rows(points, 3, "points")
+        flat, lead = as_rows(points, 3, "points")
         corners, valid = self._reflections(flat)
         pixels, in_domain = self.lens.project(corners[0].T)
         valid = valid & in_domain
@@ -130,7 +130,7 @@ class Catadioptric(RayModel):
         valid
             (...), whether the mirrors show the point. The reflection may be outside the domain of the lens.
         """
-        flat, lead = rows(points, 3, "points")
+        flat, lead = as_rows(points, 3, "points")
         corners, valid = self._reflections(flat)
         reflections = np.where(valid[:, None, None], np.stack(corners).transpose(2, 0, 1), np.nan)
         return reflections.reshape(*lead, len(self.mirrors), 3), valid.reshape(lead)
@@ -142,7 +142,7 @@ class Catadioptric(RayModel):
         d2L/du2, du/dX = -H^-1 d2L/du dX and du/dp = -H^-1 d2L/du dp. Only d2L/du dp uses central differences (of the
         gradient, not of a solution). Rim and hole affect only `valid`; their derivatives are 0.
         """
-        flat, lead = rows(points, 3, "points")
+        flat, lead = as_rows(points, 3, "points")
         u, valid = self._solve(flat)
         with np.errstate(all="ignore"):
             path = fermat.path(self.mirrors, self._parallel, u, flat.T)
@@ -152,7 +152,7 @@ class Catadioptric(RayModel):
             d_mirrors = d_corner @ fermat.derivatives_by_parameters(self.mirrors, self._parallel, u, flat.T, path)
         valid = valid & in_domain
         d_params = np.concatenate([d_lens, d_mirrors], -1)
-        return shaped(lead, pixels, valid, d_point, d_params)
+        return with_leading_shape(lead, pixels, valid, d_point, d_params)
 
     def _reflections(self, points: Array) -> tuple[list[Array], NDArray[np.bool_]]:
         """Return the reflection points (3, N) of points (N, 3) on each mirror, and which paths are valid."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.rays import Rays
-from omnisight.models._camera_model import rows
+from omnisight.models._arrays import as_rows
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.placed_mirror import PlacedMirror
 from omnisight.optics.telecentric import Telecentric
@@ -49,7 +49,7 @@ def ray_jacobians(camera: HasRays, pixels: ArrayLike) -> RayJacobians:
     Derivatives of catadioptric cameras are exact (differential of reflection). Other cameras use finite differences,
     accurate to about 12 digits; they are NaN if a ray within 1.5 px is not valid.
     """
-    flat, lead = rows(pixels, 2, "pixels")
+    flat, lead = as_rows(pixels, 2, "pixels")
     rays = camera.rays(flat)
     if isinstance(camera, Catadioptric):
         derivatives = _reflected_derivatives(camera, flat)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.rays import Rays
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
-from omnisight.models._camera_model import rows
+from omnisight.models._arrays import as_rows
 from omnisight.optics.ray_model import RayModel
 
 
@@ -34,7 +34,7 @@ class Telecentric(RayModel):
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Return the rays (...) of pixels (..., 2): they start in the plane z = 0 and are parallel to z."""
-        flat, lead = rows(pixels, 2, "pixels")
+        flat, lead = as_rows(pixels, 2, "pixels")
         y = (flat[:, 1] - self.cy) / self.fy
         x = (flat[:, 0] - self.cx - self.skew * y) / self.fx
         valid = np.isfinite(x) & np.isfinite(y)
@@ -49,7 +49,7 @@ class Telecentric(RayModel):
         return pixels, valid
 
     def project_with_jacobians(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:
-        flat, lead = rows(points, 3, "points")
+        flat, lead = as_rows(points, 3, "points")
         x, y, z = flat.T
         with np.errstate(invalid="ignore"):
             pixels = np.stack([self.fx * x + self.skew * y + self.cx, self.fy * y + self.cy], -1)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.parallel import run
+from omnisight.models._run_compiled import run_compiled
 
 Floats = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     source_from_target = np.ascontiguousarray(np.asarray(target_from_source, float).T)
     models = target.model.name, source.model.name
     kernels = target.model.kernel, source.model.kernel
-    run("map_view", models, *kernels, source_from_target, u, v, count=target.height, grain=16)
+    run_compiled("map_view", models, *kernels, source_from_target, u, v, count=target.height, grain=16)
     return u, v
 
 

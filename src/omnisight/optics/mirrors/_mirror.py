@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.models._parameter import parameter
 from omnisight.models._parameterized import Parameterized
-from omnisight.models._camera_model import rows
+from omnisight.models._arrays import as_rows
 
 Array = NDArray[np.float64]
 
@@ -142,8 +142,8 @@ class Mirror(Parameterized):
         valid
             (...), whether the ray meets the mirror on its reflecting side.
         """
-        o, lead = rows(origins, 3, "origins")
-        d, _ = rows(bearings, 3, "bearings")
+        o, lead = as_rows(origins, 3, "origins")
+        d, _ = as_rows(bearings, 3, "bearings")
         with np.errstate(all="ignore"):
             distance = self.first_intersection(o, d)
             at = o + distance[:, None] * d

@@ -11,7 +11,7 @@ from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class, parameter
 from omnisight.models._parameter import finite
-from omnisight.models._camera_model import rows, shaped
+from omnisight.models._arrays import as_rows, with_leading_shape
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.ray_model import RayModel
 
@@ -179,7 +179,7 @@ class Axial(RayModel):
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
         """Project points (..., 3), in the unit of `pupil`, to pixels (..., 2) and their validity (...)."""
-        flat, lead = rows(points, 3, "points")
+        flat, lead = as_rows(points, 3, "points")
         with np.errstate(all="ignore"):
             directions, exists, _ = self._directions(flat)
         pixels, valid = self.lens.project(directions)
@@ -207,7 +207,7 @@ class Axial(RayModel):
         d_point, d_params
             (..., 2, 3) and (..., 2, P).
         """
-        flat, lead = rows(points, 3, "points")
+        flat, lead = as_rows(points, 3, "points")
         with np.errstate(all="ignore"):
             q, exists, theta = self._directions(flat)
             pixels, valid, d_q, d_lens = self.lens.project_with_jacobians(q)
@@ -223,7 +223,7 @@ class Axial(RayModel):
             d_point = d_q + d_start[:, :, None] * gradient[:, None, :]
             d_params = np.concatenate([d_lens, d_start[:, :, None] * by_pupil[:, None, :]], -1)
         valid &= exists
-        return shaped(lead, pixels, valid, d_point, d_params)
+        return with_leading_shape(lead, pixels, valid, d_point, d_params)
 
     @classmethod
     def example(cls) -> Self:

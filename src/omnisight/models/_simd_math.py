@@ -1,4 +1,4 @@
-"""What `_elementwise` leaves to numpy on arrays, written out for compiled loops: without a branch they vectorise."""
+"""Branch-free atan2 and sine/cosine for compiled loops, which vectorize; `_elementwise` has their NumPy counterparts."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from omnisight.models._elementwise import where
 
 
 def atan2(y: Any, x: Any) -> Any:
-    """Angle of (x, y) for y >= 0, in [0, pi] (radians), to 1 ulp, without a branch: it vectorises.
+    """Return the angle of (x, y) for y >= 0, in [0, pi] (radians), to 1 ulp.
 
     Cephes' rational approximation of atan on [0, tan(pi/8)] after two reductions (Moshier 1989).
     """
@@ -37,7 +37,7 @@ def atan2(y: Any, x: Any) -> Any:
 
 
 def sine_cosine(angle: Any) -> Any:
-    """Give (sin, cos) of an angle in [0, pi], to 2 ulp, without a branch: it vectorises.
+    """Return (sin, cos) of an angle in [0, pi], to 2 ulp.
 
     From the sine and cosine of half the distance to pi/2 (Cephes' polynomials on [-pi/4, pi/4]) and double angles.
     """

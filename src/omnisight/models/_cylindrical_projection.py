@@ -1,4 +1,4 @@
-"""Views unrolled from the cylinder around the y axis: the column is the longitude, the row a height."""
+"""Cylindrical projections: the column is the longitude, the row a function of the latitude."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,15 +7,25 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.models._elementwise import atan2, height, sine_cosine, unheight, where
+from omnisight.models._camera_model import CameraModel
+from omnisight.models._elementwise import atan2, model_method, sine_cosine, where
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
-from omnisight.models._protocol import CameraModel
+
+
+@model_method
+def cylinder_height(m: Any, y: Any, q: Any) -> Any:
+    """Return the height h on the cylinder of y/q with q = hypot(x, z)."""
+
+
+@model_method
+def inverse_cylinder_height(m: Any, h: Any) -> Any:
+    """Return (cos, sin) of the angle below the horizon, and its validity, from the height."""
 
 
 @dataclass(frozen=True)
-class Unrolled(CameraModel):
-    """u = fx lon + cx with lon = atan2(x, z), and v = fy h(t) + cy with t = y/hypot(x, z); a subclass writes h."""
+class CylindricalProjection(CameraModel):
+    """u = fx lon + cx with lon = atan2(x, z), and v = fy h(t) + cy with t = y/hypot(x, z); a subclass implements h."""
 
     fx: float = parameter("pixels per radian of longitude", unit="px")
     fy: float = parameter("pixels per unit of height", unit="px")
@@ -23,37 +33,37 @@ class Unrolled(CameraModel):
     cy: float = parameter("row of the horizon", unit="px")
 
     @staticmethod
-    def height(m: Any, y: Any, q: Any) -> Any:
-        """Give the height of y/q, q = hypot(x, z), down."""
+    def cylinder_height(m: Any, y: Any, q: Any) -> Any:
+        """Return h, positive below the horizon."""
         raise NotImplementedError
 
     @staticmethod
-    def unheight(m: Any, h: Any) -> Any:
-        """Give (cosine, sine) of the angle below the horizon, and whether the height exists."""
+    def inverse_cylinder_height(m: Any, h: Any) -> Any:
+        """Return (cosine, sine) of the angle below the horizon, and whether the height is valid."""
         raise NotImplementedError
 
     @staticmethod
-    def height_slope(t: Array) -> Array:
-        """Give dh/dt."""
+    def cylinder_height_derivative(t: Array) -> Array:
+        """Return dh/dt."""
         raise NotImplementedError
 
     @staticmethod
-    def project_point(m: Any, x: Any, y: Any, z: Any, effort: Any) -> Any:
+    def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
         longitude = atan2(np.abs(x), z)
         longitude = where(x < 0.0, -longitude, longitude)
         q = np.sqrt(x * x + z * z)
-        h = height(m, y, q)
+        h = cylinder_height(m, y, q)
         return m.fx * longitude + m.cx, m.fy * h + m.cy, (np.abs(h) < np.inf) & (q + np.abs(y) < np.inf)
 
     @staticmethod
-    def unproject_pixel(m: Any, u: Any, v: Any, effort: Any) -> Any:
+    def unproject_pixel(m: Any, u: Any, v: Any, max_iterations: Any) -> Any:
         longitude = (u - m.cx) / m.fx
-        around = np.abs(longitude)
-        # Half a pixel past 180 degrees is the other side of the seam.
-        valid = around <= 3.141592653589793 * (1.0 + 1e-12)
-        s, c = sine_cosine(where(around < 3.141592653589793, around, 3.141592653589793))
-        level, down, exists = unheight(m, (v - m.cy) / m.fy)
-        return where(longitude < 0.0, -s, s) * level, down, c * level, valid & exists
+        absolute = np.abs(longitude)
+        # Half a pixel beyond 180 degrees lies on the other side of the seam.
+        valid = absolute <= 3.141592653589793 * (1.0 + 1e-12)
+        s, c = sine_cosine(where(absolute < 3.141592653589793, absolute, 3.141592653589793))
+        level, down, inside = inverse_cylinder_height(m, (v - m.cy) / m.fy)
+        return where(longitude < 0.0, -s, s) * level, down, c * level, valid & inside
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         x, y, z = points.T
@@ -61,10 +71,10 @@ class Unrolled(CameraModel):
         q = np.sqrt(q2)
         t = y / q
         longitude = np.arctan2(x, z)
-        h = self.height(self, y, q)
+        h = self.cylinder_height(self, y, q)
         pixels = np.stack([self.fx * longitude + self.cx, self.fy * h + self.cy], -1)
         valid = np.isfinite(h) & np.isfinite(q + y)
-        slope = self.fy * self.height_slope(t)
+        slope = self.fy * self.cylinder_height_derivative(t)
         d_point = np.zeros((len(points), 2, 3))
         d_point[:, 0, 0], d_point[:, 0, 2] = self.fx * z / q2, -self.fx * x / q2
         d_point[:, 1, 0], d_point[:, 1, 1], d_point[:, 1, 2] = (
@@ -82,12 +92,12 @@ class Unrolled(CameraModel):
         return 2 * np.pi * self.fx
 
     @classmethod
-    def starts(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Fit both axes linearly, from the directions far from the seam."""
+    def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
+        """Return a linear fit of both axes to the directions far from the seam."""
         x, y, z = bearings.T
         longitude = np.arctan2(x, z)
         with np.errstate(all="ignore"):
-            h = cls.height(None, y, np.hypot(x, z))
+            h = cls.cylinder_height(None, y, np.hypot(x, z))
         use = np.isfinite(h) & (np.abs(longitude) < 3.0)
         one = np.ones(use.sum())
         fx, cx = np.linalg.lstsq(np.stack([longitude[use], one], -1), pixels[use, 0], rcond=None)[0]

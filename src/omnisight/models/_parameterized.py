@@ -13,10 +13,10 @@ from omnisight.models._parameter import Parameter, finite
 Array = NDArray[np.float64]
 
 
-class Parametric:
+class Parameterized:
     """What is known by its parameters: a frozen dataclass whose fields, in order, hold them.
 
-    A field is a number, a tuple of numbers, a part that is Parametric itself, or a tuple of such parts. Parameters of a
+    A field is a number, a tuple of numbers, a part that is Parameterized itself, or a tuple of such parts. Parameters of a
     part keep their names; those of a tuple of parts begin with `coefficient_names` of it (mirror_radius).
     Solvers see one flat vector, names and bounds, and never the class.
     """
@@ -36,7 +36,7 @@ class Parametric:
             several = isinstance(value, tuple)
             names = self.coefficient_names(len(value), field.name) if several else (field.name,)
             for name, part in zip(names, value if several else (value,), strict=True):
-                if isinstance(part, Parametric):
+                if isinstance(part, Parameterized):
                     before = f"{name}_" if several else ""
                     found += [dataclasses.replace(p, name=before + p.name) for p in part.parameters]
                 else:
@@ -132,9 +132,9 @@ class Parametric:
 
 def _numbers(value: Any) -> Array:
     """Give the numbers of a field's value in order."""
-    if isinstance(value, Parametric):
+    if isinstance(value, Parameterized):
         return value.params
-    if isinstance(value, tuple) and value and isinstance(value[0], Parametric):
+    if isinstance(value, tuple) and value and isinstance(value[0], Parameterized):
         return np.hstack([part.params for part in value])
     return np.asarray(value, float).ravel()
 
@@ -143,9 +143,9 @@ def _with_numbers(value: Any, numbers: Array) -> Any:
     """Give a field's value with other numbers."""
     if isinstance(value, float):
         return float(numbers[0])
-    if isinstance(value, Parametric):
+    if isinstance(value, Parameterized):
         return value.with_params(numbers)
-    if isinstance(value, tuple) and value and isinstance(value[0], Parametric):
+    if isinstance(value, tuple) and value and isinstance(value[0], Parameterized):
         ends = np.cumsum([part.params.size for part in value])
         return tuple(part.with_params(n) for part, n in zip(value, np.split(numbers, ends[:-1]), strict=True))
     return tuple(map(float, numbers)) if isinstance(value, tuple) else float(numbers[0])
