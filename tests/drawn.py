@@ -74,9 +74,9 @@ def scene(*shown, sees=np.pi):
         light[part][ink] = INK
     if sees < np.pi:
         light[rays()[..., 2] < np.cos(sees)] = NIGHT
-    picture = cv2.GaussianBlur(cv2.resize(light, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
-    picture = picture + np.random.default_rng(0).normal(0, 2, picture.shape)
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    image = cv2.GaussianBlur(cv2.resize(light, SIZE, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+    image = image + np.random.default_rng(0).normal(0, 2, image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 @cache
@@ -84,6 +84,6 @@ def shot(view, columns=9, rows=6, *, dark=True):
     """Give an image of one board in one of the poses, read-only, and its true corners."""
     board = Checkerboard(columns, rows)
     placed = pose(board, *view)
-    picture = scene((board, placed, dark))
-    picture.flags.writeable = False
-    return picture, corners(board, placed)
+    image = scene((board, placed, dark))
+    image.flags.writeable = False
+    return image, corners(board, placed)

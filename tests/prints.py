@@ -35,7 +35,7 @@ def rays(lens):
 def texture(board, scale=25000 / 3):
     """Paint the board at `scale` texels per metre, chosen so that the edges that are measured fall between texels."""
     left, top, right, bottom = board.extent
-    pad = board.quiet
+    pad = board.quiet_zone
     left, top = left - pad, top - pad
     paper = np.full([round((b - a + pad) * scale) for a, b in ((top, bottom), (left, right))], 215, np.uint8)
     for shape in board.drawing():
@@ -84,13 +84,13 @@ def render(board, lens, placed, *, noise=0.02, mirrored=False, seed=0):
         hit = distance > 0
     u, v = (np.where(hit, (a - b) * scale - 0.5, -1e6).astype(np.float32) for a, b in ((x, left), (y, top)))
     fine = cv2.remap(paper, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=120)
-    picture = np.full(SIZE[::-1], 120, np.float32)
+    image = np.full(SIZE[::-1], 120, np.float32)
     shown = fine.reshape(high[1] - low[1], FINE, high[0] - low[0], FINE).mean(axis=(1, 3))
-    picture[low[1] : high[1], low[0] : high[0]] = shown
-    picture = cv2.GaussianBlur(picture, (0, 0), 0.8)
-    picture += np.random.default_rng(seed).normal(0, 255 * noise, picture.shape)
-    picture = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    image[low[1] : high[1], low[0] : high[0]] = shown
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    image += np.random.default_rng(seed).normal(0, 255 * noise, image.shape)
+    image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
     truth = projector(lens, placed)(board.points)
     if mirrored:
-        return np.ascontiguousarray(picture[:, ::-1]), np.stack([SIZE[0] - 1 - truth[:, 0], truth[:, 1]], axis=1)
-    return picture, truth
+        return np.ascontiguousarray(image[:, ::-1]), np.stack([SIZE[0] - 1 - truth[:, 0], truth[:, 1]], axis=1)
+    return image, truth

@@ -51,7 +51,7 @@ def test_another_charuco_layout_is_detected_and_noted(run, charucos, target, cha
     found = detected(run, charucos, target(**changes))
     for picture in found["images"]:
         assert len(picture["boards"][0]["ids"]) > 30
-        assert picture["note"].borderswith(said)
+        assert picture["note"].endswith(said)
     assert found["notes"] == []
 
 

@@ -46,7 +46,7 @@ def test_detect_prints_a_row_per_image_and_the_result(run, shots):
         assert int(line_of(out, f"{i}.png").split()[2]) > 50
     assert "detected  9x6 in 6 of 6 images, " in out
     assert "corners\n" in out
-    assert out.rstrip().borderswith("drawn: omnisight-detect")
+    assert out.rstrip().endswith("drawn: omnisight-detect")
 
 
 def test_pattern_is_determined_without_the_option(run, shots):

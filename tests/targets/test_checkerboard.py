@@ -8,7 +8,7 @@ import pytest
 from drawn import POSES, SIZE, shot
 from omnisight.images import collect_images
 from omnisight.targets import Checkerboard, Detection, detect_boards, detect_checkerboard, parse_length
-from omnisight.targets.grids.search import find_grids
+from omnisight.targets.detectors.checkerboard.grid_search import find_grids
 from pace import assert_quick
 
 REAL = [
@@ -25,10 +25,10 @@ REAL = [
 
 
 @pytest.mark.parametrize("view", POSES)
-def test_corners_of_a_fisheye_picture_are_where_they_are(view):
+def test_corners_in_a_fisheye_image_match_the_truth(view):
     board = Checkerboard(9, 6)
-    picture, truth = shot(view)
-    found = detect_checkerboard(picture, board)
+    image, truth = shot(view)
+    found = detect_checkerboard(image, board)
     assert found is not None
     assert len(found) >= 52
     # 9 + 6 is odd, so the colours fix which corner is which.
@@ -40,11 +40,11 @@ def test_corners_of_a_fisheye_picture_are_where_they_are(view):
 @pytest.mark.parametrize("board", [Checkerboard(8, 6), Checkerboard(7, 7), Checkerboard(9, 6)])
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("roll", [0, 100, 200, 290])
-def test_the_order_has_one_handedness_in_every_picture(board, mirrored, roll):
-    picture, truth = shot((20, 10, roll, 7), board.columns, board.rows)
+def test_corner_order_has_the_same_handedness_in_every_image(board, mirrored, roll):
+    image, truth = shot((20, 10, roll, 7), board.columns, board.rows)
     if mirrored:
-        picture, truth = picture[:, ::-1], np.stack([SIZE[0] - 1 - truth[:, 0], truth[:, 1]], axis=1)
-    found = detect_checkerboard(picture, board)
+        image, truth = image[:, ::-1], np.stack([SIZE[0] - 1 - truth[:, 0], truth[:, 1]], axis=1)
+    found = detect_checkerboard(image, board)
     assert found is not None
     assert len(found) == board.size
     grid = found.pixels.reshape(board.rows, board.columns, 2)
@@ -55,28 +55,28 @@ def test_the_order_has_one_handedness_in_every_picture(board, mirrored, roll):
     assert nearest.max() < 0.35
 
 
-def test_a_swapped_pattern_works_and_keeps_its_own_order():
+def test_swapped_pattern_gives_the_same_corners_in_its_own_order():
     board = Checkerboard(9, 6)
-    picture, _ = shot(POSES[1])
-    as_given, swapped = detect_checkerboard(picture, board), detect_checkerboard(picture, Checkerboard(6, 9))
+    image, _ = shot(POSES[1])
+    as_given, swapped = detect_checkerboard(image, board), detect_checkerboard(image, Checkerboard(6, 9))
     assert len(swapped) == 54
     assert {tuple(p) for p in np.round(as_given.pixels, 3)} == {tuple(p) for p in np.round(swapped.pixels, 3)}
 
 
 @pytest.mark.parametrize("asked", [(8, 6), (9, 5), (8, 5), (10, 6), (10, 7)])
-def test_another_board_is_not_accepted_and_its_pattern_is_told(asked):
-    picture, _ = shot(POSES[0])
-    assert detect_checkerboard(picture, Checkerboard(*asked)) is None
-    assert [sorted(grid.shape) for grid in find_grids(picture)] == [[6, 9]]
+def test_another_board_is_rejected_and_its_pattern_is_reported(asked):
+    image, _ = shot(POSES[0])
+    assert detect_checkerboard(image, Checkerboard(*asked)) is None
+    assert [sorted(grid.shape) for grid in find_grids(image)] == [[6, 9]]
 
 
 def test_covered_corners_are_left_out():
     board = Checkerboard(9, 6)
-    picture, truth = shot(POSES[1])
-    picture = picture.copy()
+    image, truth = shot(POSES[1])
+    image = image.copy()
     u, v = truth[20].astype(int)
-    picture[v - 18 : v + 19, u - 18 : u + 19] = 120
-    found = detect_checkerboard(picture, board)
+    image[v - 18 : v + 19, u - 18 : u + 19] = 120
+    found = detect_checkerboard(image, board)
     assert found is not None
     assert 20 not in found.ids
     assert len(found) >= 48
@@ -84,24 +84,24 @@ def test_covered_corners_are_left_out():
 
 
 @pytest.mark.parametrize("kind", ["black", "white", "noise", "ramp", "tiny", "empty"])
-def test_pictures_without_a_board_give_none_fast(kind):
+def test_images_without_a_board_give_no_detection_quickly(kind):
     size = {"tiny": (3, 5), "empty": (0, 0)}.get(kind, (3000, 4000))
-    picture = {
+    image = {
         "noise": lambda: np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8),
         "ramp": lambda: np.broadcast_to(np.linspace(0, 255, size[1]).astype(np.uint8), size),
     }.get(kind, lambda: np.full(size, 255 if kind == "white" else 0, np.uint8))()
     found = []
-    assert_quick(lambda: found.append(detect_checkerboard(picture, Checkerboard(9, 6))), 40)  # they take 7
+    assert_quick(lambda: found.append(detect_checkerboard(image, Checkerboard(9, 6))), 40)  # they take 7
     assert found[-1] is None
 
 
-def test_the_wrong_kind_of_picture_is_an_error():
+def test_color_image_raises():
     with pytest.raises(ValueError, match=r"expected a gray image .* got shape \(40, 40, 3\) of uint8"):
         detect_checkerboard(np.zeros((40, 40, 3), np.uint8), Checkerboard(9, 6))
 
 
 @pytest.mark.parametrize("pattern", ["8x6", "8,6", "8X6", " 8 x 6 ", "8×6"])
-def test_a_pattern_is_read_as_people_write_it(pattern):
+def test_pattern_accepts_common_notations(pattern):
     board = Checkerboard.parse(pattern, square="32.5mm")
     assert (board.columns, board.rows, board.unit) == (8, 6, "m")
     assert board.square == pytest.approx(0.0325)
@@ -109,7 +109,7 @@ def test_a_pattern_is_read_as_people_write_it(pattern):
 
 
 @pytest.mark.parametrize(("text", "metres"), [("30mm", 0.03), ("3 cm", 0.03), (".03m", 0.03), ("1in", 0.0254)])
-def test_a_length_is_read_in_metres(text, metres):
+def test_length_is_parsed_to_metres(text, metres):
     assert parse_length(text) == pytest.approx(metres)
 
 
@@ -125,7 +125,7 @@ def test_a_length_is_read_in_metres(text, metres):
         ("8x6", "wide", "cannot read the length 'wide'"),
     ],
 )
-def test_a_pattern_that_cannot_be_read_says_why(pattern, square, message):
+def test_unreadable_pattern_raises_with_the_reason(pattern, square, message):
     with pytest.raises(ValueError, match=message):
         Checkerboard.parse(pattern, square)
 
@@ -133,11 +133,11 @@ def test_a_pattern_that_cannot_be_read_says_why(pattern, square, message):
 def test_points_run_along_columns_first():
     points = Checkerboard(4, 3, 0.5).points
     np.testing.assert_array_equal(points[[0, 1, 4, 11]], [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [1.5, 1, 0]])
-    assert Checkerboard(8, 6).symmetric
-    assert not Checkerboard(9, 6).symmetric
+    assert Checkerboard(8, 6).is_symmetric
+    assert not Checkerboard(9, 6).is_symmetric
 
 
-def test_a_detection_checks_its_shapes():
+def test_detection_checks_its_shapes():
     with pytest.raises(ValueError, match=r"shapes \(2,\), \(3, 2\) and \(3, 2, 2\)"):
         Detection(np.arange(2), np.zeros((3, 2)), np.zeros((3, 2, 2)))
 
@@ -145,7 +145,7 @@ def test_a_detection_checks_its_shapes():
 @pytest.mark.slow
 @pytest.mark.usefixtures("fresh_detections")
 @pytest.mark.parametrize(("folder", "names", "pattern", "corners", "boards", "points"), REAL)
-def test_real_boards_are_found(data, folder, names, pattern, corners, boards, points):
+def test_real_boards_are_detected(data, folder, names, pattern, corners, boards, points):
     board = Checkerboard.parse(pattern)
     given = np.load(data("corners") / f"{corners}.npz")
     given = {Path(str(f)).stem: c for f, c in zip(given["files"], given["corners"], strict=True)}

@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 import pytest
-from boards import BOARDS, aprilgrid, charuco, checkerboard, circles
+from example_boards import BOARDS, aprilgrid, charuco, checkerboard, circles
 
 from omnisight.targets.target_file import load_board, save_board
 
@@ -44,14 +44,14 @@ def written(tmp_path):
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_a_board_is_its_file(board, tmp_path):
+def test_board_round_trips_through_its_file(board, tmp_path):
     path = tmp_path / "board.json"
     save_board(board, path)
     assert load_board(path) == board
     assert [file.name for file in tmp_path.iterdir()] == ["board.json"]
 
 
-def test_the_file_is_the_one_line_that_is_documented(tmp_path):
+def test_file_has_the_documented_content(tmp_path):
     path = tmp_path / "board.json"
     save_board(checkerboard(9, 6, 0.03), path)
     assert path.read_text() == '{"target": "checkerboard", "columns": 9, "rows": 6, "square": "30mm"}\n'
@@ -92,7 +92,7 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
     [
         ("", "empty file"),
         ("  \n", "empty file"),
-        ("[1, 2]", "line 1 is '[1, 2]': expected JSON, or lines of Kalibr's yaml"),
+        ("[1, 2]", "line 1 is '[1, 2]': expected JSON, or lines of Kalibr's YAML"),
         ("{", "line 1 is not JSON"),
         ('{"columns": 9}', "target is missing: expected one of aprilgrid, charuco, checkerboard, circles"),
         ('{"target": "dots"}', "target is 'dots': expected one of"),
@@ -100,7 +100,7 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
         ('{"target": "../x"}', "target is '../x': expected one of"),
         ('{"target": "_markers"}', "target is '_markers': expected one of"),
         ('{"target": "checkerboard", "columns": 9}', "the target checkerboard needs rows"),
-        ('{"target": "checkerboard", "columns": 9, "rows": NaN}', "rows is nan: expected a whole number"),
+        ('{"target": "checkerboard", "columns": 9, "rows": NaN}', "rows is nan: expected an integer"),
         ('{"target": "checkerboard", "columns": 9, "rows": 6, "square": "30"}', "square: the length '30' has no unit"),
         ('{"target": "checkerboard", "columns": 9, "rows": 6, "square": 0.03}', "square is 0.03: expected a length"),
         ('{"target": "checkerboard", "columns": 9, "rows": 6, "square": "1e999m"}', "must be positive"),
@@ -108,29 +108,29 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
         ('{"target": "checkerboard", "columns": ' + "9" * 5000 + ', "rows": 6}', "integer string conversion"),
         ('{"target": "checkerboard", "columns": 9, "rows": 6, "square": "' + "9" * 500_000 + '"}', "square is '999"),
         ("[" * 500_000, "line 1 is"),
-        ('{"target":' * 100_000, "brackets inside each other"),
+        ('{"target":' * 100_000, "brackets are nested too deeply"),
         (b"\x89PNG\r\n\x1a\n" + bytes(500), "expected JSON"),
         (b" " * 1_000_001, "more than 1000000 bytes"),
         (
             "cam0:\n  camera_model: pinhole\n",
-            "target_type is missing: expected JSON with a target, or a target of Kalibr",
+            "target_type is missing: expected JSON with a target, or a target of Kalibr: ",
         ),
         ("target_type: halfmoon", "target_type is 'halfmoon'"),
         (APRILGRID.replace("tagRows", "#"), "tagRows is missing"),
         (APRILGRID.replace("0.088", "8.8cm"), "tagSize is '8.8cm': expected a positive number"),
         (APRILGRID.replace("0.088", ".nan"), "tagSize is '.nan': expected a positive number"),
         (APRILGRID.replace("0.088", "-1"), "tagSize is -1: expected a positive number"),
-        (APRILGRID.replace(" 6 ", " 6.5 "), "tagCols is 6.5: expected a whole number"),
-        (APRILGRID.replace(" 6 ", " 6000 "), "columns is 6000: expected a whole number from 1 to 1000"),
-        (APRILGRID + "codeOffset: 20\n", "codeOffset is 20: that is an aprilgrid whose first tag is not number 0"),
-        (APRILGRID + "low_id: 7\n", "low_id is 7: that is an aprilgrid whose first tag is not number 0, which is not"),
+        (APRILGRID.replace(" 6 ", " 6.5 "), "tagCols is 6.5: expected an integer"),
+        (APRILGRID.replace(" 6 ", " 6000 "), "columns is 6000: expected an integer from 1 to 1000"),
+        (APRILGRID + "codeOffset: 20\n", "codeOffset is 20: an aprilgrid whose first tag is not number 0"),
+        (APRILGRID + "low_id: 7\n", "low_id is 7: an aprilgrid whose first tag is not number 0 is not"),
         (APRILGRID + "colour: 7\n", "Kalibr's aprilgrid has no 'colour'"),
-        (CHECKERBOARD.replace("0.03", "0.04"), "rowSpacingMeters 0.04: a checkerboard needs squares"),
+        (CHECKERBOARD.replace("0.03", "0.04"), "rowSpacingMeters 0.04: a checkerboard has squares"),
         (CIRCLES.replace("True", "False"), "asymmetricGrid is False: only asymmetric grids"),
         ("tagCols: !!python/object/apply:os.system ['true']\ntarget_type: aprilgrid\n", 'tagCols is "!!python/obj'),
     ],
 )
-def test_what_is_no_target_is_refused_with_file_field_and_value(written, text, said):
+def test_invalid_target_file_raises_with_file_field_and_value(written, text, said):
     path = written(text)
     with pytest.raises(ValueError, match=r"board\.json: ") as caught:
         load_board(path)
@@ -140,22 +140,22 @@ def test_what_is_no_target_is_refused_with_file_field_and_value(written, text, s
     assert len(message) < len(str(path)) + 400
 
 
-def test_a_file_that_is_not_there_and_a_folder_are_told(tmp_path):
+def test_missing_file_and_folder_raise(tmp_path):
     with pytest.raises(ValueError, match=r"none\.json: No such file"):
         load_board(tmp_path / "none.json")
-    with pytest.raises(ValueError, match="is a folder, not the file of a target"):
+    with pytest.raises(ValueError, match="is a folder, not a target file"):
         load_board(tmp_path)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such files")
-def test_a_pipe_is_refused_rather_than_waited_for(tmp_path):
+def test_pipe_raises_without_blocking(tmp_path):
     os.mkfifo(tmp_path / "board.json")
     with pytest.raises(ValueError, match=r"board\.json: is a pipe or a device"):
         load_board(tmp_path / "board.json")
 
 
 @pytest.mark.parametrize("text", [APRILGRID, CHECKERBOARD, json.dumps(charuco(9, 6, 0.03, 0.02).to_dict())])
-def test_no_file_however_spoiled_is_a_fault(written, text):
+def test_corrupted_files_raise_value_error_only(written, text):
     rng = np.random.default_rng(0)
     for _ in range(200):
         data = bytearray(text.encode())

@@ -7,10 +7,10 @@ import xml.etree.ElementTree as ET
 import cv2
 import numpy as np
 import pytest
-from boards import BOARDS, SCALE, aprilgrid, charuco, checkerboard, circles, rasterise
+from example_boards import BOARDS, SCALE, aprilgrid, charuco, checkerboard, circles, rasterise
 
 from omnisight.targets.printing.drawing import Disc, Polygon
-from omnisight.targets.printing.page import MARGIN, lay_out, smallest_paper
+from omnisight.targets.printing.page import PAGE_MARGIN, lay_out, smallest_paper
 from omnisight.targets.printing.paper import PAPERS, paper_sizes
 from omnisight.targets.printing.pdf import render_pdf
 from omnisight.targets.printing.svg import render_svg
@@ -38,7 +38,7 @@ WIDTHS = {
 
 
 def width_of(text):
-    return text.size * sum(next(width for width, letters in WIDTHS.items() if c in letters) for c in text.words)
+    return text.size * sum(next(width for width, letters in WIDTHS.items() if c in letters) for c in text.content)
 
 
 def box(shape):
@@ -123,7 +123,7 @@ def read_pdf(data):
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_the_svg_is_true_to_size(board):
+def test_svg_is_at_true_scale(board):
     page = lay_out(board, smallest_paper(board))
     size, shapes, ruler, texts = read_svg(render_svg(page))
     assert size == pytest.approx((page.width, page.height), abs=1e-12)
@@ -132,11 +132,11 @@ def test_the_svg_is_true_to_size(board):
         assert type(ours) is type(read)
         assert ours.white == read.white
         assert box(read) == pytest.approx(box(ours), abs=2e-9)
-    assert texts == [text.words for text in page.texts]
+    assert texts == [text.content for text in page.texts]
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_the_pdf_is_true_to_size(board):
+def test_pdf_is_at_true_scale(board):
     page = lay_out(board, smallest_paper(board))
     data = render_pdf(page)
     assert data.startswith(b"%PDF-1.")
@@ -151,24 +151,24 @@ def test_the_pdf_is_true_to_size(board):
             assert radii == pytest.approx(shape.radius, rel=3e-4)
         else:
             np.testing.assert_allclose(outline, shape.corners, atol=1e-8)
-    assert texts == [text.words for text in page.texts]
+    assert texts == [text.content for text in page.texts]
 
 
-def test_a_printed_page_is_read_by_opencv_at_its_place():
+def test_opencv_detects_a_printed_page_in_place():
     board = charuco(9, 6, 0.024, 0.018)
     page = lay_out(board, "A4")
     (width, height), outlines, _ = read_pdf(render_pdf(page))
-    picture = rasterise([Polygon(tuple(map(tuple, outline)), white) for outline, white in outlines], width, height)
+    image = rasterise([Polygon(tuple(map(tuple, outline)), white) for outline, white in outlines], width, height)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     theirs = cv2.aruco.CharucoBoard((10, 7), 0.024, 0.018, dictionary)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(theirs).detectBoard(picture)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(theirs).detectBoard(image)
     assert len(ids) == 54
     expected = (board.points[:, :2] + page.origin) * SCALE - 0.5
     assert np.linalg.norm(corners.reshape(-1, 2) - expected[ids.ravel()], axis=1).max() < 0.3
 
 
 @pytest.mark.parametrize("paper", ["A4", "A3", "Letter", "600x400mm", "80x200mm", "0.05x0.3m"])
-def test_the_ruler_has_a_tick_at_each_millimetre_and_the_length_it_says(paper):
+def test_ruler_has_a_tick_per_millimetre_and_the_stated_length(paper):
     page = lay_out(checkerboard(3, 3, 0.006), paper)
     _, _, ruler, texts = read_svg(render_svg(page))
     base, *ticks = (box(shape) for shape in ruler)
@@ -194,26 +194,27 @@ def test_the_ruler_has_a_tick_at_each_millimetre_and_the_length_it_says(paper):
     ],
     ids=lambda board: f"{board.kind}-{board}",
 )
-def test_nothing_lies_over_anything_and_all_is_on_the_paper(board, paper):
+def test_nothing_overlaps_and_everything_is_on_the_paper(board, paper):
     page = lay_out(board, paper)
     ink = union([box(shape) for shape in page.board])
     others = [box(item) for item in (*page.ruler, *page.texts)]
     words = [box(text) for text in page.texts]
     left, top, right, bottom = union([*others, ink])
-    assert min(left, top) >= MARGIN - 1e-9
-    assert right <= page.width - MARGIN + 1e-9
-    assert bottom <= page.height - MARGIN + 1e-9
+    assert min(left, top) >= PAGE_MARGIN - 1e-9
+    assert right <= page.width - PAGE_MARGIN + 1e-9
+    assert bottom <= page.height - PAGE_MARGIN + 1e-9
     # White is half a square at least, a whole one where the paper has it, and equal on opposite sides.
     ruled = union(others)
     above, below, beside = ink[1], ruled[1] - ink[3], (ink[0], page.width - ink[2])
     assert beside[0] == pytest.approx(beside[1])
     assert above == pytest.approx(below, abs=1.5e-3)
-    assert min(above, below, *beside) >= board.quiet / 2 - 1e-9
+    assert min(above, below, *beside) >= board.quiet_zone / 2 - 1e-9
+    assert words
     for i, word in enumerate(words):
         assert all(apart(word, other) for other in [*words[:i], *(box(shape) for shape in page.ruler)])
 
 
-def test_a_large_sheet_leaves_a_whole_square_white_and_lies_as_it_has_more_room():
+def test_large_sheet_leaves_a_square_of_margin_in_the_better_orientation():
     page = lay_out(checkerboard(9, 6, 0.03), "A3")
     ink = union([box(shape) for shape in page.board])
     assert page.width > page.height
@@ -221,7 +222,7 @@ def test_a_large_sheet_leaves_a_whole_square_white_and_lies_as_it_has_more_room(
     assert lay_out(checkerboard(6, 9, 0.03), "A3").height > page.height
 
 
-def test_a_board_that_does_not_fit_says_what_would():
+def test_board_that_does_not_fit_raises_with_what_would():
     with pytest.raises(ValueError, match=r"needs 330 x 25.*mm of paper") as caught:
         lay_out(checkerboard(9, 6, 0.03), "A4")
     said = str(caught.value)
@@ -235,7 +236,7 @@ def test_a_board_that_does_not_fit_says_what_would():
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_the_smallest_paper_is_the_smallest(board):
+def test_smallest_paper_is_the_smallest_that_fits(board):
     names = ["A4", "A3", "A2", "A1", "A0"]
     smallest = smallest_paper(board)
     lay_out(board, smallest)
@@ -244,14 +245,14 @@ def test_the_smallest_paper_is_the_smallest(board):
             lay_out(board, smaller)
 
 
-def test_a_board_larger_than_a0_is_told_a_paper_that_it_fits():
+def test_board_larger_than_a0_raises_with_a_paper_that_fits():
     board = aprilgrid(10, 8, 0.2, 0.3)
-    with pytest.raises(ValueError, match="more than A0: give --paper, such as") as caught:
+    with pytest.raises(ValueError, match="more than A0: specify --paper, such as") as caught:
         smallest_paper(board)
     lay_out(board, re.search(r"such as (\d+x\d+mm)", str(caught.value))[1])
 
 
-def test_papers():
+def test_paper_sizes():
     for name, (width, height) in PAPERS.items():
         assert paper_sizes(name.lower()) == [(width, height), (height, width)]
         assert width < height
@@ -261,6 +262,6 @@ def test_papers():
 
 
 @pytest.mark.parametrize("paper", ["", "B4", "600x400", "0x400mm", "600x400km", "9x9m", "1mx1mm", "1..2x1m", "A4" * 99])
-def test_a_paper_that_cannot_be_is_refused(paper):
+def test_invalid_paper_raises(paper):
     with pytest.raises(ValueError, match=r"mm|unit"):
         paper_sizes(paper)

@@ -7,7 +7,7 @@ import pytest
 from drawn import POSES, shot
 from jpegs import jpeg
 from omnisight.images import write_image
-from omnisight.targets import Checkerboard, detect_boards, look
+from omnisight.targets import Checkerboard, detect_boards, raw_detections
 
 BOARD = Checkerboard(9, 6)
 
@@ -20,15 +20,15 @@ def cache_folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def picture():
+def gray():
     return shot(POSES[1])[0]
 
 
-def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
-    write_image(tmp_path / "a.png", picture)
-    (tmp_path / "b.jpg").write_bytes(jpeg(picture)[:-100])
+def test_unreadable_files_are_skipped_with_the_reason(tmp_path, gray):
+    write_image(tmp_path / "a.png", gray)
+    (tmp_path / "b.jpg").write_bytes(jpeg(gray)[:-100])
     (tmp_path / "c.jpg").write_bytes(b"")
-    write_image(tmp_path / "d.png", np.zeros_like(picture))
+    write_image(tmp_path / "d.png", np.zeros_like(gray))
     names = ["a.png", "b.jpg", "c.jpg", "d.png", "e.png"]
     done = []
     found = detect_boards([tmp_path / n for n in names], BOARD, progress=lambda *state: done.append(state))
@@ -39,7 +39,7 @@ def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
         "",
         "b.jpg: truncated JPEG (no end-of-image marker)",
         "c.jpg: empty file",
-        "no 9x6 board found",
+        "no 9x6 board detected",
     ]
     assert found[4].note.endswith("e.png: no such file")
     assert [p.detection is not None for p in found] == [True, False, False, False, False]
@@ -48,12 +48,12 @@ def test_bad_files_are_skipped_with_their_reason(tmp_path, picture):
     assert done == [(i, 5) for i in range(1, 6)]
 
 
-def test_the_size_that_most_boards_have_is_used_and_the_others_are_left_out_by_name(tmp_path, picture):
+def test_most_common_size_is_used_and_other_images_are_named(tmp_path, gray):
     for name, image in [
-        ("a.png", picture),
-        ("b.png", np.roll(picture, 40, 1)),
-        ("small.png", picture[::2, ::2]),
-        ("portrait.png", np.rot90(picture)),
+        ("a.png", gray),
+        ("b.png", np.roll(gray, 40, 1)),
+        ("small.png", gray[::2, ::2]),
+        ("portrait.png", np.rot90(gray)),
         *((f"empty{i}.png", np.zeros((300, 500), np.uint8)) for i in range(3)),
     ]:
         write_image(tmp_path / name, np.ascontiguousarray(image))
@@ -66,14 +66,14 @@ def test_the_size_that_most_boards_have_is_used_and_the_others_are_left_out_by_n
     assert search.field.size == (640, 480)
     (note,) = search.notes
     assert note.startswith("images have 4 sizes: 2 of 640x480, which are used; 3 of 500x300 (empty0.png, ")
-    assert "1 of 320x240 (small.png); 1 of 480x640 (portrait.png), rotated 90 degrees?" in note
+    assert "1 of 320x240 (small.png); 1 of 480x640 (portrait.png), rotated by 90°?" in note
     assert "320x240 is half of 640x480: resize them" in note
     assert search.images[0].note.startswith("320x240 where others have 640x480: left out; half of 640x480")
 
 
-def test_exif_rotation_is_told_once_and_applied_on_request(tmp_path, picture):
+def test_exif_rotation_is_noted_once_and_applied_on_request(tmp_path, gray):
     for name, shift in (("a.jpg", 0), ("b.jpg", 40)):
-        (tmp_path / name).write_bytes(jpeg(np.roll(picture, shift, 1), orientation=6))
+        (tmp_path / name).write_bytes(jpeg(np.roll(gray, shift, 1), orientation=6))
     paths = [tmp_path / "a.jpg", tmp_path / "b.jpg"]
     found = detect_boards(paths, BOARD).images
     assert [p.size for p in found] == [(640, 480)] * 2
@@ -84,11 +84,11 @@ def test_exif_rotation_is_told_once_and_applied_on_request(tmp_path, picture):
     assert [p.note for p in turned] == ["", ""]
 
 
-def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypatch):
-    write_image(tmp_path / "a.png", picture)
+def test_second_run_uses_the_cache(tmp_path, gray, cache_folder, monkeypatch):
+    write_image(tmp_path / "a.png", gray)
     (first,) = detect_boards([tmp_path / "a.png"], BOARD).images
     (tmp_path / "a.png").rename(tmp_path / "renamed.png")
-    monkeypatch.setattr(look, "find_grids", None)
+    monkeypatch.setattr(raw_detections, "find_grids", None)
     (second,) = detect_boards([tmp_path / "renamed.png"], BOARD).images
     for name in ("pixels", "covariance", "ids"):
         np.testing.assert_array_equal(getattr(first.detection, name), getattr(second.detection, name))
@@ -111,8 +111,8 @@ def test_a_second_run_takes_the_cache(tmp_path, picture, cache_folder, monkeypat
         "[" * 100_000,
     ],
 )
-def test_a_damaged_cache_entry_is_ignored(tmp_path, picture, cache_folder, content):
-    write_image(tmp_path / "a.png", picture)
+def test_damaged_cache_entry_is_ignored(tmp_path, gray, cache_folder, content):
+    write_image(tmp_path / "a.png", gray)
     detect_boards([tmp_path / "a.png"], BOARD)
     entries = list(cache_folder.rglob("*.json"))  # of the image, and of what the lens shows
     for entry in entries:
@@ -121,22 +121,22 @@ def test_a_damaged_cache_entry_is_ignored(tmp_path, picture, cache_folder, conte
     assert [json.loads(entry.read_bytes())["size"] for entry in entries] == [[640, 480]] * 2
 
 
-def test_a_cache_that_cannot_be_written_is_no_error(tmp_path, picture, monkeypatch):
+def test_unwritable_cache_is_no_error(tmp_path, gray, monkeypatch):
     (tmp_path / "file").write_bytes(b"")
     monkeypatch.setenv("OMNISIGHT_CACHE", str(tmp_path / "file"))
-    write_image(tmp_path / "a.png", picture)
+    write_image(tmp_path / "a.png", gray)
     assert detect_boards([tmp_path / "a.png"], BOARD).images[0].detection is not None
 
 
-def test_a_miscounted_pattern_is_named_with_the_right_one(tmp_path, picture):
+def test_miscounted_pattern_gives_a_hint_with_the_right_one(tmp_path, gray):
     for name in ("a.png", "b.png"):
-        write_image(tmp_path / name, cv2.convertScaleAbs(picture, alpha=0.9 if name == "a.png" else 1.0))
-    write_image(tmp_path / "c.png", np.zeros_like(picture))
+        write_image(tmp_path / name, cv2.convertScaleAbs(gray, alpha=0.9 if name == "a.png" else 1.0))
+    write_image(tmp_path / "c.png", np.zeros_like(gray))
     paths = [tmp_path / n for n in ("a.png", "b.png", "c.png")]
     found = detect_boards(paths, Checkerboard(8, 6))
-    assert found.images[0].note == "no 8x6 board found, but one of 9x6"
+    assert found.images[0].note == "no 8x6 board detected, but one of 9x6"
     assert found.hint == (
-        "found a 9x6 grid of inner corners in 2/3 images but the board asked for is 8x6 "
+        "found a 9x6 grid of inner corners in 2/3 images, but the requested board is 8x6 "
         "(did you count squares?). Use --pattern 9x6."
     )
     assert "10x7 squares have 9x6 inner corners" in detect_boards(paths, Checkerboard(10, 7)).hint
