@@ -21,7 +21,7 @@ world_from_rig = om.Pose(translation=np.array((-1.5, 1.6, -3.0)))  # on the road
 # The ground 4 m to either side and 6 m ahead and behind, 60 pixels a metre: where does each camera see it?
 x, z = np.meshgrid(np.arange(-4, 4, 1 / 60), np.arange(6, -6, -1 / 60))
 ground = np.stack([x, np.zeros_like(x), z], -1)
-pixels, seen = rig.project(ground)[0], rig.sees(ground)
+pixels, seen = rig.project(ground)[0], rig.in_view(ground)
 
 joined, weight = np.zeros((*x.shape, 3)), np.zeros((*x.shape, 1))
 for k, (name, camera, pose) in enumerate(zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True)):

@@ -24,7 +24,9 @@ LENS = om.Camera(om.model_class("kannala_brandt").example(), (960, 962))
 def pair():
     """Give a central camera and one of rays, the second turned to the right and a metre away."""
     rays = om.RayCamera(Axial.example(), (960, 962), theta_max=1.2)
-    return Rig.from_sensors({"left": (LENS, Pose()), "right": (rays, Pose(om.look(yaw=90), np.array([0.0, 0.0, -1.0])))})
+    return Rig.from_sensors(
+        {"left": (LENS, Pose()), "right": (rays, Pose(om.look(yaw=90), np.array([0.0, 0.0, -1.0])))}
+    )
 
 
 @every_head
@@ -39,7 +41,7 @@ def test_rays_and_projections_agree(rig):
 
 
 @every_head
-def test_a_camera_is_asked_about_points_in_its_own_frame(rig):
+def test_points_are_transformed_to_each_camera_frame(rig):
     points = np.random.default_rng(1).normal(0, 3, (40, 3))
     pixels, valid = rig.project(points)
     for k, (camera, pose) in enumerate(zip(rig.cameras, rig.sensor_from_rig, strict=True)):
@@ -49,13 +51,13 @@ def test_a_camera_is_asked_about_points_in_its_own_frame(rig):
 
 
 @every_head
-def test_every_camera_stands_where_its_rays_begin(rig):
+def test_rays_start_at_the_camera_positions(rig):
     for k, pose in enumerate(rig.sensor_from_rig):
         origins = rig.rays(k, [[300.0, 300.0], [500.0, 400.0]]).origins
         np.testing.assert_allclose(pose @ origins, 0, atol=1e-12)
 
 
-def test_two_fisheyes_see_the_whole_sphere_and_share_a_belt():
+def test_back_to_back_covers_the_sphere_with_an_overlap():
     rig = back_to_back()
     seen = rig.in_view(FAR)
     assert seen.any(0).all()
@@ -64,7 +66,7 @@ def test_two_fisheyes_see_the_whole_sphere_and_share_a_belt():
     np.testing.assert_array_equal(seen.all(0), np.abs(angle - 90) <= 10)
 
 
-def test_a_ring_of_five_sees_all_but_the_poles():
+def test_ladybug_covers_everything_except_the_poles():
     rig = ladybug()
     assert len(rig) == 5
     seen = rig.in_view(FAR)
@@ -77,7 +79,7 @@ def test_a_ring_of_five_sees_all_but_the_poles():
         assert np.flatnonzero(rig.in_view(seam)).tolist() == sorted((k, (k + 1) % 5))
 
 
-def test_a_car_sees_the_ground_and_the_horizon_all_around():
+def test_surround_car_covers_the_ground_and_the_horizon():
     rig = surround_car()
     x, z = (g.ravel() for g in np.meshgrid(np.linspace(-6, 6, 25), np.linspace(-7, 7, 29)))
     ground = np.stack([x, 0 * x, z], -1)
@@ -89,7 +91,7 @@ def test_a_car_sees_the_ground_and_the_horizon_all_around():
         assert {"front", name} <= {rig.names[k] for k in np.flatnonzero(rig.in_view(corner))}
 
 
-def test_a_camera_of_rays_rides_along():
+def test_non_central_camera_in_a_rig():
     rig = pair()
     pixels, valid = rig.project([[0.0, 0.0, 2.0], [5.0, 0.0, 0.0]])
     assert pixels.shape == (2, 2, 2)
@@ -113,19 +115,19 @@ def test_scaled_keeps_the_rays(rig):
     assert half.cameras[0].width == round(rig.cameras[0].width / 2)
 
 
-def test_part_keeps_order_and_names():
+def test_subset_keeps_order_and_names():
     some = ladybug().subset([3, "cam1"])
     assert some.names == ("cam3", "cam1")
     np.testing.assert_array_equal(some.sensor_from_rig[1].rotation, ladybug().sensor_from_rig[1].rotation)
     np.testing.assert_array_equal(some.rays(0, [3.0, 4.0]).origins, ladybug().rays(3, [3.0, 4.0]).origins)
 
 
-def test_what_does_not_fit_together_is_refused():
-    with pytest.raises(ValueError, match="as many cameras as poses and names, got 1, 0 and 1"):
+def test_inconsistent_rigs_are_rejected():
+    with pytest.raises(ValueError, match="same number of cameras, poses and names, got 1, 0 and 1"):
         Rig((LENS,), (), ("a",))
-    with pytest.raises(ValueError, match="needs a camera, got none"):
+    with pytest.raises(ValueError, match="needs at least one camera"):
         Rig.from_sensors({})
-    with pytest.raises(ValueError, match="must differ, got a, a"):
+    with pytest.raises(ValueError, match="must be unique, got a, a"):
         Rig((LENS, LENS), (Pose(), Pose()), ("a", "a"))
     with pytest.raises(ValueError, match="no camera 'up'; the rig has left, right"):
         pair().rays("up", [0.0, 0.0])
@@ -136,7 +138,7 @@ def test_what_does_not_fit_together_is_refused():
 
 
 @pytest.mark.parametrize("rig", [*HEADS, pytest.param(pair(), id="pair")])
-def test_a_file_holds_all_of_it(rig, tmp_path):
+def test_rig_file_round_trip(rig, tmp_path):
     om.save_rig(rig, tmp_path / "rig.json")
     again = om.load_rig(tmp_path / "rig.json")
     assert again.names == rig.names
@@ -150,7 +152,7 @@ def test_a_file_holds_all_of_it(rig, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda d: d.update(sensors=3), "sensors"),
         (lambda d: d["sensors"].update(left={}), "sensor left: missing camera"),
@@ -169,16 +171,16 @@ def test_a_file_holds_all_of_it(rig, tmp_path):
         (lambda d: d.update(version="1"), "version"),
     ],
 )
-def test_a_damaged_file_says_what_is_wrong(change, said, tmp_path):
+def test_damaged_rig_files_are_rejected(change, message, tmp_path):
     om.save_rig(pair(), tmp_path / "rig.json")
     data = json.loads((tmp_path / "rig.json").read_text())
     change(data)
     (tmp_path / "rig.json").write_text(json.dumps(data))
-    with pytest.raises(FormatError, match=said):
+    with pytest.raises(FormatError, match=message):
         om.load_rig(tmp_path / "rig.json")
 
 
-def test_a_reflection_is_no_rotation(tmp_path):
+def test_reflections_are_rejected_as_rotations(tmp_path):
     om.save_rig(pair(), tmp_path / "rig.json")
     data = json.loads((tmp_path / "rig.json").read_text())
     data["sensors"]["left"]["sensor_from_rig"]["rotation"] = np.diag([-1.0, 1.0, 1.0]).tolist()

@@ -1,4 +1,4 @@
-"""Several cameras on one body, and where each stands on it."""
+"""A rig: several rigidly connected cameras and their poses."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -19,18 +19,18 @@ Sensor = Camera | RayCamera
 
 @dataclass(frozen=True)
 class Rig:
-    """Cameras, central or not, with their places on one body.
+    """Cameras, central or not, with their poses on one rigid body.
 
     Attributes
     ----------
     cameras
         The cameras.
     sensor_from_rig
-        For each the pose that maps points of the rig's frame (x right, y down, z forward) into its own.
+        For each camera the pose that maps points of the rig frame (x right, y down, z forward) to the camera frame.
     names
-        One for each: "front", "left" ...
+        For each camera a unique name: "front", "left" ...
     provenance
-        Where it came from.
+        Origin of the rig, such as program and file.
     """
 
     cameras: tuple[Sensor, ...]
@@ -39,27 +39,27 @@ class Rig:
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def __post_init__(self) -> None:
-        """Refuse what does not fit together."""
+        """Check that there are cameras, and as many poses and unique names."""
         if not self.cameras:
-            raise ValueError("a rig needs a camera, got none")
+            raise ValueError("a rig needs at least one camera")
         if not len(self.cameras) == len(self.sensor_from_rig) == len(self.names):
             counts = f"{len(self.cameras)}, {len(self.sensor_from_rig)} and {len(self.names)}"
-            raise ValueError(f"a rig needs as many cameras as poses and names, got {counts}")
+            raise ValueError(f"a rig needs the same number of cameras, poses and names, got {counts}")
         if len(set(self.names)) < len(self.names):
-            raise ValueError(f"the names of a rig's cameras must differ, got {', '.join(self.names)}")
+            raise ValueError(f"the camera names of a rig must be unique, got {', '.join(self.names)}")
 
     @classmethod
-    def of(cls, sensors: Mapping[str, tuple[Sensor, Pose]]) -> Self:
-        """Make it from cameras and their `sensor_from_rig`, by name."""
+    def from_sensors(cls, sensors: Mapping[str, tuple[Sensor, Pose]]) -> Self:
+        """Make a rig from a mapping of name to camera and `sensor_from_rig`."""
         cameras, poses = tuple(c for c, _ in sensors.values()), tuple(pose for _, pose in sensors.values())
         return cls(cameras, poses, tuple(sensors))
 
     def __len__(self) -> int:
-        """Give the number of cameras."""
+        """Return the number of cameras."""
         return len(self.cameras)
 
     def index(self, sensor: int | str) -> int:
-        """Give the place of a camera in `cameras`, by its name or its place.
+        """Return the index of a camera, given by name or index.
 
         Raises
         ------
@@ -71,18 +71,18 @@ class Rig:
                 raise ValueError(f"no camera {sensor!r}; the rig has {', '.join(self.names)}")
             return self.names.index(sensor)
         if not 0 <= sensor < len(self):
-            raise ValueError(f"no camera {sensor}; the rig has {len(self)}, counted from 0")
+            raise ValueError(f"no camera {sensor}; the rig has {len(self)} cameras, numbered from 0")
         return sensor
 
     def rays(self, sensor: int | str, pixels: ArrayLike) -> Rays:
-        """Give the rays of pixels (..., 2) of one camera, in the rig's frame."""
+        """Return the rays of pixels (..., 2) of one camera, in the rig frame."""
         k = self.index(sensor)
         origins, bearings, valid = self.cameras[k].rays(pixels)
         rig_from_sensor = self.sensor_from_rig[k].inverse()
         return Rays(rig_from_sensor @ origins, bearings @ rig_from_sensor.rotation.T, valid)
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Project points of the rig's frame into every camera.
+        """Project points of the rig frame into every camera.
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class Rig:
         pixels
             (C, ..., 2) for C cameras, NaN where not valid.
         valid
-            (C, ...), whether the point lies inside the camera's domain; see `sees` for its image.
+            (C, ...), whether the point is in the domain of the camera model; `in_view` tests the image.
         """
         pairs = [
             camera.project(pose @ np.asarray(points, float))
@@ -102,30 +102,32 @@ class Rig:
         ]
         return np.stack([pixels for pixels, _ in pairs]), np.stack([valid for _, valid in pairs])
 
-    def sees(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Say which cameras see points (..., 3): (C, ...); in their image, and in their calibrated cone if known."""
+    def in_view(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Return (C, ...) which cameras have points (..., 3) in their image and calibrated field of view."""
         at = np.asarray(points, float)
         pixels, valid = self.project(at)
-        shown = [camera.in_image(own) for camera, own in zip(self.cameras, pixels, strict=True)]
-        inside = [_inside(camera, pose @ at) for camera, pose in zip(self.cameras, self.sensor_from_rig, strict=True)]
-        return valid & np.stack(shown) & np.stack(inside)
+        in_image = [camera.in_image(p) for camera, p in zip(self.cameras, pixels, strict=True)]
+        in_field = [
+            _in_field(camera, pose @ at) for camera, pose in zip(self.cameras, self.sensor_from_rig, strict=True)
+        ]
+        return valid & np.stack(in_image) & np.stack(in_field)
 
     def scaled(self, factor: float) -> Self:
-        """Give the rig of images resized by a factor."""
+        """Return the rig for images resized by a factor."""
         return dataclasses.replace(self, cameras=tuple(camera.scaled(factor) for camera in self.cameras))
 
-    def part(self, sensors: Sequence[int | str]) -> Self:
-        """Give some of its cameras."""
-        some = [self.index(sensor) for sensor in sensors]
+    def subset(self, sensors: Sequence[int | str]) -> Self:
+        """Return a rig of some of the cameras."""
+        chosen = [self.index(sensor) for sensor in sensors]
         return dataclasses.replace(
             self,
-            cameras=tuple(self.cameras[k] for k in some),
-            sensor_from_rig=tuple(self.sensor_from_rig[k] for k in some),
-            names=tuple(self.names[k] for k in some),
+            cameras=tuple(self.cameras[k] for k in chosen),
+            sensor_from_rig=tuple(self.sensor_from_rig[k] for k in chosen),
+            names=tuple(self.names[k] for k in chosen),
         )
 
 
-def _inside(camera: Sensor, points: Array) -> NDArray[np.bool_]:
-    """Say which points of its frame lie in a camera's calibrated cone."""
+def _in_field(camera: Sensor, points: Array) -> NDArray[np.bool_]:
+    """Return which points of the camera frame are in the calibrated field of view."""
     angle = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
     return (angle >= camera.theta_min) & (angle <= (np.pi if camera.theta_max is None else camera.theta_max))

@@ -27,37 +27,37 @@ def cannot(refuses, tmp_path, monkeypatch):
     return lambda *arguments: refuses("design", "mirror", *arguments)
 
 
-def test_a_mirror_is_told_with_all_that_is_needed_to_make_it(design, tmp_path):
+def test_report_has_all_dimensions(design, tmp_path):
     status, out, err = design(*FIELD)
     assert (status, err) == (0, "")
-    for said in (
-        "mirror      a hyperboloid, the lens in its far focus",
-        "shape       convex, radius at the vertex 17.9302 mm, eccentricity 1.28171, conic constant -1.64279 (a 27.89",
-        "rim         60 mm across, 18.7773 mm deep; half way out 5.69333 mm deep",
-        "lens        focal length 4.847 mm, 40.0 degrees across the mirror; its entrance pupil 63.65 mm from",
-        "viewpoint   7.858 mm above the vertex, single",
-        "field       from 20.0 degrees above the horizon to 78.2 below it, 360 around",
-        "blind       11.8 degrees around straight down, 33 px: the camera itself",
-        "image     941 px across, 98 percent of the shorter side; sensor 1280x960 px of 3.75 um",
-        "model       unified, xi 0.96997, gamma 314.35 px",
-        "tilted 1°",
-        "for things 1 m away",
+    for output in (
+        "mirror     hyperboloid with the lens in its far focus",
+        "shape      convex, vertex radius 17.9302 mm, eccentricity 1.28171, conic constant -1.64279 (a 27.89",
+        "rim        diameter 60 mm, sag 18.7773 mm, at half the radius 5.69333 mm",
+        "lens       focal length 4.847 mm, 40.0 degrees across the mirror; entrance pupil 63.65 mm from",
+        "viewpoint  7.858 mm above the vertex, single",
+        "field      from 20.0 degrees above the horizon to 78.2 below it, 360 around",
+        "blind spot 11.8 degrees around straight down, 33 px: the camera itself",
+        "image      941 px across, 98 % of the shorter side; sensor 1280x960 px of 3.75 um",
+        "model      unified, xi 0.96997, gamma 314.35 px",
+        "tilt 1°",
+        "parallax px at 1 m",
     ):
-        assert said in out
+        assert output in out
     assert file_names(tmp_path) == []
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_is_told_drawn_and_given_as_numbers(design, tmp_path, kind):
+def test_every_kind_is_reported_drawn_and_printed_as_json(design, tmp_path, kind):
     field = WITHIN.get(kind, FIELD)
     status, out, err = design("--kind", kind, *field, "-o", "mirror.svg")
     assert (status, err) == (0, "")
-    assert "drawn       mirror.svg" in out
+    assert "written    mirror.svg" in out
     root = ElementTree.parse(tmp_path / "mirror.svg").getroot()
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     words = " ".join(root.itertext())
-    for said in ("20.0 degrees above the horizon", "60 mm", "20° up", "viewpoint", "px per degree", "blind"):
-        assert said in words
+    for output in ("20.0 degrees above the horizon", "60 mm", "20° up", "viewpoint", "px per degree", "blind"):
+        assert output in words
     assert "nan" not in (tmp_path / "mirror.svg").read_text()
     status, out, err = design("--kind", kind, *field, "--json", "-o", "mirror.svg")
     assert (status, err) == (0, "")
@@ -67,10 +67,10 @@ def test_every_kind_is_told_drawn_and_given_as_numbers(design, tmp_path, kind):
     assert (numbers["model"] is None) is not KINDS[kind].central
     assert numbers["resolution"][0]["elevation_deg"] == pytest.approx(20)
     assert numbers["resolution"][0]["radius_px"] == pytest.approx(numbers["circle_px"], rel=1e-6)
-    assert {row["said"] for row in numbers["misalignments"]} >= {"as designed", "1 mm across", "tilted 0.1°"}
+    assert {row["description"] for row in numbers["misalignments"]} >= {"as designed", "1 mm lateral", "tilt 0.1°"}
 
 
-def test_lengths_are_read_with_their_units(design):
+def test_lengths_have_units(design):
     given = ("--pixel", "3 um", "--focal", "8mm", "--diameter", "5cm", "--working-distance", "2m", "--body", "1in")
     numbers = json.loads(design(*FIELD, "--sensor", "1920x1080", *given, "--json")[1])
     assert numbers["focal"] == 0.008
@@ -80,10 +80,10 @@ def test_lengths_are_read_with_their_units(design):
 
 
 @pytest.mark.parametrize("kind", ["hyperbolic", "parabolic"])
-def test_the_camera_file_is_that_of_the_design(design, tmp_path, kind):
+def test_camera_file_matches_the_design(design, tmp_path, kind):
     status, out, _ = design("--kind", kind, *FIELD, "--camera", "camera.json")
     assert status == 0
-    assert "written     camera.json; upright panoramas: omnisight view PICTURE --camera camera.json --up back" in out
+    assert "written    camera.json (try: omnisight view IMAGE --camera camera.json --up back)" in out
     camera = load(tmp_path / "camera.json")
     assert camera.size == (1280, 960)
     assert (camera.model.name, camera.model.fx < 0 < camera.model.fy) == ("unified", True)
@@ -95,10 +95,10 @@ def test_the_camera_file_is_that_of_the_design(design, tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["spherical", "conical"])
-def test_a_design_without_a_viewpoint_is_written_with_its_lens_and_mirror(design, tmp_path, kind):
+def test_non_central_design_is_written_with_lens_and_mirror(design, tmp_path, kind):
     status, out, err = design("--kind", kind, *WITHIN.get(kind, FIELD), "--camera", "camera.json")
     assert (status, err) == (0, "")
-    assert "written     camera.json; rendered images: omnisight simulate room --camera camera.json" in out
+    assert "written    camera.json (try: omnisight simulate room --camera camera.json)" in out
     camera = load(tmp_path / "camera.json")
     assert (type(camera), camera.model.name, camera.size) == (om.RayCamera, "catadioptric", (1280, 960))
     # Angles are from the lens' axis, up into the mirror: the rim shows 20 degrees above the horizon.
@@ -109,7 +109,7 @@ def test_a_design_without_a_viewpoint_is_written_with_its_lens_and_mirror(design
     np.testing.assert_allclose(camera.project(points)[0], [639.5 + 0.98 * 480, 479.5], atol=1e-5)
 
 
-def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
+def test_view_unrolls_an_image_of_the_designed_camera(design, run, tmp_path):
     """An image that shows each direction's elevation in red and azimuth in green, through the camera file and view."""
     assert design(*FIELD, "--sensor", "640x480", "--camera", "camera.json")[0] == 0
     camera = load(tmp_path / "camera.json")
@@ -130,36 +130,39 @@ def test_view_unrolls_a_picture_of_the_designed_camera(design, run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "output"),
     [
-        (("--hfov", 270), "a mirror of revolution shows all 360 degrees around. Leave it at 360, and cut out"),
-        (("--up", 80), "no mirror shows more than 70.0 degrees up to it, --up is 80: ask for less up, or for a longer"),
+        (("--hfov", 270), "a mirror of revolution shows 360 degrees: leave it out, and crop the panorama"),
+        (("--up", 80), "no mirror shows more than 70.0 degrees up, --up is 80: reduce --up, or use a longer"),
         (
             ("--down", 85),
-            "the camera hides what is more than 78.1 degrees below the horizon, --down is 85: ask for less",
+            "the camera body hides everything more than 78.1 degrees below the horizon, --down is 85: reduce",
         ),
-        (("--kind", "round"), "unknown kind of mirror 'round'; there are: hyperbolic, parabolic, spherical, conical"),
+        (
+            ("--kind", "round"),
+            "unknown kind of mirror 'round'; choose one of: hyperbolic, parabolic, spherical, conical",
+        ),
         (
             ("--kind", "conical", "--focal", "8mm"),
-            "a cone shows as many degrees of elevation as half its lens, 12.4 here, and 80",
+            "the field of a cone equals the half angle of its lens, 12.4 degrees here, but the field is 80",
         ),
         (("--kind", "parabolic", "--focal", "8mm"), "leave the focal length out, or choose a hyperbolic mirror"),
-        (("--pixel", "3.75mm"), "the pixel is 0.00375 m, the most thought of is 0.0001 m: is its unit right?"),
+        (("--pixel", "3.75mm"), "the pixel is 0.00375 m, more than 0.0001 m: check its unit"),
         (("--focal", "8"), "--focal: the length '8' has no unit: write 8mm"),
         (("--pixel", "big"), "--pixel: cannot read the length 'big'"),
         (("--pixel", "0um"), "--pixel: the length"),
         (("--sensor", "wide"), "--sensor must be WIDTHxHEIGHT in px"),
-        (("--sensor", "8x8"), "the sensor has 8x8 px: too few"),
-        (("--diameter", "6cm", "--distance", "6cm", "--focal", "25mm"), "px wide, the sensor 960: take 4.625mm"),
-        (("-o", "mirror.png"), "what is written is .svg; name it mirror.svg"),
+        (("--sensor", "8x8"), "sensor of 8x8 px: width and height must be from 16"),
+        (("--diameter", "6cm", "--distance", "6cm", "--focal", "25mm"), "px wide, the sensor 960 px: use 4.625mm"),
+        (("-o", "mirror.png"), "is written as .svg; name it mirror.svg"),
         (("-o", "none/mirror.svg"), "there is no folder none; make it first"),
-        (("--camera", "camera.yaml"), "what is written is .json; name it camera.json"),
+        (("--camera", "camera.yaml"), "is written as .json; name it camera.json"),
     ],
 )
-def test_what_cannot_be_says_why_and_leaves_nothing(cannot, tmp_path, arguments, said):
-    assert said in cannot(*arguments)
+def test_impossible_designs_are_rejected_and_write_nothing(cannot, tmp_path, arguments, output):
+    assert output in cannot(*arguments)
     assert file_names(tmp_path) == []
 
 
-def test_what_else_is_not_designed(run):
+def test_only_mirrors_are_designed(run):
     assert run("design", "lens")[0] == 2

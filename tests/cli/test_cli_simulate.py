@@ -38,7 +38,7 @@ def written(tmp_path_factory):
     return place / "out"
 
 
-def test_the_files_are_there_and_the_readme_names_them(written):
+def test_all_files_are_written_and_described_in_the_readme(written):
     text = (written / "README.txt").read_text()
     names = {str(path.relative_to(written)) for path in written.rglob("*") if path.is_file()}
     kinds = ("images", "depth", "normals", "instances")
@@ -55,7 +55,7 @@ def test_the_files_are_there_and_the_readme_names_them(written):
     assert lines[4] == "0.033333 images/000001.png"
 
 
-def test_what_is_read_back_is_what_is_seen_from_those_poses(written):
+def test_files_agree_with_the_ground_truth_at_their_poses(written):
     """A reader that knows the README alone gets the points of the scene."""
     camera, motion = load(written / "camera.json"), read_trajectory(written / "poses.txt")
     names = json.loads((written / "instances.json").read_text())
@@ -81,7 +81,7 @@ def test_what_is_read_back_is_what_is_seen_from_those_poses(written):
     assert image.std() > 10
 
 
-def test_exact_truth_is_of_float32(run, small, tmp_path):
+def test_exact_ground_truth_is_float32(run, small, tmp_path):
     out, options = tmp_path / "out", ("--exact", "--jpeg", 90, "--circle", "5:80")
     status, _, err = run("simulate", "lines", "--camera", small, "--frames", 1, *options, "-o", out)
     assert (status, err) == (0, "")
@@ -95,7 +95,7 @@ def test_exact_truth_is_of_float32(run, small, tmp_path):
     assert "images/000000.jpg" in (out / "images.txt").read_text()
 
 
-def test_the_same_seed_writes_the_same_bytes_and_an_older_set_is_replaced(run, small, tmp_path):
+def test_same_seed_writes_the_same_bytes_and_replaces_an_older_set(run, small, tmp_path):
     def pictures(folder, *options):
         status, _, err = run("simulate", "lines", "--camera", small, "--rays", 1, *options, "-o", folder)
         assert (status, err) == (0, "")
@@ -107,11 +107,11 @@ def test_the_same_seed_writes_the_same_bytes_and_an_older_set_is_replaced(run, s
     assert len(list((tmp_path / "b" / "depth").iterdir())) == 1
 
 
-def test_a_rig_that_was_broken_off_leaves_nothing_to_the_next(run, small, tmp_path, monkeypatch):
-    from omnisight.cli._dataset import Dataset
+def test_interrupted_data_set_is_cleared(run, small, tmp_path, monkeypatch):
+    from omnisight.simulation.dataset import Dataset
 
     lens = om.fisheye(32, 170)
-    file = save_rig(Rig.of({name: (lens, om.Pose()) for name in ("left", "right")}), tmp_path / "rig.json")
+    file = save_rig(Rig.from_sensors({name: (lens, om.Pose()) for name in ("left", "right")}), tmp_path / "rig.json")
     common, out = ("simulate", "lines", "--rays", 1, "-o", tmp_path / "out"), tmp_path / "out"
 
     def interrupted(*_):
@@ -130,7 +130,7 @@ def test_a_rig_that_was_broken_off_leaves_nothing_to_the_next(run, small, tmp_pa
     assert (out / "mine.txt").read_text() == "a note"
 
 
-def test_wrong_options_leave_an_older_set_whole(run, refuses, small, tmp_path):
+def test_invalid_options_keep_an_older_set(run, refuses, small, tmp_path):
     common = ("simulate", "lines", "--camera", small, "--rays", 1, "--frames", 1, "-o", tmp_path / "out")
     run(*common)
     for options in (("--blur", "nan"), ("--jpeg", 0), ("--circle", "170:180"), ("--trajectory", "nowhere")):
@@ -139,27 +139,27 @@ def test_wrong_options_leave_an_older_set_whole(run, refuses, small, tmp_path):
     assert (tmp_path / "out" / "settings.json").is_file()
 
 
-def test_a_camera_that_leaves_the_room_is_told(run, small, tmp_path):
+def test_camera_outside_the_room_causes_a_note(run, small, tmp_path):
     (tmp_path / "out.txt").write_text("0 0 0 0 0 0 0 1\n1 0 0 3.5 0 0 0 1\n")
     common = ("simulate", "lines", "--camera", small, "--rays", 1, "--trajectory", tmp_path / "out.txt")
     status, out, err = run(*common, "-o", tmp_path / "out", "--json")
     assert status == 0
     (note,) = json.loads(out)["notes"]
     assert "1 of 2 images" in note
-    assert "000001 at (0.00, 0.00, 3.50) m, by 'hall'" in note
+    assert "000001 at (0.00, 0.00, 3.50) m, in 'hall'" in note
     assert note in err
 
 
-def test_a_folder_of_something_else_is_left_alone(refuses, small, tmp_path):
+def test_folder_with_other_content_is_refused(refuses, small, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "README.txt").write_text("my thesis")
-    said = refuses("simulate", "lines", "--camera", small, "-o", tmp_path / "mine")
-    assert "holds something that is no data set of omnisight; name another folder" in said
+    output = refuses("simulate", "lines", "--camera", small, "-o", tmp_path / "mine")
+    assert "contains files that are not of a simulated data set; choose another folder" in output
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["README.txt"]
-    assert "is a file; name a folder" in refuses("simulate", "lines", "--camera", small, "-o", small)
+    assert "is a file; choose a folder" in refuses("simulate", "lines", "--camera", small, "-o", small)
 
 
-def test_a_trajectory_file_says_when_and_where(run, small, tmp_path):
+def test_trajectory_file_defines_times_and_poses(run, small, tmp_path):
     (tmp_path / "way.csv").write_text("timestamp,tx,ty,tz,qx,qy,qz,qw\n10,0,0,0,0,0,0,1\n10.5,0.2,0,0,0,0,0,1\n")
     common = ("simulate", "lines", "--camera", small, "--rays", 1, "--trajectory", tmp_path / "way.csv")
     run(*common, "-o", tmp_path / "own")
@@ -172,21 +172,21 @@ def test_a_trajectory_file_says_when_and_where(run, small, tmp_path):
     np.testing.assert_allclose([pose.translation[0] for pose in even.poses], np.linspace(0, 0.2, 5), atol=1e-9)
 
 
-def test_a_camera_under_a_mirror_is_carried_looking_down(run, refuses, small, tmp_path):
+def test_up_back_points_the_camera_down(run, refuses, small, tmp_path):
     order = ["simulate", "lines", "--camera", small, "--trajectory", "still", "--frames", 1]
     run(*order, "--up", "back", "-o", tmp_path / "out")
     (pose,) = read_trajectory(tmp_path / "out" / "poses.txt").poses
     np.testing.assert_allclose(pose.rotation[:, 2], (0, 1, 0), atol=1e-6)  # its axis points to the floor
     (tmp_path / "own.txt").write_text("0 0 0 0 0 0 0 1\n")
     order[5] = tmp_path / "own.txt"
-    assert "the poses of a file say themselves" in refuses(*order, "--up", "back", "-o", tmp_path / "other")
+    assert "the poses of a file define the orientation" in refuses(*order, "--up", "back", "-o", tmp_path / "other")
 
 
-def test_a_rolling_shutter_is_said_and_seen(run, small, tmp_path):
+def test_rolling_shutter_changes_images_and_readme(run, small, tmp_path):
     common = ("simulate", "lines", "--camera", small, "--rays", 1, "--frames", 1, "--trajectory", "turn", "--noise", 0)
     run(*common, "-o", tmp_path / "global")
     run(*common, "--rolling-shutter", 20, "-o", tmp_path / "rolling")
-    assert "The shutter rolls over 20 ms" in (tmp_path / "rolling" / "README.txt").read_text()
+    assert "Rolling shutter of 20 ms" in (tmp_path / "rolling" / "README.txt").read_text()
     a, b = (read_image(tmp_path / kind / "images" / "000000.png") for kind in ("global", "rolling"))
     assert (a != b).any()
 
@@ -197,11 +197,11 @@ def test_rigs_and_non_central_cameras_are_rendered(run, tmp_path):
         "left": (om.fisheye(48, 170), om.Pose(translation=np.array((0.1, 0, 0)))),
         "right": (RayCamera(Axial(lens, (0.01, 0.0)), (48, 48)), om.Pose(om.look(180), np.array((-0.1, 0, 0)))),
     }
-    file = save_rig(Rig.of(cameras), tmp_path / "rig.json")
+    file = save_rig(Rig.from_sensors(cameras), tmp_path / "rig.json")
     out = tmp_path / "out"
-    status, said, err = run("simulate", "lines", "--camera", file, "--frames", 2, "--rays", 1, "-o", out)
+    status, output, err = run("simulate", "lines", "--camera", file, "--frames", 2, "--rays", 1, "-o", out)
     assert (status, err) == (0, "")
-    assert "by each of 2 cameras" in said
+    assert ", 2 cameras" in output
     rig = read_trajectory(out / "poses.txt")
     for name, (_, sensor_from_rig) in cameras.items():
         own = read_trajectory(out / name / "poses.txt")
@@ -223,24 +223,26 @@ def test_rigs_and_non_central_cameras_are_rendered(run, tmp_path):
         (("--seed", -1), "--seed must not be negative"),
         (("--jpeg", 0), "jpeg must be from 1 to 100, got 0"),
         (("--circle", "90:20"), "--circle must be two angles"),
-        (("--circle", "170:180"), "--circle 170:180 leaves nothing of what"),
+        (("--circle", "170:180"), "--circle 170:180 excludes the whole field of view of"),
         (("--noise", -1), "noise must be from 0 to 255"),
-        (("--trajectory", "circle"), "there is no such file, and no such motion of line, loop"),
+        (("--trajectory", "circle"), "is neither a file nor one of line, loop"),
     ],
 )
-def test_options_that_mean_nothing_are_refused(refuses, small, tmp_path, options, message):
+def test_invalid_options_are_rejected(refuses, small, tmp_path, options, message):
     assert message in refuses("simulate", "lines", "--camera", small, *options, "-o", tmp_path / "out")
 
 
-def test_unknown_scenes_and_hostile_files_are_refused(refuses, small, tmp_path):
+def test_unknown_scenes_and_invalid_files_are_rejected(refuses, small, tmp_path):
     assert "unknown scene 'moon'" in refuses("simulate", "moon", "--camera", small, "-o", tmp_path / "out")
     (tmp_path / "bad.csv").write_text("1 0 0 0 0 0 0 1\n2 0 0 zero 0 0 0 1\n")
-    said = refuses("simulate", "lines", "--camera", small, "--trajectory", tmp_path / "bad.csv", "-o", tmp_path / "out")
-    assert "bad.csv, line 2: 'zero' is no number" in said
+    output = refuses(
+        "simulate", "lines", "--camera", small, "--trajectory", tmp_path / "bad.csv", "-o", tmp_path / "out"
+    )
+    assert "bad.csv, line 2: 'zero' is not a number" in output
     squares = RayCamera(Axial(SMALL.model, (0.1, 0.0)), (64, 64), unit="squares")
     file = save(squares, tmp_path / "squares.json").path
     assert "in squares, not metres" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
-    rig = Rig.of({"../../up": (SMALL, om.Pose())})
+    rig = Rig.from_sensors({"../../up": (SMALL, om.Pose())})
     file = save_rig(rig, tmp_path / "rig.json")
-    assert "is no name for a folder" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
+    assert "cannot be used as a folder name" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -34,22 +34,22 @@ def photo(shots):
         ("panini", (300, 200), ("--size", "300x200")),
     ],
 )
-def test_every_view_is_written_in_its_size_with_its_figures(run, photo, camera_file, tmp_path, to, size, options):
+def test_every_view_type_is_written_and_reported(run, photo, camera_file, tmp_path, to, size, options):
     out = tmp_path / "view.png"
     status, said, err = run("view", photo, "--camera", camera_file, "--to", to, *options, "-o", out)
     assert (status, err) == (0, "")
     assert read_image(out).shape == size[::-1]
-    assert f"written: {out} (" in said
+    assert f"written   {out}" in said
     words = said.replace("%", "").split()
-    kept, filled = float(words[words.index("of") - 1]), float(words[words.index("fills") + 1])
+    kept, filled = float(words[words.index("of") - 1]), float(words[words.index("visible,") + 1])
     assert 0 < kept <= 101
     assert 0 < filled <= 100
-    assert "px wide in the middle of the view" in said
-    assert "at its rim" in said
+    assert "px wide in the centre of the view" in said
+    assert "at its edge" in said
     assert "nan" not in said
 
 
-def test_a_view_of_the_calibrated_camera_straightens_the_board(run, shots, camera_file, tmp_path):
+def test_perspective_view_straightens_the_board(run, shots, camera_file, tmp_path):
     out = tmp_path / "straight.png"
     run("view", shots / "1.png", "--camera", camera_file, "--fov", "100", "--size", "800x800", "-o", out)
     pinhole = omnisight.perspective(100, (800, 800))
@@ -59,7 +59,7 @@ def test_a_view_of_the_calibrated_camera_straightens_the_board(run, shots, camer
     assert np.abs(found.pixels - corners[found.ids]).max() < 0.7
 
 
-def test_several_pictures_go_to_a_folder(run, shots, camera_file, tmp_path):
+def test_several_images_go_to_a_folder(run, shots, camera_file, tmp_path):
     out = tmp_path / "new" / "views"
     status, said, _ = run("view", shots, "--camera", camera_file, "--size", "160x120", "-o", out)
     assert status == 0
@@ -68,7 +68,7 @@ def test_several_pictures_go_to_a_folder(run, shots, camera_file, tmp_path):
     assert str(out) in said
 
 
-def test_pictures_of_one_name_do_not_overwrite_each_other(run, shots, camera_file, tmp_path):
+def test_images_with_the_same_name_do_not_overwrite_each_other(run, shots, camera_file, tmp_path):
     for name, number in (("left", 1), ("right", 2)):
         (tmp_path / name).mkdir()
         shutil.copy(shots / f"{number}.png", tmp_path / name / "a.png")
@@ -77,14 +77,14 @@ def test_pictures_of_one_name_do_not_overwrite_each_other(run, shots, camera_fil
     assert len(file_names(out)) == 2
 
 
-def test_a_bad_picture_does_not_stop_the_others(run, folder, camera_file, tmp_path):
+def test_unusable_image_does_not_stop_the_others(run, folder, camera_file, tmp_path):
     damage_image(folder / "1.png", "truncated")
     write_image(folder / "3.png", np.zeros((100, 100), np.uint8))
     out = tmp_path / "out"
     status, _, err = run("view", folder, "--camera", camera_file, "--size", "160x120", "-o", out)
     assert status == 2
     assert file_names(out) == ["2.png", "4.png", "5.png", "6.png"]
-    assert err.startswith("omnisight: 2 of 6 images were left out")
+    assert err.startswith("omnisight: 2 of 6 images were skipped")
     assert "1.jpg: truncated JPEG" in err
     assert "3.png: the image is 100x100, the camera 640x480" in err
 
@@ -108,18 +108,18 @@ def test_mask_and_camera_of_a_view(run, photo, camera_file, tmp_path):
     assert status == 0
 
 
-def test_a_picture_keeps_its_depth(run, photo, camera_file, tmp_path):
+def test_sixteen_bit_images_stay_sixteen_bit(run, photo, camera_file, tmp_path):
     write_image(tmp_path / "deep.png", read_image(photo).astype(np.uint16) * 257)
     run("view", tmp_path / "deep.png", "--camera", camera_file, "-o", tmp_path / "v.png")
     assert read_image(tmp_path / "v.png").dtype == np.uint16
 
 
-def test_a_resized_picture_needs_a_scaled_camera(run, refuses, photo, camera_file, tmp_path):
+def test_resized_image_needs_a_scaled_camera(run, refuses, photo, camera_file, tmp_path):
     half = tmp_path / "half.png"
     write_image(half, cv2.resize(read_image(photo), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
     small, large = tmp_path / "small.png", tmp_path / "large.png"
     said = refuses("view", half, "--camera", camera_file, "-o", small)
-    assert "half.png: the image is 320x240, the camera 640x480: the same shape, 0.5 times as large" in said
+    assert "half.png: the image is 320x240, the camera 640x480: 0.5 times as large" in said
     assert "--scale-camera" in said
     assert not small.exists()
     options = ("--camera", camera_file, "--size", "200x150", "--fov", "70")
@@ -129,16 +129,16 @@ def test_a_resized_picture_needs_a_scaled_camera(run, refuses, photo, camera_fil
     assert apart.mean() < 4
 
 
-def test_a_turned_picture_is_told_as_such(refuses, photo, camera_file, tmp_path):
+def test_rotated_image_is_rejected_with_the_reason(refuses, photo, camera_file, tmp_path):
     for options in ((), ("--scale-camera",)):
         turned = tmp_path / "turned.png"
         write_image(turned, np.ascontiguousarray(np.rot90(read_image(photo))))
         said = refuses("view", turned, "--camera", camera_file, *options, "-o", tmp_path / "v.png")
-        assert "turned.png: the image is 480x640, the camera 640x480: turned by 90 degrees" in said
+        assert "turned.png: the image is 480x640, the camera 640x480: rotated by 90 degrees" in said
         assert "EXIF" in said
 
 
-def test_a_camera_without_a_size_takes_that_of_the_pictures(run, photo, camera_file, tmp_path):
+def test_camera_without_a_size_uses_that_of_the_images(run, photo, camera_file, tmp_path):
     unsized = save(Camera(TRUTH.model, (0, 0)), tmp_path / "unsized.json").path
     views = [tmp_path / "one.png", tmp_path / "other.png"]
     for camera, view in zip((camera_file, unsized), views, strict=True):
@@ -152,25 +152,28 @@ def test_a_camera_without_a_size_takes_that_of_the_pictures(run, photo, camera_f
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--fov", "160"), "a perspective view cannot show 160 degrees, 150 at most: use cylinder, panini"),
+        (("--fov", "160"), "a perspective view cannot show 160 degrees, only up to 150: use cylinder, panini"),
         (("--fov", "0"), "a perspective view cannot show 0 degrees"),
-        (("--to", "panini", "--fov", "359"), "a Panini view of distance 1 cannot show 359 degrees, 353 at most"),
+        (("--to", "panini", "--fov", "359"), "a Panini view of distance 1 cannot show 359 degrees, only up to 353"),
         (("--to", "fisheye", "--fov", "0"), "cannot show 0 degrees"),
-        (("--to", "fisheye", "--fov", "200", "--projection", "orthographic"), "180 at most"),
+        (("--to", "fisheye", "--fov", "200", "--projection", "orthographic"), "only up to 180"),
         (("--to", "cylinder", "--elevation", "-95:10"), "elevation must be (low, high) within -89 to 89 degrees"),
         (("--to", "cylinder", "--elevation", "10"), "--elevation must be two numbers in degrees, such as"),
         (("--to", "sphere", "--azimuth", "a:b"), "--azimuth must be two numbers in degrees"),
-        (("--elevation", "-10:10"), "--elevation is for cylinder, mercator and sphere; a perspective takes --fov"),
-        (("--to", "sphere", "--fov", "90"), "--fov is not for a sphere; use --azimuth"),
-        (("--to", "cube", "--fov", "90"), "--fov is not for a cube; its faces are 90 degrees"),
+        (
+            ("--elevation", "-10:10"),
+            "--elevation applies to cylinder, mercator and sphere; use --fov for a perspective",
+        ),
+        (("--to", "sphere", "--fov", "90"), "--fov does not apply to a sphere; use --azimuth"),
+        (("--to", "cube", "--fov", "90"), "--fov does not apply to a cube; its faces are 90 degrees"),
         (("--size", "0x10"), "--size must be WIDTHxHEIGHT in px, such as 1280x720, got '0x10'"),
         (("--size", "tall"), "--size must be WIDTHxHEIGHT"),
-        (("--size", "50000x10"), "a view is 1 to 32767 px a side, got 50000 x 10"),
+        (("--size", "50000x10"), "width and height of a view must be from 1 to 32767 px, got 50000 x 10"),
         (("--yaw", "nan"), "--yaw must be a number of degrees, got nan"),
         (("--roll", "inf"), "--roll must be a number of degrees, got inf"),
     ],
 )
-def test_a_view_that_cannot_be_is_refused_and_nothing_is_written(refuses, photo, camera_file, tmp_path, options, said):
+def test_impossible_views_are_rejected_and_write_nothing(refuses, photo, camera_file, tmp_path, options, said):
     before = file_names(tmp_path)
     assert said in refuses("view", photo, "--camera", camera_file, "-o", tmp_path / "v.png", *options)
     assert file_names(tmp_path) == before
@@ -184,22 +187,22 @@ def test_a_view_that_cannot_be_is_refused_and_nothing_is_written(refuses, photo,
         ("missing/v.png", "the folder"),
     ],
 )
-def test_a_view_that_cannot_be_written_says_why(refuses, photo, camera_file, tmp_path, name, said):
+def test_unwritable_output_is_rejected_with_the_reason(refuses, photo, camera_file, tmp_path, name, said):
     assert said in refuses("view", photo, "--camera", camera_file, "-o", tmp_path / name)
     assert not (tmp_path / name).exists()
 
 
-def test_a_picture_may_go_to_a_folder_too(run, photo, camera_file, tmp_path):
+def test_single_image_can_go_to_a_folder(run, photo, camera_file, tmp_path):
     place = tmp_path / "place"
     place.mkdir()
     status, out, _ = run("view", photo, "--camera", camera_file, "-o", place)
     assert status == 0
-    assert f"written: {place / '1.png'}" in out
+    assert f"written   {place / '1.png'}" in out
     assert file_names(place) == ["1.png"]
 
 
 @pytest.mark.parametrize("command", ["one view", "views", "mask", "drawings"])
-def test_pictures_are_never_written_over(refuses, folder, camera_file, tmp_path, command):
+def test_input_images_are_never_overwritten(refuses, folder, camera_file, tmp_path, command):
     before = {path: path.read_bytes() for path in folder.iterdir()}
     arguments = {
         "one view": ("view", folder / "1.png", "--camera", camera_file, "-o", folder / "1.png"),
@@ -217,20 +220,20 @@ def test_pictures_are_never_written_over(refuses, folder, camera_file, tmp_path,
         "drawings": ("calibrate", folder, *QUICK, "--draw", folder),
     }[command]
     said = refuses(*arguments)
-    assert f"{folder / '1.png'}: is one of the images and would be lost" in said
+    assert f"{folder / '1.png'}: is one of the images and would be overwritten" in said
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_drawings_go_to_a_folder_not_to_a_pictures_name(refuses, shots, tmp_path):
+def test_drawings_need_a_folder_not_an_image_name(refuses, shots, tmp_path):
     said = refuses("detect", shots, "-o", tmp_path / "found.png")
-    assert f"{tmp_path / 'found.png'}: is an image's name; name a folder" in said
+    assert f"{tmp_path / 'found.png'}: has the name of an image; choose a folder" in said
     assert not (tmp_path / "found.png").exists()
 
 
-def test_several_pictures_cannot_go_to_one_file(refuses, shots, camera_file, tmp_path):
+def test_several_images_cannot_go_to_one_file(refuses, shots, camera_file, tmp_path):
     (tmp_path / "v.png").write_text("mine")
     said = refuses("view", shots, "--camera", camera_file, "-o", tmp_path / "v.png")
-    assert f"{tmp_path / 'v.png'}: is a file; 6 images go to a folder" in said
+    assert f"{tmp_path / 'v.png'}: is a file; choose a folder for 6 images" in said
     assert (tmp_path / "v.png").read_text() == "mine"
 
 
@@ -255,7 +258,7 @@ DAMAGED = {
 
 @pytest.mark.parametrize("command", ["view", "inspect", "convert"])
 @pytest.mark.parametrize("how", DAMAGED)
-def test_a_damaged_camera_file_is_told_by_name(refuses, photo, tmp_path, how, command):
+def test_damaged_camera_files_are_rejected_by_name(refuses, photo, tmp_path, how, command):
     text, expected = DAMAGED[how]
     path = tmp_path / "camera.json"
     path.write_text(text)
@@ -271,7 +274,7 @@ def test_a_damaged_camera_file_is_told_by_name(refuses, photo, tmp_path, how, co
 
 
 @pytest.mark.parametrize("what", ["missing", "folder", "image"])
-def test_what_is_no_camera_file_is_told_by_name(refuses, photo, tmp_path, what):
+def test_files_that_are_no_camera_are_rejected_by_name(refuses, photo, tmp_path, what):
     path = {"missing": tmp_path / "no.json", "folder": tmp_path, "image": photo}[what]
     said = refuses("view", photo, "--camera", path, "-o", tmp_path / "v.png")
     assert str(path) in said
@@ -279,13 +282,13 @@ def test_what_is_no_camera_file_is_told_by_name(refuses, photo, tmp_path, what):
     assert expected[what] in said
 
 
-def test_what_is_extrapolated_is_said_and_hatched_on_request_and_nothing_else_changes(run, photo, tmp_path):
+def test_extrapolated_pixels_are_reported_and_hatched_on_request(run, photo, tmp_path):
     camera = Camera(TRUTH.model, (640, 480), theta_max=np.radians(40.0))
     save(camera, tmp_path / "camera.json")
     view = ("view", photo, "--camera", tmp_path / "camera.json", "--to", "fisheye", "--fov", "140", "--size", "400")
     status, said, _ = run(*view, "-o", tmp_path / "plain.png")
     assert status == 0
-    assert "past 40 degrees, where the camera extrapolates; --mark hatches it" in said
+    assert "beyond 40 degrees, outside the calibrated field of view; --mark hatches it" in said
     status, said, _ = run(*view, "--mark", "-o", tmp_path / "marked.png", "--mask", tmp_path / "mask.png")
     assert status == 0
     assert "--mark" not in said
@@ -299,8 +302,8 @@ def test_what_is_extrapolated_is_said_and_hatched_on_request_and_nothing_else_ch
     assert 0.1 < share < 0.4
 
 
-def test_a_calibration_that_should_not_be_used_says_so_in_every_view(run, photo, tmp_path):
+def test_verdict_do_not_use_is_reported_with_every_view(run, photo, tmp_path):
     figures = {"verdict": "do not use", "reasons": ["The boards tilt only 3 degrees."]}
     save(Camera(TRUTH.model, (640, 480), calibration=figures), tmp_path / "camera.json")
     _, said, _ = run("view", photo, "--camera", tmp_path / "camera.json", "-o", tmp_path / "view.png")
-    assert "verdict is: do not use. The boards tilt only 3 degrees." in said
+    assert "the verdict of this calibration is: do not use. The boards tilt only 3 degrees." in said

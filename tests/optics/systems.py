@@ -5,7 +5,7 @@ import pytest
 
 from omnisight.models.equidistant import Equidistant
 from omnisight.models.pinhole import Pinhole
-from omnisight.optics import Catadioptric, Telecentric, PlacedMirror, mirror_class, mirror_names
+from omnisight.optics import Catadioptric, PlacedMirror, Telecentric, mirror_class, mirror_names
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
 
@@ -35,7 +35,9 @@ SYSTEMS = {
     "telecentric-parabola": Catadioptric(TELECENTRIC, (PlacedMirror(Conic.parabola(0.06, 0.04), tz=0.1),)),
     "telecentric-ball": Catadioptric(TELECENTRIC, (PlacedMirror(BALL, 0.1, -0.2, 0.004, 0.0, 0.1),)),
     "fisheye-hyperbola": Catadioptric(FISHEYE, (PlacedMirror(HYPERBOLA, 0.02, 0.0, 0.0, 0.001, 0.03),)),
-    "folded": Catadioptric(PINHOLE, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1), PlacedMirror(FLAT, np.pi, tz=0.01))),
+    "folded": Catadioptric(
+        PINHOLE, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1), PlacedMirror(FLAT, np.pi, tz=0.01))
+    ),
     "folded-decentred": Catadioptric(
         PINHOLE,
         (
@@ -44,7 +46,8 @@ SYSTEMS = {
         ),
     ),
     "periscope": Catadioptric(
-        PINHOLE, (PlacedMirror(Plane(0.04), np.pi / 4, tz=0.1), PlacedMirror(HYPERBOLA, -np.pi / 2, 0.0, 0.0, 0.08, 0.1))
+        PINHOLE,
+        (PlacedMirror(Plane(0.04), np.pi / 4, tz=0.1), PlacedMirror(HYPERBOLA, -np.pi / 2, 0.0, 0.0, 0.08, 0.1)),
     ),
     "telecentric-folded": Catadioptric(
         TELECENTRIC, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1), PlacedMirror(FLAT, np.pi, tz=0.01))

@@ -33,7 +33,7 @@ def seen(model, distance=0.4, count=40):
 
 @every_model
 @pytest.mark.parametrize("distance", [0.15, 1.0, 40.0, 1e6])
-def test_points_on_a_ray_are_seen_at_its_pixel(model, distance):
+def test_points_on_a_ray_project_to_its_pixel(model, distance):
     points, at = seen(model, distance)
     again, valid = model.project(points)
     assert valid.all()
@@ -54,7 +54,7 @@ def test_any_leading_shape_is_kept(model, shape):
 
 
 @every_model
-def test_a_wrong_shape_says_what_came(model):
+def test_wrong_shapes_are_rejected(model):
     with pytest.raises(ValueError, match=r"shape \(\.\.\., 3\), got shape \(4, 2\)"):
         model.project(np.zeros((4, 2)))
     with pytest.raises(ValueError, match=r"shape \(\.\.\., 2\)"):
@@ -62,7 +62,7 @@ def test_a_wrong_shape_says_what_came(model):
 
 
 @every_model
-def test_what_is_not_valid_is_nan(model):
+def test_invalid_entries_are_nan(model):
     made, valid = model.project([[np.nan, 0.0, 1.0]])
     assert not valid.any()
     assert np.isnan(made).all()
@@ -73,7 +73,7 @@ def test_what_is_not_valid_is_nan(model):
 
 
 @every_model
-def test_jacobians_are_the_derivatives(model):
+def test_jacobians_match_finite_differences(model):
     points, _ = seen(model)
     made, valid, d_point, d_params = model.project_with_jacobians(points)
     assert valid.all()
@@ -92,13 +92,13 @@ def test_jacobians_are_the_derivatives(model):
 
 
 @every_model
-def test_it_comes_back_from_its_dictionary(model):
+def test_dictionary_round_trip(model):
     assert type(model).from_dict(model.to_dict()) == model
     assert model.with_params(model.params) == model
 
 
 @every_pupil
-def test_rays_pass_the_axis_and_points_on_them_come_back(pupil):
+def test_rays_start_on_the_axis_and_project_back(pupil):
     model = Axial(LENS, pupil)
     origins, bearings, valid = model.rays(pixels())
     assert valid.any()
@@ -110,7 +110,7 @@ def test_rays_pass_the_axis_and_points_on_them_come_back(pupil):
 
 
 @every_pupil
-def test_the_start_of_a_ray_is_gennerys(pupil):
+def test_pupil_position_matches_gennery(pupil):
     theta = np.array([1e-9, 1e-4, 0.019, 0.0201, 0.3, 1.0, 2.0, 3.0])
     with mpmath.workdps(40):
         exact = [
@@ -121,7 +121,7 @@ def test_the_start_of_a_ray_is_gennerys(pupil):
 
 
 @pytest.mark.parametrize("name", model_names())
-def test_a_pupil_that_stands_is_the_central_camera(name):
+def test_zero_pupil_shift_is_the_central_camera(name):
     lens = model_class(name).example()
     model = Axial(lens, (0.0, 0.0))
     points = 2.5 * cap(min(lens.theta_max, 3.0), 12)
@@ -134,13 +134,13 @@ def test_a_pupil_that_stands_is_the_central_camera(name):
     assert not np.nan_to_num(rays.origins).any()
 
 
-def test_far_points_are_seen_as_by_the_lens():
+def test_distant_points_project_as_by_the_lens():
     model = Axial.example()
     bearings = cap(2.0, 10)
     np.testing.assert_allclose(model.project(1e9 * bearings)[0], LENS.project(bearings)[0], atol=1e-7)
 
 
-def test_the_ray_of_a_point_is_found_to_the_last_digit():
+def test_projection_is_accurate_to_rounding():
     model = Axial(Equirectangular.example(), (0.03, 0.01))
     rng = np.random.default_rng(0)
     points = rng.normal(size=(2000, 3))
@@ -152,7 +152,7 @@ def test_the_ray_of_a_point_is_found_to_the_last_digit():
     assert off.max() < 1e-12
 
 
-def test_near_points_before_the_caustic_and_behind_are_not_seen():
+def test_points_before_the_caustic_or_behind_are_not_valid():
     model = Axial(Equirectangular.example(), (0.2,))
     # Neighbouring rays at theta cross s' sin(theta) along the ray.
     theta = np.array([0.5, 1.0, 1.5])
@@ -167,14 +167,14 @@ def test_near_points_before_the_caustic_and_behind_are_not_seen():
     assert not np.any(np.abs((again * bearings).sum(-1)[before[1]] - 1) < 1e-6)
 
 
-def test_the_travel_is_that_of_the_starts():
+def test_pupil_shift_is_the_range_of_pupil_positions():
     model = Axial(LENS, (0.01,))
     assert model.pupil_shift(0.0, np.pi / 2) == pytest.approx(0.01 * (np.pi / 2 - 1))
     assert model.pupil_shift(1.0, 1.0) == 0
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"lens": None}, "missing lens"),
         ({"lens": "nonsense"}, "unknown camera model 'nonsense'"),
@@ -185,12 +185,12 @@ def test_the_travel_is_that_of_the_starts():
         ({"other": 1.0}, "has no other"),
     ],
 )
-def test_a_bad_dictionary_says_what_is_wrong(change, said):
+def test_invalid_dictionaries_are_rejected(change, message):
     values = {**Axial.example().to_dict(), **change}
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         Axial.from_dict({key: value for key, value in values.items() if value is not None})
 
 
-def test_it_cannot_be_changed():
+def test_model_is_immutable():
     with pytest.raises(dataclasses.FrozenInstanceError):
         Axial.example().pupil = ()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from systems import BALL, FISHEYE, HYPERBOLA, PINHOLE, SYSTEMS, every_system, seen, within
 
-from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
+from omnisight.optics import Catadioptric, PlacedMirror, Telecentric
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
 
@@ -13,7 +13,7 @@ from omnisight.optics.mirrors.plane import Plane
 
 @every_system
 @pytest.mark.parametrize(("near", "far"), [(1e-4, 1e-2), (0.03, 10.0), (1e3, 1e6)])
-def test_every_point_of_the_field_is_found_at_its_pixel(system, near, far):
+def test_projection_inverts_the_rays_of_all_pixels(system, near, far):
     if isinstance(system.lens, Telecentric):
         far = min(far, 1e4)  # of parallel rays a pixel is a place: rounding of the point alone moves it
     points, pixels = seen(system, near, far)
@@ -24,7 +24,7 @@ def test_every_point_of_the_field_is_found_at_its_pixel(system, near, far):
 
 
 @every_system
-def test_the_ray_of_a_points_pixel_goes_through_the_point(system):
+def test_ray_of_a_projected_point_passes_through_it(system):
     points, _ = seen(system)
     pixels, _ = system.project(points)
     rays = system.rays(pixels)
@@ -34,7 +34,7 @@ def test_the_ray_of_a_points_pixel_goes_through_the_point(system):
     assert np.linalg.norm(towards - rays.bearings, axis=-1).max() < 1e-11
 
 
-def test_a_mirror_of_every_kind_is_found_by_the_lens_whether_convex_or_not():
+def test_every_mirror_type_projects_whether_convex_or_not():
     # Concave mirrors may show a point more than once; what is found is a place where it is shown.
     for mirror in (Conic.sphere(-0.3, 0.05), Conic.parabola(-0.2, 0.05), Conic.ellipse(0.1, 0.06, 0.05)):
         system = Catadioptric(PINHOLE, (PlacedMirror(mirror, 0.1, -0.05, 0.002, 0.001, 0.12),))
@@ -51,7 +51,7 @@ def test_a_mirror_of_every_kind_is_found_by_the_lens_whether_convex_or_not():
 
 
 @every_system
-def test_light_is_reflected_by_the_law(system):
+def test_paths_obey_the_law_of_reflection(system):
     points, _ = seen(system)
     corners, valid = system.reflection_points(points)
     assert valid.all()
@@ -73,7 +73,7 @@ def test_light_is_reflected_by_the_law(system):
 
 
 @every_system
-def test_the_path_of_light_is_stationary(system):
+def test_path_length_is_stationary(system):
     # Moved by h along the mirrors, a path changes as h^2 and not as h (Fermat).
     points, _ = seen(system, 0.1, 3.0, count=24)
     corners, _ = system.reflection_points(points)
@@ -100,7 +100,7 @@ def test_the_path_of_light_is_stationary(system):
 
 
 @pytest.mark.parametrize("lens", [PINHOLE, FISHEYE])
-def test_a_plane_mirror_shows_what_a_lens_behind_it_would_see(lens):
+def test_plane_mirror_is_equivalent_to_a_lens_behind_it(lens):
     placed = PlacedMirror(Plane(rim=0.3), 0.3, -0.2, 0.01, 0.02, 0.4)
     system = Catadioptric(lens, (placed,))
     points, _ = seen(system, 0.01, 10.0)
@@ -110,7 +110,7 @@ def test_a_plane_mirror_shows_what_a_lens_behind_it_would_see(lens):
     np.testing.assert_allclose(system.project(points)[0], expected, atol=1e-9)
 
 
-def test_a_ball_answers_alhazens_problem():
+def test_sphere_solves_alhazens_problem():
     # In the plane of the centre, the lens a and the point b (as complex numbers, in radii), z on the circle with
     # conj(ab) z^4 - (conj(a) + conj(b)) z^3 + (a + b) z - ab = 0 sees both at the same angle from its normal.
     system = SYSTEMS["ball-decentred"]
@@ -132,7 +132,7 @@ def test_a_ball_answers_alhazens_problem():
         np.testing.assert_allclose((corner - centre) / radius, z.real * right + z.imag * up, atol=1e-9)
 
 
-def test_a_lens_in_the_focus_of_a_hyperbola_sees_from_the_other():
+def test_lens_in_a_focus_of_a_hyperboloid_has_its_viewpoint_in_the_other():
     inner, outer = HYPERBOLA.foci
     system = Catadioptric(PINHOLE, (PlacedMirror(HYPERBOLA, tz=-outer),))
     rays = system.rays(np.random.default_rng(0).uniform([400, 240], [880, 720], (500, 2)))
@@ -142,7 +142,7 @@ def test_a_lens_in_the_focus_of_a_hyperbola_sees_from_the_other():
     np.testing.assert_allclose(off, 0, atol=1e-15)
 
 
-def test_parallel_rays_over_a_parabola_pass_its_focus():
+def test_parallel_rays_on_a_paraboloid_pass_its_focus():
     system = SYSTEMS["telecentric-parabola"]
     u, v = np.meshgrid(np.linspace(300, 980, 30), np.linspace(200, 800, 30))
     rays = system.rays(np.stack([u, v], -1))

@@ -9,7 +9,7 @@ from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
 
 
-def test_what_a_mirror_cannot_show_is_not_valid():
+def test_points_that_no_mirror_shows_are_not_valid():
     system = Catadioptric(PINHOLE, (PlacedMirror(BALL, tz=0.12),))
     hidden = {
         "straight behind it": [0.0, 0.0, 1.0],
@@ -25,7 +25,7 @@ def test_what_a_mirror_cannot_show_is_not_valid():
     assert system.project([0.5, 0.0, 0.0])[1]
 
 
-def test_what_is_shown_is_what_some_pixel_sees():
+def test_points_on_valid_rays_are_valid():
     # Directions all around a mirror: those that `project` shows fill the cone of the rays through its rim, and no more.
     system = Catadioptric(FISHEYE, (PlacedMirror(Conic.parabola(0.06, 0.04), tz=0.05),))
     rim = system.mirrors[0].lens_from_mirror @ np.array([0.04, 0.0, system.mirrors[0].mirror.sag(0.04)])
@@ -38,7 +38,7 @@ def test_what_is_shown_is_what_some_pixel_sees():
 
 
 @pytest.mark.parametrize("name", ["conic-oblique", "ball-oblique", "cone-decentred", "asphere-on-axis", "ring-on-axis"])
-def test_what_is_said_to_be_hidden_is_not_found_from_elsewhere(name, monkeypatch):
+def test_points_proven_hidden_are_not_found_from_other_start_points(name, monkeypatch):
     # All around, near and far: as many points are shown as if the search went on after the first answer.
     system = SYSTEMS[name]
     rng = np.random.default_rng(7)
@@ -51,7 +51,7 @@ def test_what_is_said_to_be_hidden_is_not_found_from_elsewhere(name, monkeypatch
     np.testing.assert_array_equal(system.project(points)[1], valid)
 
 
-def test_every_ray_that_is_valid_has_a_place_and_a_bearing():
+def test_valid_rays_are_finite():
     # All of a ball's image, its very limb included, and pixels that are none.
     system = SYSTEMS["ball-oblique"]
     placed = system.mirrors[0]
@@ -65,9 +65,11 @@ def test_every_ray_that_is_valid_has_a_place_and_a_bearing():
             np.testing.assert_array_equal(np.isfinite(part).all(-1), rays.valid)
 
 
-def test_a_smaller_rim_shows_less_and_nothing_else():
+def test_smaller_rim_only_removes_points():
     wide = Catadioptric(PINHOLE, (PlacedMirror(HYPERBOLA, tz=0.09),))
-    narrow = Catadioptric(PINHOLE, (PlacedMirror(Conic(HYPERBOLA.radius, HYPERBOLA.eccentricity, 0.02, 0.005), tz=0.09),))
+    narrow = Catadioptric(
+        PINHOLE, (PlacedMirror(Conic(HYPERBOLA.radius, HYPERBOLA.eccentricity, 0.02, 0.005), tz=0.09),)
+    )
     points, pixels = seen(wide)
     corners, _ = wide.reflection_points(points)
     rho = np.hypot(corners[:, 0, 0], corners[:, 0, 1])
@@ -76,17 +78,19 @@ def test_a_smaller_rim_shows_less_and_nothing_else():
     np.testing.assert_array_equal(narrow.rays(pixels).valid, valid)
 
 
-def test_a_lens_behind_a_mirror_without_a_hole_sees_nothing():
+def test_lens_behind_a_mirror_without_a_hole_has_no_valid_rays():
     small = PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1)
     pierced = Catadioptric(PINHOLE, (small, PlacedMirror(FLAT, np.pi, tz=0.01)))
-    solid = Catadioptric(PINHOLE, (small, PlacedMirror(Conic(FLAT.radius, FLAT.eccentricity, FLAT.rim), np.pi, tz=0.01)))
+    solid = Catadioptric(
+        PINHOLE, (small, PlacedMirror(Conic(FLAT.radius, FLAT.eccentricity, FLAT.rim), np.pi, tz=0.01))
+    )
     points, pixels = seen(pierced)
     assert not solid.project(points)[1].any()
     assert not solid.rays(pixels).valid.any()
 
 
 @pytest.mark.parametrize("rim", [0.02, 0.04])
-def test_the_first_mirror_hides_what_is_behind_it_from_the_second(rim):
+def test_first_mirror_blocks_rays_of_the_second(rim):
     # Two planes face to face: light at the slope s from the axis meets them at s D, s (2 D - d) and passes the first
     # at s (3 D - 2 d).
     system = Catadioptric(PINHOLE, (PlacedMirror(Plane(rim), tz=0.1), PlacedMirror(Plane(0.2, 0.015), np.pi, tz=0.01)))
@@ -100,7 +104,7 @@ def test_the_first_mirror_hides_what_is_behind_it_from_the_second(rim):
     np.testing.assert_allclose(found[valid], pixels[valid], atol=1e-9)
 
 
-def test_the_wall_of_a_bowl_hides():
+def test_wall_of_a_concave_mirror_blocks_rays():
     # Of a deep bowl: light that would leave through its wall does not.
     deep = Catadioptric(FISHEYE, (PlacedMirror(Conic.sphere(-0.1, 0.0999), tx=0.05, tz=0.06),))
     shallow = Catadioptric(FISHEYE, (PlacedMirror(Conic.sphere(-0.1, 0.05), tx=0.05, tz=0.06),))

@@ -7,7 +7,7 @@ from systems import BALL, PINHOLE, SYSTEMS, every_system, few_systems, seen, wit
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.models.ocam import Ocam
-from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
+from omnisight.optics import Catadioptric, PlacedMirror, Telecentric
 from omnisight.optics.mirrors.asphere import Asphere
 
 # -- derivatives ------------------------------------------------------------------------------------------------
@@ -29,7 +29,7 @@ def well_inside(system, **options):
 
 
 @few_systems
-def test_jacobian_by_the_point(system):
+def test_jacobian_by_point(system):
     points = well_inside(system, near=0.1, far=2.0, count=16)
     pixels, valid, d_point, _ = system.project_with_jacobians(points)
     assert valid.all()
@@ -42,7 +42,7 @@ def test_jacobian_by_the_point(system):
 
 
 @few_systems
-def test_jacobian_by_the_parameters(system):
+def test_jacobian_by_parameters(system):
     points = well_inside(system, near=0.1, far=2.0, count=16)
     *_, d_params = system.project_with_jacobians(points)
     assert d_params.shape == (len(points), 2, system.params.size)
@@ -68,7 +68,7 @@ def test_jacobian_by_the_parameters(system):
 # -- parameters, files, shapes ----------------------------------------------------------------------------------
 
 
-def test_parameters_are_the_lenss_and_the_mirrors_by_name():
+def test_parameters_combine_lens_and_mirror_parameters():
     system = SYSTEMS["folded-decentred"]
     names = system.param_names
     assert names[:5] == ("fx", "fy", "cx", "cy", "skew")
@@ -86,19 +86,19 @@ def test_parameters_are_the_lenss_and_the_mirrors_by_name():
 
 
 @every_system
-def test_a_dictionary_holds_all_of_a_system(system):
+def test_dictionary_round_trip(system):
     assert Catadioptric.from_dict(system.to_dict()) == system
     assert system.with_params(system.params) == system
 
 
-def test_a_dictionary_tells_a_lens_and_a_mirror_with_coefficients_apart():
+def test_dictionary_keeps_lens_and_mirror_coefficients_separate():
     lens = Ocam.example()
     system = Catadioptric(lens, (PlacedMirror(Asphere(18.0, -1.5, (900.0, -4e5, 1e3), rim=0.03), tz=0.1),))
     assert Catadioptric.from_dict(system.to_dict()) == system
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "message"),
     [
         ({"mirror": "torus"}, "unknown mirror 'torus'"),
         ({"lens": "box"}, "unknown camera model 'box'"),
@@ -110,12 +110,12 @@ def test_a_dictionary_tells_a_lens_and_a_mirror_with_coefficients_apart():
         ({"lens": None}, "unknown camera model None"),
     ],
 )
-def test_a_dictionary_that_is_no_system_is_refused(change, says):
-    with pytest.raises(ValueError, match=says):
+def test_invalid_dictionaries_are_rejected(change, message):
+    with pytest.raises(ValueError, match=message):
         Catadioptric.from_dict(Catadioptric.example().to_dict() | change)
 
 
-def test_a_dictionary_without_a_mirror_is_refused():
+def test_dictionary_without_a_mirror_is_rejected():
     with pytest.raises(ValueError, match="missing lens, mirror"):
         Catadioptric.from_dict({"fx": 1.0})
     with pytest.raises(ValueError, match="mirrors must be one or more PlacedMirror mirrors"):
@@ -124,7 +124,7 @@ def test_a_dictionary_without_a_mirror_is_refused():
         Catadioptric(PINHOLE, (BALL,))
 
 
-def test_a_pose_places_a_mirror_of_revolution():
+def test_placed_mirror_from_a_pose():
     pose = Pose(so3.exp([0.4, -0.7, 0.3]), np.array([0.1, 0.2, 0.3]))
     placed = PlacedMirror.at(BALL, pose)
     ours = placed.lens_from_mirror
@@ -137,7 +137,7 @@ def test_a_pose_places_a_mirror_of_revolution():
 
 
 @pytest.mark.parametrize("lead", [(), (5,), (2, 3, 4), (0,)])
-def test_points_and_pixels_come_in_any_shape(lead):
+def test_any_leading_shape_is_kept(lead):
     system = SYSTEMS["folded"]
     points = np.broadcast_to(seen(system)[0][7], (*lead, 3))
     pixels, valid = system.project(points)
@@ -152,7 +152,7 @@ def test_points_and_pixels_come_in_any_shape(lead):
         system.project(np.zeros((3, 2)))
 
 
-def test_a_telecentric_lens_is_one_affine_map():
+def test_telecentric_lens_is_an_affine_map():
     lens = Telecentric.example()
     pixels = np.array([[0.0, 0.0], [511.2, 384.9], [1000.0, 3.0]])
     rays = lens.rays(pixels)

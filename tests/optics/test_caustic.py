@@ -7,12 +7,12 @@ import pytest
 from omnisight.geometry.rays import Rays
 from omnisight.models.mei import Mei
 from omnisight.models.pinhole import Pinhole
-from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
+from omnisight.optics import Catadioptric, PlacedMirror, Telecentric
 from omnisight.optics.caustic import caustic
-from omnisight.optics.ray_jacobians import ray_jacobians
 from omnisight.optics.mirrors.asphere import Asphere
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
+from omnisight.optics.ray_jacobians import ray_jacobians
 
 TELECENTRIC = Telecentric(1e4, 1e4, 0.0, 0.0)
 LENS = Pinhole(1000.0, 1000.0, 0.0, 0.0)
@@ -39,7 +39,7 @@ def outwards(camera, pixels):
         (TELECENTRIC, Conic.parabola(-0.1, 0.03), 0.1, -0.025),
     ],
 )
-def test_the_caustic_of_a_central_camera_is_its_viewpoint(lens, mirror, z, focus):
+def test_caustic_of_a_central_camera_is_its_viewpoint(lens, mirror, z, focus):
     found = caustic(Catadioptric(lens, (PlacedMirror(mirror, tz=z),)), PIXELS)
     seen = np.isfinite(found.along).all(-1)
     assert seen.mean() > 0.6
@@ -47,7 +47,7 @@ def test_the_caustic_of_a_central_camera_is_its_viewpoint(lens, mirror, z, focus
         assert np.abs(sheet - [0, 0, z + focus])[seen].max() < 1e-13
 
 
-def test_the_caustic_of_a_tilted_central_camera_is_its_viewpoint_too():
+def test_caustic_of_a_tilted_central_camera_is_its_viewpoint():
     """A lens in the focus may look askew at the mirror."""
     mirror = Conic.hyperbola(0.028, 0.0385, 0.06)
     askew = PlacedMirror(mirror, tilt_x=0.1)
@@ -76,13 +76,13 @@ def test_parallel_rays_on_a_sphere_make_a_nephroid(sign, reach):
     np.testing.assert_allclose(sagittal, np.stack([0 * a, centre - radius / (2 * np.cos(a))], -1), atol=1e-15)
 
 
-def test_the_cusp_lies_half_a_radius_behind_the_vertex():
+def test_cusp_is_half_a_radius_behind_the_vertex():
     system = Catadioptric(TELECENTRIC, (PlacedMirror(Conic.sphere(0.04, 0.03), tz=0.3),))
     for sheet in outwards(system, np.array([[1e-6, 0.0]])):
         np.testing.assert_allclose(sheet, [[0, 0.32]], atol=1e-13)
 
 
-def test_the_caustic_of_a_circle_and_a_lens_near_it_is_known():
+def test_caustic_of_a_circle_and_a_near_lens_matches_the_closed_form():
     """The envelope of rays from a point, reflected by a circle: in 40 digits, by its own derivative."""
     mpmath.mp.dps = 40
     radius, lens = mpmath.mpf("0.04"), mpmath.mpf("0.11")  # the lens, from the centre
@@ -130,7 +130,7 @@ def test_the_caustic_of_a_circle_and_a_lens_near_it_is_known():
         Cone(np.radians(55.0), 0.05),
     ],
 )
-def test_the_sheets_obey_coddingtons_equations(mirror):
+def test_sheets_satisfy_the_coddington_equations(mirror):
     """1/s + 1/t = -2 k_t/cos(i) and -2 k_s cos(i), k the curvatures along and across (Coddington 1829)."""
     z = 0.09
     rho = np.linspace(0.1, 0.9, 9) * mirror.rim
@@ -150,7 +150,7 @@ def test_the_sheets_obey_coddingtons_equations(mirror):
     np.testing.assert_allclose(found.along[:, 1], sagittal, rtol=1e-8)
 
 
-def test_the_sagittal_sheet_of_what_is_one_of_revolution_lies_on_the_axis():
+def test_sagittal_sheet_of_a_system_of_revolution_is_on_the_axis():
     found = caustic(Catadioptric(LENS, (PlacedMirror(Asphere.example(), tz=0.2),)), PIXELS * 0.7)
     assert np.abs(found.sagittal[..., :2]).max() < 1e-15
     assert np.ptp(found.sagittal[..., 2]) > 1e-3
@@ -165,7 +165,7 @@ def test_the_sagittal_sheet_of_what_is_one_of_revolution_lies_on_the_axis():
         (Mei(1800.0, 1810.0, 1.0, 2.0, 0.9, k1=-0.1, k2=0.02, p1=1e-3, p2=-1e-3), Asphere.example()),
     ],
 )
-def test_the_differential_of_reflection_is_that_of_the_rays(moved, lens, mirror):
+def test_differential_of_reflection_matches_finite_differences(moved, lens, mirror):
     system = Catadioptric(lens, (PlacedMirror(mirror, **moved | {"tz": 0.1}),))
 
     class OnlyRays:
@@ -179,7 +179,7 @@ def test_the_differential_of_reflection_is_that_of_the_rays(moved, lens, mirror)
         assert np.abs(one - other)[use].max() < 1e-10 * np.abs(one[use]).max()
 
 
-def test_two_mirrors_are_differentiated_one_after_the_other():
+def test_derivatives_over_two_mirrors():
     """A telecentric lens, a parabola, and in its focus one of a hyperbola: central (Gregory and Cassegrain)."""
     primary = PlacedMirror(Conic(-0.1, 1.0, 0.05, 0.01), tz=0.2)
     # The primary gathers light in its focus, at z = 0.15; the convex secondary has it, from behind, as one of its own.
@@ -194,7 +194,7 @@ def test_two_mirrors_are_differentiated_one_after_the_other():
 
 
 @pytest.mark.parametrize("moved", [{}, TILTED])
-def test_neighbouring_rays_touch_the_caustic(moved):
+def test_neighbouring_rays_intersect_at_the_caustic(moved):
     """The sheets are where the rays' density is infinite: the determinant of d point/d (u, v, t) is nought there."""
     system = Catadioptric(LENS, (PlacedMirror(Conic.sphere(0.05, 0.05), **moved | {"tz": 0.1}),))
     found = caustic(system, PIXELS)
@@ -223,7 +223,7 @@ class Axial:
         return Rays(origins, bearings, np.ones(theta.shape, bool))
 
 
-def test_an_entrance_pupil_that_moves_has_a_caustic_too():
+def test_caustic_of_an_entrance_pupil_shift():
     """Of a pupil at s(theta) the tangential sheet is s'(theta) sin(theta) along the ray, the sagittal one the pupil."""
     found = caustic(Axial(0.004), PIXELS)
     theta = np.linalg.norm(PIXELS, axis=-1) / 300
@@ -231,7 +231,7 @@ def test_an_entrance_pupil_that_moves_has_a_caustic_too():
     np.testing.assert_allclose(found.along[..., 1], 0, atol=1e-12)
 
 
-def test_a_pixel_that_sees_nothing_has_no_caustic():
+def test_invalid_pixels_have_no_caustic():
     system = Catadioptric(LENS, (PlacedMirror(Conic.sphere(0.05, 0.02), tz=0.1),))
     found = caustic(system, [[10.0, 0.0], [900.0, 0.0], [np.nan, 0.0]])
     assert np.isfinite(found.along).all(1).tolist() == [True, False, False]
@@ -239,7 +239,7 @@ def test_a_pixel_that_sees_nothing_has_no_caustic():
     assert caustic(system, [10.0, 5.0]).sagittal.shape == (3,)
 
 
-def test_rays_that_stay_parallel_have_their_caustic_at_infinity():
+def test_caustic_of_parallel_rays_is_at_infinity():
     from omnisight.optics.mirrors.plane import Plane
 
     found = caustic(Catadioptric(TELECENTRIC, (PlacedMirror(Plane(), tz=0.1),)), PIXELS)

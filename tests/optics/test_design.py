@@ -7,9 +7,9 @@ import pytest
 
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optics.design.mirror_design import design_mirror
-from omnisight.optics.design.specification import FILL, MirrorSpecification
-from omnisight.optics.design.performance import blind_spot, misalignments, evaluate_design, resolution, viewpoint
+from omnisight.optics.design.performance import blind_spot, evaluate_design, misalignments, resolution, viewpoint
 from omnisight.optics.design.shapes import KINDS
+from omnisight.optics.design.specification import FILL_FRACTION, MirrorSpecification
 from omnisight.optics.viewpoint import lens_positions
 
 
@@ -29,16 +29,16 @@ def theta_at(design, radius):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("up", [-20.0, 0.0, 20.0, 35.0])
-def test_the_rim_shows_the_top_of_the_field(kind, up):
+def test_rim_shows_the_top_of_the_field(kind, up):
     design = design_mirror(order(kind, up, 30.0 if up < 0 else 5.0))
     theta, origin = theta_at(design, design.circle * (1 - 1e-12))
     assert np.degrees(theta) == pytest.approx(90 + up, abs=1e-8)
     assert origin[0] == pytest.approx(design.mirror.rim, rel=1e-9)
-    assert design.circle == pytest.approx(FILL * 480, rel=1e-12)
+    assert design.circle == pytest.approx(FILL_FRACTION * 480, rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.central])
-def test_a_central_design_has_its_lens_in_the_focus_and_its_model_is_the_traced_camera(kind):
+def test_central_design_has_its_lens_in_the_focus_and_matches_ray_tracing(kind):
     design = design_mirror(order(kind, 25.0))
     (place,) = lens_positions(design.mirror)
     assert -place.lens == (np.inf if kind == "parabolic" else pytest.approx(design.distance, rel=1e-12))
@@ -53,7 +53,7 @@ def test_a_central_design_has_its_lens_in_the_focus_and_its_model_is_the_traced_
 
 
 @pytest.mark.parametrize("kind", ["spherical", "conical"])
-def test_a_design_that_is_not_central_has_no_model(kind):
+def test_non_central_design_has_no_unified_model(kind):
     design = design_mirror(order(kind))
     assert viewpoint(design, blind_spot(design)).rms > 1e-4
     with pytest.raises(ValueError, match="has no single viewpoint"):
@@ -73,7 +73,7 @@ def test_a_design_that_is_not_central_has_no_model(kind):
         {"diameter": 0.05, "distance": 0.03, "focal": 0.002},
     ],
 )
-def test_what_is_given_is_kept_and_the_rest_follows(kind, given):
+def test_specified_sizes_are_kept_and_determine_the_others(kind, given):
     design = design_mirror(order(kind, 15.0, 1.0, **given))
     rim, mirror = design.mirror.rim, design.mirror
     if "diameter" in given:
@@ -83,21 +83,21 @@ def test_what_is_given_is_kept_and_the_rest_follows(kind, given):
     if "focal" in given:
         assert design.focal == pytest.approx(given["focal"], rel=1e-12)
     if len(given) < 3:
-        assert design.circle == pytest.approx(FILL * 480, rel=1e-9)
+        assert design.circle == pytest.approx(FILL_FRACTION * 480, rel=1e-9)
     # What the lens sees the rim at is what its image shows.
     across = rim / (design.distance + float(mirror.sag(rim)))
     assert design.circle == pytest.approx(design.focal * across / 3.75e-6, rel=1e-9)
     assert np.degrees(theta_at(design, design.circle * (1 - 1e-12))[0]) == pytest.approx(105, abs=1e-7)
 
 
-def test_a_telecentric_lens_may_stand_anywhere():
+def test_telecentric_lens_distance_is_arbitrary():
     near, far = (design_mirror(order("parabolic", distance=d, diameter=0.04)) for d in (0.05, 0.3))
     assert near.mirror == far.mirror
-    assert (near.focal, near.magnification) == (None, pytest.approx(FILL * 480 * 3.75e-6 / 0.02))
+    assert (near.focal, near.magnification) == (None, pytest.approx(FILL_FRACTION * 480 * 3.75e-6 / 0.02))
     assert (near.distance, far.distance) == (0.05, 0.3)
 
 
-def test_a_cone_shows_as_much_as_half_its_lens():
+def test_field_of_a_cone_is_the_half_angle_of_its_lens():
     design = design_mirror(order("conical", 20.0, 10.0))
     tip, _ = theta_at(design, 1e-6)
     assert np.degrees(tip) == pytest.approx(80, abs=1e-4)
@@ -105,7 +105,7 @@ def test_a_cone_shows_as_much_as_half_its_lens():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_resolution_is_the_slope_of_the_picture(kind):
+def test_resolution_is_the_derivative_of_the_image_radius(kind):
     design = design_mirror(order(kind))
     found = resolution(design, 50.0)
     assert (found.radius[0], found.radius[-1]) == (50.0, pytest.approx(design.circle))
@@ -115,7 +115,7 @@ def test_the_resolution_is_the_slope_of_the_picture(kind):
     np.testing.assert_allclose(found.around, found.radius / np.sin(found.theta), rtol=1e-12)
 
 
-def test_a_paraboloid_shows_small_things_in_their_shape():
+def test_paraboloid_is_conformal():
     """Stereographic projection is conformal; R m px, m = tan(theta/2)."""
     design = design_mirror(order("parabolic"))
     found = resolution(design, 30.0)
@@ -125,7 +125,7 @@ def test_a_paraboloid_shows_small_things_in_their_shape():
 
 
 @pytest.mark.parametrize("body", [0.01, 0.03, 0.05])
-def test_the_blind_spot_of_a_hyperboloid_is_the_body_seen_from_the_viewpoint(body):
+def test_blind_spot_of_a_hyperboloid_is_the_body_seen_from_the_viewpoint(body):
     design = design_mirror(order(body=body))
     blind = blind_spot(design)
     assert np.tan(blind.theta) == pytest.approx(body / 2 / design.mirror.focal_distance, rel=1e-9)
@@ -135,27 +135,27 @@ def test_the_blind_spot_of_a_hyperboloid_is_the_body_seen_from_the_viewpoint(bod
     assert at_lens[0][0] < body / 2 < at_lens[1][0]
 
 
-def test_a_telecentric_lens_hides_as_much_as_the_mirror_is_wide():
+def test_blind_spot_of_a_telecentric_lens_is_as_wide_as_the_mirror():
     design = design_mirror(order("parabolic", body=0.01, diameter=0.06))
     above = design.distance + design.mirror.foci[0]
     assert np.tan(blind_spot(design).theta) == pytest.approx(0.03 / above, rel=1e-9)
 
 
-def test_a_cone_hides_nothing_but_shows_nothing_below():
+def test_cone_has_a_blind_spot_without_image():
     blind = blind_spot(design_mirror(order("conical")))
     assert blind.radius == 0
     assert np.degrees(blind.theta) == pytest.approx(80, abs=1e-3)
 
 
-def test_a_misplaced_mirror_loses_its_viewpoint_in_proportion():
+def test_viewpoint_error_is_proportional_to_the_misalignment():
     design = design_mirror(order())
     rows = {row.description: row for row in misalignments(design, blind_spot(design))}
     assert rows["as designed"].worst < 1e-14
     assert rows["as designed"].moved_px == 0
     for small, large in (
-        ("0.1 mm too far", "1 mm too far"),
-        ("0.1 mm across", "1 mm across"),
-        ("tilted 0.1°", "tilted 1°"),
+        ("0.1 mm axial", "1 mm axial"),
+        ("0.1 mm lateral", "1 mm lateral"),
+        ("tilt 0.1°", "tilt 1°"),
     ):
         for figure in ("rms", "worst", "rms_px", "worst_px", "moved_px"):
             ratio = getattr(rows[large], figure) / getattr(rows[small], figure)
@@ -163,22 +163,22 @@ def test_a_misplaced_mirror_loses_its_viewpoint_in_proportion():
         assert rows[small].rms < rows[small].worst
 
 
-def test_a_paraboloid_does_not_mind_being_moved_but_tilted():
+def test_paraboloid_keeps_its_viewpoint_if_displaced_but_not_if_tilted():
     design = design_mirror(order("parabolic"))
     rows = {row.description: row for row in misalignments(design, blind_spot(design))}
-    assert max(rows[name].worst for name in ("1 mm too far", "1 mm across")) < 1e-14
-    assert rows["1 mm across"].moved_px > 10
-    assert rows["tilted 1°"].worst > 1e-4
+    assert max(rows[name].worst for name in ("1 mm axial", "1 mm lateral")) < 1e-14
+    assert rows["1 mm lateral"].moved_px > 10
+    assert rows["tilt 1°"].worst > 1e-4
 
 
-def test_the_parallax_is_less_the_farther_things_are():
+def test_parallax_decreases_with_the_working_distance():
     near, far = (misalignments(d := design_mirror(order(working_distance=w)), blind_spot(d))[-1] for w in (0.5, 5.0))
     assert near.worst == pytest.approx(far.worst)
     assert near.worst_px == pytest.approx(10 * far.worst_px, rel=0.01)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_larger_mirror_in_proportion_shows_the_same(kind):
+def test_scaled_design_has_the_same_resolution(kind):
     one = design_mirror(order(kind, diameter=0.03, body=0.015))
     other = design_mirror(order(kind, diameter=0.06, body=0.03))
     a, b = evaluate_design(one), evaluate_design(other)
@@ -188,72 +188,78 @@ def test_a_larger_mirror_in_proportion_shows_the_same(kind):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
-        ({"kind": "cubic"}, "unknown kind of mirror 'cubic'; there are: hyperbolic, parabolic, spherical, conical"),
-        ({"up": 75.0}, "no mirror shows more than 70.0 degrees up to it, --up is 75: ask for less up, or for a longer"),
+        ({"kind": "cubic"}, "unknown kind of mirror 'cubic'; choose one of: hyperbolic, parabolic, spherical, conical"),
+        ({"up": 75.0}, "no mirror shows more than 70.0 degrees up, --up is 75: reduce --up, or use a longer"),
         ({"up": 95.0}, "less than 90, got 95 and 60"),
         ({"up": -30.0, "down": 20.0}, "the field from -20 to -30 degrees is empty"),
         (
             {"up": -75.0, "down": 89.0},
-            "the lens sees the rim at 20.0 degrees from the axis, and is to show 15 degrees there",
+            "the lens sees the rim at 20.0 degrees from the axis and would have to show 15 degrees there",
         ),
-        ({"kind": "conical", "down": 30.0, "focal": 0.004}, "elevation as half its lens, 23.8 here, and 50 are"),
+        (
+            {"kind": "conical", "down": 30.0, "focal": 0.004},
+            "half angle of its lens, 23.8 degrees here, but the field is 50",
+        ),
         (
             {"kind": "conical", "down": 60.0},
-            "10.0 degrees up to it, --up is 20: ask for less up or down; twice up and once down",
+            "10.0 degrees up, --up is 20: reduce --up or --down; 2 up + down",
         ),
         ({"kind": "parabolic", "focal": 0.004}, "needs a telecentric lens"),
         ({"diameter": 0.0}, "the diameter must be a positive length, got 0.0"),
         ({"pixel": np.nan}, "the pixel must be a positive length"),
-        ({"size": (10, 10)}, "too few for an image"),
-        ({"size": (10**6, 960)}, "the sensor has 1000000x960 px: too many for an image"),
-        ({"pixel": 3.75e-3}, "the pixel is 0.00375 m, the most thought of is 0.0001 m: is its unit right?"),
-        ({"focal": 8.0}, "the focal length is 8 m, the most thought of is 1 m: is its unit right?"),
+        ({"size": (10, 10)}, "sensor of 10x10 px: width and height must be from 16"),
+        ({"size": (10**6, 960)}, "sensor of 1000000x960 px: width and height must be"),
+        ({"pixel": 3.75e-3}, "the pixel is 0.00375 m, more than 0.0001 m: check its unit"),
+        ({"focal": 8.0}, "the focal length is 8 m, more than 1 m: check its unit"),
         ({"diameter": 50.0}, "the diameter is 50 m"),
         (
             {"focal": 0.9},
-            "sees the mirror within 0.2246 degrees, less than the 0.4 that are",
+            "the mirror fills only 0.2246 degrees, less than 0.4",
         ),
-        ({"kind": "spherical", "diameter": 0.06, "distance": 0.004}, "shows 20 degrees up needs a lens 5.6"),
-        ({"diameter": 0.001, "distance": 30.0}, "is too far for a mirror of 1mm"),
-        ({"diameter": 0.06, "distance": 0.06, "focal": 0.02}, "px wide, the sensor 960: take 4.625mm, a smaller"),
+        (
+            {"kind": "spherical", "diameter": 0.06, "distance": 0.004},
+            "shows 20 degrees up needs a lens distance of at least 5.6",
+        ),
+        ({"diameter": 0.001, "distance": 30.0}, "is too large for a mirror of 1mm"),
+        ({"diameter": 0.06, "distance": 0.06, "focal": 0.02}, "px wide, the sensor 960 px: use 4.625mm, a smaller"),
     ],
 )
-def test_what_cannot_be_says_why_and_what_to_change(given, said):
+def test_impossible_specifications_are_rejected_with_the_remedy(given, message):
     with pytest.raises(ValueError) as error:  # noqa: PT011
         design_mirror(order(**given))
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
-def test_a_camera_in_the_way_is_told():
-    with pytest.raises(ValueError, match=r"hides what is more than 78\.1 degrees below the horizon, --down is 85"):
+def test_body_that_hides_the_field_is_rejected():
+    with pytest.raises(ValueError, match=r"hides everything more than 78\.1 degrees below the horizon, --down is 85"):
         evaluate_design(design_mirror(order(down=85.0)))
     assert evaluate_design(design_mirror(order(down=85.0, body=0.005))).blind.theta < np.radians(5)
 
 
-def test_a_small_mirror_is_not_moved_out_of_sight():
+def test_large_displacements_of_a_small_mirror_are_skipped():
     small = evaluate_design(design_mirror(order(diameter=0.004, body=0.002)))
     assert [row.description for row in small.misalignments] == [
         "as designed",
-        "0.1 mm too far",
-        "0.1 mm across",
-        "tilted 0.1°",
-        "tilted 1°",
+        "0.1 mm axial",
+        "0.1 mm lateral",
+        "tilt 0.1°",
+        "tilt 1°",
     ]
 
 
-def test_as_much_may_be_asked_for_as_is_said_to_be_left():
+def test_reported_limit_of_the_field_is_accepted():
     assert evaluate_design(design_mirror(order(down=78.1))).blind.theta < np.radians(11.9)
     with pytest.raises(ValueError, match=r"more than 78\.1 degrees below the horizon, --down is 78\.2:"):
         evaluate_design(design_mirror(order(down=78.2)))
 
 
-def test_things_within_the_mirror_are_told():
-    with pytest.raises(ValueError, match=r"the mirror is 60mm wide: what is 20mm from the viewpoint lies within it"):
+def test_working_distance_inside_the_mirror_is_rejected():
+    with pytest.raises(ValueError, match=r"the working distance 20mm is inside the mirror, which is 60mm wide"):
         evaluate_design(design_mirror(order("spherical", working_distance=0.02)))
 
 
-def test_an_order_is_not_changed_by_its_design():
+def test_design_keeps_its_specification():
     one = order()
     assert design_mirror(one).specification == dataclasses.replace(one)

@@ -6,7 +6,7 @@ import pytest
 
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
-from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
+from omnisight.optics import Catadioptric, PlacedMirror, Telecentric
 from omnisight.optics.mirrors.conic import Conic
 
 # The chapter's example, a = 28, c = 38.5, among others from nearly flat to nearly a parabola.
@@ -42,7 +42,7 @@ def traced(lens, mirror, distance, rim_radius):
 @pytest.mark.parametrize("focal", [200.0, 1000.0])
 @pytest.mark.parametrize("reach", [0.3, 3.0])
 @pytest.mark.parametrize(("a", "c"), HYPERBOLAS)
-def test_hyperbolas(a, c, reach, focal):
+def test_unified_model_of_hyperbolas(a, c, reach, focal):
     rim = reach * c
     mirror = Conic.hyperbola(a, c, rim)
     lens = Pinhole(focal, focal, *CENTRE)
@@ -56,7 +56,7 @@ def test_hyperbolas(a, c, reach, focal):
 
 @pytest.mark.parametrize(("a", "c"), ELLIPSES)
 @pytest.mark.parametrize("reach", [0.4, 0.999])
-def test_ellipses(a, c, reach):
+def test_unified_model_of_ellipses(a, c, reach):
     """As wide as the bowl is at its near focus: what is deeper sees itself."""
     rim = reach * (a * a - c * c) / a
     mirror = Conic.ellipse(a, c, rim)
@@ -68,7 +68,7 @@ def test_ellipses(a, c, reach):
 
 @pytest.mark.parametrize("latus_rectum", [0.01, 0.05, 1.0, 42.0])
 @pytest.mark.parametrize("reach", [0.4, 4.0])
-def test_parabolas(latus_rectum, reach):
+def test_unified_model_of_parabolas(latus_rectum, reach):
     scale = 400 / latus_rectum
     rim = reach * latus_rectum
     lens = Telecentric(scale, scale, *CENTRE)
@@ -77,7 +77,7 @@ def test_parabolas(latus_rectum, reach):
     assert angles(model.unproject(pixels)[0], bearings * CONVEX).max() < 1e-9
 
 
-def test_a_frame_that_does_not_flip_has_fx_and_fy_of_two_signs():
+def test_unmirrored_frame_has_fx_and_fy_of_opposite_sign():
     """The lens' frame turned by 180 degrees about y, a rotation: fx is negative."""
     mirror = Conic.hyperbola(28.0, 38.5, 30.0)
     pixels, _, bearings = traced(Pinhole(900.0, 900.0, *CENTRE), mirror, 66.5, 300.0)
@@ -90,7 +90,7 @@ def test_a_frame_that_does_not_flip_has_fx_and_fy_of_two_signs():
 
 
 @pytest.mark.parametrize(("a", "c"), [*HYPERBOLAS, *ELLIPSES])
-def test_the_table_corrected_has_two_forms(a, c):
+def test_corrected_table_has_two_equivalent_forms(a, c):
     """d/sqrt(d^2 + L^2/4) = 2 e/(1 + e^2), in 40 digits; both models and mirrors hold it."""
     mpmath.mp.dps = 40
     x, y = mpmath.mpf(a), mpmath.mpf(c)
@@ -105,7 +105,7 @@ def test_the_table_corrected_has_two_forms(a, c):
     assert mirror.latus_rectum == pytest.approx(float(latus_rectum), rel=1e-12)
 
 
-def test_the_table_as_printed_fails_for_the_example():
+def test_printed_table_is_wrong_for_the_example():
     """a = 28, c = 38.5: the rays are those of epsilon 0.95135; the printed d/sqrt(d^2 + 4 l^2) gives 0.61105."""
     a, c, focal, rim = 28.0, 38.5, 1000.0, 30.0
     mirror = Conic.hyperbola(a, c, rim)

@@ -8,7 +8,7 @@ from omnisight.camera import Camera
 from omnisight.geometry.rays import Rays
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
-from omnisight.optics import Catadioptric, Telecentric, PlacedMirror
+from omnisight.optics import Catadioptric, PlacedMirror, Telecentric
 from omnisight.optics.mirrors.asphere import Asphere
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
@@ -26,7 +26,9 @@ CONICS = {
     "bowl, ellipse": Conic.ellipse(0.12, 0.05, 0.04),
     "bowl, hyperbola": Conic(-0.1, 1.6, 0.03),
 }
-USEFUL = [(name, place) for name, mirror in CONICS.items() for place in lens_positions(mirror) if not place.unusable_because]
+USEFUL = [
+    (name, place) for name, mirror in CONICS.items() for place in lens_positions(mirror) if not place.unusable_because
+]
 
 
 def camera(mirror, lens, focal=1000.0):
@@ -55,7 +57,7 @@ class Twisted:
 
 
 @pytest.mark.parametrize(("name", "place"), USEFUL)
-def test_a_lens_in_such_a_place_sees_from_the_viewpoint(name, place):
+def test_lens_position_gives_a_single_viewpoint(name, place):
     system = camera(CONICS[name], place.lens, 2000.0 if place.lens > -0.04 else 1000.0)
     found = best_viewpoint(system, PIXELS)
     assert len(found.distances) > 100
@@ -64,7 +66,7 @@ def test_a_lens_in_such_a_place_sees_from_the_viewpoint(name, place):
     assert found.worst < 1e-13
 
 
-def test_every_shape_of_conic_has_its_place():
+def test_lens_positions_of_all_conics():
     assert {name for name, _ in USEFUL} == set(CONICS)
     assert sum(name == "bowl, ellipse" for name, _ in USEFUL) == 2  # either focus
 
@@ -92,7 +94,7 @@ def test_ellipsoids_satisfy_the_equation_of_baker_and_nayar():
         np.testing.assert_allclose((z - c / 2) ** 2 + r**2 * (1 + c**2 / (2 * k)), (2 * k + c**2) / 4, rtol=1e-12)
 
 
-def test_a_plane_has_its_viewpoint_behind_it_wherever_the_lens_is():
+def test_plane_has_its_viewpoint_behind_it_for_any_lens_position():
     (place,) = lens_positions(Plane())
     assert (place.lens, place.viewpoint, place.unusable_because) == (None, None, "")
     for lens in (-0.05, -0.3):
@@ -111,20 +113,20 @@ def test_a_plane_has_its_viewpoint_behind_it_wherever_the_lens_is():
         (Asphere.example(), 0),
     ],
 )
-def test_other_mirrors_have_no_place_of_any_use(mirror, count):
+def test_other_mirrors_have_no_usable_lens_position(mirror, count):
     places = lens_positions(mirror)
     assert len(places) == count
     assert all(place.unusable_because for place in places)
 
 
-def test_a_central_camera_has_its_centre_as_viewpoint():
+def test_viewpoint_of_a_central_camera_is_its_centre():
     found = best_viewpoint(Camera(Unified(300.0, 300.0, 0.0, 0.0, 0.9), (640, 480)), PIXELS)
     assert np.abs(found.point).max() < 1e-15
     assert found.worst < 1e-15
     assert found.parallax(0.1).max() < 1e-12
 
 
-def test_rays_that_pass_a_point_at_one_distance_have_a_parallax_in_closed_form():
+def test_parallax_of_rays_at_constant_distance_from_a_point():
     level = np.stack([500 * np.arange(24) * 2 * np.pi / 24, np.zeros(24)], -1)
     found = best_viewpoint(Twisted(0.02), level)
     np.testing.assert_allclose(found.point, 0, atol=1e-15)
@@ -134,7 +136,7 @@ def test_rays_that_pass_a_point_at_one_distance_have_a_parallax_in_closed_form()
 
 
 @pytest.mark.parametrize("distance", [0.3, 1.0, 5.0])
-def test_the_parallax_is_what_a_central_camera_misses_points_by(distance):
+def test_parallax_is_the_error_of_a_central_camera(distance):
     system = off_focus()
     found = best_viewpoint(system, PIXELS)
     some = np.arange(3, len(found.pixels), 17)
@@ -153,11 +155,11 @@ def test_the_parallax_is_what_a_central_camera_misses_points_by(distance):
     assert missed.max() > 0.02
 
 
-def test_parallax_falls_with_distance_and_things_must_lie_outside():
+def test_parallax_decreases_with_distance_and_rejects_distances_between_the_rays():
     found = best_viewpoint(off_focus(), PIXELS)
     far, near = found.parallax(5.0), found.parallax(1.0)
     np.testing.assert_allclose(near, 5 * far, rtol=1e-3)
-    with pytest.raises(ValueError, match="lie between them"):
+    with pytest.raises(ValueError, match="use a larger distance"):
         found.parallax(found.worst / 2)
 
 
@@ -169,7 +171,7 @@ def test_parallax_falls_with_distance_and_things_must_lie_outside():
         (Conic.sphere(0.04, 0.034), 0.0665, 6.8e-3, 16.9e-3, (5.6, 1.12, 0.22)),
     ],
 )
-def test_the_figures_of_the_guide(mirror, lens, rms, worst, px):
+def test_viewpoint_figures_in_the_guide(mirror, lens, rms, worst, px):
     focal = 400 * (lens + float(mirror.sag(mirror.rim))) / mirror.rim
     system = Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (PlacedMirror(mirror, tz=lens),))
     phi = np.arange(24) * np.pi / 12
@@ -179,7 +181,7 @@ def test_the_figures_of_the_guide(mirror, lens, rms, worst, px):
     assert [found.parallax(d).max() for d in (0.2, 1.0, 5.0)] == pytest.approx(px, rel=0.04)
 
 
-def test_the_best_viewpoint_is_best():
+def test_best_viewpoint_minimizes_the_distances():
     found = best_viewpoint(off_focus(), PIXELS)
     origins, bearings, _ = off_focus().rays(found.pixels)
 
@@ -191,14 +193,14 @@ def test_the_best_viewpoint_is_best():
         assert rms(found.point + step) > found.rms
 
 
-def test_pixels_that_see_nothing_do_not_count():
+def test_invalid_pixels_are_ignored():
     system = off_focus()
     some = np.concatenate([PIXELS.reshape(-1, 2), [[1e5, 0.0], [np.nan, 0.0]]])
     assert len(best_viewpoint(system, some).distances) <= len(some) - 2
 
 
-def test_what_has_no_viewpoint_says_so():
-    with pytest.raises(ValueError, match="two rays or more; 0 of 1"):
+def test_cameras_without_a_viewpoint_are_rejected():
+    with pytest.raises(ValueError, match="at least two rays; 0 of 1"):
         best_viewpoint(off_focus(), [[1e5, 0.0]])
     flat = Catadioptric(Telecentric(1e4, 1e4, 0.0, 0.0), (PlacedMirror(Plane(), tz=0.1),))
     with pytest.raises(ValueError, match="parallel"):

@@ -5,7 +5,7 @@ import numpy as np
 import omnisight as om
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.rotation import exp
-from omnisight.simulation import Scene, Texture, ellipsoid, box, rectangle, cylinder
+from omnisight.simulation import Scene, Texture, box, cylinder, ellipsoid, rectangle
 
 GRAY = Texture.plain((119, 119, 119))
 POSE = om.Pose(exp((0.1, -0.25, 0.15)), np.array((0.15, -0.1, 0.2)))

@@ -6,7 +6,17 @@ from sights import GRAY, POSE, SIGHTS, AxialShift, TwoEyes, pixels_of, still_lif
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
-from omnisight.simulation import Renderer, Scene, ellipsoid, box, dense_correspondences, rectangle, roof, scene_named, cylinder
+from omnisight.simulation import (
+    Renderer,
+    Scene,
+    box,
+    cylinder,
+    dense_correspondences,
+    ellipsoid,
+    rectangle,
+    roof,
+    scene_named,
+)
 
 
 def world_rays(sight, pose):
@@ -52,7 +62,7 @@ def test_depth_is_exact(sight):
     assert len(np.unique(found.instances[seen])) == 3
 
 
-def test_a_tube_is_exact(sight):
+def test_cylinder_is_exact(sight):
     """What is met of it lies at its radius from its axis, or on a cap; rays beside it go on."""
     scene = still_life()
     found = Renderer(sight, POSE, scene).truth()
@@ -67,7 +77,7 @@ def test_a_tube_is_exact(sight):
     assert (away < 0.3 + 1e-9).all()
 
 
-def test_a_roof_has_its_ridge_in_the_middle():
+def test_roof_has_its_ridge_in_the_middle():
     scene = Scene((roof((0, 0, 0), (4, 1, 2), GRAY, "roof"),))
     z = np.array((0.0, 0.25, 0.5, 1.0, 1.5, 2.0))
     origins = np.column_stack([np.full(6, 2.0), np.full(6, -1.0), z])
@@ -77,7 +87,7 @@ def test_a_roof_has_its_ridge_in_the_middle():
     assert inside.distances == pytest.approx(2.0)
 
 
-def test_normals_are_unit_and_face_the_camera(sight):
+def test_normals_are_unit_vectors_towards_the_camera(sight):
     found = Renderer(sight, POSE, still_life()).truth()
     seen = found.instances > 0
     assert np.isnan(found.normals[~seen]).all()
@@ -88,7 +98,7 @@ def test_normals_are_unit_and_face_the_camera(sight):
     np.testing.assert_allclose(found.normals[wall], np.tile(-POSE.rotation.T[:, 2], (wall.sum(), 1)), atol=1e-12)
 
 
-def test_normals_are_those_of_the_surface():
+def test_normals_match_the_surface():
     """Against differences of the points beside: on the ellipsoid, where they turn."""
     camera = om.perspective(30, (200, 200))
     scene = Scene((ellipsoid((0, 0, 3), (0.5, 0.4, 0.6), GRAY, "ellipsoid"),))
@@ -101,7 +111,7 @@ def test_normals_are_those_of_the_surface():
     assert np.abs(normals - found.normals[middle]).max() < 2e-4
 
 
-def test_the_first_solid_met_is_found_among_many():
+def test_nearest_of_many_solids_is_hit():
     """The tree of boxes against asking every solid alone."""
     rng = np.random.default_rng(1)
     solids = []
@@ -128,7 +138,7 @@ def test_the_first_solid_met_is_found_among_many():
 # -- non-central cameras, dense_correspondences --------------------------------------------------------------------------------
 
 
-def test_two_eyes_in_one_picture_see_the_parallax_of_their_base():
+def test_depth_matches_the_parallax_of_two_viewpoints():
     sight = TwoEyes()
     scene = Scene((ellipsoid((0, 0, 2), 0.05, GRAY, "near"), ellipsoid((0, 0.5, 8), 0.2, GRAY, "far")))
     instances = Renderer(sight, om.Pose(), scene).truth().instances
@@ -140,7 +150,7 @@ def test_two_eyes_in_one_picture_see_the_parallax_of_their_base():
         assert left - right == pytest.approx(focal * sight.base / distance, abs=0.4)
 
 
-def test_a_pupil_that_moves_is_seen_in_the_depth():
+def test_pupil_shift_changes_the_depth():
     lens = om.fisheye(121, 170)
     wall = Scene((rectangle((-90, -90, 2), (180, 0, 0), (0, 180, 0), GRAY, "wall"),))
     depth = Renderer(AxialShift(lens, 0.2), om.Pose(), wall).truth().depth
@@ -151,7 +161,7 @@ def test_a_pupil_that_moves_is_seen_in_the_depth():
 
 
 @pytest.mark.parametrize("name", ["pinhole", "fisheye", "axial"])
-def test_matches_are_the_same_points_of_the_scene(name):
+def test_dense_correspondences_are_the_same_scene_points(name):
     """Projected by the camera itself; what is hidden in the second image is left out, and nothing else."""
     sight, scene = SIGHTS[name], still_life()
     first, second = (Renderer(sight, pose, scene) for pose in (om.Pose(), POSE))
@@ -160,7 +170,7 @@ def test_matches_are_the_same_points_of_the_scene(name):
     expected, valid = sight.project(POSE.inverse() @ truth.points)
     seen = ~np.isnan(found[..., 0])
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-9)
-    # Seen back along the rays of the second image: its points, and something nearer where it is said to be hidden.
+    # Seen back along the rays of the second image: its points, and something nearer where it is message to be hidden.
     with np.errstate(invalid="ignore"):
         inside = valid & (expected > -0.5).all(-1) & (expected < np.array(sight.size) - 0.5).all(-1)
     assert not (seen & ~inside).any()
@@ -176,7 +186,7 @@ def test_matches_are_the_same_points_of_the_scene(name):
     assert np.mean((met < distance - 1e-6)[~shown]) > 0.999
 
 
-def test_matches_have_the_same_colour():
+def test_dense_correspondences_have_the_same_colour():
     scene = scene_named("room")
     camera = om.fisheye(240, 180)
     moved = om.Pose(exp((0.02, 0.2, 0.03)), np.array((0.25, 0.05, 0.1)))
@@ -195,7 +205,7 @@ def test_matches_have_the_same_colour():
 # -- shutters, and rays that are none ------------------------------------------------------------------------------
 
 
-def test_a_rolling_shutter_of_a_still_camera_is_a_global_one():
+def test_rolling_shutter_of_a_still_camera_equals_a_global_shutter():
     from omnisight.simulation.trajectory import preset_trajectory
 
     camera, scene = om.fisheye(96, 180), still_life()
@@ -205,7 +215,7 @@ def test_a_rolling_shutter_of_a_still_camera_is_a_global_one():
     np.testing.assert_array_equal(rolling.truth().depth, still.truth().depth)
 
 
-def test_each_row_of_a_rolling_shutter_is_that_of_its_pose():
+def test_each_row_of_a_rolling_shutter_has_its_own_pose():
     from omnisight.simulation.trajectory import preset_trajectory
 
     camera, scene = om.perspective(70, (80, 60)), still_life()
@@ -222,12 +232,12 @@ def test_each_row_of_a_rolling_shutter_is_that_of_its_pose():
     assert seen[truth.instances > 0].mean() > 0.98
 
 
-def test_a_picture_needs_a_pose_or_one_for_each_row():
+def test_wrong_number_of_row_poses_is_rejected():
     with pytest.raises(ValueError, match="12 rows needs as many poses, got 3"):
         Renderer(om.perspective(60, (16, 12)), [om.Pose()] * 3, still_life())
 
 
-def test_a_hit_of_a_ray_that_is_no_ray_is_none():
+def test_nan_rays_hit_nothing():
     met = still_life().cast(np.zeros((2, 3)), [[np.nan] * 3, [0, 0, 1]])
     assert np.isnan(met.distances[0])
     assert np.isnan(met.normals[0]).all()

@@ -5,14 +5,14 @@ import pytest
 from sights import GRAY, POSE, pixels_of, still_life
 
 import omnisight as om
-from omnisight.simulation import Renderer, Scene, Texture, ellipsoid, box, render
+from omnisight.simulation import Renderer, Scene, Texture, box, ellipsoid, render
 from omnisight.simulation.texture import LINEAR
 
 # -- energy ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3])
-def test_a_constant_scene_is_constant_to_the_last_bit(sight, samples):
+def test_constant_scene_renders_exactly_constant(sight, samples):
     colour = Texture(np.full((37, 50, 3), (90, 120, 150), np.uint8))
     shell = box((-3, -3, -3), (3, 3, 3), colour, "shell", inside=True, glow=1.0)
     inner = ellipsoid((0.5, 0.2, 2.0), 0.4, colour, "ellipsoid", glow=1.0)
@@ -29,11 +29,11 @@ def test_a_constant_scene_is_constant_to_the_last_bit(sight, samples):
     assert (light[inside] == LINEAR[[90, 120, 150]]).all()
 
 
-def test_what_no_ray_meets_is_black_without_a_sky(sight):
+def test_background_without_a_sky_is_black(sight):
     assert not Renderer(sight, POSE, Scene(())).light().any()
 
 
-def test_light_adds_nothing_and_loses_nothing_in_textures(sight):
+def test_texture_filtering_preserves_the_mean_light(sight):
     """The mean of a fine checkered wall is that of its colours, at any distance: no aliasing, no loss of light."""
     squares = np.indices((512, 512)).sum(0) % 2
     texture = Texture(np.repeat((squares * 255).astype(np.uint8)[..., None], 3, -1))
@@ -43,7 +43,7 @@ def test_light_adds_nothing_and_loses_nothing_in_textures(sight):
     assert light.std() < 0.06
 
 
-def test_exposure_doubles_the_light_for_each_stop():
+def test_exposure_doubles_the_light_per_stop():
     shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
     images = [
         render(om.perspective(60, (20, 16)), scene=Scene((shell,)), vignette=0, noise=0, exposure=e).image
@@ -53,7 +53,7 @@ def test_exposure_doubles_the_light_for_each_stop():
     assert LINEAR[images[1][0, 0, 0]] == pytest.approx(2 * LINEAR[119], rel=0.01)
 
 
-def test_noise_is_that_of_photons():
+def test_noise_has_the_variance_of_photons():
     """At a middle gray it is as told; in light it grows as the root."""
     from omnisight.simulation import develop
     from omnisight.simulation.texture import to_linear
@@ -69,7 +69,7 @@ def test_noise_is_that_of_photons():
 # -- rims and files ----------------------------------------------------------------------------------------------
 
 
-def test_outside_the_image_circle_there_is_neither_light_nor_truth():
+def test_no_light_and_no_ground_truth_outside_the_image_circle():
     camera = om.fisheye(160, 200)
     theta = np.radians((20.0, 80.0))
     shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
@@ -85,7 +85,7 @@ def test_outside_the_image_circle_there_is_neither_light_nor_truth():
     assert np.isnan(truth.depth[dark]).all()
 
 
-def test_the_vignette_darkens_the_rim_alone():
+def test_vignette_darkens_only_the_edge():
     shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
     light = Renderer(om.fisheye(161, 180), om.Pose(), Scene((shell,)), vignette=0.5, theta=(0, np.pi / 2)).light()
     middle, rim = light[80, 80, 0], light[80, 3, 0]
@@ -93,7 +93,7 @@ def test_the_vignette_darkens_the_rim_alone():
     assert 0.5 * middle < rim < 0.65 * middle
 
 
-def test_jpeg_is_near_and_not_the_same():
+def test_jpeg_is_similar_but_not_identical():
     camera, scene = om.perspective(70, (160, 120)), still_life()
     plain, packed = (render(camera, scene=scene, noise=0, jpeg=q).image for q in (None, 60))
     assert plain.shape == packed.shape

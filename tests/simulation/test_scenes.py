@@ -8,20 +8,31 @@ from sights import GRAY, still_life
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.images import to_gray8
-from omnisight.simulation import Renderer, Scene, ellipsoid, box, dense_correspondences, render, roof, scene_named, scene_names, cylinder
+from omnisight.simulation import (
+    Renderer,
+    Scene,
+    box,
+    cylinder,
+    dense_correspondences,
+    ellipsoid,
+    render,
+    roof,
+    scene_named,
+    scene_names,
+)
 from omnisight.simulation.trajectory import PRESETS, preset_trajectory
 
 NEXT = om.Pose(exp((0.02, 0.12, 0.03)), np.array((0.15, 0.03, 0.12)))
 
 
-def test_the_scenes_are_found_by_their_files():
+def test_scenes_are_discovered_by_their_files():
     assert {"boards", "lines", "room", "street"} <= set(scene_names())
     with pytest.raises(ValueError, match="unknown scene 'moon'; there are: boards, lines"):
         scene_named("moon")
 
 
 @pytest.mark.parametrize("name", scene_names())
-def test_nothing_stands_in_the_way_of_the_built_in_motions(name):
+def test_preset_trajectories_are_free_of_collisions(name):
     """Rays all around from their places meet nothing near, and something far."""
     scene = scene_named(name)
     rng = np.random.default_rng(0)
@@ -37,7 +48,7 @@ def test_nothing_stands_in_the_way_of_the_built_in_motions(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "side", "least"), [("room", 1000, 2000), ("street", 600, 1000)])
-def test_features_match_where_the_truth_says(name, side, least):
+def test_feature_matches_agree_with_the_ground_truth(name, side, least):
     """SIFT: thousands of features in a megapixel; of those that match four fifths and more are right."""
     scene, camera = scene_named(name), om.fisheye(side, 180)
     views = [Renderer(camera, pose, scene, samples=1) for pose in (om.Pose(), NEXT)]
@@ -58,7 +69,7 @@ def test_features_match_where_the_truth_says(name, side, least):
     assert np.mean(np.linalg.norm(expected - there, axis=1) < 2) > 0.8
 
 
-def test_walking_through_the_room_shows_parallax():
+def test_motion_through_the_room_causes_parallax():
     """What is near moves more: no plane and no rotation alone explains it."""
     camera = om.fisheye(200, 170)
     first, second = (Renderer(camera, pose, scene_named("room")) for pose in (om.Pose(), NEXT))
@@ -74,7 +85,7 @@ def _grid(camera):
     return np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).astype(float)
 
 
-def test_another_seed_is_another_scene_of_the_same_kind():
+def test_seed_changes_the_scene():
     first, second = (scene_named("lines", seed) for seed in (0, 1))
     assert first.names == second.names
     images = [render(om.fisheye(100, 180), scene=scene, noise=0).image for scene in (first, second)]
@@ -96,11 +107,11 @@ def test_wires_are_straight():
         assert spread[0] > 20 * spread[1]
         seen += 1
     assert seen > 10
-    with pytest.raises(ValueError, match="there is no 'rope' in the scene"):
+    with pytest.raises(ValueError, match="no object 'rope' in the scene"):
         scene.instance("rope")
 
 
-def test_what_holds_a_point_is_the_solid_that_it_lies_in():
+def test_solids_at_returns_the_solid_that_contains_a_point():
     """As rays tell it: from inside a closed solid every ray meets it, from the far side of its wall."""
     turned = om.Pose(exp((0.3, 0.5, -0.2)), np.array((0.2, 0.1, -0.3)))
     rng = np.random.default_rng(2)

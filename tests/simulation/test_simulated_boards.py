@@ -1,4 +1,4 @@
-"""Boards in rendered images: corners where they are said to be, mirrors that mirror, the near before the far."""
+"""Boards in rendered images: corners where they are message to be, mirrors that mirror, the near before the far."""
 
 import dataclasses
 
@@ -32,7 +32,7 @@ def setup(request):
     return SETUPS[request.param]()
 
 
-def test_corners_are_where_the_detector_sees_them(setup):
+def test_corners_match_the_detector(setup):
     """Over all images: to 0.02 px, none of it systematic, and no corner far off."""
     renderer = setup.renderer()
     errors = []
@@ -53,7 +53,7 @@ def test_corners_are_where_the_detector_sees_them(setup):
     assert np.abs(errors.mean(0)).max() < 0.005
 
 
-def test_corners_of_a_pinhole_are_sharp():
+def test_pinhole_corners_are_sharp():
     """A board that fills the image: what is left is the detector's own, with the place of an edge in its pixel."""
     camera = om.perspective(60, (480, 360))
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.45))))
@@ -73,7 +73,7 @@ def test_corners_of_a_pinhole_are_sharp():
         ("circles", {"columns": 4, "rows": 9, "spacing": "40mm", "diameter": "38mm"}),
     ],
 )
-def test_every_kind_of_board_can_be_held_up(kind, fields):
+def test_every_board_type_can_be_rendered(kind, fields):
     board = board_class(kind).from_dict(fields)
     left, top, right, bottom = board.extent
     middle = np.array(((left + right) / 2, (top + bottom) / 2, 0))
@@ -88,7 +88,7 @@ def test_every_kind_of_board_can_be_held_up(kind, fields):
     assert np.sqrt((errors**2).mean()) < 0.05
 
 
-def test_a_board_of_squares_of_unknown_size_has_squares_of_one():
+def test_board_without_square_size_has_unit_squares():
     board = BoardInScene(Checkerboard(6, 5), om.Pose(translation=np.array((-2.5, -2.0, 8.0))))
     picture = render(om.perspective(60, (320, 240)), [board], scene=Scene(()), noise=0)
     found = detect_checkerboard(to_gray8(picture.image), board.board)
@@ -96,14 +96,14 @@ def test_a_board_of_squares_of_unknown_size_has_squares_of_one():
     assert np.abs(found.pixels - picture.corners[0][found.ids]).max() < 0.05
 
 
-def test_the_back_of_a_board_is_white():
+def test_back_of_a_board_is_white():
     turned = om.Pose(om.look(180).T, np.array((0.14, -0.08, 0.5)))
     image = render(om.perspective(40, (160, 120)), [BoardInScene(DEMO_BOARD, turned)], scene=PLAIN, noise=0).image
     assert image[40:80, 60:100].std() < 4
     assert image[40:80, 60:100].min() > 150
 
 
-def test_the_same_seed_gives_the_same_picture():
+def test_same_seed_renders_the_same_image():
     setup = fisheye_setup(320)
     pictures = [
         setup.renderer()(setup.boards(1, seed=seed), np.random.default_rng(noise)).image
@@ -114,7 +114,7 @@ def test_the_same_seed_gives_the_same_picture():
     assert (pictures[0] != pictures[3]).any()
 
 
-def test_a_negative_focal_length_mirrors_the_picture():
+def test_negative_focal_length_mirrors_the_image():
     setup = mirror_setup(320)
     model = dataclasses.replace(setup.camera.model, cx=159.5)
     mirrored = dataclasses.replace(setup.camera, model=model)
@@ -127,7 +127,7 @@ def test_a_negative_focal_length_mirrors_the_picture():
     assert np.abs(first.astype(int) - second).mean() > 20
 
 
-def test_a_calibrated_mirror_unrolls_as_the_room_is():
+def test_calibrated_mirror_camera_unrolls_the_room_correctly():
     """The calibrated camera has fx > 0; with flip its panorama is the true one's, not its mirror image."""
     setup = mirror_setup()
     picture = setup.renderer()(noise=0).image
@@ -142,7 +142,7 @@ def test_a_calibrated_mirror_unrolls_as_the_room_is():
     assert np.abs(left - room[:, 250:330]).mean() > 30
 
 
-def test_a_nearer_board_hides_a_farther_one_and_the_truth_says_so():
+def test_nearer_board_occludes_a_farther_one():
     camera = om.perspective(60, (240, 180))
     boards = [BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, z)))) for z in (0.5, 1.0)]
     alone = render(camera, boards[:1], noise=0, scene=PLAIN).image
@@ -157,7 +157,7 @@ def test_a_nearer_board_hides_a_farther_one_and_the_truth_says_so():
         assert truth.instances[90, 120] == len(PLAIN.names) + 1 + near
 
 
-def test_what_stands_before_a_board_hides_it():
+def test_solid_in_front_of_a_board_occludes_it():
     pillar = box((-0.03, -1, 0.3), (0.03, 1, 0.35), Texture.plain((20, 90, 20)), "pillar", glow=1.0)
     scene = Scene((*PLAIN.solids, pillar))
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.5))))
@@ -167,7 +167,7 @@ def test_what_stands_before_a_board_hides_it():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_boards_are_held_all_around_and_tilted(setup, seed):
+def test_board_poses_cover_the_field_and_are_tilted(setup, seed):
     poses = board_poses(setup.camera, DEMO_BOARD, 12, seed=seed, theta=setup.theta)
     middles = np.array([pose @ DEMO_BOARD.points.mean(0) for pose in poses])
     azimuth = np.sort(np.arctan2(middles[:, 1], middles[:, 0]))
@@ -183,12 +183,12 @@ def test_boards_are_held_all_around_and_tilted(setup, seed):
         assert setup.camera.in_image(pixels).all()
 
 
-def test_a_board_too_large_for_the_picture_is_refused():
-    with pytest.raises(ValueError, match="hold it farther away"):
+def test_too_large_board_is_rejected():
+    with pytest.raises(ValueError, match="increase its distance"):
         board_poses(om.perspective(30, (160, 120)), DEMO_BOARD, 1, distance=(0.3, 0.4))
 
 
-def test_the_boards_of_the_scene_are_found_where_they_stand():
+def test_boards_of_the_scene_are_detected_at_their_positions():
     """Through a pinhole that looks at one of each kind of the middle ring."""
     scene = scene_named("boards")
     kinds = {name.split()[0] for name in scene.names}
@@ -197,7 +197,7 @@ def test_the_boards_of_the_scene_are_found_where_they_stand():
     assert detect_checkerboard(to_gray8(image), Checkerboard(9, 6, 0.06)) is not None
 
 
-def test_corners_of_a_board_before_a_rolling_shutter_are_where_they_are_seen():
+def test_corners_under_a_rolling_shutter_match_the_detector():
     """The truth of the pixel there is the corner's own place, with each row from its own pose."""
     from omnisight.simulation.trajectory import preset_trajectory
 

@@ -25,7 +25,7 @@ def some(count=7, seed=0):
     return Trajectory(np.cumsum(rng.uniform(0.1, 1, count)), poses)
 
 
-def test_between_poses_it_turns_evenly_as_scipy_does():
+def test_interpolation_matches_scipy_slerp():
     motion = some()
     slerp = Slerp(motion.times, Rotation.from_matrix([pose.rotation for pose in motion.poses]))
     for time in np.linspace(motion.times[0], motion.times[-1], 50):
@@ -38,14 +38,14 @@ def test_between_poses_it_turns_evenly_as_scipy_does():
     assert motion.at(99.0) is motion.poses[-1]
 
 
-def test_rows_are_read_about_the_middle_one():
+def test_row_times_are_symmetric_about_the_middle_row():
     motion = some()
     rows = motion.row_poses(1.5, 101, 0.2)
     for i, time in ((0, 1.4), (50, 1.5), (100, 1.6)):
         np.testing.assert_allclose(rows[i].translation, motion.at(time).translation, atol=1e-12)
 
 
-def test_a_file_reads_back(tmp_path):
+def test_file_round_trip(tmp_path):
     motion = some(40)
     write_trajectory(tmp_path / "poses.txt", motion)
     again = read_trajectory(tmp_path / "poses.txt")
@@ -55,13 +55,13 @@ def test_a_file_reads_back(tmp_path):
         np.testing.assert_allclose(a.translation, b.translation, atol=1e-8)
 
 
-def test_times_that_microseconds_do_not_tell_apart_read_back(tmp_path):
+def test_times_closer_than_a_microsecond_round_trip(tmp_path):
     times = np.array((0.0, 1e-7, 2.5e-7))
     write_trajectory(tmp_path / "poses.txt", Trajectory(times, some(3).poses))
     np.testing.assert_array_equal(read_trajectory(tmp_path / "poses.txt").times, times)
 
 
-def test_quaternions_are_those_of_scipy():
+def test_quaternions_match_scipy():
     for pose in some(30, seed=3).poses:
         expected = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
         np.testing.assert_allclose(quaternion(pose.rotation), expected, atol=1e-12)
@@ -79,7 +79,7 @@ def test_quaternions_are_those_of_scipy():
         "1.5\t1\t2\t3\t0\t0\t0.6\t0.8\r\n2.5\t4\t5\t6\t0\t0\t0\t1",
     ],
 )
-def test_tum_and_csv_are_read_with_columns_by_name(tmp_path, text):
+def test_tum_and_csv_columns_are_read_by_name(tmp_path, text):
     (tmp_path / "file").write_bytes(text.encode())
     motion = read_trajectory(tmp_path / "file")
     np.testing.assert_array_equal(motion.times, [1.5, 2.5])
@@ -91,11 +91,11 @@ def test_tum_and_csv_are_read_with_columns_by_name(tmp_path, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds no poses; expected lines of timestamp tx"),
-        ("# only\n", "holds no poses"),
+        ("", "contains no poses; expected lines of timestamp tx"),
+        ("# only\n", "contains no poses"),
         ("1 2 3\n", "line 1: 3 values; expected 8 numbers"),
-        ("1 0 0 0 0 0 0 1\n2 0 x 0 0 0 0 1\n", "line 2: 'x' is no number"),
-        ("1 0 0 0 0 0 0 1\n2 1" + 50 * "0" + "e-50 0 0 0 0 0 1\n", "line 2: '10+' is no number"),  # not cut short
+        ("1 0 0 0 0 0 0 1\n2 0 x 0 0 0 0 1\n", "line 2: 'x' is not a number"),
+        ("1 0 0 0 0 0 0 1\n2 1" + 50 * "0" + "e-50 0 0 0 0 0 1\n", "line 2: '10+' is not a number"),  # not cut short
         ("#timestamp, p_RS_R_x [m]\n1,4.6,-1.7,0.8,0.9,0.1,-0.3,0.06,-0.02\n", "line 2: 9 values; expected 8"),  # EuRoC
         ("1 nan 0 0 0 0 0 1\n", "line 1: nan is out of range"),
         ("inf 0 0 0 0 0 0 1\n", "line 1: inf is out of range"),
@@ -103,10 +103,10 @@ def test_tum_and_csv_are_read_with_columns_by_name(tmp_path, text):
         ("1 0 0 0 0 0 0 0\n", "line 1: the quaternion .* has length 0, not 1"),
         ("2 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n", "line 2: the time 2 is not after 2: times must increase"),
         ("\x00\xff\x01 " * 100, "line 1"),
-        ("__import__('os') 0 0 0 0 0 0 1\n", "is no number"),
+        ("__import__('os') 0 0 0 0 0 0 1\n", "is not a number"),
     ],
 )
-def test_a_file_that_is_none_is_refused_with_its_line(tmp_path, text, message):
+def test_invalid_files_are_rejected_with_the_line(tmp_path, text, message):
     (tmp_path / "file").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=message) as refused:
         read_trajectory(tmp_path / "file")
@@ -114,18 +114,18 @@ def test_a_file_that_is_none_is_refused_with_its_line(tmp_path, text, message):
     assert len(str(refused.value)) < 400
 
 
-def test_a_file_without_end_is_refused(tmp_path, monkeypatch):
+def test_too_large_files_are_rejected(tmp_path, monkeypatch):
     write_trajectory(tmp_path / "file", some(30))
     monkeypatch.setattr(module, "LARGEST_POSES", 20)
     with pytest.raises(ValueError, match="more than 20 poses"):
         read_trajectory(tmp_path / "file")
     monkeypatch.setattr(module, "LARGEST_FILE", 100)
-    with pytest.raises(ValueError, match="no trajectory"):
+    with pytest.raises(ValueError, match="too large for a trajectory"):
         read_trajectory(tmp_path / "file")
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_a_built_in_motion_stays_in_its_box(name):
+def test_preset_trajectory_stays_in_its_box(name):
     motion = preset_trajectory(name, FREE, 4.0)
     places = np.array([pose.translation for pose in motion.poses])
     assert (places >= np.array(FREE[0]) - 1e-12).all()
@@ -137,7 +137,7 @@ def test_a_built_in_motion_stays_in_its_box(name):
 
 
 @pytest.mark.parametrize("name", ["loop", "line"])
-def test_it_looks_where_it_goes(name):
+def test_camera_looks_along_the_motion(name):
     motion = preset_trajectory(name, FREE, 4.0)
     places = np.array([pose.translation for pose in motion.poses])
     way = np.diff(places, axis=0) * (1, 0, 1)
@@ -146,14 +146,14 @@ def test_it_looks_where_it_goes(name):
     assert ((way * ahead).sum(1) > 0.98).all()
 
 
-def test_a_loop_closes():
+def test_loop_is_closed():
     motion = preset_trajectory("loop", FREE, 4.0)
     np.testing.assert_allclose(motion.poses[0].translation, motion.poses[-1].translation, atol=1e-12)
     np.testing.assert_allclose(motion.poses[0].rotation, motion.poses[-1].rotation, atol=1e-12)
 
 
-def test_what_is_no_motion_is_refused():
-    with pytest.raises(ValueError, match="no motion 'jump'; there are line, loop"):
+def test_invalid_trajectories_are_rejected():
+    with pytest.raises(ValueError, match="unknown trajectory 'jump'; choose one of: line, loop"):
         preset_trajectory("jump", FREE, 1.0)
     with pytest.raises(ValueError, match="a time for each pose, got 2 and 1"):
         Trajectory(np.array((0.0, 1.0)), (om.Pose(),))

@@ -8,13 +8,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from omnisight.pipeline.pictures import calibrate_pictures
 
 from clips import BOARD, FRAMES_AT_REST, FRAMES_IN_MOTION, POSE_COUNT, SETUP, rendered_clip, write_clip
 from lenses import bearing_error
 from omnisight.calibration import frame_selection as choosing
 from omnisight.calibration.frame_information import select_informative_frames
 from omnisight.images import Clip, UnreadableImage, collect_images, read_image, to_gray8
-from omnisight.pipeline.pictures import calibrate_pictures
 from omnisight.simulation import fisheye_setup
 from omnisight.targets import Checkerboard, detect_boards
 from omnisight.targets import clip as looking

@@ -7,36 +7,41 @@ import omnisight as om
 
 
 @pytest.mark.parametrize("fov", [150.1, 180, 360, 0, -10, np.nan])
-def test_a_perspective_too_wide_is_refused_with_what_can_show_it(fov):
-    with pytest.raises(ValueError, match=r"perspective view cannot show .* 150 at most: use cylinder, panini, sphere"):
+def test_too_wide_perspective_is_rejected_with_alternatives(fov):
+    with pytest.raises(
+        ValueError, match=r"perspective view cannot show .* only up to 150: use cylinder, panini, sphere"
+    ):
         om.perspective(fov)
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
-        (lambda: om.panini(360), "Panini view of distance 1 cannot show 360 degrees, 353 at most"),
-        (lambda: om.panini(190, distance=0.0), "distance 0 cannot show 190 degrees, 176 at most"),
+        (lambda: om.panini(360), "Panini view of distance 1 cannot show 360 degrees, only up to 353"),
+        (lambda: om.panini(190, distance=0.0), "distance 0 cannot show 190 degrees, only up to 176"),
         (lambda: om.panini(np.nan), "Panini view .* cannot show nan degrees"),
-        (lambda: om.fisheye(100, 361), "equidistant fisheye cannot show 361 degrees, 360 at most"),
-        (lambda: om.fisheye(100, 200, "orthographic"), "orthographic fisheye cannot show 200 degrees, 180 at most"),
+        (lambda: om.fisheye(100, 361), "equidistant fisheye cannot show 361 degrees, only up to 360"),
+        (lambda: om.fisheye(100, 200, "orthographic"), "orthographic fisheye cannot show 200 degrees, only up to 180"),
         (lambda: om.fisheye(100, 0), "cannot show 0 degrees"),
-        (lambda: om.fisheye(100, 180, "fthetalens"), "unknown fisheye projection 'fthetalens'; there are: equidistant"),
-        (lambda: om.planet(100, 360), "stereographic fisheye cannot show 360 degrees, 359 at most"),
+        (
+            lambda: om.fisheye(100, 180, "fthetalens"),
+            "unknown fisheye projection 'fthetalens'; choose one of: equidistant",
+        ),
+        (lambda: om.planet(100, 360), "stereographic fisheye cannot show 360 degrees, only up to 359"),
         (lambda: om.cylinder(100, (-95, 30)), r"within -89 to 89 degrees, got \(-95, 30\)"),
         (lambda: om.mercator(100, (-30, 90)), "within -89 to 89"),
         (lambda: om.sphere(100, (30, -30)), r"elevation must be \(low, high\) within -90 to 90"),
         (lambda: om.sphere(100, (-90, 91)), "within -90 to 90 degrees"),
         (lambda: om.sphere(100, (-90, 90), (-200, 10)), "azimuth must be .* within -180 to 180"),
-        (lambda: om.sphere(0), "a view is 1 to 32767 px a side, got 0"),
-        (lambda: om.sphere(70000), "1 to 32767 px a side"),
-        (lambda: om.perspective(90, (40000, 10)), "1 to 32767 px a side, got 40000 x 10"),
-        (lambda: om.cube_face(-3), "1 to 32767 px a side"),
+        (lambda: om.sphere(0), "must be from 1 to 32767 px, got 0"),
+        (lambda: om.sphere(70000), "from 1 to 32767 px"),
+        (lambda: om.perspective(90, (40000, 10)), "from 1 to 32767 px, got 40000 x 10"),
+        (lambda: om.cube_face(-3), "from 1 to 32767 px"),
         (lambda: om.look(up="bottom"), "up must be one of top, back, front, got 'bottom'"),
     ],
 )
-def test_a_view_that_cannot_be_is_refused_with_its_limit(make, said):
-    with pytest.raises(ValueError, match=said):
+def test_impossible_views_are_rejected_with_their_limit(make, message):
+    with pytest.raises(ValueError, match=message):
         make()
 
 
@@ -53,14 +58,14 @@ def test_a_view_that_cannot_be_is_refused_with_its_limit(make, said):
         (om.cube_face(301), 45),
     ],
 )
-def test_the_field_of_view_reaches_the_outermost_pixel_edges(target, half):
+def test_field_of_view_extends_to_the_outer_pixel_edges(target, half):
     middle = (target.height - 1) / 2
     angles = target.angle_of([[-0.5 + 1e-9, middle], [target.width - 0.5 - 1e-9, middle]])
     np.testing.assert_allclose(np.degrees(angles), half, atol=1e-4)
 
 
 @pytest.mark.parametrize("make", [om.sphere, om.cylinder, om.mercator])
-def test_the_ranges_reach_the_outermost_pixel_edges(make):
+def test_ranges_extend_to_the_outer_pixel_edges(make):
     target = make(400, (-20.0, 35.0), (-100.0, 60.0))
     corners = [[-0.5, -0.5], [target.width - 0.5, target.height - 0.5]]
     (x, y, z) = target.unproject(corners)[0].T

@@ -8,7 +8,7 @@ from scenery import FISHEYE, INTERPOLATIONS, SPHERE, grid, picture
 
 import omnisight as om
 from omnisight.camera import Camera
-from omnisight.views.maps import visible_fraction, map_scale, view_map
+from omnisight.views.maps import map_scale, view_map, visible_fraction
 from omnisight.views.remapper import magnification
 
 DTYPES = [np.uint8, np.uint16, np.float32, np.float64]
@@ -20,7 +20,7 @@ DTYPES = [np.uint8, np.uint16, np.float32, np.float64]
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("channels", [(), (1,), (2,), (3,), (4,)])
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_every_kind_of_picture_keeps_its_type_and_a_flat_one_its_value(dtype, channels, interpolation, shrink):
+def test_remap_keeps_the_type_and_constant_values(dtype, channels, interpolation, shrink):
     target = om.perspective(70, (24, 20) if shrink else (120, 100))
     value = {"u": np.iinfo(dtype).max - 3 if np.dtype(dtype).kind == "u" else 0, "f": 0.7}[np.dtype(dtype).kind]
     image = np.full((FISHEYE.height, FISHEYE.width, *channels), value, dtype)
@@ -34,14 +34,14 @@ def test_every_kind_of_picture_keeps_its_type_and_a_flat_one_its_value(dtype, ch
 
 
 @pytest.mark.parametrize("view", [np.s_[::-1], np.s_[:, ::-1], np.s_[:, :, ::-1], np.s_[..., :1]])
-def test_a_picture_may_lie_in_memory_as_it_likes(view):
+def test_any_memory_layout_is_accepted(view):
     image = np.random.default_rng(0).integers(0, 256, (360, 400, 3), np.uint8)[view]
     target = om.perspective(70, (60, 40))
     assert np.array_equal(om.remap(image, FISHEYE, target), om.remap(image.copy(), FISHEYE, target))
 
 
 @pytest.mark.parametrize(
-    ("image", "said"),
+    ("image", "message"),
     [
         (np.zeros((360, 400, 5), np.uint8), r"\(H, W\) or \(H, W, 1 to 4\), got shape \(360, 400, 5\)"),
         (np.zeros((400,), np.uint8), r"got shape \(400,\)"),
@@ -49,33 +49,33 @@ def test_a_picture_may_lie_in_memory_as_it_likes(view):
         (np.zeros((360, 400), bool), "got bool"),
     ],
 )
-def test_what_is_no_picture_is_refused_with_what_it_is(image, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_images_are_rejected(image, message):
+    with pytest.raises(ValueError, match=message):
         om.remap(image, FISHEYE, om.perspective())
 
 
 @pytest.mark.parametrize(
-    ("shape", "said"),
+    ("shape", "message"),
     [
-        ((180, 200), "the image is 200x180, the camera 400x360: the same shape, 0.5 times as large.*--scale-camera"),
-        ((720, 800), "2 times as large; if it was resized, scale the camera"),
-        ((400, 360), "turned by 90 degrees; was its EXIF rotation applied"),
-        ((300, 400), "the image is 400x300, the camera 400x360: another shape; a camera is only valid for"),
+        ((180, 200), "the image is 200x180, the camera 400x360: 0.5 times as large.*--scale-camera"),
+        ((720, 800), "2 times as large; if the image was resized, scale the camera"),
+        ((400, 360), "rotated by 90 degrees; was its EXIF orientation applied"),
+        ((300, 400), "the image is 400x300, the camera 400x360: a different aspect ratio; a camera is valid only for"),
     ],
 )
-def test_a_picture_of_another_size_is_refused_with_the_remedy(shape, said):
-    with pytest.raises(ValueError, match=said):
+def test_image_of_another_size_is_rejected_with_the_remedy(shape, message):
+    with pytest.raises(ValueError, match=message):
         om.remap(np.zeros(shape, np.uint8), FISHEYE, om.perspective())
 
 
-def test_a_camera_without_a_size_says_that_it_has_none():
+def test_camera_without_a_size_is_rejected():
     unsized = Camera(FISHEYE.model, (0, 0))
-    with pytest.raises(ValueError, match="the image is 400x360, and the camera's file does not say its size"):
+    with pytest.raises(ValueError, match="the image is 400x360, and the camera file has no image size"):
         om.remap(np.zeros((360, 400), np.uint8), unsized, om.perspective())
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0, 0.37])
-def test_a_scaled_camera_fits_a_resized_picture(factor):
+def test_scaled_camera_fits_a_resized_image(factor):
     scaled = FISHEYE.scaled(factor)
     target, turn = om.perspective(80, (80, 60)), om.look(yaw=15)
     first, second = (om.remap(picture(of), of, target, turn, interpolation="bicubic") for of in (FISHEYE, scaled))
@@ -85,7 +85,7 @@ def test_a_scaled_camera_fits_a_resized_picture(factor):
 # -- edges -------------------------------------------------------------------------------------------------------
 
 
-def test_what_the_source_does_not_show_takes_the_border():
+def test_uncovered_pixels_have_the_border_value():
     image = np.full((360, 400, 3), 200, np.uint8)
     target, turn = om.sphere(200), om.look()
     mask = om.Remapper(FISHEYE, target, turn).mask
@@ -97,7 +97,7 @@ def test_what_the_source_does_not_show_takes_the_border():
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("border", ["edge", "reflect"])
-def test_a_continued_picture_is_not_darker_at_its_edge(border, interpolation):
+def test_extrapolated_border_is_not_darker_at_the_edge(border, interpolation):
     source = om.perspective(80, (100, 80))
     target, turn = om.perspective(120, (150, 120)), om.look(yaw=10.3, pitch=4.1)
     remapper = om.Remapper(source, target, turn, interpolation=interpolation, border=border)
@@ -107,7 +107,7 @@ def test_a_continued_picture_is_not_darker_at_its_edge(border, interpolation):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"interpolation": "cubic"}, "nearest, bilinear, bicubic, lanczos, got 'cubic'"),
         ({"border": "wrap"}, "a value, 'edge' or 'reflect', got 'wrap'"),
@@ -116,8 +116,8 @@ def test_a_continued_picture_is_not_darker_at_its_edge(border, interpolation):
         ({"target_from_source": np.full((3, 3), np.nan)}, "orthogonal"),
     ],
 )
-def test_an_option_that_is_none_is_refused(options, said):
-    with pytest.raises(ValueError, match=said):
+def test_unknown_options_are_rejected(options, message):
+    with pytest.raises(ValueError, match=message):
         om.Remapper(FISHEYE, om.perspective(), **options)
 
 
@@ -125,7 +125,7 @@ def test_an_option_that_is_none_is_refused(options, said):
 
 
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic", "lanczos"])
-def test_a_fine_pattern_shrinks_to_gray_and_not_to_moire(interpolation):
+def test_fine_pattern_is_antialiased_without_moire(interpolation):
     source, target = om.perspective(90, (808, 808)), om.perspective(90, (101, 101))
     columns, rows = np.arange(808)[None], np.arange(808)[:, None]
     image = np.where((columns // 3 + rows // 3) % 2 == 0, 255, 0).astype(np.uint8)
@@ -141,7 +141,7 @@ def test_a_fine_pattern_shrinks_to_gray_and_not_to_moire(interpolation):
 
 
 @pytest.mark.parametrize("factor", [1.3, 2, 3, 5, 11])
-def test_a_shrunk_view_is_still_where_it_was(factor):
+def test_reduced_view_has_no_offset(factor):
     source = om.perspective(90, (660, 660))
     side = round(660 / factor)
     target = om.perspective(90, (side, side))
@@ -149,7 +149,7 @@ def test_a_shrunk_view_is_still_where_it_was(factor):
     assert np.abs(view - picture(target))[2:-2, 2:-2].max() < 0.004
 
 
-def test_only_what_is_shrunk_is_averaged():
+def test_only_reduced_areas_are_averaged():
     # A wide perspective of a fisheye: its middle is enlarged, its rim is not.
     noise = np.random.default_rng(0).integers(0, 256, (360, 400), np.uint8)
     target = om.perspective(60, (600, 400))
@@ -159,7 +159,7 @@ def test_only_what_is_shrunk_is_averaged():
 # -- kept maps and figures ---------------------------------------------------------------------------------------
 
 
-def test_a_kept_map_gives_the_same_views_again_and_again():
+def test_remapper_is_reusable():
     target, turn = om.perspective(100, (90, 60)), om.look(yaw=30)
     remapper = om.Remapper(FISHEYE, target, turn, interpolation="bicubic")
     rng = np.random.default_rng(0)
@@ -170,7 +170,7 @@ def test_a_kept_map_gives_the_same_views_again_and_again():
         assert np.array_equal(remapper(image), expected)
 
 
-def test_the_map_holds_source_pixels_and_nan_where_there_are_none():
+def test_view_map_has_source_pixels_or_nan():
     target, turn = om.perspective(100, (90, 60)), om.look(yaw=90)
     u, v = view_map(FISHEYE, target, turn)
     bearings, _ = target.unproject(grid(target.size))
@@ -180,19 +180,19 @@ def test_the_map_holds_source_pixels_and_nan_where_there_are_none():
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
-def test_magnification_is_of_a_source_pixel_in_the_view(factor):
+def test_magnification_is_the_size_of_a_source_pixel(factor):
     source = om.perspective(90, (200, 160))
     remapper = om.Remapper(source, om.perspective(90, (round(200 * factor), round(160 * factor))))
     assert magnification(remapper) == pytest.approx((factor, factor), rel=0.02)
     assert remapper.scale == pytest.approx((1 / factor, 1 / factor), rel=0.02)
 
 
-def test_a_perspective_of_a_fisheye_is_stretched_at_its_rim():
+def test_perspective_of_a_fisheye_is_stretched_at_its_edge():
     centre, rim = magnification(om.Remapper(FISHEYE, om.perspective(140, (400, 400))))
     assert rim > 2 * centre
 
 
-def test_the_share_of_the_source_that_a_view_keeps():
+def test_visible_fraction_of_the_source():
     source = om.perspective(90, (200, 200))
     half = om.perspective(2 * np.degrees(np.arctan(0.5)), (100, 100))
     assert visible_fraction(source, source, np.eye(3)) == pytest.approx(1, abs=0.02)
@@ -200,6 +200,6 @@ def test_the_share_of_the_source_that_a_view_keeps():
     assert visible_fraction(source, half, om.look(yaw=180)) == 0
 
 
-def test_a_scale_across_the_seam_is_no_jump():
+def test_scale_is_continuous_across_the_seam():
     u, v = view_map(SPHERE, SPHERE, om.look(yaw=90))
     assert np.nanmax(map_scale(SPHERE, u, v)) == pytest.approx(1, abs=0.01)

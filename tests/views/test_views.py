@@ -12,7 +12,7 @@ from omnisight.views.cube import CUBE_FACES, cube_rotation
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("source", [FISHEYE, MIRROR, SPHERE, om.perspective(80, (200, 150))])
-def test_the_same_camera_gives_the_same_picture(source, interpolation):
+def test_remap_to_the_same_camera_is_the_identity(source, interpolation):
     noise = np.random.default_rng(0).integers(0, 256, (source.height, source.width, 3), np.uint8)
     remapper = om.Remapper(source, source, interpolation=interpolation)
     assert np.array_equal(remapper(noise)[remapper.mask], noise[remapper.mask])
@@ -22,7 +22,7 @@ def test_the_same_camera_gives_the_same_picture(source, interpolation):
 
 
 @pytest.mark.parametrize("columns", [1, 64, 128, -37])
-def test_a_whole_number_of_columns_rolls_a_360_picture(columns):
+def test_yaw_by_whole_columns_rolls_a_360_image(columns):
     noise = np.random.default_rng(0).integers(0, 65536, (128, 256), np.uint16)
     turn = om.look(yaw=columns * 360 / 256)
     assert np.array_equal(om.remap(noise, SPHERE, SPHERE, turn, interpolation="nearest"), np.roll(noise, -columns, 1))
@@ -30,7 +30,7 @@ def test_a_whole_number_of_columns_rolls_a_360_picture(columns):
 
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic", "lanczos"])
 @pytest.mark.parametrize("shift", [0.25, 0.5, 100.3])
-def test_the_seam_of_a_360_picture_does_not_show(interpolation, shift):
+def test_seam_of_a_360_image_is_invisible(interpolation, shift):
     source = om.sphere(512)
     turn = om.look(yaw=(256 + shift) * 360 / 512)  # the seam lands near the middle of the view
     remapper = om.Remapper(source, source, turn, interpolation=interpolation)
@@ -45,7 +45,7 @@ def test_the_seam_of_a_360_picture_does_not_show(interpolation, shift):
 
 
 @pytest.mark.parametrize("width", [64, 32, 16])
-def test_the_seam_does_not_show_in_a_shrunk_360_picture(width):
+def test_seam_of_a_reduced_360_image_is_invisible(width):
     source, target = om.sphere(1024), om.sphere(width)
     turn = om.look(yaw=180.0)
     view = om.remap(picture(source), source, target, turn)
@@ -68,13 +68,13 @@ def test_the_seam_does_not_show_in_a_shrunk_360_picture(width):
         ({"yaw": 40, "pitch": 35, "roll": 70}, (40, 35)),
     ],
 )
-def test_a_view_looks_where_it_is_told(source, angles, place):
+def test_view_has_the_requested_direction(source, angles, place):
     target, turn = om.perspective(60, (121, 91)), om.look(**angles)
     view = om.remap(picture(source, spot(*place, 0.1)), source, target, turn, interpolation="lanczos")
     assert brightest(view) == (60, 45)
 
 
-def test_what_stands_at_the_right_of_a_360_picture_comes_to_the_middle_by_a_quarter_turn():
+def test_yaw_of_90_degrees_centres_the_right_of_a_360_image():
     view = om.remap(picture(SPHERE, spot(90, 0)), SPHERE, om.perspective(90, (101, 101)), om.look(yaw=90))
     assert brightest(view) == (50, 50)
 
@@ -91,7 +91,7 @@ def test_what_stands_at_the_right_of_a_360_picture_comes_to_the_middle_by_a_quar
         ({"yaw": 180}, (160, 0), "left"),
     ],
 )
-def test_right_and_up_are_where_they_are_said_to_be(angles, place, side):
+def test_positive_yaw_is_right_and_positive_pitch_is_up(angles, place, side):
     view = om.remap(picture(SPHERE, spot(*place)), SPHERE, om.perspective(90, (101, 101)), om.look(**angles))
     column, row = brightest(view)
     off = round(50 * np.tan(np.radians(20)))
@@ -101,7 +101,7 @@ def test_right_and_up_are_where_they_are_said_to_be(angles, place, side):
 
 
 @pytest.mark.parametrize(("up", "axis"), [("back", (0, -90)), ("front", (0, 90))])
-def test_a_camera_that_looks_down_or_up_has_its_axis_at_the_bottom_or_top_of_a_panorama(up, axis):
+def test_axis_of_a_camera_looking_down_or_up_is_at_the_edge_of_a_panorama(up, axis):
     view = om.remap(picture(FISHEYE, spot(0, 0, 0.2)), FISHEYE, om.sphere(200), om.look(up=up))
     low = view[-3:] if axis[1] < 0 else view[:3]
     assert low.mean() > 0.9
@@ -123,7 +123,7 @@ VIEWS = {
 
 
 @pytest.mark.parametrize("name", VIEWS)
-def test_a_view_of_a_fisheye_is_what_the_bearings_say(name):
+def test_view_of_a_fisheye_matches_its_bearings(name):
     target, turn = VIEWS[name]
     remapper = om.Remapper(FISHEYE, target, turn, interpolation="bicubic", antialias=False)
     view = remapper(picture(FISHEYE))
@@ -137,7 +137,7 @@ def test_a_view_of_a_fisheye_is_what_the_bearings_say(name):
 
 
 @pytest.mark.parametrize("name", VIEWS)
-def test_the_mask_is_what_the_source_shows(name):
+def test_mask_marks_covered_pixels(name):
     target, turn = VIEWS[name]
     mask = om.Remapper(FISHEYE, target, turn).mask
     bearings, exists = target.unproject(grid(target.size))
@@ -148,7 +148,7 @@ def test_the_mask_is_what_the_source_shows(name):
     assert (mask != expected).mean() < 1e-3
 
 
-def test_a_view_past_the_sources_domain_is_empty_there_and_not_mirrored():
+def test_view_is_empty_outside_the_domain_of_the_source():
     front = om.perspective(90, (60, 40))
     back = om.Remapper(front, om.perspective(60, (50, 50)), om.look(yaw=180), border=7.0)
     assert not back.mask.any()
@@ -158,7 +158,7 @@ def test_a_view_past_the_sources_domain_is_empty_there_and_not_mirrored():
 # -- the cube ----------------------------------------------------------------------------------------------------
 
 
-def test_the_faces_of_a_cube_hold_every_direction_once():
+def test_cube_faces_cover_every_direction_once():
     directions = np.random.default_rng(0).normal(size=(2000, 3))
     face = om.cube_face(64)
     seen = [face.project(directions @ cube_rotation(name, np.eye(3)).T) for name in CUBE_FACES]
@@ -178,7 +178,7 @@ EDGES = {
 
 
 @pytest.mark.parametrize("edge", EDGES, ids="-".join)
-def test_neighbouring_faces_agree_along_their_edge(edge):
+def test_adjacent_cube_faces_agree_along_their_edge(edge):
     source = om.sphere(1024)
     image, face = picture(source), om.cube_face(128)
     one, other = (om.remap(image, source, face, cube_rotation(name, np.eye(3))) for name in edge)
@@ -187,7 +187,7 @@ def test_neighbouring_faces_agree_along_their_edge(edge):
     assert np.abs(one[along[0]] - other[along[1]][::-1]).max() > 0.05  # and not the other way around
 
 
-def test_a_360_picture_goes_to_a_cube_and_back():
+def test_360_image_to_cube_and_back():
     source, face = om.sphere(512), om.cube_face(256)
     image = picture(source)
     back, seen = np.zeros_like(image), np.zeros(image.shape[:2], int)
