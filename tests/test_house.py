@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 import omnisight as om
-from omnisight.formats import format_names, get_format
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -95,12 +94,6 @@ def test_the_code_of_the_readme_makes_a_panorama(demo, monkeypatch):
     panorama = om.read_image("panorama.jpg")
     assert panorama.shape[1] == 2048
     assert panorama.std() > 20
-
-
-def test_the_readme_names_every_format():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(format_names()) > 20
-    assert not [name for name in format_names() if get_format(name).TITLE.split()[0] not in readme]
 
 
 def test_the_links_of_the_readme_are_absolute():
