@@ -1,4 +1,4 @@
-"""The report as a browser shows it."""
+"""The report in a browser."""
 
 import base64
 import json
@@ -7,45 +7,47 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reporting import COMMAND, NAMES, written
+from reporting import COMMAND, NAMES, UNUSED_NAMES, with_observations, write
 
-from omnisight.formats import format_named, format_names, load
+from omnisight.formats import format_names, get_format, load
+from omnisight.report import ReportOptions
 
-# The figures, in the order of the page.
-BEFORE, AFTER = "images coverage profile", "uncertainty residuals models viewpoint boards parameters downloads"
-# What a drawing must show at the least, as shapes that take up room.
+# The sections in the order of the page; an axial camera has one more between them.
+FIRST = "images coverage profile"
+LAST = "uncertainty residuals models noncentral-test board-poses parameters downloads"
+# Number of shapes of a drawing that have an extent.
 SHAPES = """svg => [...svg.querySelectorAll('path, rect')].filter(
     shape => shape.getBBox().width + shape.getBBox().height > 0).length"""
 
 
-def test_the_verdict_is_seen_first(opened, report, material):
+def test_verdict_is_visible_first(opened, report, central):
     page = opened(report)
-    assert page.title().startswith(f"Calibration: {material.calibration.verdict}")
+    assert page.title().startswith(f"Calibration: {central.calibration.verdict}")
     first = page.locator("main > section").first
     assert first.get_attribute("id") == "verdict"
     box = first.bounding_box()
     assert box["y"] >= 0
     assert box["y"] + box["height"] < 800
-    assert first.locator("h2").inner_text().lower() == str(material.calibration.verdict)
-    for sentence in material.calibration.verdict.reasons:
+    assert first.locator("h2").inner_text().lower() == str(central.calibration.verdict)
+    for sentence in central.calibration.verdict.reasons:
         assert sentence in first.inner_text()
 
 
-def test_every_figure_is_there_and_says_how_to_read_it(opened, report):
+def test_all_sections_are_drawn_with_a_guide(opened, report):
     page = opened(report)
     figures = page.locator("section.figure")
     names = [figure.get_attribute("id") for figure in figures.all()]
-    assert " ".join(names) == f"{BEFORE} {AFTER}"
+    assert " ".join(names) == f"{FIRST} {LAST}"
     assert_drawn(page)
 
 
-def test_an_axial_camera_has_all_of_them_and_where_its_rays_start(opened, axial_report):
+def test_axial_camera_has_a_section_about_the_entrance_pupil_shift(opened, axial_report):
     page = opened(axial_report)
     names = [figure.get_attribute("id") for figure in page.locator("section.figure").all()]
-    assert " ".join(names) == f"{BEFORE} travel {AFTER}"
+    assert " ".join(names) == f"{FIRST} pupil-shift {LAST}"
     assert_drawn(page)
-    assert page.locator("#travel svg.chart .line.curve").count() == 1
-    assert page.locator("#travel svg.chart .band").count() == 1
+    assert page.locator("#pupil-shift svg.chart .line.curve").count() == 1
+    assert page.locator("#pupil-shift svg.chart .band").count() == 1
 
 
 def assert_drawn(page):
@@ -53,8 +55,8 @@ def assert_drawn(page):
     for figure in figures.all():
         name = figure.get_attribute("id")
         assert figure.locator(".body").bounding_box()["height"] > 100, name
-        assert figure.locator(".how h3").inner_text().lower() == "how to read this"
-        paragraphs = figure.locator(".how p").all_inner_texts()
+        assert figure.locator(".guide h3").inner_text().lower() == "how to read this"
+        paragraphs = figure.locator(".guide p").all_inner_texts()
         assert len(paragraphs) == 3
         assert min(map(len, paragraphs)) > 30, name
         for drawing in figure.locator("svg.chart, svg.scene, svg.arrows").all():
@@ -67,11 +69,11 @@ def assert_drawn(page):
     assert not re.search(r"\bnan\b", page.locator("body").inner_text())
 
 
-def test_every_picture_is_shown_with_its_residuals(opened, report, material):
+def test_images_are_shown_with_residuals(opened, report):
     page = opened(report)
     cards = page.locator(".card")
     assert cards.count() == 12
-    assert cards.locator("image").count() == 11  # one file could not be read
+    assert cards.locator("image").count() == 11  # one file is unreadable
     widths = page.evaluate(
         """Promise.all([...document.querySelectorAll('image')].map(async image => {
             const image = new Image();
@@ -81,18 +83,18 @@ def test_every_picture_is_shown_with_its_residuals(opened, report, material):
         }))"""
     )
     assert set(widths) == {640}
-    times = re.search(r"drawn (\d+) times", page.locator("#images .body > .note").inner_text())[1]
+    times = re.search(r"magnified (\d+) times", page.locator("#images .body > .note").inner_text())[1]
     for card in cards.all()[:10]:
-        assert card.locator(".exaggeration").text_content() == f"residuals × {times}"
-    # The corner that is 3 px off, as many times longer.
-    line = cards.first.locator(".outliers").get_attribute("d")
+        assert card.locator(".magnification").text_content() == f"residuals × {times}"
+    # The residual of the corner that is 3 px off, magnified.
+    line = cards.first.locator(".outlier").get_attribute("d")
     along = np.array(re.match(r"M\S+ \S+?l(\S+) (\S+)", line).groups(), float) / float(times)
     np.testing.assert_allclose(along, [-3, -3], atol=0.4)
     assert "empty file" in cards.nth(10).inner_text()
     assert "no 8x5 board found" in cards.nth(11).inner_text()
 
 
-def test_clicking_a_picture_drops_it_and_says_the_command(opened, report, browser):
+def test_clicking_an_image_drops_it_and_shows_the_command(opened, report):
     page = opened(report, permissions=["clipboard-read", "clipboard-write"])
     bar, command = page.locator("#dropped"), page.locator("#dropped-command")
     assert not bar.is_visible()
@@ -116,7 +118,7 @@ def test_clicking_a_picture_drops_it_and_says_the_command(opened, report, browse
     assert page.locator(".dropped").count() == 0
 
 
-def test_it_works_without_a_mouse(opened, report):
+def test_report_is_usable_with_the_keyboard(opened, report):
     page = opened(report)
     page.locator(".card .drop").first.focus()
     page.keyboard.press("Space")
@@ -134,12 +136,12 @@ def test_it_works_without_a_mouse(opened, report):
         page.keyboard.press(key)
     assert axis.get_attribute("d") != before
     page.keyboard.press("Home")
-    # What scripts draw is what stood there without them.
+    # The script draws the same as the static page.
     back, first = (np.array(re.findall(r"[-.\d]+", d), float) for d in (axis.get_attribute("d"), before))
     np.testing.assert_allclose(back, first, atol=0.1)
 
 
-def test_the_boards_turn_under_the_mouse(opened, report):
+def test_board_poses_rotate_with_the_mouse(opened, report):
     page = opened(report)
     scene = page.locator(".scene")
     scene.scroll_into_view_if_needed()
@@ -155,19 +157,19 @@ def test_the_boards_turn_under_the_mouse(opened, report):
 
 
 @pytest.mark.parametrize("name", ["native", "kalibr", "numpy_arrays"])
-def test_a_click_on_a_format_saves_the_camera(name, opened, report, material, tmp_path):
+def test_clicking_a_format_downloads_the_camera(name, opened, report, central, tmp_path):
     page = opened(report)
     with page.expect_download() as download:
         page.locator(f"a[data-format='{name}']").click()
     file = tmp_path / download.value.suggested_filename
-    assert file.name == f"camera-{name}{format_named(name).SUFFIX}"
+    assert file.name == f"camera-{name}{get_format(name).SUFFIX}"
     download.value.save_as(file)
-    assert_same(load(file), material.camera)
+    assert_same(load(file), central.camera)
     if name == "native":
-        assert load(file).covariance.tolist() == material.camera.covariance.tolist()
+        assert load(file).covariance.tolist() == central.camera.covariance.tolist()
 
 
-def test_every_format_holds_the_camera_or_says_why_not(opened, report, material, tmp_path):
+def test_every_format_has_a_file_or_a_reason(opened, report, central, tmp_path):
     page = opened(report)
     page.locator("#downloads summary").click()
     refused = page.locator(".refused").inner_text()
@@ -175,15 +177,15 @@ def test_every_format_holds_the_camera_or_says_why_not(opened, report, material,
     fitted = 0
     for name in format_names():
         if name not in links:
-            assert material.camera.model.name not in format_named(name).MODELS
-            assert f"{format_named(name).TITLE}: " in refused
+            assert central.camera.model.name not in get_format(name).MODELS
+            assert f"{get_format(name).TITLE}: " in refused
             continue
         start, _, held = links[name].get_attribute("href").partition(",")
         assert start == "data:application/octet-stream;base64"
         file = tmp_path / links[name].get_attribute("download")
         file.write_bytes(base64.b64decode(held))
-        own = load(file).model.name == material.camera.model.name
-        assert_same(load(file), material.camera, 1e-6 if own else 1.0)
+        own = load(file).model.name == central.camera.model.name
+        assert_same(load(file), central.camera, 1e-6 if own else 1.0)
         assert links[name].locator("xpath=..").locator("span").count() == (not own)
         fitted += not own
     assert fitted >= 1
@@ -195,11 +197,12 @@ def assert_same(camera, truth, within=1e-6):
     np.testing.assert_allclose(camera.project(bearings)[0], pixels, atol=within)
 
 
-def test_names_from_outside_are_text(opened, material, tmp_path):
+def test_file_names_cannot_inject_markup(opened, central, tmp_path):
     names = ["</script><script>window.hit = 1</script>", '"><img src=x onerror="window.hit = 1">', "a'; rm -rf $X.png"]
     names += ["\udcff\u202egnp.exe", "-rf.png", *NAMES[5:]]
-    hostile = replace(material, names=[*names, "torn.png", "empty.png"], command=[*COMMAND, "<b>&amp;"])
-    page = opened(written(hostile, tmp_path / "report.html"))
+    hostile = with_observations(central, image_names=(*names, *UNUSED_NAMES))
+    hostile = replace(hostile, options=ReportOptions([*COMMAND, "<b>&amp;"]))
+    page = opened(write(hostile, tmp_path / "report.html"))
     assert page.evaluate("window.hit") is None
     assert page.locator("img").count() == 0
     shown = page.locator(".card bdi").all_text_contents()
@@ -211,8 +214,8 @@ def test_names_from_outside_are_text(opened, material, tmp_path):
     assert page.locator("#dropped-command").text_content().endswith(" --drop=-rf.png")
 
 
-def test_it_could_reach_no_network_if_it_tried(browser, report):
-    # Not the fixture that wants no word on the console: being stopped is one.
+def test_network_access_is_blocked(browser, report):
+    # The fixture `opened` would fail, since blocked requests are logged to the console.
     page = browser.new_context().new_page()
     page.goto(report.as_uri())
     stopped = page.evaluate(
@@ -227,13 +230,13 @@ def test_it_could_reach_no_network_if_it_tried(browser, report):
 
 
 @pytest.mark.parametrize("width", [320, 390, 768])
-def test_it_fits_a_narrow_screen(width, opened, report):
+def test_report_fits_narrow_screens(width, opened, report):
     page = opened(report, width=width)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.locator("#coverage svg").bounding_box()["width"] > 0.8 * width or width > 400
 
 
-def test_it_follows_the_theme_and_prints(opened, report):
+def test_report_follows_the_color_scheme_and_prints(opened, report):
     def lightness(page):
         rgb = re.findall(r"\d+", page.evaluate("getComputedStyle(document.body).backgroundColor"))
         return sum(map(int, rgb[:3])) / 3
@@ -246,7 +249,7 @@ def test_it_follows_the_theme_and_prints(opened, report):
     assert page.locator("#residuals svg").first.is_visible()
 
 
-def test_it_says_all_without_scripts(opened, report):
+def test_report_is_complete_without_scripts(opened, report):
     page = opened(report, java_script_enabled=False)
     assert page.locator("#verdict h2").is_visible()
     assert page.locator(".scene .board").count() == 10

@@ -1,17 +1,17 @@
 """Reading and writing of images and videos, edges, and the image field. Independent of cameras and boards."""
 
-from omnisight.images.collect import IMAGE_EXTENSIONS, collect_images, expand_path
+from omnisight.images.collect import IMAGE_SUFFIXES, collect_images, expand_path
 from omnisight.images.gray import to_gray8
 from omnisight.images.headers import exif_orientation
 from omnisight.images.image_field import ImageField, downsample, estimate_image_field
 from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
-from omnisight.images.video import MAX_FRAMES, VIDEO_EXTENSIONS, Clip, Frame
+from omnisight.images.video import MAX_FRAMES, VIDEO_SUFFIXES, Clip, Frame
 from omnisight.images.write import write_bytes, write_image
 
 __all__ = [
-    "IMAGE_EXTENSIONS",
+    "IMAGE_SUFFIXES",
     "MAX_FRAMES",
-    "VIDEO_EXTENSIONS",
+    "VIDEO_SUFFIXES",
     "Clip",
     "Frame",
     "ImageField",

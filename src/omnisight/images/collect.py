@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from omnisight.images.video import VIDEO_EXTENSIONS
+from omnisight.images.video import VIDEO_SUFFIXES
 
-IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
 
 def collect_images(inputs: Iterable[str | Path], *, videos: bool = False) -> list[Path]:
@@ -37,7 +37,7 @@ def collect_images(inputs: Iterable[str | Path], *, videos: bool = False) -> lis
     """
     inputs = [inputs] if isinstance(inputs, str | Path) else list(inputs)
     files = [path for item in inputs for path in expand_path(item)]
-    extensions = (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) if videos else IMAGE_EXTENSIONS
+    extensions = (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) if videos else IMAGE_SUFFIXES
     images = [path for path in files if path.suffix.lower() in extensions]
     if not images:
         where = ", ".join(str(item) for item in inputs) or "an empty list of paths"
@@ -60,8 +60,8 @@ def expand_path(item: str | Path) -> list[Path]:
     path = Path(item).expanduser()
     if path.is_dir():
         files = [file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")]
-        has_images = any(file.suffix.lower() in IMAGE_EXTENSIONS for file in files)
-        return [file for file in files if not has_images or file.suffix.lower() not in VIDEO_EXTENSIONS]
+        has_images = any(file.suffix.lower() in IMAGE_SUFFIXES for file in files)
+        return [file for file in files if not has_images or file.suffix.lower() not in VIDEO_SUFFIXES]
     if path.is_file():
         return [path]
     if not glob.has_magic(str(path)):

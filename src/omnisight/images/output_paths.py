@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from omnisight.images.collect import IMAGE_EXTENSIONS
+from omnisight.images.collect import IMAGE_SUFFIXES
 
 
 def image_labels(paths: Sequence[Path]) -> list[str]:
@@ -43,7 +43,7 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
         raise ValueError(f"{folder}: contains the images, so the drawings would be read as images next time")
     if folder.exists() and not folder.is_dir():
         raise ValueError(f"{folder}: is a file; choose a folder")
-    if folder.suffix.lower() in IMAGE_EXTENSIONS and not folder.exists():
+    if folder.suffix.lower() in IMAGE_SUFFIXES and not folder.exists():
         raise ValueError(f"{folder}: has the name of an image; choose a folder for the drawings")
     return files
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from omnisight.images.read import UnreadableImage
 
-VIDEO_EXTENSIONS = (
+VIDEO_SUFFIXES = (
     *(".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".m2ts", ".wmv"),
     # The containers of Insta360 and GoPro MAX cameras.
     *(".insv", ".360"),

@@ -4,7 +4,7 @@ import os
 import shlex
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, polar
+from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
 from omnisight.pipeline.calibration import Calibration
 from omnisight.quality.central_limit import central_limit
@@ -112,8 +113,11 @@ class ReportData:
 
     @property
     def camera(self) -> Camera | RayCamera:
-        """The calibrated camera, with its provenance."""
-        return self.calibration.camera
+        """The calibrated camera; that of omnisight if another method was requested, as the residuals are."""
+        camera = self.calibration.camera
+        if isinstance(camera, Camera) and isinstance(self.state.model, CameraModel):
+            return replace(camera, model=self.state.model)
+        return camera
 
     @property
     def observations(self) -> Observations:
