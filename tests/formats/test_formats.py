@@ -141,7 +141,8 @@ def test_scrambled_file_is_read_or_refused(name, model, read):
 def test_invalid_number_is_refused(name, bad, read):
     text = text_of(name, get_format(name).MODELS[0])
     original = read(text)
-    numbers = list(re.finditer(r"(?<=[\s\[,:])-?\d+\.\d+(?:e[-+]?\d+)?", text))
+    # After a letter in Hugin's scripts, a quotation mark in AliceVision's files, a tag in Metashape's.
+    numbers = list(re.finditer(r"(?<=[\s\[,:>\"a-zA-Z])-?\d+\.\d+(?:e[-+]?\d+)?", text))
     assert len(numbers) > 2
     for found in numbers:
         spoiled = text[: found.start()] + bad + text[found.end() :]

@@ -46,9 +46,9 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
         if profile is None:
             raise ValueError(f"{camera}: a non-central camera without a lens has no r(theta) to draw")
         from omnisight.images import write_bytes
-        from omnisight.report.drawings.radial_profile import to_svg
+        from omnisight.report.drawings.radial_profile import profile_svg
 
-        write_bytes(svg, to_svg(profile).encode())
+        write_bytes(svg, profile_svg(profile).encode())
         print(f"written: {svg}")
 
 
@@ -74,10 +74,10 @@ def _print_description(description: "CameraDescription", path: Path) -> None:
             text = text if len(text) < MAX_VALUE_CHARS else text[: MAX_VALUE_CHARS - 3] + "..."
             print(f"{label:<11} {key}: {text}")
     if description.profile is not None:
-        from omnisight.report.drawings.radial_profile import to_text
+        from omnisight.report.drawings.radial_profile import profile_text
 
         print()
-        print(to_text(description.profile))
+        print(profile_text(description.profile))
 
 
 def _print_parameters(description: "CameraDescription") -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from omnisight.formats._limits import MAX_POLYNOMIAL_TERMS
 from omnisight.models import CameraModel, model_class
-from omnisight.models._parametric import Parametric
+from omnisight.models._parameterized import Parameterized
 from omnisight.models.ocam import Ocam
 
 HALF_PIXEL = 0.5  # px, the centre of the top-left pixel in formats whose origin is the corner of the image
@@ -94,7 +94,7 @@ def check_model(model: CameraModel) -> None:
         ) from error
 
 
-def check_bounds(model: Parametric) -> None:
+def check_bounds(model: Parameterized) -> None:
     """Raise ValueError for a parameter outside its bounds."""
     for parameter, value in zip(model.parameters, model.params, strict=True):
         if not parameter.low <= value <= parameter.high:

@@ -64,6 +64,9 @@ def parse(text: str) -> Mapping[str, Camera]:
     seen: set[Any] = set()
     for i, fields in enumerate(given):
         try:
+            # A damaged number reads as the end of the name: `e12.5` with nan in place of 12.5 is a field `enan`.
+            if empty := [name for name, (_, word) in fields.items() if not word]:
+                raise ValueError(f"field {empty[0]} has no number")
             camera = _camera(fields, given)
         except ValueError as error:
             raise ValueError(f"image {i}: {error}") from error
