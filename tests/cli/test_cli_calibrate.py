@@ -155,14 +155,15 @@ def test_the_original_method_tells_its_steps_beside_ours_and_its_camera_is_writt
 
 
 def test_the_verdict_and_its_reasons_are_printed_stored_and_in_json(run, shots, tmp_path):
-    status, out, _ = run("calibrate", shots, *QUICK, "-o", tmp_path / "camera.json")
+    few = sorted(shots.iterdir())[:3]
+    status, out, _ = run("calibrate", *few, *QUICK, "-o", tmp_path / "camera.json")
     assert status == 0
     stored = load(tmp_path / "camera.json").calibration
     assert f"verdict: {stored['verdict']}" in out
     assert stored["verdict"] in ("good", "usable", "do not use")
     assert stored["reasons"]
     assert all(reason in out for reason in stored["reasons"])
-    result = json.loads(run("calibrate", shots, *QUICK, "--json")[1])
+    result = json.loads(run("calibrate", *few, *QUICK, "--json")[1])
     assert (result["verdict"], result["reasons"]) == (stored["verdict"], stored["reasons"])
 
 
