@@ -170,7 +170,7 @@ def test_more_than_four_coefficients_are_refitted_with_note(tmp_path):
     longer = model_class("ocam")(ocam.cx, ocam.cy, ocam.c, ocam.d, ocam.e, a=(*ocam.a, 0.0, 1e-16))
     for name in ("matlab", "camodocal", "multicol_slam"):
         written = save(Camera(longer, (1024, 768)), tmp_path / "c", format=name)
-        assert "6 coefficients: fitted with four" in written.notes[0], name
+        assert "6 coefficients: refitted with four" in written.notes[0], name
         assert 0 < written.error_px < 0.5, name
 
 
