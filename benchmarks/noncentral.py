@@ -16,7 +16,7 @@ from omnisight.pipeline.noncentral import calibrate_rays
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from noncentral import SIZE, in_focus, moving_pupil, off_by, off_focus, shown, sphere
 
-PICTURES, NOISE, DISTANCES = 20, 0.1, (0.2, 0.4, 1.0, 5.0)
+IMAGE_COUNT, NOISE_PX, DISTANCES_M = 20, 0.1, (0.2, 0.4, 1.0, 5.0)
 CAMERAS = {
     "lens 10 cm before a ball of 10 cm": sphere,
     "hyperbola, the lens 25 mm off its focus": off_focus,
@@ -27,16 +27,16 @@ CAMERAS = {
 
 def main(_: Sequence[str] = ()) -> None:
     """Calibrate each camera, central and axial, and print what is left."""
-    print("| camera | | " + " | ".join(f"at {distance:g} m" for distance in DISTANCES) + " | held out | needed |")
-    print("|---" * (len(DISTANCES) + 4) + "|")
+    print("| camera | | " + " | ".join(f"at {distance:g} m" for distance in DISTANCES_M) + " | held out | needed |")
+    print("|---" * (len(DISTANCES_M) + 4) + "|")
     for name, make in CAMERAS.items():
         truth = make()
-        views, points = shown(truth, PICTURES, noise=NOISE)
+        views, points = shown(truth, IMAGE_COUNT, noise=NOISE_PX)
         central = om.calibrate_camera(views, SIZE, flat=True)
         rays = calibrate_rays(central, unit="m")
         for kind, found in (("central", central), ("axial", rays)):
             corners = found.state.points(views)[0]
-            off = [off_by(found.camera, truth, views, corners, points, distance) for distance in DISTANCES]
+            off = [off_by(found.camera, truth, views, corners, points, distance) for distance in DISTANCES_M]
             figures = " | ".join(f"{np.sqrt((o**2).mean()):.3f}" for o in off)
             held = f"{found.held_out_rms:.3f} | {'yes' if rays.needed else 'no'}"
             print(f"| {name} | {kind} | {figures} | {held} |", flush=True)

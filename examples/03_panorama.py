@@ -1,4 +1,4 @@
-"""Turns one fisheye image into views: each is a camera, and the same call makes them all."""
+"""Turn a fisheye image into views: each view is a camera, and one call renders them all."""
 
 import sys
 import tempfile
@@ -9,10 +9,10 @@ from omnisight.simulation import fisheye_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 setup = fisheye_setup()
-camera, picture = setup.camera, setup.renderer()().image  # or om.load("camera.json"), om.read_image("image.jpg")
-om.write_image(folder / "image.jpg", picture)
+camera, image = setup.camera, setup.renderer()().image  # or om.load("camera.json"), om.read_image("image.jpg")
+om.write_image(folder / "image.jpg", image)
 
-# What to show, and where to look: degrees to the right and up.
+# Cameras of the views, and their directions: degrees to the right and up.
 views = {
     "ahead": (om.perspective(100, (960, 640)), om.look()),
     "window": (om.perspective(70, (960, 640)), om.look(yaw=50, pitch=5)),
@@ -22,7 +22,7 @@ views = {
     "ideal_fisheye": (om.fisheye(720, 180, "equisolid"), om.look()),
 }
 for name, (target, target_from_camera) in views.items():
-    view = om.remap(picture, camera, target, target_from_camera, interpolation="bicubic")
+    view = om.remap(image, camera, target, target_from_camera, interpolation="bicubic")
     om.write_image(folder / f"{name}.jpg", view)
     print(f"{name}: {target.width}x{target.height}, {target.model.name}")
 print(f"written to {folder}")

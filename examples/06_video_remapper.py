@@ -1,4 +1,4 @@
-"""Keeps the map of a view for many frames: the first frame pays for it, the others are quick."""
+"""Reuse the map of a view for many frames."""
 
 import sys
 import tempfile
@@ -19,9 +19,9 @@ frames = [renderer(boards, np.random.default_rng(i)).image for i, boards in enum
 
 start = time.perf_counter()
 remapper = om.Remapper(setup.camera, om.perspective(100, (1280, 720)))
-print(f"the map: {1000 * (time.perf_counter() - start):.0f} ms, once")
-print(f"a pixel of the view spans {remapper.scale[0]:.2f} to {remapper.scale[1]:.2f} px of the frame")
-print(f"the frame shows {remapper.mask.mean():.0%} of the view")
+print(f"map: {1000 * (time.perf_counter() - start):.0f} ms")
+print(f"a view pixel spans {remapper.scale[0]:.2f} to {remapper.scale[1]:.2f} frame pixels")
+print(f"the frame covers {remapper.mask.mean():.0%} of the view")
 
 view = remapper(frames[0])
 start = time.perf_counter()
@@ -30,4 +30,4 @@ for i in range(FRAMES):
 seconds = time.perf_counter() - start
 print(f"{FRAMES} frames to 1280x720: {FRAMES / seconds:.0f} fps")
 om.write_image(folder / "last.jpg", view)
-print(f"written: {folder / 'last.jpg'}")
+print(f"written to {folder / 'last.jpg'}")

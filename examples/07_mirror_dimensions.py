@@ -1,4 +1,4 @@
-"""Makes cameras of mirrors from the mirrors' own dimensions, before any image is taken."""
+"""Make camera models from the dimensions of mirrors, without images."""
 
 import sys
 import tempfile
@@ -12,7 +12,7 @@ from omnisight.models.unified import Unified
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 size, centre = (1280, 1024), (639.5, 511.5)
 
-# Lengths in millimetres; a hyperbola's camera stands in its second focus, 2 c from the first.
+# Lengths in millimetres. The lens of a hyperbola is in its second focus, at the distance 2 c from the first.
 mirrors = {
     "parabola": Unified.from_parabola(latus_rectum=28.0, scale=34.0, centre=centre),
     "hyperbola": Unified.from_hyperbola(a=28.0, c=38.5, focal=1100.0, centre=centre),
@@ -22,7 +22,7 @@ for name, model in mirrors.items():
     camera = om.Camera(model, size)
     om.save(camera, folder / f"{name}.json")
     edge = np.degrees(camera.angle_of([centre[0], -0.5]))
-    # Where the horizon is, and how many pixels a degree takes there: what a mirror is chosen by.
+    # Image radius and resolution of the horizon.
     pixels, valid = camera.project([[0, -np.sin(a), np.cos(a)] for a in np.radians([89.5, 90.5])])
     horizon = f"{np.linalg.norm(pixels[0] - pixels[1]):.1f} px per degree" if valid.all() else "not seen"
     radius = np.linalg.norm(pixels.mean(0) - centre)

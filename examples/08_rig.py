@@ -1,4 +1,4 @@
-"""Photographs a room with two fisheyes back to back, and with five cameras in a ring, and joins the images."""
+"""Render a room with two rigs, two fisheyes and a ring of five cameras, and stitch the images to a sphere."""
 
 import sys
 import tempfile
@@ -18,17 +18,17 @@ for head, rig in {"pair": back_to_back(640), "ring": ladybug(640)}.items():
     om.save_rig(rig, folder / f"{head}.json")
     joined, weight = np.zeros((sphere.height, sphere.width, 3)), np.zeros((sphere.height, sphere.width, 1))
     for name, camera, pose in zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True):
-        picture = Renderer(camera, pose.inverse(), vignette=0.1)().image
-        om.write_image(folder / f"{head}-{name}.jpg", picture)
-        # Far away the distance between the cameras does not matter: only how each is turned.
+        image = Renderer(camera, pose.inverse(), vignette=0.1)().image
+        om.write_image(folder / f"{head}-{name}.jpg", image)
+        # At infinity only the rotation of each camera matters, not its position.
         view = om.Remapper(camera, sphere, pose.rotation.T)
-        # Where several see, the one counts most whose axis is nearest.
+        # In overlaps, weight cameras by the angle from their axis.
         nearer = np.exp(8 * (bearings @ pose.rotation[2]))[..., None] * view.mask[..., None]
-        joined += nearer * view(picture)
+        joined += nearer * view(image)
         weight += nearer
     om.write_image(folder / f"{head}.jpg", (joined / np.maximum(weight, 1e-9)).astype(np.uint8))
 
-    # A row of a sphere's image stands for less of it the nearer it is to a pole.
+    # The area of a row decreases with the cosine of its latitude.
     share = np.cos(np.linspace(-np.pi / 2, np.pi / 2, sphere.height))
     seen = ((weight[..., 0] > 0).mean(1) * share).sum() / share.sum()
-    print(f"{head}: {', '.join(rig.names)} see {100 * seen:.1f} % of the sphere; written to {folder}")
+    print(f"{head}: {', '.join(rig.names)} cover {100 * seen:.1f} % of the sphere; written to {folder}")

@@ -1,4 +1,4 @@
-"""Lenses before mirrors of every kind, and the points that they show."""
+"""Catadioptric test systems with every mirror type, and points in their field of view."""
 
 import numpy as np
 import pytest
@@ -75,7 +75,7 @@ few_systems = pytest.mark.parametrize(
 
 
 def seen(system, near=0.02, far=50.0, count=60, seed=1):
-    """Give scene points (N, 3) that the system shows between two distances from its mirror, and their pixels (N, 2)."""
+    """Return visible scene points (N, 3) between two distances from the mirror, and their pixels (N, 2)."""
     u, v = np.meshgrid(np.linspace(0, 1279, count), np.linspace(0, 959, count * 3 // 4))
     pixels = np.stack([u, v], -1).reshape(-1, 2)
     rays = system.rays(pixels)
@@ -85,7 +85,7 @@ def seen(system, near=0.02, far=50.0, count=60, seed=1):
 
 
 def within(system, corners):
-    """Say which paths (N, M, 3) keep away from the rims, the holes and the tips of their mirrors."""
+    """Return which paths (N, M, 3) stay away from rims, holes and apexes of the mirrors."""
     keep = np.ones(len(corners), bool)
     for i, p in enumerate(system.mirrors):
         local = p.lens_from_mirror.inverse() @ corners[:, i]

@@ -1,4 +1,4 @@
-"""What every non-central camera to calibrate must do, and what one whose rays start on its axis must."""
+"""Laws of all non-central camera models, and of the axial model."""
 
 import dataclasses
 
@@ -25,7 +25,7 @@ def pixels(count=40):
 
 
 def seen(model, distance=0.4, count=40):
-    """Give what pixels see so far along their rays."""
+    """Return the points at distances along the rays of pixels."""
     origins, bearings, valid = model.rays(pixels(count))
     assert valid.any()
     return (origins + distance * bearings)[valid], pixels(count)[valid]

@@ -1,4 +1,4 @@
-"""Light over mirrors, both ways: what `rays` follows and where `project` finds points again."""
+"""Catadioptric cameras: `rays` and `project` are inverse, and obey the laws of reflection."""
 
 import numpy as np
 import pytest

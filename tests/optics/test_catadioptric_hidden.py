@@ -1,4 +1,4 @@
-"""What mirrors do not show: behind them, past their rims, through their holes, in each other's way."""
+"""Occlusion in catadioptric cameras: rims, holes, backs and other mirrors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Cameras with mirrors as values: derivatives, parameters, dictionaries and shapes."""
+"""Catadioptric cameras: derivatives, parameters, dictionaries and array shapes."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def differences(function, step):
 
 
 def well_inside(system, **options):
-    """Give points (N, 3) whose neighbours are shown too."""
+    """Return visible points (N, 3) whose neighbours are visible."""
     points, _ = seen(system, **options)
     corners, _ = system.reflection_points(points)
     keep = within(system, corners)

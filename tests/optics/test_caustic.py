@@ -1,4 +1,4 @@
-"""The caustic: against closed forms, and against neighbouring rays in many digits."""
+"""Caustics, compared with closed forms and with neighbouring rays in high precision."""
 
 import mpmath
 import numpy as np
@@ -22,7 +22,7 @@ TILTED = {"tilt_x": 0.03, "tilt_y": -0.02, "tx": 0.001, "ty": -0.002}
 
 
 def outwards(camera, pixels):
-    """The caustic of pixels in the plane that each lies in: distance from the axis to its side, and z."""
+    """Return the caustic of pixels in their meridional planes: signed distance from the axis, and z."""
     found = caustic(camera, pixels)
     side = pixels / np.linalg.norm(pixels, axis=-1, keepdims=True)
     return [np.stack([(part[..., :2] * side).sum(-1), part[..., 2]], -1) for part in (found.tangential, found.sagittal)]
@@ -48,7 +48,7 @@ def test_caustic_of_a_central_camera_is_its_viewpoint(lens, mirror, z, focus):
 
 
 def test_caustic_of_a_tilted_central_camera_is_its_viewpoint():
-    """A lens in the focus may look askew at the mirror."""
+    """The lens in the focus may be tilted."""
     mirror = Conic.hyperbola(0.028, 0.0385, 0.06)
     askew = PlacedMirror(mirror, tilt_x=0.1)
     axis = askew.lens_from_mirror.rotation[:, 2]
@@ -195,7 +195,7 @@ def test_derivatives_over_two_mirrors():
 
 @pytest.mark.parametrize("moved", [{}, TILTED])
 def test_neighbouring_rays_intersect_at_the_caustic(moved):
-    """The sheets are where the rays' density is infinite: the determinant of d point/d (u, v, t) is nought there."""
+    """The sheets are where the rays' density is infinite: the determinant of d point/d (u, v, t) is zero there."""
     system = Catadioptric(LENS, (PlacedMirror(Conic.sphere(0.05, 0.05), **moved | {"tz": 0.1}),))
     found = caustic(system, PIXELS)
     (_, bearings, valid), d_origins, d_bearings = ray_jacobians(system, PIXELS)
@@ -209,7 +209,7 @@ def test_neighbouring_rays_intersect_at_the_caustic(moved):
 
 
 class Axial:
-    """Rays at theta from the z axis that cross it at shift theta^2: a fisheye whose entrance pupil moves."""
+    """Rays at theta from the z axis that cross it at shift theta^2: a fisheye with an entrance pupil shift."""
 
     def __init__(self, shift, focal=300.0):
         self.shift, self.focal = shift, focal
@@ -224,7 +224,7 @@ class Axial:
 
 
 def test_caustic_of_an_entrance_pupil_shift():
-    """Of a pupil at s(theta) the tangential sheet is s'(theta) sin(theta) along the ray, the sagittal one the pupil."""
+    """For a pupil at s(theta) the tangential sheet is s'(theta) sin(theta) along the ray, the sagittal one the pupil."""
     found = caustic(Axial(0.004), PIXELS)
     theta = np.linalg.norm(PIXELS, axis=-1) / 300
     np.testing.assert_allclose(found.along[..., 0], 2 * 0.004 * theta * np.sin(theta), atol=1e-12)

@@ -1,4 +1,4 @@
-"""Mirrors made to order: what comes is traced, and is what was asked for."""
+"""Mirror designs, verified by ray tracing."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ def order(kind="hyperbolic", up=20.0, down=None, **more):
 
 
 def theta_at(design, radius):
-    """The angle from straight down at a radius of the image, px; the ray's origin."""
+    """Return the angle from straight down at an image radius (px), and the origin of the ray."""
     u, v = design.centre
     origins, bearings, valid = design.system().rays([u + radius, v])
     assert valid

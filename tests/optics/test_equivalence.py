@@ -20,14 +20,14 @@ CONCAVE = np.array([-1.0, -1.0, -1.0])
 
 
 def whole_mirror(rim_radius):
-    """Pixels all over the image of a mirror, its very rim included."""
+    """Return pixels of the whole image of a mirror, including its rim."""
     phi = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     radii = rim_radius * np.linspace(1e-4, 1 - 1e-12, 40)
     return np.array(CENTRE) + radii[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], -1)
 
 
 def angles(one, other):
-    """Angles between bearings, radians."""
+    """Return angles between bearings, radians."""
     return 2 * np.arcsin(np.linalg.norm(one - other, axis=-1) / 2)
 
 
@@ -57,7 +57,7 @@ def test_unified_model_of_hyperbolas(a, c, reach, focal):
 @pytest.mark.parametrize(("a", "c"), ELLIPSES)
 @pytest.mark.parametrize("reach", [0.4, 0.999])
 def test_unified_model_of_ellipses(a, c, reach):
-    """As wide as the bowl is at its near focus: what is deeper sees itself."""
+    """The rim is at the near focus; a deeper mirror would reflect itself."""
     rim = reach * (a * a - c * c) / a
     mirror = Conic.ellipse(a, c, rim)
     lens = Pinhole(300.0, 300.0, *CENTRE)
@@ -78,7 +78,7 @@ def test_unified_model_of_parabolas(latus_rectum, reach):
 
 
 def test_unmirrored_frame_has_fx_and_fy_of_opposite_sign():
-    """The lens' frame turned by 180 degrees about y, a rotation: fx is negative."""
+    """The lens frame rotated by 180 degrees about y has a negative fx."""
     mirror = Conic.hyperbola(28.0, 38.5, 30.0)
     pixels, _, bearings = traced(Pinhole(900.0, 900.0, *CENTRE), mirror, 66.5, 300.0)
     model = Unified.from_hyperbola(28.0, 38.5, 900.0, CENTRE)
@@ -91,7 +91,7 @@ def test_unmirrored_frame_has_fx_and_fy_of_opposite_sign():
 
 @pytest.mark.parametrize(("a", "c"), [*HYPERBOLAS, *ELLIPSES])
 def test_corrected_table_has_two_equivalent_forms(a, c):
-    """d/sqrt(d^2 + L^2/4) = 2 e/(1 + e^2), in 40 digits; both models and mirrors hold it."""
+    """d/sqrt(d^2 + L^2/4) = 2 e/(1 + e^2), in 40 digits; models and mirrors agree."""
     mpmath.mp.dps = 40
     x, y = mpmath.mpf(a), mpmath.mpf(c)
     d, latus_rectum, e = 2 * y, 2 * abs(x * x - y * y) / x, y / x
@@ -132,7 +132,7 @@ def test_printed_table_is_wrong_for_the_example():
 
 
 def _fitted_scale(model, directions, pixels):
-    """The same with the one focal length that fits best."""
+    """Return the errors with the best fitting focal length."""
     import dataclasses
 
     plane = (model.project(directions)[0] - CENTRE) / model.fx

@@ -1,4 +1,4 @@
-"""What every mirror must do. A new one is tested by existing: nothing here lists them."""
+"""Laws of all mirrors. New mirrors are discovered and tested automatically."""
 
 import mpmath
 import numpy as np
@@ -33,7 +33,7 @@ every_conic = pytest.mark.parametrize(
 
 
 def points_of(mirror, count=400, seed=3):
-    """Give points (N, 3) of a mirror, from its hole to its rim."""
+    """Return points (N, 3) of a mirror between its hole and its rim."""
     rng = np.random.default_rng(seed)
     rho = mirror.hole + (mirror.rim - mirror.hole) * rng.uniform(0.01, 0.995, count)
     phi = rng.uniform(-np.pi, np.pi, count)
@@ -41,7 +41,7 @@ def points_of(mirror, count=400, seed=3):
 
 
 def rays_at(mirror, count=3000, seed=5):
-    """Give rays (N, 3) from before a mirror, that meet it, pass it, or leave it behind."""
+    """Return rays (N, 3) that meet a mirror, miss it, or point away from it."""
     rng = np.random.default_rng(seed)
     origins = rng.uniform(-0.1, 0.1, (count, 3)) - [0, 0, 0.15]
     target = np.concatenate([rng.uniform(-1.3, 1.3, (count, 2)) * mirror.rim, rng.uniform(-0.02, 0.02, (count, 1))], -1)
@@ -53,7 +53,7 @@ def rays_at(mirror, count=3000, seed=5):
 
 
 def exact_sag(mirror, rho):
-    """Give the sag with mpmath, written anew."""
+    """Return the sag by an independent mpmath implementation."""
     if isinstance(mirror, Plane):
         return mpmath.mpf(0)
     if isinstance(mirror, Cone):

@@ -1,4 +1,4 @@
-"""Where a lens must stand, and how far a camera is from having one viewpoint."""
+"""Lens positions with a single viewpoint, and the best viewpoint of any camera."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ USEFUL = [
 
 
 def camera(mirror, lens, focal=1000.0):
-    """The lens at that z of the mirror's frame, or a telecentric one."""
+    """Return a camera with its lens at z of the mirror frame, or telecentric."""
     if np.isinf(lens):
         return Catadioptric(Telecentric(1e4, 1e4, 0.0, 0.0), (PlacedMirror(mirror, tz=0.3),))
     return Catadioptric(Pinhole(focal, focal, 0.0, 0.0), (PlacedMirror(mirror, tz=-lens),))
@@ -44,7 +44,7 @@ def off_focus(by=0.01):
 
 
 class Twisted:
-    """Rays that all pass the z axis at one distance, level at v = 0: focal px per radian of azimuth and elevation."""
+    """Rays at a constant distance from the z axis, horizontal at v = 0: focal px per radian of azimuth and elevation."""
 
     def __init__(self, distance, focal=500.0):
         self.distance, self.focal = distance, focal

@@ -1,9 +1,9 @@
-"""Cameras of all kinds, for the tests of the renderer."""
+"""A fixture of all camera types for the renderer tests."""
 
 import pytest
-from sights import SIGHTS
+from render_cameras import CAMERAS
 
 
-@pytest.fixture(params=SIGHTS)
-def sight(request):
-    return SIGHTS[request.param]
+@pytest.fixture(params=CAMERAS)
+def camera(request):
+    return CAMERAS[request.param]

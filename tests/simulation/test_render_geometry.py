@@ -1,8 +1,8 @@
-"""The renderer against closed forms: how far, which and where, through cameras of all kinds."""
+"""Depth, normals and instances of the renderer, compared with closed forms for all camera types."""
 
 import numpy as np
 import pytest
-from sights import GRAY, POSE, SIGHTS, AxialShift, TwoEyes, pixels_of, still_life
+from render_cameras import GRAY, POSE, CAMERAS, AxialShift, SideBySidePinholes, pixels_of, still_life
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
@@ -35,7 +35,7 @@ def nearest_root(a, b, c):
 
 
 def test_depth_is_exact(sight):
-    """Against the closed forms of plane, ellipsoid and box: 1e-9 m over the image, whatever hides whatever."""
+    """Against the closed forms of plane, ellipsoid and box: 1e-9 m over the image, including occlusions."""
     pose, scene = POSE, still_life()
     o, d, valid = world_rays(sight, pose)
     wall = (5 - o[..., 2]) / d[..., 2]
@@ -63,7 +63,7 @@ def test_depth_is_exact(sight):
 
 
 def test_cylinder_is_exact(sight):
-    """What is met of it lies at its radius from its axis, or on a cap; rays beside it go on."""
+    """Hits are at the radius from the axis or on a cap; other rays pass."""
     scene = still_life()
     found = Renderer(sight, POSE, scene).truth()
     start, end = np.array((1.3, -1.0, 3.1)), np.array((1.8, 1.0, 2.7))
@@ -99,7 +99,7 @@ def test_normals_are_unit_vectors_towards_the_camera(sight):
 
 
 def test_normals_match_the_surface():
-    """Against differences of the points beside: on the ellipsoid, where they turn."""
+    """Compared with differences of neighbouring points on the ellipsoid."""
     camera = om.perspective(30, (200, 200))
     scene = Scene((ellipsoid((0, 0, 3), (0.5, 0.4, 0.6), GRAY, "ellipsoid"),))
     found = Renderer(camera, om.Pose(), scene).truth()
@@ -112,7 +112,7 @@ def test_normals_match_the_surface():
 
 
 def test_nearest_of_many_solids_is_hit():
-    """The tree of boxes against asking every solid alone."""
+    """The bounding-box tree agrees with a test of every solid."""
     rng = np.random.default_rng(1)
     solids = []
     for i in range(60):
@@ -135,11 +135,11 @@ def test_nearest_of_many_solids_is_hit():
     np.testing.assert_array_equal(together.instances, np.nanargmin(alone, axis=0) + 1)
 
 
-# -- non-central cameras, dense_correspondences --------------------------------------------------------------------------------
+# -- non-central cameras, dense correspondences ----------------------------------------------------------------
 
 
 def test_depth_matches_the_parallax_of_two_viewpoints():
-    sight = TwoEyes()
+    sight = SideBySidePinholes()
     scene = Scene((ellipsoid((0, 0, 2), 0.05, GRAY, "near"), ellipsoid((0, 0.5, 8), 0.2, GRAY, "far")))
     instances = Renderer(sight, om.Pose(), scene).truth().instances
     focal, half = sight.half.model.fx, sight.size[0] // 2
@@ -162,8 +162,8 @@ def test_pupil_shift_changes_the_depth():
 
 @pytest.mark.parametrize("name", ["pinhole", "fisheye", "axial"])
 def test_dense_correspondences_are_the_same_scene_points(name):
-    """Projected by the camera itself; what is hidden in the second image is left out, and nothing else."""
-    sight, scene = SIGHTS[name], still_life()
+    """They agree with projection, and exactly the occluded points are missing."""
+    sight, scene = CAMERAS[name], still_life()
     first, second = (Renderer(sight, pose, scene) for pose in (om.Pose(), POSE))
     found = dense_correspondences(first, second)
     truth = first.truth()

@@ -1,8 +1,8 @@
-"""The renderer's light: what is constant stays so, noise is that of photons, and rims darken as they are told to."""
+"""Light of the renderer: texture filtering, exposure, noise, image circle, vignette and JPEG."""
 
 import numpy as np
 import pytest
-from sights import GRAY, POSE, pixels_of, still_life
+from render_cameras import GRAY, POSE, pixels_of, still_life
 
 import omnisight as om
 from omnisight.simulation import Renderer, Scene, Texture, box, ellipsoid, render
@@ -54,7 +54,7 @@ def test_exposure_doubles_the_light_per_stop():
 
 
 def test_noise_has_the_variance_of_photons():
-    """At a middle gray it is as told; in light it grows as the root."""
+    """The standard deviation at middle gray is as specified and grows with the square root of the light."""
     from omnisight.simulation import develop
     from omnisight.simulation.texture import to_linear
 

@@ -1,9 +1,9 @@
-"""The scenes: all of them can be walked through, and software that dense_correspondences features finds its way in them."""
+"""The scenes: free space for cameras, features that can be matched, and parallax."""
 
 import cv2
 import numpy as np
 import pytest
-from sights import GRAY, still_life
+from render_cameras import GRAY, still_life
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
@@ -33,7 +33,7 @@ def test_scenes_are_discovered_by_their_files():
 
 @pytest.mark.parametrize("name", scene_names())
 def test_preset_trajectories_are_free_of_collisions(name):
-    """Rays all around from their places meet nothing near, and something far."""
+    """Rays in all directions from the camera positions hit nothing near and something far."""
     scene = scene_named(name)
     rng = np.random.default_rng(0)
     bearings = rng.normal(size=(200, 3))
@@ -49,7 +49,7 @@ def test_preset_trajectories_are_free_of_collisions(name):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "side", "least"), [("room", 1000, 2000), ("street", 600, 1000)])
 def test_feature_matches_agree_with_the_ground_truth(name, side, least):
-    """SIFT: thousands of features in a megapixel; of those that match four fifths and more are right."""
+    """SIFT finds thousands of features per megapixel, and at least 80 % of the matches are correct."""
     scene, camera = scene_named(name), om.fisheye(side, 180)
     views = [Renderer(camera, pose, scene, samples=1) for pose in (om.Pose(), NEXT)]
     sift = cv2.SIFT_create()
@@ -70,7 +70,7 @@ def test_feature_matches_agree_with_the_ground_truth(name, side, least):
 
 
 def test_motion_through_the_room_causes_parallax():
-    """What is near moves more: no plane and no rotation alone explains it."""
+    """Near points move more; neither a plane nor a rotation explains the motion."""
     camera = om.fisheye(200, 170)
     first, second = (Renderer(camera, pose, scene_named("room")) for pose in (om.Pose(), NEXT))
     truth, found = first.truth(), dense_correspondences(first, second)
@@ -94,7 +94,7 @@ def test_seed_changes_the_scene():
 
 
 def test_wires_are_straight():
-    """The points of a wire lie about one line, through a lens that bends it."""
+    """The points of a wire are collinear, although its image is curved."""
     scene = scene_named("lines")
     truth = Renderer(om.fisheye(500, 190), om.Pose(), scene).truth()
     seen = 0

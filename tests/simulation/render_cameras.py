@@ -1,4 +1,4 @@
-"""Cameras and scenes that the tests of the renderer share."""
+"""Cameras and scenes shared by the renderer tests."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ POSE = om.Pose(exp((0.1, -0.25, 0.15)), np.array((0.15, -0.1, 0.2)))
 
 
 class AxialShift:
-    """A non-central camera: its entrance pupil lies the farther ahead on the axis the wider the angle."""
+    """A non-central camera whose entrance pupil moves forward with the angle from the axis."""
 
     def __init__(self, lens, shift=0.2):
         self.lens, self.size, self.shift = lens, lens.size, shift
@@ -33,8 +33,8 @@ class AxialShift:
         return self.lens.project(x - origin)
 
 
-class TwoEyes:
-    """Two pinholes side by side in one image: the left half sees from the left."""
+class SideBySidePinholes:
+    """Two pinholes in one image: the left half has the left viewpoint."""
 
     def __init__(self, size=(160, 120), base=0.2):
         self.size, self.half, self.base = size, om.perspective(70, (size[0] // 2, size[1])), base
@@ -54,17 +54,17 @@ class TwoEyes:
         return pixels, valid & self.half.in_image(pixels)
 
 
-SIGHTS = {
+CAMERAS = {
     "pinhole": om.perspective(80, (120, 90)),
     "fisheye": om.fisheye(110, 200),
     "sphere": om.sphere(128),
     "axial": AxialShift(om.fisheye(100, 170)),
-    "two eyes": TwoEyes(),
+    "side by side": SideBySidePinholes(),
 }
 
 
 def still_life():
-    """Give a scene of one solid of each shape before a wall, without a sky."""
+    """Return a scene with an ellipsoid, a box and a cylinder in front of a wall, without a sky."""
     wall = rectangle((-6, -6, 5), (12, 0, 0), (0, 12, 0), GRAY, "wall")
     solids = (
         wall,
@@ -75,5 +75,5 @@ def still_life():
     return Scene(solids, ambient=1.0, spacing=0.5)
 
 
-def pixels_of(sight):
-    return np.stack(np.meshgrid(np.arange(sight.size[0]), np.arange(sight.size[1])), -1).astype(float)
+def pixels_of(camera):
+    return np.stack(np.meshgrid(np.arange(camera.size[0]), np.arange(camera.size[1])), -1).astype(float)
