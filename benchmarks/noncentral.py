@@ -9,18 +9,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-
-import omnisight as om
 from omnisight.pipeline.noncentral import calibrate_rays
 
+import omnisight as om
+
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from noncentral import SIZE, in_focus, moving_pupil, off_by, off_focus, shown, sphere
+from noncentral import SIZE, in_focus, observe_boards, off_focus, projection_errors, pupil_shift_fisheye, sphere
 
 IMAGE_COUNT, NOISE_PX, DISTANCES_M = 20, 0.1, (0.2, 0.4, 1.0, 5.0)
 CAMERAS = {
     "lens 10 cm before a ball of 10 cm": sphere,
     "hyperbola, the lens 25 mm off its focus": off_focus,
-    "equisolid fisheye, its pupil 8 mm forward at 90 degrees": moving_pupil,
+    "equisolid fisheye, its pupil 8 mm forward at 90 degrees": pupil_shift_fisheye,
     "hyperbola in its focus": in_focus,
 }
 
@@ -31,12 +31,12 @@ def main(_: Sequence[str] = ()) -> None:
     print("|---" * (len(DISTANCES_M) + 4) + "|")
     for name, make in CAMERAS.items():
         truth = make()
-        views, points = shown(truth, IMAGE_COUNT, noise=NOISE_PX)
+        views, points = observe_boards(truth, IMAGE_COUNT, noise=NOISE_PX)
         central = om.calibrate_camera(views, SIZE, flat=True)
         rays = calibrate_rays(central, unit="m")
         for kind, found in (("central", central), ("axial", rays)):
             corners = found.state.points(views)[0]
-            off = [off_by(found.camera, truth, views, corners, points, distance) for distance in DISTANCES_M]
+            off = [projection_errors(found.camera, truth, views, corners, points, distance) for distance in DISTANCES_M]
             figures = " | ".join(f"{np.sqrt((o**2).mean()):.3f}" for o in off)
             held = f"{found.held_out_rms:.3f} | {'yes' if rays.needed else 'no'}"
             print(f"| {name} | {kind} | {figures} | {held} |", flush=True)

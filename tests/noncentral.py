@@ -1,4 +1,4 @@
-"""Boards seen by cameras whose rays do not meet in a point, traced exactly: the truth that calibrations are held to."""
+"""Boards observed by exactly traced non-central cameras, as ground truth for calibrations."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,13 @@ from omnisight.optics.placed_mirror import PlacedMirror
 
 SIZE = (1280, 1024)
 BOARD = om.Checkerboard(9, 6, 0.03)
-# From what a mirror sees (z away from the lens, in the middle of the image back at it) to the frame of its lens.
+# Rotation from the mirror camera frame (z towards the lens) to the lens frame.
 TURN = np.diag([-1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Mirror:
-    """A lens that looks into a mirror: its frame is the lens's, turned to look at the world, in the mirror's vertex."""
+class MirrorCamera:
+    """A lens and a mirror, in a frame at the mirror's vertex that looks back at the lens."""
 
     system: Catadioptric
 
@@ -39,62 +39,62 @@ class Mirror:
 
 
 @dataclass(frozen=True)
-class MovingPupil:
-    """An equisolid fisheye whose entrance pupil comes forward with the angle: s = travel (1 - cos(theta))."""
+class PupilShiftFisheye:
+    """An equisolid fisheye whose entrance pupil moves forward with the angle: s = shift (1 - cos(theta))."""
 
     lens: Equisolid
-    travel: float
+    shift: float
 
     def project(self, points):
         rho, z = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
         low, high = np.zeros(len(points)), np.full(len(points), np.pi)
         for _ in range(60):
             middle = (low + high) / 2
-            start = self.travel * (1 - np.cos(middle))
+            start = self.shift * (1 - np.cos(middle))
             outside = rho * np.cos(middle) > (z - start) * np.sin(middle)
             low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-        start = self.travel * (1 - np.cos(low))
+        start = self.shift * (1 - np.cos(low))
         return self.lens.project(points - start[:, None] * (0.0, 0.0, 1.0))
 
     def rays(self, pixels):
         bearings, valid = self.lens.unproject(pixels)
-        return self.travel * (1 - bearings[..., 2:]) * np.array([0.0, 0.0, 1.0]), bearings, valid
+        return self.shift * (1 - bearings[..., 2:]) * np.array([0.0, 0.0, 1.0]), bearings, valid
 
 
 def sphere():
-    """Give a camera before a ball of 10 cm."""
+    """Return a camera in front of a sphere of 10 cm."""
     return _before(Conic.sphere(radius=0.05, rim=0.0475), 0.1, 1500.0)
 
 
 def off_focus():
-    """Give a camera 25 mm nearer to a hyperbolic mirror than where it belongs."""
+    """Return a camera 25 mm too close to a hyperbolic mirror."""
     mirror = Conic.hyperbola(a=0.028, c=0.0385, rim=0.035)
     return _before(mirror, 2 * 0.0385 - (0.0385 - 0.028) - 0.025, 700.0)
 
 
 def in_focus():
-    """Give the same where it belongs."""
+    """Return a camera in the focus of a hyperbolic mirror."""
     mirror = Conic.hyperbola(a=0.028, c=0.0385, rim=0.035)
     return _before(mirror, 2 * 0.0385 - (0.0385 - 0.028), 900.0)
 
 
-def moving_pupil():
-    """Give a fisheye whose pupil comes 8 mm forward on the way to 90 degrees."""
-    return MovingPupil(Equisolid(fx=380.0, fy=380.0, cx=641.2, cy=510.3), 0.008)
+def pupil_shift_fisheye():
+    """Return a fisheye with an entrance pupil shift of 8 mm at 90 degrees."""
+    return PupilShiftFisheye(Equisolid(fx=380.0, fy=380.0, cx=641.2, cy=510.3), 0.008)
 
 
 def _before(mirror, distance, focal):
     lens = Pinhole(fx=focal, fy=focal, cx=640.3, cy=511.2)
-    return Mirror(Catadioptric(lens, (PlacedMirror(mirror, tz=distance),)))
+    return MirrorCamera(Catadioptric(lens, (PlacedMirror(mirror, tz=distance),)))
 
 
-def shown(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), distance=(0.12, 0.6)):
-    """Give boards held up all around, and their corners in the camera's frame.
+def observe_boards(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), distance=(0.12, 0.6)):
+    """Observe boards over the whole field of view.
 
     Returns
     -------
     views, points
-        The boards as seen with noise (px), and the corners (N, 3) where they truly are.
+        Observations with noise (px), and the true corners (N, 3) in the camera frame.
     """
     rng = np.random.default_rng(seed)
     board = BOARD.points - BOARD.points.mean(0)
@@ -115,7 +115,7 @@ def shown(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), distance=(0.12
 
 
 def _facing(away, rng):
-    """Give a rotation whose z axis looks nearly along a direction."""
+    """Return a rotation whose z axis is close to a direction."""
     z = away / np.linalg.norm(away)
     x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
     x /= np.linalg.norm(x)
@@ -124,18 +124,17 @@ def _facing(away, rng):
 
 
 def cam_from_truth(found, truth):
-    """Give the motion that maps true points (N, 3) most nearly to those that were found.
+    """Return the rotation and translation that map true points (N, 3) best to the estimated ones.
 
-    It may be a reflection: a mirror exchanges left and right, and boards, which are flat, look the same in a world that
-    does so too.
+    The rotation may be a reflection, because images of planar boards do not determine the handedness.
     """
     a, b = truth.mean(0), found.mean(0)
     u, _, vt = np.linalg.svd((found - b).T @ (truth - a))
     return u @ vt, b - u @ vt @ a
 
 
-def off_by(camera, truth, views, found, points, distance):
-    """Give by how much (px) a camera puts what the true rays of corners see at a distance beside its pixel (N,)."""
+def projection_errors(camera, truth, views, found, points, distance):
+    """Return the error (N,), px, of projecting points at a distance along the true rays of corners."""
     rotation, translation = cam_from_truth(found, points)
     pixels, _ = truth.project(points)
     origins, bearings, _ = truth.rays(pixels)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from noncentral import SIZE, moving_pupil, off_focus, shown, sphere
+from noncentral import SIZE, pupil_shift_fisheye, off_focus, observe_boards, sphere
 from omnisight.calibration.axial import fit
 from omnisight.calibration.covariance import camera_covariance
 from omnisight.calibration.prescription import placed
@@ -14,8 +14,8 @@ from omnisight.geometry.sphere import cap, polar
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.models.axial import Axial
 from omnisight.pipeline.noncentral import calibrate_rays
-from omnisight.quality.aligned_difference import rotation_aligned_difference
-from omnisight.quality.central_limit import CentralLimit, far_camera, from_viewpoint
+from omnisight.quality.split_half import rotation_aligned_difference
+from omnisight.quality.central_limit import CentralLimit, central_limit, in_central_frame
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.quality.uncertainty import Uncertainty
 
@@ -59,17 +59,17 @@ def test_what_is_far_is_seen_over_a_mirror_as_its_rays_go(make):
 
 def test_the_cone_behind_a_mirror_counts_from_its_axis():
     camera = om.RayCamera(off_focus().system, SIZE, theta_max=2.9, theta_min=1.2)
-    far = far_camera(camera)
+    far = central_limit(camera)
     assert (far.theta_min, far.theta_max) == (pytest.approx(np.pi - 2.9), pytest.approx(np.pi - 1.2))
-    lens = far_camera(om.RayCamera(MOVING, SIZE, theta_max=REACH))
+    lens = central_limit(om.RayCamera(MOVING, SIZE, theta_max=REACH))
     assert (lens.theta_min, lens.theta_max) == (0.0, REACH)
 
 
 def test_boards_stand_around_the_point_nearest_to_all_rays():
     """Those behind a mirror where the image shows them, with left and right exchanged."""
     system = off_focus().system
-    views, _ = shown(off_focus(), 6, noise=0.0, distance=(0.3, 0.8))
-    found = from_viewpoint(placed(system, views), system, views.pixels).points(views)[0]
+    views, _ = observe_boards(off_focus(), 6, noise=0.0, distance=(0.3, 0.8))
+    found = in_central_frame(placed(system, views), system, views.pixels).points(views)[0]
     seen, _ = CentralLimit(system).unproject(views.pixels)
     along = (found * seen).sum(1) / np.linalg.norm(found, axis=1)
     assert np.degrees(np.arccos(along.min())) < 2.0
@@ -78,7 +78,7 @@ def test_boards_stand_around_the_point_nearest_to_all_rays():
 @pytest.fixture(scope="module")
 def drawn_again():
     """Give a camera whose viewpoint moves, and what 80 calibrations of it found, each from other noise."""
-    views, _ = shown(om.RayCamera(MOVING, SIZE), 14, noise=0.0)
+    views, _ = observe_boards(om.RayCamera(MOVING, SIZE), 14, noise=0.0)
     central = om.calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
     trust = dataclasses.replace(central.trust, ceiling=None)
     tried = calibrate_rays(dataclasses.replace(central, trust=trust), unit="m").candidates
@@ -98,7 +98,7 @@ def test_it_is_as_sure_of_what_is_far_as_calibrations_of_other_noise_agree(drawn
     bearings, pixels = bearings[inside], pixels[inside]
     off = [rotation_aligned_difference(CentralLimit(c.state.model), bearings, pixels) for c, _ in drawn_again]
     observed = np.sqrt((np.array(off) ** 2).sum(-1).mean())
-    predicted = [Uncertainty.of(far_camera(ray_camera(*of))).projection(bearings) for of in drawn_again[:10]]
+    predicted = [Uncertainty.of(central_limit(ray_camera(*of))).projection(bearings) for of in drawn_again[:10]]
     stated = np.sqrt(np.trace(np.array(predicted), axis1=2, axis2=3).mean())
     assert stated / observed == pytest.approx(1.0, abs=0.15)
 
@@ -132,7 +132,7 @@ def test_the_way_between_two_places_does_not_depend_on_where_they_count_from():
 
 def test_a_better_lens_is_no_moving_viewpoint():
     """It is compared with the same lens, its viewpoint standing still, where that is better than what was chosen."""
-    views, _ = shown(om.Camera(LENS, SIZE), 12, noise=0.2, distance=(0.15, 0.6))
+    views, _ = observe_boards(om.Camera(LENS, SIZE), 12, noise=0.2, distance=(0.15, 0.6))
     central = om.calibrate_camera(views, SIZE, model="equidistant", flat=True)
     found = calibrate_rays(central, unit="m")
     assert found.held_out_rms < 0.8 * central.held_out_rms
@@ -146,7 +146,7 @@ def test_a_better_lens_is_no_moving_viewpoint():
 
 
 def test_it_says_of_itself_what_it_says_of_a_central_camera():
-    views, _ = shown(moving_pupil(), 9, noise=0.1)
+    views, _ = observe_boards(pupil_shift_fisheye(), 9, noise=0.1)
     central = om.calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
     trust = dataclasses.replace(central.trust, ceiling=None)
     found = calibrate_rays(dataclasses.replace(central, trust=trust), unit="m")

@@ -1,4 +1,4 @@
-"""The compiled painter: the light that comes along rays, from filtered textures and the light on them."""
+"""Compiled shading: the light along rays, from anisotropically filtered textures and precomputed light."""
 
 # Compiled code takes its types from its arguments.
 # pyright: basic
@@ -11,16 +11,19 @@ from omnisight.compiled import njit_driver, njit_helper
 from omnisight.simulation._shapes import CYLINDER, ELLIPSOID, RECTANGLE, chart, place
 from omnisight.simulation._trace import first_hit, to_local, world_normal
 
-PROBES = 8  # at most, along the longer side of a ray's footprint
-SHARPER = 0.75  # a texel may be this part of the footprint: several rays average
-# Sunlight, and what the sky gives beside it, in red, green and blue.
+# Texture samples along the longer side of a ray's footprint.
+MAX_PROBES = 8
+# Scale of the footprint for filtering; less than 1, because several rays per pixel are averaged.
+FOOTPRINT_SCALE = 0.75
+# Colours of sunlight and skylight (red, green, blue).
 SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
-LIFT = 1e-5  # metres by which rays to the light start off a face
+# Offset of shadow rays from the surface, metres, against self-intersection.
+SHADOW_OFFSET_M = 1e-5
 
 
 @njit_helper
-def _between(start, width, height, u, v):
-    """Return where a place of a grid lies: its cell's index, the steps right and below, and its share of each."""
+def _bilinear_cell(start, width, height, u, v):
+    """Return the bilinear cell of a grid position: index, index steps right and down, and fractions."""
     x = min(max(u * width - 0.5, 0.0), width - 1.0)
     y = min(max(v * height - 0.5, 0.0), height - 1.0)
     column, row = int(x), int(y)
@@ -31,9 +34,9 @@ def _between(start, width, height, u, v):
 
 @njit_helper
 def _texel(world, level, u, v):
-    """Return the light (r, g, b) of a place in one level of a texture, bilinear, clamped at its edges."""
+    """Interpolate the light (r, g, b) in one level of a texture bilinearly, clamped at its edges."""
     start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
-    at, right, below, fx, fy = _between(start, width, height, u, v)
+    at, right, below, fx, fy = _bilinear_cell(start, width, height, u, v)
     texels, linear = world.texels, world.linear
     r0, r1 = linear[texels[at, 0]], linear[texels[at + below, 0]]
     g0, g1 = linear[texels[at, 1]], linear[texels[at + below, 1]]
@@ -49,19 +52,19 @@ def _texel(world, level, u, v):
 
 @njit_helper
 def _filtered(world, texture, u, v, ux, vx, uy, vy):
-    """Return the mean light of a texture over the parallelogram of two steps (ux, vx), (uy, vy) about (u, v).
+    """Return the mean light of a texture over the parallelogram with sides (ux, vx), (uy, vy) about (u, v).
 
-    Probes lie along the longer step, each in the level whose texels are as large as the shorter one.
+    Anisotropic filtering: samples along the longer side, in the mipmap level of the shorter side.
     """
     first, count = world.textures[texture, 0], world.textures[texture, 1]
     width, height = world.levels[first, 1], world.levels[first, 2]
     a, b = math.hypot(ux * width, vx * height), math.hypot(uy * width, vy * height)
     if a < b:
         a, b, ux, vx = b, a, uy, vy
-    a, b = a * SHARPER, b * SHARPER
+    a, b = a * FOOTPRINT_SCALE, b * FOOTPRINT_SCALE
     if not a > 1.0:
         return _texel(world, first, u, v)
-    probes = int(min(math.ceil(a / max(b, 1.0)), PROBES))
+    probes = int(min(math.ceil(a / max(b, 1.0)), MAX_PROBES))
     level = max(0.0, math.log2(a / probes))
     low = int(min(level, count - 1.0))
     share = level - low if low + 1 < count else 0.0
@@ -79,9 +82,9 @@ def _filtered(world, texture, u, v, ux, vx, uy, vy):
 
 @njit_helper
 def _light(world, face, u, v):
-    """Return the light that falls on a place of a face, bilinear."""
+    """Interpolate the precomputed light on a face bilinearly."""
     start, width, height = world.faces[face, 1], world.faces[face, 2], world.faces[face, 3]
-    at, right, below, fx, fy = _between(start, width, height, u, v)
+    at, right, below, fx, fy = _bilinear_cell(start, width, height, u, v)
     light = world.light
     above = light[at] + fx * (light[at + right] - light[at])
     under = light[at + below] + fx * (light[at + below + right] - light[at + below])
@@ -89,8 +92,8 @@ def _light(world, face, u, v):
 
 
 @njit_helper
-def _moved(world, solid, face, x, y, z, u, v, step):
-    """Return by how much (u, v) changes over a step (x, y, z) along a face."""
+def _chart_step(world, solid, face, x, y, z, u, v, step):
+    """Return the change of (u, v) for a step (x, y, z) along a face."""
     sx, sy, sz = to_local(world.local_from_world[solid], step[0], step[1], step[2])
     kind = world.kinds[solid]
     a, b = chart(kind, face, x + sx, y + sy, z + sz)
@@ -101,8 +104,8 @@ def _moved(world, solid, face, x, y, z, u, v, step):
 
 
 @njit_helper
-def _on_face(t, d, n, origin_step, bearing_step):
-    """Return how far a hit moves along its face as the ray goes to its neighbour's."""
+def _surface_step(t, d, n, origin_step, bearing_step):
+    """Return the displacement of a hit on its face from a ray to a neighbouring ray (ray differential)."""
     sx = origin_step[0] + t * bearing_step[0]
     sy = origin_step[1] + t * bearing_step[1]
     sz = origin_step[2] + t * bearing_step[2]
@@ -114,7 +117,7 @@ def _on_face(t, d, n, origin_step, bearing_step):
 
 @njit_helper
 def _radiance(world, o, d, ox, dx, oy, dy):
-    """Return the light (r, g, b) along a ray; o, d and their changes towards the neighbours across and down."""
+    """Return the light (r, g, b) along a ray; ox, dx, oy, dy are differences to the rays right and below."""
     t, solid, face = first_hit(world, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf)
     if solid < 0:
         if world.sky < 0:
@@ -130,8 +133,8 @@ def _radiance(world, o, d, ox, dx, oy, dy):
     u, v = chart(kind, face, x, y, z)
     n = world_normal(world, solid, face, x, y, z)
     row = world.first_face[solid] + face
-    ux, vx = _moved(world, solid, face, x, y, z, u, v, _on_face(t, d, n, ox, dx))
-    uy, vy = _moved(world, solid, face, x, y, z, u, v, _on_face(t, d, n, oy, dy))
+    ux, vx = _chart_step(world, solid, face, x, y, z, u, v, _surface_step(t, d, n, ox, dx))
+    uy, vy = _chart_step(world, solid, face, x, y, z, u, v, _surface_step(t, d, n, oy, dy))
     r, g, b = _filtered(world, world.faces[row, 0], u, v, ux, vx, uy, vy)
     light = float(_light(world, row, u, v))
     sun = world.sun
@@ -141,7 +144,7 @@ def _radiance(world, o, d, ox, dx, oy, dy):
         side = -1.0 if kind == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0 else 1.0
         facing = side * (n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2])
         if facing > 0:
-            lift = side * LIFT
+            lift = side * SHADOW_OFFSET_M
             sx, sy, sz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
             if first_hit(world, sx, sy, sz, sun[0], sun[1], sun[2], 1e-6, np.inf)[1] < 0:
                 shine = sun[3] * facing
@@ -153,7 +156,7 @@ def _radiance(world, o, d, ox, dx, oy, dy):
 
 
 @njit_helper
-def _turned(rotation, v):
+def _rotate(rotation, v):
     return (
         rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
         rotation[1, 0] * v[0] + rotation[1, 1] * v[1] + rotation[1, 2] * v[2],
@@ -162,24 +165,24 @@ def _turned(rotation, v):
 
 
 @njit_helper
-def _less(a, b):
+def _subtract(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @njit_helper
 def _neighbour(i, samples, end):
-    """Return a ray beside ray i: of the same pixel if it has several, so that how an image is cut changes nothing."""
+    """Return the index of a neighbouring ray, in the same pixel if possible, so that windows do not change results."""
     if samples > 1:
         return i + 1 if (i + 1) % samples else i - 1
     return i + 1 if i + 1 < end else i - 1 if i > 0 else i
 
 
 @njit_driver
-def paint(world, origins, bearings, rotations, translations, samples, image, first, last):
-    """Fill rows first to last of image (H, W, 3) with the light of rays, samples x samples for each pixel.
+def render_rows(world, origins, bearings, rotations, translations, samples, image, first, last):
+    """Render rows first to last of image (H, W, 3), with samples x samples rays per pixel.
 
-    Rays (H samples, W samples, 3) are in the camera's frame, whose pose world_from_cam may differ in each row of
-    pixels: rotations (H, 3, 3), translations (H, 3). A ray that is NaN is black.
+    Rays (H samples, W samples, 3) are in the camera frame. Each pixel row has its own pose world_from_cam: rotations
+    (H, 3, 3), translations (H, 3). NaN rays are black.
     """
     height, width = bearings.shape[0], bearings.shape[1]
     for row in range(first, last):
@@ -191,13 +194,13 @@ def paint(world, origins, bearings, rotations, translations, samples, image, fir
                     bearing = bearings[j, i]
                     if bearing[0] != bearing[0]:
                         continue
-                    d, o = _turned(turn, bearing), _turned(turn, origins[j, i])
+                    d, o = _rotate(turn, bearing), _rotate(turn, origins[j, i])
                     across, down = _neighbour(i, samples, width), _neighbour(j, samples, height)
-                    dx = _less(_turned(turn, bearings[j, across]), d)
-                    dy = _less(_turned(turn, bearings[down, i]), d)
-                    ox = _less(_turned(turn, origins[j, across]), o)
-                    oy = _less(_turned(turn, origins[down, i]), o)
-                    # At the rim one neighbour may see nothing: the other tells, and a quarter turn of it.
+                    dx = _subtract(_rotate(turn, bearings[j, across]), d)
+                    dy = _subtract(_rotate(turn, bearings[down, i]), d)
+                    ox = _subtract(_rotate(turn, origins[j, across]), o)
+                    oy = _subtract(_rotate(turn, origins[down, i]), o)
+                    # At the edge of the view one neighbour may be invalid: use the other one.
                     if dx[0] != dx[0]:
                         dx, ox = dy, oy
                     if dy[0] != dy[0]:
@@ -212,12 +215,11 @@ def paint(world, origins, bearings, rotations, translations, samples, image, fir
 
 
 @njit_driver
-def illuminate(world, world_from_local, spots, directions, lamps, ambient, reach, light, first, last):
-    """Fill rows first to last of light with what falls on spots (N, 4) of solids: solid, face, u, v.
+def precompute_light(world, world_from_local, spots, directions, lamps, ambient, reach, light, first, last):
+    """Compute rows first to last of the light at samples (N, 4): solid, face, u, v.
 
-    From all around, `ambient` as far as nothing stands within `reach`: directions (K, 3) are spread about z as the
-    cosine has it. From lamps (M, 4), points that shine down and their strengths, as the square of
-    their distance has it.
+    Ambient light is reduced by solids within `reach` (ambient occlusion), sampled by cosine-weighted directions (K, 3)
+    about z. Lamps (M, 4), position and strength, shine downwards with the inverse square of the distance.
     """
     for i in range(first, last):
         solid, face = int(spots[i, 0]), int(spots[i, 1])
@@ -225,7 +227,11 @@ def illuminate(world, world_from_local, spots, directions, lamps, ambient, reach
         nx, ny, nz = world_normal(world, solid, face, x, y, z)
         m = world_from_local[solid]
         px, py, pz = to_local(m, x, y, z)
-        px, py, pz = px + m[0, 3] + LIFT * nx, py + m[1, 3] + LIFT * ny, pz + m[2, 3] + LIFT * nz
+        px, py, pz = (
+            px + m[0, 3] + SHADOW_OFFSET_M * nx,
+            py + m[1, 3] + SHADOW_OFFSET_M * ny,
+            pz + m[2, 3] + SHADOW_OFFSET_M * nz,
+        )
         # A frame about the normal (Duff et al. 2017, Building an orthonormal basis, revisited).
         sign = 1.0 if nz >= 0 else -1.0
         a = -1 / (sign + nz)
@@ -243,7 +249,7 @@ def illuminate(world, world_from_local, spots, directions, lamps, ambient, reach
             lx, ly, lz = lamps[k, 0] - px, lamps[k, 1] - py, lamps[k, 2] - pz
             far = math.sqrt(lx * lx + ly * ly + lz * lz)
             lx, ly, lz = lx / far, ly / far, lz / far
-            # It shines down: y points there, and away from the spot it is -ly.
+            # Cosine at the lamp, which shines down (+y).
             facing = (lx * nx + ly * ny + lz * nz) * max(-ly, 0.0)
             if facing > 0 and first_hit(world, px, py, pz, lx, ly, lz, 1e-6, far - 1e-3)[1] < 0:
                 total += lamps[k, 3] * facing / (far * far)

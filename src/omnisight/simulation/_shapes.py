@@ -1,6 +1,6 @@
-"""The compiled shapes, of unit size in a frame of their own: where rays meet them, normals, and charts of faces.
+"""Compiled unit shapes: intersection with rays, normals and texture coordinates of their faces.
 
-A chart gives each point of a face (u, v), 0 to 1, u to the right and v down as seen from outside. y points down.
+Texture coordinates (u, v) are 0 to 1, u to the right and v down as seen from outside. y points down.
 """
 
 # Compiled code takes its types from its arguments.
@@ -14,7 +14,7 @@ from omnisight.compiled import njit_helper
 
 RECTANGLE, BOX, ELLIPSOID, CYLINDER, ROOF = range(5)
 
-# Half spaces n p <= c whose intersection is the shape; a face for each, in this order.
+# Half-spaces n p <= c whose intersection is the shape, in the order of the faces.
 PLANES = np.array(
     [
         # box: left, right, top, bottom, near, far
@@ -28,7 +28,7 @@ PLANES = np.array(
 
 @njit_helper
 def meet(kind, ox, oy, oz, dx, dy, dz, least):
-    """Return the first distance > least, in lengths of the direction, at which a ray meets a shape, and the face."""
+    """Return the first ray parameter > least at which a ray meets a shape, and the face."""
     if kind == RECTANGLE:
         t = -oz / dz
         x, y = ox + t * dx, oy + t * dy
@@ -46,11 +46,11 @@ def meet(kind, ox, oy, oz, dx, dy, dz, least):
 
 @njit_helper
 def _roots(a, b, c):
-    """Return both solutions of a t^2 + 2 b t + c = 0, the lesser first; inf where there is none."""
+    """Return both solutions of a t^2 + 2 b t + c = 0 in ascending order; inf if there is none."""
     under = b * b - a * c
     if under < 0:
         return np.inf, np.inf
-    # Of the two forms of each solution the one that subtracts no near equals.
+    # The form of each solution without cancellation.
     q = -b - math.sqrt(under) if b > 0 else -b + math.sqrt(under)
     first, second = q / a, c / q
     return min(first, second), max(first, second)
@@ -58,7 +58,7 @@ def _roots(a, b, c):
 
 @njit_helper
 def _first(enter, enter_face, leave, leave_face, least):
-    """Return where a ray first meets a convex solid past `least`, and which face: going in, or else coming out."""
+    """Return the first intersection with a convex solid beyond `least`, entering or leaving, and the face."""
     if enter > leave:
         return np.inf, 0
     if enter > least:
@@ -92,7 +92,7 @@ def _convex(first, count, ox, oy, oz, dx, dy, dz, least):
 
 @njit_helper
 def _cylinder(ox, oy, oz, dx, dy, dz, least):
-    """Do so for a closed cylinder around y, from 0 to 1: faces side, top, bottom."""
+    """Intersect a closed cylinder around y, from 0 to 1; faces are side, top, bottom."""
     enter, leave, enter_face, leave_face = -np.inf, np.inf, 0, 0
     across = dx * dx + dz * dz
     if across > 0:
@@ -115,7 +115,7 @@ def _cylinder(ox, oy, oz, dx, dy, dz, least):
 
 @njit_helper
 def normal(kind, face, x, y, z):
-    """Return the outward normal, of any length, at a point of a face."""
+    """Return the outward normal, not normalized, at a point of a face."""
     if kind == RECTANGLE:
         return 0.0, 0.0, -1.0
     if kind == BOX:
@@ -131,7 +131,7 @@ def normal(kind, face, x, y, z):
 
 @njit_helper
 def chart(kind, face, x, y, z):
-    """Return (u, v) of a point of a face, or of one near it."""
+    """Return the texture coordinates (u, v) of a point on or near a face."""
     if kind == RECTANGLE:
         return x, y
     if kind == BOX:
@@ -155,7 +155,7 @@ def chart(kind, face, x, y, z):
 
 @njit_helper
 def place(kind, face, u, v):
-    """Return the point of a face that has (u, v): `chart` backwards."""
+    """Return the point of a face with texture coordinates (u, v): the inverse of `chart`."""
     if kind == RECTANGLE:
         return u, v, 0.0
     if kind == BOX:

@@ -1,4 +1,4 @@
-"""The compiled search for what a ray meets first, through a tree of boxes around the solids."""
+"""Compiled ray casting through a bounding-box tree."""
 
 # Compiled code takes its types from its arguments.
 # pyright: basic
@@ -13,36 +13,36 @@ from omnisight.simulation._shapes import meet, normal
 
 
 class World(NamedTuple):
-    """A scene as the compiled loops see it.
+    """A scene in arrays, for the compiled loops.
 
     Attributes
     ----------
     local_from_world
-        (S, 3, 4) of each solid.
+        (S, 3, 4), for each solid.
     kinds, first_face, instance
-        (S,) of each solid: its shape, its first row in `faces`, its number among the named things.
+        (S,), for each solid: shape, first row in `faces`, instance number.
     inward
-        (S,), -1 where a solid is seen from inside, else 1.
+        (S,), -1 for solids seen from inside, else 1.
     boxes
         (N, 6) low and high corner of each node of the tree, parents before children.
     nodes
-        (N, 3): where to go on past the node, and for a leaf its first solid and how many; solids stand in their order.
+        (N, 3): next node if this one is skipped, first solid and number of solids of a leaf.
     faces
-        (F, 4) of each face: its texture, and where its light begins, with how many columns and rows.
+        (F, 4), for each face: texture, start of its light, columns and rows of the light.
     light
-        What falls on the faces, 1 for plain daylight.
+        Light on the faces, 1 for daylight.
     textures
-        (T, 2): first row in `levels`, and how many levels.
+        (T, 2): first row in `levels`, number of levels.
     levels
-        (L, 3): where a level's texels begin, its width and its height.
+        (L, 3): start in `texels`, width and height.
     texels
-        (X, 3) of 8 bits, sRGB.
+        (X, 3), 8 bits, sRGB.
     linear
-        (256,) the light of each value of 8 bits.
+        (256,) linear light of each 8-bit value.
     sun
-        (4,) direction to the sun, and its strength.
+        (4,) direction to the sun and its strength.
     sky
-        The sky's texture, -1 where there is none.
+        Texture of the sky, -1 if there is none.
     """
 
     local_from_world: Any
@@ -64,7 +64,7 @@ class World(NamedTuple):
 
 @njit_helper
 def to_local(m, x, y, z):
-    """Map a direction by the linear part of (3, 4)."""
+    """Transform a direction by the linear part of (3, 4)."""
     return (
         m[0, 0] * x + m[0, 1] * y + m[0, 2] * z,
         m[1, 0] * x + m[1, 1] * y + m[1, 2] * z,
@@ -74,7 +74,7 @@ def to_local(m, x, y, z):
 
 @njit_helper
 def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
-    """Return distance, solid and face of what a ray meets first between two distances; inf and -1 where nothing."""
+    """Return distance, solid and face of the first hit between two distances; inf and -1 if there is none."""
     best, solid, best_face = most, -1, 0
     ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
     boxes, node, end = world.boxes, 0, len(world.nodes)
@@ -101,7 +101,7 @@ def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
 
 @njit_helper
 def world_normal(world, solid, face, x, y, z):
-    """Return the unit normal (world frame) of the side that is seen, at a local point of a face."""
+    """Return the unit normal (world frame) of the visible side at a local point of a face."""
     m = world.local_from_world[solid]
     a, b, c = normal(world.kinds[solid], face, x, y, z)
     nx = m[0, 0] * a + m[1, 0] * b + m[2, 0] * c
@@ -113,9 +113,9 @@ def world_normal(world, solid, face, x, y, z):
 
 @njit_driver
 def cast(world, origins, bearings, distances, normals, instances, first, last):
-    """Fill rows first to last of distances (N,), normals (N, 3) and instances (N,): what rays (N, 3) meet, exactly.
+    """Compute rows first to last of distances (N,), normals (N, 3) and instances (N,) of the hits of rays (N, 3).
 
-    Normals turn to where the ray comes from. A ray that meets nothing gets NaN and instance 0.
+    Normals point towards the origin of the ray. A ray without a hit has NaN and instance 0.
     """
     for i in range(first, last):
         ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]

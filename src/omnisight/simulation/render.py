@@ -247,7 +247,7 @@ class Renderer:
             part = result[rows.start - whole.start : rows.stop - whole.start]
             fixed: Any = (world, rays.origins, rays.bearings, self._rotations[rows], self._eyes[rows], self.samples)
             parallel_for(
-                lambda first, last, f=fixed, p=part: _shading.paint(*f, p, first, last), len(part), ROWS_PER_TASK
+                lambda first, last, f=fixed, p=part: _shading.render_rows(*f, p, first, last), len(part), ROWS_PER_TASK
             )
             if self.vignette or self.theta != (0.0, np.pi):
                 centres = rays if self.samples == 1 else self._rays(rows, columns, 1)

@@ -177,7 +177,7 @@ def illuminate(world: Any, solids: Sequence[Solid], lighting: Lighting, lights: 
         directions, lamps = _cosine_directions(), _lamp_points(lighting.lamps)
         ambient, reach = float(lighting.ambient), float(lighting.reach)
         parallel_for(
-            lambda first, last: _shading.illuminate(
+            lambda first, last: _shading.precompute_light(
                 world, forward, every, directions, lamps, ambient, reach, light, first, last
             ),
             count,
