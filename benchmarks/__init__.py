@@ -1,1 +1,1 @@
-"""Side-by-side measurements against the peers, in one process; `python -m benchmarks` prints the ratios."""
+"""Comparisons with other libraries and evaluations of the accuracy; see `python -m benchmarks --help`."""

@@ -1,4 +1,4 @@
-"""Solving: the same corners and the same start."""
+"""Bundle adjustment of the same corners from the same initial values, compared with cv2.omnidir."""
 
 import cv2
 import numpy as np
@@ -35,7 +35,7 @@ def run() -> list[Race]:
     views, truth, rotations, translations = boards()
     rough = truth.with_params(np.array([640.0, 640.0, 515.5, 388.5, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
     start = State(rough, rotations @ exp([0.02, -0.02, 0.01]), translations * 1.03)
-    freedom = FreeParameters.of(truth, free=["skew"])
+    free_parameters = FreeParameters.of(truth, free=["skew"])
     objects = [views.points[g][None] for g in views.groups]
     images = [views.pixels[g][None] for g in views.groups]
 
@@ -44,13 +44,13 @@ def run() -> list[Race]:
             objects, images, SIZE, None, None, None, 0, (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-8)
         )
 
-    ours = refine(start, views, freedom=freedom, loss="squared")
+    ours = refine(start, views, free_parameters=free_parameters, loss="squared")
     rms = float(np.sqrt((ours.state.lengths(views) ** 2).mean()))
     note = f"rms {rms:.4f} px against {theirs()[0]:.4f}, which starts by itself"
     return [
         race(
             "refine 15 views x 48 corners, Mei",
-            lambda: refine(start, views, freedom=freedom, loss="squared"),
+            lambda: refine(start, views, free_parameters=free_parameters, loss="squared"),
             theirs,
             "cv2.omnidir.calibrate",
             3,

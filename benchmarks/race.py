@@ -1,4 +1,4 @@
-"""Timing two ways of doing the same work, in turn, so that a noisy machine is noisy for both."""
+"""Time two implementations of the same work alternately, so that other load on the machine affects both."""
 
 import time
 from collections.abc import Callable
@@ -8,20 +8,20 @@ from statistics import median
 
 @dataclass(frozen=True)
 class Race:
-    """What was measured.
+    """Times of the same work in omnisight and in another library.
 
     Attributes
     ----------
     work
-        What was done.
+        Description of the work.
     ours, theirs
-        Median time, seconds.
+        Median times, seconds.
     peer
-        Who.
+        Name of the other library, or of a fixed limit.
     target
-        The ratio theirs/ours to reach.
+        Required ratio theirs/ours.
     note
-        Differences in the results, or what else to know.
+        Difference of the results, or another remark.
     """
 
     work: str
@@ -46,19 +46,19 @@ def race(
     runs: int = 15,
     note: str = "",
 ) -> Race:
-    """Run both once to warm up, then in turn, and take the medians."""
+    """Run both once to warm up, then alternately, and return the medians."""
     ours(), theirs()
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(runs):
         for function, taken in zip((ours, theirs), times, strict=True):
-            begun = time.perf_counter()
+            start = time.perf_counter()
             function()
-            taken.append(time.perf_counter() - begun)
+            taken.append(time.perf_counter() - start)
     return Race(work, median(times[0]), median(times[1]), peer, target, note)
 
 
 def table(races: list[Race]) -> str:
-    """Give the races as a Markdown table."""
+    """Return a Markdown table of the races."""
     lines = ["| work | ours | peer | theirs | ratio | at least | |", "|---|---|---|---|---|---|---|"]
     for r in races:
         reached = "yes" if r.ratio >= r.target else "**no**"

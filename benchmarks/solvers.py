@@ -1,9 +1,10 @@
-"""Solvers on the corners of real cameras: the same corners and the same model.
+"""Compare calibration solvers on corners of real cameras, with the same corners and the same model.
 
-All corners count alike, as they do for the peers; "ours, huber" is ours as it is used, and has the greater rms where
-corners are wrong. Held out: the camera from the even views; the boards of the odd views posed with it, by one and the
-same refinement for all, and their rms. Where a solver leaves views out, as cv2.omnidir.calibrate may, there is a row of
-ours on the views that it keeps, in the even ones too. `python -m benchmarks solvers` prints the table.
+`python -m benchmarks solvers [SET ...]` prints the table. All solvers minimize the plain sum of squares; the row
+"ours, huber" is the default of omnisight with a robust loss, whose rms is larger if there are outliers. Held out: the
+camera is estimated from the even views, the board poses of the odd views are estimated with it by the same refinement
+for all solvers, and the rms of the odd views is reported. A solver may drop views, as cv2.omnidir.calibrate does; an
+additional row then has our result on the views that it keeps.
 """
 
 import time
@@ -24,7 +25,7 @@ from omnisight.calibration.resection import reresect
 from omnisight.calibration.state import State
 from omnisight.models.ocam import Ocam
 
-# So strict that peers stop for no other reason than that they have arrived: at 200 and 1e-8 some stop early.
+# Strict, so that the other solvers converge: with 200 iterations and 1e-8 some stop early.
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
 DEGREE = 4
 EVERYTHING = ("mei", "kannala_brandt", "ocam")
@@ -32,7 +33,7 @@ EVERYTHING = ("mei", "kannala_brandt", "ocam")
 
 @dataclass(frozen=True)
 class Solved:
-    """The camera with the poses of the views that were kept."""
+    """A camera with the board poses of the views that the solver kept."""
 
     state: State
     kept: Sequence[int]
@@ -40,24 +41,24 @@ class Solved:
 
 @dataclass(frozen=True)
 class Row:
-    """What one solver makes of one set.
+    """Result of one solver on one set.
 
     Attributes
     ----------
     corners, model, solver
-        Which.
+        Names.
     given, kept
-        Views it was given, and used.
+        Number of views, and of those that the solver used.
     rms
-        Over the views it used, px.
+        Over the used views, px; None if the solver failed.
     held_out
-        Rms over the odd views, the camera from the even ones, px; None where it has none.
+        Rms over the odd views with the camera of the even views, px; None if not available.
     folds
-        The same in three rounds, each a third of the views, where the set has them; None elsewhere.
+        Rms of a 3-fold cross-validation, px; None for sets without it.
     seconds
-        Of processor time to calibrate on all views, start included; None where it does not count.
+        Processor time of the calibration on all views with initialization; None if not comparable.
     note
-        Its message where it fails.
+        Error message of a failed solver.
     """
 
     corners: str
@@ -79,13 +80,15 @@ def ours(name: str, loss: str = "squared") -> Solve:
     def solve(views: om.Observations, size: tuple[int, int]) -> Solved:
         start = estimate_initial_camera(views, size)
         if name == "ocam":
-            begun = replace(start, model=next(Ocam.starts_of_degrees(start.points(views)[0], views.pixels, [DEGREE])))
+            initial = replace(
+                start, model=next(Ocam.initial_models_of_degrees(start.points(views)[0], views.pixels, [DEGREE]))
+            )
         else:
-            begun = multistart_refit(start, om.model_class(name), views)
-        assert begun is not None
+            initial = multistart_refit(start, om.model_class(name), views)
+        assert initial is not None
         # cv2.omnidir estimates the skew.
-        freedom = FreeParameters.of(begun.model, free=("skew",) if name == "mei" else ())
-        return Solved(refine(begun, views, freedom=freedom, loss=loss).state, range(len(views)))
+        free_parameters = FreeParameters.of(initial.model, free=("skew",) if name == "mei" else ())
+        return Solved(refine(initial, views, free_parameters=free_parameters, loss=loss).state, range(len(views)))
 
     return solve
 
@@ -119,14 +122,14 @@ PEERS: dict[str, tuple[str, Solve]] = {
 
 
 def rows(only: Iterable[str] = (), models: Iterable[str] = EVERYTHING) -> Iterator[Row]:
-    """Measure every set, or those named, one solver after the other.
+    """Yield the results of all solvers on every set.
 
     Parameters
     ----------
     only
-        Names of sets; all that are there unless told otherwise.
+        Names of sets; empty for all that are present.
     models
-        Which models to compare solvers of.
+        Names of models.
     """
     wanted, models = set(only), tuple(models)
     for corners in corner_sets():
@@ -149,7 +152,7 @@ def _of(corners: Corners, model: str) -> Iterator[Row]:
 
 
 def on_the_views_of(peer: Solve, own: Solve) -> Solve:
-    """Give a solver that leaves out whatever views the peer does."""
+    """Return a solver that runs on the views that the peer keeps."""
 
     def solve(views: om.Observations, size: tuple[int, int]) -> Solved:
         kept = peer(views, size).kept
@@ -161,12 +164,12 @@ def on_the_views_of(peer: Solve, own: Solve) -> Solve:
 def _row(corners: Corners, model: str, name: str, solve: Solve, hint: State | None) -> tuple[Row, Solved | None]:
     views, every = corners.views, np.arange(len(corners.views))
     row = Row(corners.name, model, name, len(every))
-    begun = time.process_time()
+    start = time.process_time()
     try:
         solved = solve(views, corners.size)
     except (cv2.error, ValueError) as error:
         return replace(row, note=_message(error)), None
-    seconds = time.process_time() - begun
+    seconds = time.process_time() - start
     kept = views.subset(np.array(solved.kept))
     row = replace(row, kept=len(kept), rms=_rms([solved.state.lengths(kept)]), seconds=seconds)
     hint = solved.state if hint is None else hint
@@ -186,9 +189,11 @@ def _held_out(corners: Corners, solve: Solve, hint: State, tests: Sequence[np.nd
         train = np.setdiff1d(np.arange(len(corners.views)), test)
         camera = solve(corners.views.subset(train), corners.size).state.model
         seen = corners.views.subset(test)
-        # Every board begins where its bearings put it, or where our calibration on all views has it, whichever fits.
-        begun = reresect(State(camera, hint.rotations[test], hint.translations[test]), seen)
-        lengths.append(refine(begun, seen, freedom=FreeParameters.none(camera), loss="squared").state.lengths(seen))
+        # Initial board pose: resection, or the pose of our calibration on all views, whichever has the lower cost.
+        initial = reresect(State(camera, hint.rotations[test], hint.translations[test]), seen)
+        lengths.append(
+            refine(initial, seen, free_parameters=FreeParameters.none(camera), loss="squared").state.lengths(seen)
+        )
     return _rms(lengths)
 
 
@@ -210,13 +215,13 @@ def _rms(lengths: Sequence[np.ndarray]) -> float:
 
 
 def _message(error: Exception) -> str:
-    """Give an error's message on one line; OpenCV's without its path."""
+    """Return an error message on one line, for OpenCV without the path of its source file."""
     text = " ".join(str(error).split())
     return text.rpartition("error: ")[2].replace("|", "/")[:120]
 
 
 def line(r: Row) -> str:
-    """Give a row as one of a Markdown table."""
+    """Return a row of the Markdown table."""
     figures = [f"{x:.4f}" if x is not None else "" for x in (r.rms, r.held_out, r.folds)]
     seconds = f"{r.seconds:.2f}" if r.seconds is not None else ""
     return "| " + " | ".join([r.corners, r.model, r.solver, f"{r.kept} of {r.given}", *figures, seconds, r.note]) + " |"
@@ -228,6 +233,7 @@ HEAD = """\
 
 
 def main(only: Sequence[str] = ()) -> None:
+    """Print the table of all sets, or of those named."""
     print(f"OpenCV {cv2.__version__}; rms of |d| over all corners.\n\n{HEAD}")
     for row in rows(only):
         print(line(row), flush=True)

@@ -1,4 +1,4 @@
-"""Detected corners of real cameras, to compare solvers on: the same for all."""
+"""Detected corners of real cameras, the common input of the solvers that are compared."""
 
 import os
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ CONTRIB = {
 
 @dataclass(frozen=True)
 class Corners:
-    """A set of views with the (width, height) of its images; `folds` more rounds of holding out, 0 for none."""
+    """Observations with the (width, height) of their images, and the number of cross-validation folds or 0."""
 
     name: str
     views: om.Observations
@@ -37,7 +37,7 @@ class Corners:
 
 
 def corner_sets() -> Iterator[Corners]:
-    """Give every set that is there."""
+    """Yield every set that is present in the data folder."""
     for name, size in SIZES.items():
         if (path := DATA / "corners" / f"{name}.npz").exists():
             yield read(name, path, size)
@@ -51,6 +51,6 @@ def corner_sets() -> Iterator[Corners]:
 def read(
     name: str, path: Path, size: tuple[int, int] | None = None, which: str | None = None, folds: int = 0
 ) -> Corners:
-    """Read a file of corners; lengths are in squares."""
+    """Read a corner file; lengths are in squares."""
     search = om.read_corners([path], size=size, which=which)
     return Corners(name, om.Observations.of_search(search), search.size, folds)

@@ -1,4 +1,4 @@
-"""Fresh processes."""
+"""Time of the import and of the first projection in a new process."""
 
 import subprocess
 import sys
@@ -29,9 +29,9 @@ def run() -> list[Race]:
             subprocess.run(command, capture_output=True, check=False)
             times = []
             for _ in range(3):
-                begun = time.perf_counter()
+                start = time.perf_counter()
                 subprocess.run(command, capture_output=True, check=False)
-                times.append(time.perf_counter() - begun)
+                times.append(time.perf_counter() - start)
             if median(times) > worst:
                 worst, name_of_worst = median(times), name
         label = f"{work} ({name_of_worst})" if name_of_worst else work

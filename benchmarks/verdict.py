@@ -1,11 +1,11 @@
-"""Is the verdict right? `python -m benchmarks.verdict [--seeds 9] [--part all|tuned|aside] [--workers 1]`.
+"""Compare the verdict with the true error: `python -m benchmarks verdict [--seeds 9] [--part all|tuned|aside]`.
 
-Sets of images as people take them (benchmarks/verdict_scenes.py), good and bad, of cameras that are known. Each is
-calibrated with no flags; what the verdict says is set beside how far the camera is from the true one, over the part of
-the field where it claims to hold and over all that the images show, both turned to fit. The thresholds of
-calibrate/trust/checks.py rest on the even seeds; the odd ones were kept aside as a test.
+Simulated image sets of good and bad quality (benchmarks/verdict_scenes.py) with known cameras are calibrated without
+options. The error of each camera, after the best rotation to the true camera, is evaluated over the calibrated field of
+view and over all that the images show, and compared with the verdict. The thresholds of
+calibrate/trust/checks.py were tuned on the even seeds; the odd seeds are the test set.
 
-Lengths are in px of an image 1000 px wide, as the verdict's are. A case's text, as printed, runs it alone:
+Errors are in px of an image 1000 px wide, as in the verdict. The printed name of a case runs it alone:
 `--only "bent board/3"`.
 """
 
@@ -18,35 +18,35 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from omnisight.pipeline.central import Calibration, calibrate_camera
 
 from benchmarks.convergence_scenes import SIZE, Array
 from benchmarks.verdict_scenes import KINDS, Case, GroundTruth, scene
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.central import Calibration, calibrate_camera
-from omnisight.quality.aligned_difference import rotation_aligned_difference
 from omnisight.quality.evidence import Level
+from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.uncertainty import Uncertainty
 
-# What a camera is off by where it sees nothing of what the true one does, px.
+# Error assigned to directions that the estimated camera cannot project, px.
 LOST = 100.0
-# A camera that is so much off (px rms over the calibrated cone) is good, and one that is so much off is bad.
+# A camera with a smaller error (px rms over the calibrated field of view) is good, with a larger one bad.
 GOOD, BAD = 0.5, 2.0
 
 
 @dataclass(frozen=True)
 class Error:
-    """How far a camera is from the true one over some directions, turned to fit; px, degrees.
+    """Difference of a camera from the true camera over some directions after the best rotation; px, degrees.
 
     Attributes
     ----------
     rms, worst
-        Of the pixel.
+        Pixel error.
     rms_deg, worst_deg
-        Of the bearing.
+        Bearing error.
     stated
-        Rms of the standard deviations that the camera gives.
+        Rms of the predicted standard deviations of the pixel.
     typical
-        Median over the directions of the error over its standard deviation.
+        Median over the directions of the ratio of the error to its predicted standard deviation.
     """
 
     rms: float
@@ -59,7 +59,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Run:
-    """One calibration: what it is, over the calibrated cone and over the field, and what is said of it."""
+    """One calibration: its errors over the calibrated cone and over the whole field, and its verdict."""
 
     case: Case
     lens: str
@@ -82,13 +82,13 @@ class Run:
 
 
 def run(case: Case) -> Run:
-    """Calibrate one case and compare."""
+    """Calibrate one case and compare it with the truth."""
     session, truth, views = scene(case)
-    begun = time.perf_counter()
+    start = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         found = calibrate_camera(views, SIZE, model=session.model, field=truth.circle, force=True)
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - start
         return judged(case, session.noise, truth, found, seconds)
 
 
@@ -132,7 +132,7 @@ def _error(found: Calibration, bearings: Array, pixels: Array) -> Error:
 
 
 def table(runs: Sequence[Run]) -> str:
-    """Say what each verdict was worth."""
+    """Return tables of the true errors by verdict, of the verdicts by true error, and of both by kind of set."""
     lines = ["| verdict | sets | off in the cone, px: median, 90 %, worst | in the field | cone, degrees |"]
     lines += ["|---|---|---|---|---|"]
     for level in Level:
@@ -182,7 +182,7 @@ FIGURES: tuple[Callable[[Run], float], ...] = (
 
 
 def over(error: Error) -> float:
-    """Give the true error over the stated."""
+    """Return the ratio of the true error to the predicted one."""
     return error.rms / max(error.stated, 1e-9)
 
 
@@ -191,16 +191,18 @@ def _three(values: Sequence[float]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.verdict", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=9, help="sets of each kind")
-    parser.add_argument("--part", choices=("all", "tuned", "aside"), default="all", help="even seeds, or odd ones")
-    parser.add_argument("--only", help="one case by its text, or all that contain it")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
+    """Calibrate the cases and print the tables."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks verdict", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=9, help="number of sets of each kind")
+    parser.add_argument(
+        "--part", choices=("all", "tuned", "aside"), default="all", help="tuned: even seeds; aside: odd seeds"
+    )
+    parser.add_argument("--only", help="part of the name of the cases to run")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes")
     chosen = parser.parse_args(arguments)
     cases = [Case(kind, seed) for seed in range(chosen.seeds) for kind in KINDS]
     cases = [c for c in cases if chosen.only is None or chosen.only in str(c)]
-    begun, runs = time.perf_counter(), list[Run]()
+    start, runs = time.perf_counter(), list[Run]()
     with ProcessPoolExecutor(chosen.workers) as pool:
         for done in pool.map(run, cases, chunksize=4):
             runs.append(done)
@@ -211,7 +213,7 @@ def main(arguments: list[str] | None = None) -> None:
         some = [r for r in runs if r.case.seed % 2 == first]
         if some and chosen.part in ("all", part):
             print(f"\n{part} ({'even' if first == 0 else 'odd'} seeds)\n\n{table(some)}")
-    print(f"\n{time.perf_counter() - begun:.0f} s")
+    print(f"\n{time.perf_counter() - start:.0f} s")
 
 
 if __name__ == "__main__":

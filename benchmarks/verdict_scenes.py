@@ -1,6 +1,6 @@
-"""Images as people take them, good and bad, of cameras that are known: what a verdict has to tell apart.
+"""Simulated image sets of good and bad quality with known cameras, the test cases of the verdict.
 
-Each kind of set is a clean one with something changed. The unit of length is a square of the board.
+Each kind is a clean set with one defect. The unit of length is a square of the board.
 """
 
 import zlib
@@ -23,49 +23,49 @@ from omnisight.targets.observations import Observations
 Array = NDArray[np.float64]
 
 BOARDS = (Checkerboard(7, 5), Checkerboard(9, 6), Checkerboard(11, 8))
-# Px from the axis to the rim: of an image circle within the image, and of one around it.
+# Radius of the image circle, px: inside the image, and around it.
 INSIDE, AROUND = 470.0, 800.0
-FEWEST, TRIES = 12, 200
-# Of the bearings that are asked about over the field.
+MIN_CORNERS, MAX_TRIES = 12, 200
+# Number of rings of directions at which errors are evaluated.
 RINGS = 14
-# How often the radius of an odd lens waves along its field.
+# Periods of the radial distortion of an odd lens over its field.
 WAVES = 1.7
 
 
 @dataclass(frozen=True)
 class Session:
-    """How a set of images was taken.
+    """Parameters of a simulated image set.
 
     Attributes
     ----------
     images, noise
-        How many, and the standard deviation of a corner's coordinate, px.
+        Number of images, and standard deviation of a corner coordinate, px.
     reach
-        Part of the field, from its middle, in which boards are held.
+        Part of the field of view, from its centre, that contains the boards.
     sector
-        Azimuth and half width (radians) in which they are; all around if None.
+        Azimuth and half width (radians) of the sector that contains the boards; None for all azimuths.
     tilt
-        (low, high) degrees by which a board leans from facing the camera; None if all are parallel to the sensor.
+        (low, high) tilt of a board from facing the camera, degrees; None for boards parallel to the sensor.
     share
-        (low, high) angle that a board takes up, over the field of view.
+        (low, high) angular size of a board divided by the field of view.
     bend, twist
-        How far the board's middle stands off (across, down) and its corners (diagonally), over its width.
+        Warp of the board: height of its centre (along columns, rows) and of its corners, relative to its width.
     stretch
-        How much longer a square is than it is high.
+        Relative difference of the width and height of a square.
     wrong, slipped
-        Part of the corners that are elsewhere, up to 40 px off; views half of which is counted from the next square.
+        Part of the corners with errors up to 40 px; number of views with half of the corners shifted by one square.
     pupil
-        How far the viewpoint comes forward on the way to 90 degrees.
+        Shift of the entrance pupil along the axis at 90 degrees.
     wave
-        Largest px by which the lens leaves the model's kind.
+        Largest deviation of the lens from every parametric model, px.
     sway
-        Degrees a board turns, at random, while the rows are read.
+        Random rotation of the board during the readout of the rows, degrees.
     drift, zoom
         Random and steady change of the focal length between the images, relative.
     repeats
-        How often each image is taken again.
+        Number of copies of each image.
     model
-        What to calibrate.
+        Model to calibrate.
     """
 
     images: int
@@ -92,7 +92,7 @@ def _sign(rng: np.random.Generator) -> float:
     return float(rng.choice((-1.0, 1.0)))
 
 
-# What is changed of a clean session.
+# Changes to a clean session by kind. The names seed the random numbers.
 KINDS: dict[str, Callable[[np.random.Generator], Mapping[str, Any]]] = {
     "clean": lambda rng: {},
     "usual": lambda rng: {
@@ -123,7 +123,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Mapping[str, Any]]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """One set of images: its text seeds all that is random in it."""
+    """One image set; its text is the seed of its random numbers."""
 
     kind: str
     seed: int
@@ -134,22 +134,22 @@ class Case:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """A camera that is known.
+    """A known camera.
 
     Attributes
     ----------
     name
-        Of the lens.
+        Name of the lens.
     model
-        The camera before what follows is added.
+        Camera model without the following effects.
     blind, half
-        Between which angles from the axis (radians) it shows anything.
+        Smallest and largest visible angle from the axis, radians.
     pupil
-        s(theta) = pupil (1 - cos(theta)) forward from where rays near the axis start.
+        Entrance pupil shift s(theta) = pupil (1 - cos(theta)).
     wave
-        (3,) px: by how much the radius leaves the model's along the field, once and twice around.
+        (3,) amplitudes of the radial deviation, px: along the radius, with one and with two periods in azimuth.
     phases
-        (3,) of these.
+        (3,) their phases.
     """
 
     name: str
@@ -161,9 +161,9 @@ class GroundTruth:
     phases: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def project(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Give pixels (N, 2) of points (N, 3), and whether the camera shows them."""
+        """Return pixels (N, 2) of points (N, 3), and whether they are visible."""
         seen_from = np.zeros_like(points)
-        for _ in range(20 if self.pupil else 0):  # the pupil is where the ray's own angle has it
+        for _ in range(20 if self.pupil else 0):  # fixed point: the shift depends on the angle of the ray
             seen_from[:, 2] = self.pupil * (1 - np.cos(angle_from_axis(points - seen_from)))
         rays = points - seen_from
         pixels, valid = self.model.project_numpy(rays)
@@ -180,7 +180,7 @@ class GroundTruth:
 
     @property
     def circle(self) -> ImageField | None:
-        """Where the images show anything; None where the lens fills them."""
+        """The image circle; None if it is larger than the image."""
         rim, _ = self.model.project_numpy(polar(np.full(2, self.half), np.array([0.0, np.pi])))
         radius = float(np.ptp(rim[:, 0])) / 2
         if radius > INSIDE + 1:
@@ -194,24 +194,24 @@ class GroundTruth:
         return ImageField(SIZE, Ellipse(centre, (radius, radius), 0.0), hole)
 
     def field(self) -> tuple[Array, Array]:
-        """Give bearings (N, 3) over all that the images show, and where a far point there is seen (N, 2)."""
+        """Return bearings (N, 3) over the visible field, and the pixels (N, 2) of points at infinity."""
         bearings = cap(self.half, RINGS)
         pixels, shown = replace(self, pupil=0.0).project(bearings)
         return bearings[shown], pixels[shown]
 
 
 def scene(case: Case) -> tuple[Session, GroundTruth, Observations]:
-    """Make the images of a case; the same case always gives the same."""
+    """Simulate the corners of a case; deterministic."""
     rng = np.random.default_rng(zlib.crc32(str(case).encode()))
     usual = Session(int(rng.integers(15, 26)), float(np.exp(rng.uniform(np.log(0.05), np.log(0.3)))))
     session = replace(usual, **KINDS[case.kind](rng))
     truth = camera(session, rng)
     board = BOARDS[int(rng.integers(len(BOARDS)))]
-    return session, truth, pictures(session, truth, board, rng)
+    return session, truth, observe(session, truth, board, rng)
 
 
 def camera(session: Session, rng: np.random.Generator) -> GroundTruth:
-    """Draw a lens from 60 to 200 degrees or, of every five, a mirror."""
+    """Draw a lens of 60 to 200 degrees or, in one of five cases, a mirror."""
     rim = AROUND if rng.random() < 0.5 else INSIDE
     fov = int(rng.choice([fov for fov in LENSES if fov <= 200]))
     if session.pupil:
@@ -230,7 +230,7 @@ def camera(session: Session, rng: np.random.Generator) -> GroundTruth:
 
 
 def _scaled(lens: Lens, half: float, rim: float, rng: np.random.Generator) -> CameraModel:
-    """Give a lens whose rim is so many px from its axis, the axis near the image's middle."""
+    """Scale a lens to the radius of its image circle (px), with the axis near the image centre."""
     plain = {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0, **lens.shape}
     radius = model_class(lens.model).from_dict(plain).project_numpy(np.array([[np.sin(half), 0.0, np.cos(half)]]))[0]
     focal = rim / float(radius[0, 0])
@@ -239,8 +239,8 @@ def _scaled(lens: Lens, half: float, rim: float, rng: np.random.Generator) -> Ca
     return model_class(lens.model).from_dict(found)
 
 
-def pictures(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.random.Generator) -> Observations:
-    """Hold the board, see it, and measure it as badly as the session has it."""
+def observe(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.random.Generator) -> Observations:
+    """Place the boards and simulate the measured corners with the defects of the session."""
     points = board.points - board.points.mean(0)
     print_ = points * (1 + session.stretch, 1.0, 1.0)
     across, down = points[:, 0] / np.ptp(points[:, 0]) * 2, points[:, 1] / np.ptp(points[:, 1]) * 2
@@ -254,7 +254,7 @@ def pictures(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.
         pixels, use = _seen(session, truth, print_, i, float(focus[i]), rng)
         ids = np.flatnonzero(use)
         whole = points
-        if i in slipped:  # from the middle row on counted from the next square: the last column is not there
+        if i in slipped:  # indices shifted by one square from the middle row on, so the last column is missing
             row, column = np.divmod(np.arange(len(points)), board.columns)
             ids = ids[(column[ids] < board.columns - 1) | (row[ids] < board.rows // 2)]
             whole = points + (row >= board.rows // 2)[:, None] * (1.0, 0.0, 0.0)
@@ -270,10 +270,10 @@ def pictures(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.
 def _seen(
     session: Session, truth: GroundTruth, board: Array, i: int, focus: float, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Hold a board where it is seen; give its pixels (n, 2) and which of them are in the image."""
+    """Place a board in view; return its pixels (n, 2) and which of them are inside the image."""
     width = float(np.ptp(board[:, 0]))
-    for attempt in range(TRIES):
-        loose = attempt / TRIES
+    for attempt in range(MAX_TRIES):
+        loose = attempt / MAX_TRIES
         angle = min(rng.uniform(*session.share) * 2 * truth.half, np.radians(75.0))
         distance = width / 2 / np.tan(angle / 2)
         last = max(session.reach * truth.half - 0.35 * angle, 0.05)
@@ -294,14 +294,18 @@ def _seen(
         pixels, use = truth.project(board @ rotation.T + towards)
         if session.sway:
             turn = rng.normal(size=3) * np.radians(session.sway)
-            for _ in range(3):  # each corner when its row is read
+            for _ in range(3):  # rolling shutter: each corner at the readout time of its row
                 when = np.nan_to_num(pixels[:, 1]) / SIZE[1] - 0.5
                 moved = np.einsum("nij,nj->ni", so3.exp(when[:, None] * turn), board @ rotation.T)
                 pixels, use = truth.project(moved + towards)
-        if use.mean() >= 0.75 * (1 - loose) and use.sum() >= FEWEST and np.linalg.matrix_rank(_spread(board[use])) == 2:
+        if (
+            use.mean() >= 0.75 * (1 - loose)
+            and use.sum() >= MIN_CORNERS
+            and np.linalg.matrix_rank(_spread(board[use])) == 2
+        ):
             centre = truth.model.params[2:4]
             return centre + focus * (pixels - centre), use
-    raise ValueError(f"{truth.name}: no board can be held so")
+    raise ValueError(f"{truth.name}: no board pose satisfies the session")
 
 
 def _spread(points: Array) -> Array:
