@@ -75,7 +75,7 @@ def test_residuals_are_decomposed_at_the_ray_of_each_corner(axial):
     radial, tangential = axial.radial_and_tangential
     np.testing.assert_allclose(np.hypot(radial, tangential), axial.residual_lengths, rtol=1e-9)
     points = axial.state.points(axial.observations)[0]
-    origin = axial.camera.model.start(axial.theta)
+    origin = axial.camera.model.pupil_z(axial.theta)
     # Seen from the origin of its ray, the corner is at the angle of the ray.
     angle = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2] - origin)
     np.testing.assert_allclose(axial.theta, angle, atol=1e-6)
@@ -88,7 +88,7 @@ def test_entrance_pupil_shift_is_drawn(text, axial):
     assert re.search(r"by [\d.]+ ± [\d.]+ mm", drawn)
     truth = RayCamera(Axial(axial.camera.model.lens, PUPIL), axial.camera.size)
     field = axial.camera.theta_min, axial.max_theta
-    assert abs(shift.length - truth.model.travel(*field)) < 5 * shift.length_sigma
+    assert abs(shift.length - truth.model.pupil_shift(*field)) < 5 * shift.length_sigma
     distances = np.linalg.norm(axial.state.points(axial.observations)[0], axis=1)
     near, far = map(float, re.search(r"Corner distances: (\S+) mm to (\S+) mm", drawn).groups())
     assert 1e3 * distances.min() * 0.99 <= near < far <= 1e3 * distances.max() * 1.01
@@ -149,7 +149,7 @@ def test_report_of_a_mirror_camera_refined_from_its_design(tmp_path):
     truth = off_focus()
     small = replace(truth, system=truth.system.rescaled(640 / SIZE[1]))
     detections = simulate_detections(tmp_path, project=small.project)
-    design = RayCamera(small.system, detections.size, "m", theta_max=np.radians(100))
+    design = RayCamera(small.system, detections.size, unit="m", theta_max=np.radians(100))
     save(design, tmp_path / "design.json")
     data = report_data(calibrate_detections(detections, start=tmp_path / "design.json"))
     text = render_page(data)

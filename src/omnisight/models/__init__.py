@@ -8,7 +8,16 @@ from omnisight.models._camera_model import CameraModel
 from omnisight.models._parameter import Parameter, parameter
 from omnisight.models._projector import Projector
 
-__all__ = ["CameraModel", "Parameter", "Projector", "auto_models", "initial_models", "model_class", "model_names", "parameter"]
+__all__ = [
+    "CameraModel",
+    "Parameter",
+    "Projector",
+    "auto_models",
+    "initial_models",
+    "model_class",
+    "model_names",
+    "parameter",
+]
 
 
 def model_names() -> tuple[str, ...]:

@@ -92,7 +92,7 @@ class CameraModel(Projector):
 
     @classmethod
     def variants(cls, corners: int) -> Mapping[str, VariantFit]:
-        """Return by label the fits of the variants, simplest first, that a calibration from that many corners compares."""
+        """Return the fits of the variants that a calibration from that many corners compares, by label, simplest first."""
         return {cls.name: cls.fit}
 
     # -- bearings and pixels ----------------------------------------------------------------------------------
