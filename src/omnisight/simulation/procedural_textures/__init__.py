@@ -1,1 +1,1 @@
-"""Draws what faces show: decor of rooms, materials, the street and the sky; the same at every run."""
+"""Procedural textures, reproducible by a seed: materials, room decor, streets and the sky."""

@@ -1,4 +1,4 @@
-"""What hangs and stands in rooms, drawn onto a face; places are (left, top, width, height) in metres."""
+"""Room decor, drawn onto textures; places are (left, top, width, height) in metres."""
 
 from typing import Any
 
@@ -10,44 +10,49 @@ Place = tuple[float, float, float, float]
 Colour = tuple[int, int, int]
 
 PIXELS_PER_METRE = 240
-SOFT = 16  # cv2.LINE_AA
-TUFTS = 600  # on a square metre of a rug
+# cv2.LINE_AA; cv2 is imported on use.
+ANTIALIASED = 16
+TUFTS_PER_M2 = 600
 
 
 def poster(face: Bytes, place: Place) -> None:
-    """Hang a poster with a word on it: it shows at once where an image is mirrored."""
+    """Draw a poster with text, which reveals mirrored images."""
     import cv2
 
     inside = framed(face, place, (36, 42, 60), (28, 28, 30))
     rows, columns = inside.shape[:2]
     middle = (columns // 2, round(rows * 0.4))
     for i, colour in enumerate(((236, 108, 62), (245, 186, 84), (96, 180, 170), (236, 236, 226), (36, 42, 60))):
-        cv2.circle(inside, middle, round(columns * (0.40 - 0.075 * i)), colour, -1, SOFT)
+        cv2.circle(inside, middle, round(columns * (0.40 - 0.075 * i)), colour, -1, ANTIALIASED)
     for text, height, size, thick in (("OMNI", 0.83, 1.9, 5), ("SIGHT", 0.95, 1.35, 3)):
         (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, size, thick)
         corner = ((columns - wide) // 2, round(rows * height))
-        cv2.putText(inside, text, corner, cv2.FONT_HERSHEY_DUPLEX, size, (240, 236, 224), thick, SOFT)
+        cv2.putText(inside, text, corner, cv2.FONT_HERSHEY_DUPLEX, size, (240, 236, 224), thick, ANTIALIASED)
 
 
 def landscape(face: Bytes, place: Place, rng: np.random.Generator) -> None:
-    """Hang a painting of hills at dusk."""
+    """Draw a painting of hills at dusk."""
     outdoors(framed(face, place, (245, 242, 232), (92, 62, 40), border=0.07), rng, dusk=True)
 
 
 def abstract(face: Bytes, place: Place) -> None:
-    """Hang a painting of circles and bars."""
+    """Draw a painting of circles and bars."""
     import cv2
 
     inside = framed(face, place, (240, 234, 220), (40, 36, 34))
     rows, columns = inside.shape[:2]
     cv2.rectangle(inside, (0, round(rows * 0.62)), (columns, rows), (44, 76, 112), -1)
-    cv2.circle(inside, (round(columns * 0.36), round(rows * 0.42)), round(columns * 0.25), (206, 74, 52), -1, SOFT)
-    cv2.circle(inside, (round(columns * 0.68), round(rows * 0.6)), round(columns * 0.18), (240, 188, 66), -1, SOFT)
-    cv2.line(inside, (round(columns * 0.1), rows), (round(columns * 0.95), 0), (28, 28, 30), 5, SOFT)
+    cv2.circle(
+        inside, (round(columns * 0.36), round(rows * 0.42)), round(columns * 0.25), (206, 74, 52), -1, ANTIALIASED
+    )
+    cv2.circle(
+        inside, (round(columns * 0.68), round(rows * 0.6)), round(columns * 0.18), (240, 188, 66), -1, ANTIALIASED
+    )
+    cv2.line(inside, (round(columns * 0.1), rows), (round(columns * 0.95), 0), (28, 28, 30), 5, ANTIALIASED)
 
 
 def stripes(face: Bytes, place: Place) -> None:
-    """Hang a woven cloth."""
+    """Draw a striped wall hanging."""
     cloth = cut(face, place)
     cast_shadow(face, place)
     for i, edge in enumerate(np.linspace(0, cloth.shape[0], 18)[:-1]):
@@ -57,7 +62,7 @@ def stripes(face: Bytes, place: Place) -> None:
 
 
 def window(face: Bytes, place: Place, rng: np.random.Generator) -> None:
-    """Open a window of two wings onto hills."""
+    """Draw a window with two casements, curtains and a view of hills."""
     pane = framed(face, place, (255, 255, 255), (242, 240, 236), border=0.09)
     outdoors(pane, rng, dusk=False)
     rows, columns = pane.shape[:2]
@@ -67,14 +72,14 @@ def window(face: Bytes, place: Place, rng: np.random.Generator) -> None:
     pane[rows // 3 - 4 : rows // 3 + 4] = (242, 240, 236)
     left, top, width, height = place
     cut(face, (left - 0.1, top + height, width + 0.2, 0.06))[:] = (228, 226, 220)
-    for side in (left - 0.42, left + width + 0.02):  # the curtains hang in folds
+    for side in (left - 0.42, left + width + 0.02):  # curtains with folds
         curtain = cut(face, (side, top - 0.2, 0.4, height + 0.55))
         folds = 0.86 + 0.14 * np.sin(np.linspace(0, 34, curtain.shape[1]))
         curtain[:] = (np.array((176, 84, 72)) * folds[:, None]).astype(np.uint8)
 
 
 def door(face: Bytes, place: Place) -> None:
-    """Hang a panelled door."""
+    """Draw a panelled door."""
     import cv2
 
     leaf = framed(face, place, (226, 220, 206), (200, 192, 176), border=0.08)
@@ -83,11 +88,11 @@ def door(face: Bytes, place: Place) -> None:
         corners = (round(columns * 0.16), round(rows * top)), (round(columns * 0.84), round(rows * bottom))
         cv2.rectangle(leaf, *corners, (212, 204, 188), -1)
         cv2.rectangle(leaf, *corners, (168, 160, 142), 4)
-    cv2.circle(leaf, (round(columns * 0.92), rows // 2), 9, (150, 118, 50), -1, SOFT)
+    cv2.circle(leaf, (round(columns * 0.92), rows // 2), 9, (150, 118, 50), -1, ANTIALIASED)
 
 
 def shelves(face: Bytes, place: Place, rng: np.random.Generator) -> None:
-    """Stand a bookcase, its boards full of books."""
+    """Draw the front of a bookcase full of books."""
     inside = framed(face, place, (64, 44, 30), (118, 80, 50), border=0.05)
     rows, columns = inside.shape[:2]
     levels = 6
@@ -97,7 +102,7 @@ def shelves(face: Bytes, place: Place, rng: np.random.Generator) -> None:
         x = 6
         while x < columns - 22:
             width, tall = int(rng.integers(8, 20)), int((bottom - top) * rng.uniform(0.6, 0.92))
-            if rng.random() < 0.08:  # a gap, where someone reads
+            if rng.random() < 0.08:  # a gap
                 x += 3 * width
                 continue
             spine = np.array(BOOKS[int(rng.integers(len(BOOKS)))]) * rng.uniform(0.8, 1.1)
@@ -110,7 +115,7 @@ def shelves(face: Bytes, place: Place, rng: np.random.Generator) -> None:
 
 
 def sideboard(face: Bytes, place: Place) -> None:
-    """Stand a low cupboard of three doors."""
+    """Draw the front of a sideboard with three doors."""
     import cv2
 
     front = framed(face, place, (122, 86, 58), (100, 68, 44), border=0.03)
@@ -118,11 +123,11 @@ def sideboard(face: Bytes, place: Place) -> None:
     for i in range(3):
         corners = (round(columns * (i / 3 + 0.015)), 10), (round(columns * ((i + 1) / 3 - 0.015)), rows - 10)
         cv2.rectangle(front, *corners, (138, 98, 66), -1)
-        cv2.circle(front, ((corners[0][0] + corners[1][0]) // 2, rows // 3), 7, (214, 190, 130), -1, SOFT)
+        cv2.circle(front, ((corners[0][0] + corners[1][0]) // 2, rows // 3), 7, (214, 190, 130), -1, ANTIALIASED)
 
 
 def rug(face: Bytes, place: Place, rng: np.random.Generator) -> None:
-    """Lay a rug of nested frames, worn here and there."""
+    """Draw a rug with nested frames and uneven dye."""
     import cv2
 
     cloth = cut(face, place)
@@ -135,10 +140,10 @@ def rug(face: Bytes, place: Place, rng: np.random.Generator) -> None:
         middle = np.array((columns * x, rows / 2))
         for size, colour in ((1.0, (44, 64, 92)), (0.5, (226, 204, 164))):
             diamond = np.array([[0, -0.14], [0.11, 0], [0, 0.14], [-0.11, 0]]) * rows * size
-            cv2.fillPoly(cloth, [(middle + diamond).astype(np.int32)], colour, SOFT)
-    # Wool dyed at other times is darker or lighter within its colour, so that edges stay straight.
+            cv2.fillPoly(cloth, [(middle + diamond).astype(np.int32)], colour, ANTIALIASED)
+    # Vary the brightness within each colour, which keeps the edges straight.
     dye = np.ones((rows, columns), np.float32)
-    for _ in range(int(TUFTS * place[2] * place[3])):
+    for _ in range(int(TUFTS_PER_M2 * place[2] * place[3])):
         at = int(rng.integers(columns)), int(rng.integers(rows))
         tone, lies = float(rng.choice((0.76, 0.86, 1.1))), float(rng.choice((0, 90)))
         cv2.ellipse(dye, at, (int(rng.integers(2, 5)), 2), lies, 0, 360, tone, -1)
@@ -149,7 +154,7 @@ def rug(face: Bytes, place: Place, rng: np.random.Generator) -> None:
 
 
 def outdoors(image: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:
-    """Paint hills under a sky."""
+    """Draw hills under a sky."""
     rows, columns = image.shape[:2]
     ends: Any = ((88, 98, 150), (248, 176, 112)) if dusk else ((140, 186, 232), (236, 242, 246))
     share = np.linspace(0, 1, rows)[:, None, None]
@@ -165,7 +170,7 @@ def outdoors(image: Bytes, rng: np.random.Generator, *, dusk: bool) -> None:
 
 
 def framed(face: Bytes, place: Place, paper: Colour, frame: Colour, border: float = 0.035) -> Bytes:
-    """Draw a frame with its shadow, and give the part of the face inside it."""
+    """Draw a frame with its shadow; return a view of the area inside."""
     cast_shadow(face, place)
     cut(face, place)[:] = frame
     left, top, width, height = place
@@ -175,21 +180,21 @@ def framed(face: Bytes, place: Place, paper: Colour, frame: Colour, border: floa
 
 
 def cast_shadow(face: Bytes, place: Place) -> None:
-    """Darken the face below and beside what hangs on it."""
+    """Draw the shadow of an object at a place."""
     left, top, width, height = place
     shade = cut(face, (left + 0.03, top + 0.04, width, height))
     shade[:] = (shade * 0.72).astype(np.uint8)
 
 
 def cut(face: Bytes, place: Place) -> Bytes:
-    """Return a rectangle of the face, to draw into."""
+    """Return a view of a place of the texture."""
     left, top, width, height = place
     (u0, v0), (u1, v1) = point(left, top), point(left + width, top + height)
     return face[max(v0, 0) : v1, max(u0, 0) : u1]
 
 
 def point(u: float, v: float) -> NDArray[np.int64]:
-    """Return a place on a face in pixels."""
+    """Return a position in pixels."""
     return np.rint(np.array((u, v)) * PIXELS_PER_METRE).astype(np.int64)
 
 

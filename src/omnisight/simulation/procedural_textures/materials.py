@@ -1,102 +1,109 @@
-"""Draws materials: images (h, w, 3) uint8 of so many pixels per metre, with the grain and stains of real ones."""
+"""Textures of materials: images (h, w, 3) uint8 with grain and stains, at a number of pixels per metre."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.simulation.procedural_textures.decor import PIXELS_PER_METRE, SOFT
+from omnisight.simulation.procedural_textures.decor import ANTIALIASED, PIXELS_PER_METRE
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 Colour = tuple[int, int, int]
 Rng = np.random.Generator
 
-KNOTS, SPRIGS = 10, 55  # on a square metre
+KNOTS_PER_M2, SPRIGS_PER_M2 = 10, 55
 
 
 def px(metres: float, density: float = PIXELS_PER_METRE) -> int:
-    """Return a length in pixels of a face."""
+    """Return a length in pixels."""
     return max(round(metres * density), 1)
 
 
-def finished(image: NDArray[Any]) -> Bytes:
-    """Clip to what 8 bits hold."""
+def to_8bit(image: NDArray[Any]) -> Bytes:
+    """Clip and convert to 8 bits."""
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def cloud(rng: Rng, shape: tuple[int, int], size: Any, amount: float) -> Floats:
-    """Make smooth noise of a standard deviation; `size` is its grain in px, or one per axis (down, across)."""
+def smooth_noise(rng: Rng, shape: tuple[int, int], size: Any, amount: float) -> Floats:
+    """Make smooth noise with a standard deviation and grain size, px, optionally per axis (down, across)."""
     import cv2
 
     down, across = size if isinstance(size, tuple) else (size, size)
-    # Coarse noise, enlarged: a blur that wide would be slow.
+    # Upsampled coarse noise, because a wide blur is slow.
     coarse = (max(shape[0] // max(int(down), 1), 2), max(shape[1] // max(int(across), 1), 2))
     noise = rng.standard_normal(coarse, np.float32) * np.float32(amount)
     return np.asarray(cv2.resize(noise, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC), np.float32)
 
 
-def rough(rng: Rng, shape: tuple[int, int], largest: float, amount: float) -> Floats:
-    """Make noise of all sizes up to one, px: each half as large has 0.7 of the standard deviation."""
+def fractal_noise(rng: Rng, shape: tuple[int, int], largest: float, amount: float) -> Floats:
+    """Make fractal noise up to a grain size, px: the standard deviation decreases by 0.7 per octave."""
     total, size = np.zeros(shape, np.float32), float(largest)
     while size >= 1.5:
-        total += cloud(rng, shape, size, amount)
+        total += smooth_noise(rng, shape, size, amount)
         size, amount = size / 2, amount * 0.7
     return total
 
 
-def toned(colour: Colour, change: Floats, tint: tuple[float, float, float] | None = None) -> Floats:
-    """Return a colour made brighter by (h, w), more or less in each channel."""
+def shaded(colour: Colour, change: Floats, tint: tuple[float, float, float] | None = None) -> Floats:
+    """Return a colour plus a brightness change (h, w), optionally scaled per channel."""
     tinted = change[..., None] if tint is None else change[..., None] * np.array(tint, np.float32)
     return np.asarray(np.array(colour, np.float32) + tinted, np.float32)
 
 
 def plaster(rng: Rng, width: float, height: float, colour: Colour, *, trim: bool = False) -> Bytes:
-    """Draw a painted wall of so many metres, if asked with a skirting board and a cornice."""
+    """Draw a painted wall, optionally with skirting board and cornice; sizes in metres."""
     shape = (px(height), px(width))
-    image = toned(colour, rough(rng, shape, px(0.5), 2.6) + cloud(rng, shape, 5, 6.0) + cloud(rng, shape, 11, 6.0))
+    image = shaded(
+        colour,
+        fractal_noise(rng, shape, px(0.5), 2.6) + smooth_noise(rng, shape, 5, 6.0) + smooth_noise(rng, shape, 11, 6.0),
+    )
     if trim:
         image[-px(0.1) :] = (238, 236, 230)
         image[-px(0.1) : -px(0.09)] = (170, 168, 160)
         image[: px(0.12)] = (240, 238, 232)
         for edge in (0.03, 0.07, 0.11):
             image[px(edge) : px(edge + 0.012)] = (176, 172, 164)
-    return finished(image)
+    return to_8bit(image)
 
 
 def wallpaper(rng: Rng, width: float, height: float, colour: Colour, print_colour: Colour) -> Bytes:
-    """Draw a wall as `plaster` does, with trim, and sprigs strewn over it, no two alike."""
+    """Draw wallpaper: `plaster` with trim and a random pattern of sprigs."""
     import cv2
 
     image = plaster(rng, width, height, colour, trim=True)
     field = image[px(0.13) : -px(0.11)]
-    for _ in range(int(width * height * SPRIGS)):
+    for _ in range(int(width * height * SPRIGS_PER_M2)):
         foot = rng.uniform((0, 0), field.shape[1::-1])
         turn, size = rng.uniform(0, 2 * np.pi), rng.uniform(9, 17)
         along = np.array((np.cos(turn), np.sin(turn)))
         tone = tuple(int(c) for c in np.clip(np.array(print_colour) + rng.normal(0, 14), 0, 255))
         start, end = (np.rint(foot + s * size * along).astype(int).tolist() for s in (-1, 1))
-        cv2.line(field, start, end, tone, 1, SOFT)
+        cv2.line(field, start, end, tone, 1, ANTIALIASED)
         for _ in range(int(rng.integers(3, 6))):
             at = np.rint(foot + rng.uniform(-0.8, 1) * size * along).astype(int).tolist()
             lean = np.degrees(turn) + rng.choice((-1, 1)) * rng.uniform(30, 60)
-            cv2.ellipse(field, at, (round(0.42 * size), round(0.17 * size)), lean, 0, 360, tone, -1, SOFT)
+            cv2.ellipse(field, at, (round(0.42 * size), round(0.17 * size)), lean, 0, 360, tone, -1, ANTIALIASED)
     return image
 
 
 def wood(rng: Rng, width: float, height: float, colour: Colour, density: float = PIXELS_PER_METRE) -> Bytes:
-    """Draw a board, its grain across."""
+    """Draw wood with horizontal grain."""
     shape = (px(height, density), px(width, density))
-    grain = cloud(rng, shape, (1.2, 40), 6.0) + cloud(rng, shape, (3, 150), 5.0) + rough(rng, shape, 60, 3.0)
-    return finished(toned(colour, grain, (1.0, 0.9, 0.75)))
+    grain = (
+        smooth_noise(rng, shape, (1.2, 40), 6.0)
+        + smooth_noise(rng, shape, (3, 150), 5.0)
+        + fractal_noise(rng, shape, 60, 3.0)
+    )
+    return to_8bit(shaded(colour, grain, (1.0, 0.9, 0.75)))
 
 
 def planks(rng: Rng, width: float, depth: float) -> Bytes:
-    """Draw a wooden floor: planks of their own tone, with grain, knots and dark seams."""
+    """Draw a floor of planks with individual tones, grain, knots and dark seams."""
     import cv2
 
     rows, columns, across = px(depth), px(width), px(0.14)
-    grain = cloud(rng, (rows, columns), (1.2, 40), 6.0) + cloud(rng, (rows, columns), (3, 150), 5.0)
+    grain = smooth_noise(rng, (rows, columns), (1.2, 40), 6.0) + smooth_noise(rng, (rows, columns), (3, 150), 5.0)
     tone = np.zeros((rows, columns), np.float32)
     for top in range(0, rows, across):
         start = -int(rng.integers(0, px(1.2)))
@@ -107,11 +114,11 @@ def planks(rng: Rng, width: float, depth: float) -> Bytes:
             start = end
         tone[top : top + 2] = -45
     knots = np.zeros((rows, columns), np.float32)
-    for _ in range(int(width * depth * KNOTS)):
+    for _ in range(int(width * depth * KNOTS_PER_M2)):
         at, size = (int(rng.integers(columns)), int(rng.integers(rows))), int(rng.integers(3, 7))
         for share, dark in ((1.0, -22.0), (0.5, -48.0)):
             cv2.ellipse(knots, at, (round(1.7 * size * share), round(size * share)), 0, 0, 360, dark, -1)
-    return finished(toned((168, 122, 80), grain + tone + knots, (1, 0.9, 0.75)))
+    return to_8bit(shaded((168, 122, 80), grain + tone + knots, (1, 0.9, 0.75)))
 
 
 def fabric(rng: Rng, width: float, height: float, colour: Colour) -> Bytes:
@@ -119,11 +126,11 @@ def fabric(rng: Rng, width: float, height: float, colour: Colour) -> Bytes:
     rows, columns = px(height), px(width)
     v, u = np.mgrid[:rows, :columns]
     weave = 5.0 * np.sin(u * 1.1) * np.sin(v * 1.1)
-    return finished(toned(colour, weave.astype(np.float32) + rough(rng, (rows, columns), 40, 4.0)))
+    return to_8bit(shaded(colour, weave.astype(np.float32) + fractal_noise(rng, (rows, columns), 40, 4.0)))
 
 
 def leaves(rng: Rng, colour: Colour = (74, 112, 48), size: int = 512) -> Bytes:
-    """Draw foliage: leaves in front of leaves, the deeper ones darker."""
+    """Draw foliage with darker leaves in the background."""
     import cv2
 
     image = np.full((size // 2, size, 3), np.array(colour) * 0.25, np.uint8)
@@ -139,8 +146,8 @@ def leaves(rng: Rng, colour: Colour = (74, 112, 48), size: int = 512) -> Bytes:
 
 def bark(rng: Rng, size: int = 128) -> Bytes:
     """Draw bark."""
-    ridges = cloud(rng, (4 * size, size), (24, 3), 22.0) + rough(rng, (4 * size, size), 16, 7.0)
-    return finished(toned((96, 78, 62), ridges))
+    ridges = smooth_noise(rng, (4 * size, size), (24, 3), 22.0) + fractal_noise(rng, (4 * size, size), 16, 7.0)
+    return to_8bit(shaded((96, 78, 62), ridges))
 
 
 def bricks(rng: Rng, width: float, height: float, colour: Colour, density: float) -> Bytes:
@@ -154,9 +161,9 @@ def bricks(rng: Rng, width: float, height: float, colour: Colour, density: float
     tones = rng.normal(0, 13, (row.max() + 1, column.max() + 1)).astype(np.float32)
     tone = tones[row, column]
     gap = (down % 1 < 0.14) | (along - column < 0.05)
-    image = toned(colour, tone + rough(rng, (rows, columns), density, 4.0))
-    image[gap] = toned((176, 168, 156), rough(rng, (rows, columns), 30, 4.0))[gap]
-    return finished(image)
+    image = shaded(colour, tone + fractal_noise(rng, (rows, columns), density, 4.0))
+    image[gap] = shaded((176, 168, 156), fractal_noise(rng, (rows, columns), 30, 4.0))[gap]
+    return to_8bit(image)
 
 
 def tiles(rng: Rng, width: float, height: float, colour: Colour, density: float) -> Bytes:
@@ -166,8 +173,8 @@ def tiles(rng: Rng, width: float, height: float, colour: Colour, density: float)
     row, column = np.floor(v / (0.28 * density)), np.floor(u / (0.22 * density))
     tones = rng.normal(0, 12, (int(row.max()) + 1, int(column.max()) + 1)).astype(np.float32)
     bulge = 16 * np.sin(np.pi * ((u / (0.22 * density)) % 1)) - 26 * ((v / (0.28 * density)) % 1 > 0.86)
-    stains = rough(rng, (rows, columns), 2 * density, 5.0)
-    return finished(toned(colour, tones[row.astype(int), column.astype(int)] + bulge.astype(np.float32) + stains))
+    stains = fractal_noise(rng, (rows, columns), 2 * density, 5.0)
+    return to_8bit(shaded(colour, tones[row.astype(int), column.astype(int)] + bulge.astype(np.float32) + stains))
 
 
 def paving(rng: Rng, width: float, depth: float, side: float, density: float, colour: Colour) -> Bytes:
@@ -175,17 +182,19 @@ def paving(rng: Rng, width: float, depth: float, side: float, density: float, co
     rows, columns = px(depth, density), px(width, density)
     v, u = np.mgrid[:rows, :columns].astype(np.float32) / (side * density)
     tones = rng.normal(0, 9, (int(v.max()) + 1, int(u.max()) + 1)).astype(np.float32)
-    image = toned(colour, tones[v.astype(int), u.astype(int)] + rough(rng, (rows, columns), density, 5.0))
+    image = shaded(colour, tones[v.astype(int), u.astype(int)] + fractal_noise(rng, (rows, columns), density, 5.0))
     image[(u % 1 < 0.03) | (v % 1 < 0.03)] *= 0.6
-    return finished(image)
+    return to_8bit(image)
 
 
 def asphalt(rng: Rng, width: float, depth: float, density: float) -> Bytes:
-    """Draw tar with stones, patches and cracks."""
+    """Draw asphalt with stones, patches and cracks."""
     import cv2
 
     shape = (px(depth, density), px(width, density))
-    image = toned((98, 98, 101), rough(rng, shape, 3 * density, 3.0) + rng.normal(0, 9, shape).astype(np.float32))
+    image = shaded(
+        (98, 98, 101), fractal_noise(rng, shape, 3 * density, 3.0) + rng.normal(0, 9, shape).astype(np.float32)
+    )
     for _ in range(int(width * depth / 12)):
         left, top = int(rng.integers(shape[1])), int(rng.integers(shape[0]))
         wide, deep = (int(rng.uniform(0.4, 2.2) * density) for _ in range(2))
@@ -193,12 +202,16 @@ def asphalt(rng: Rng, width: float, depth: float, density: float) -> Bytes:
     for _ in range(int(width * depth / 6)):
         line = np.cumsum(rng.normal(0, 0.12 * density, (14, 2)), 0) + rng.uniform((0, 0), shape[::-1])
         cv2.polylines(image, [line.astype(np.int32)], False, (62, 62, 64), 1, cv2.LINE_AA)
-    return finished(image)
+    return to_8bit(image)
 
 
 def grass(rng: Rng, width: float, depth: float, density: float) -> Bytes:
     """Draw a meadow."""
     shape = (px(depth, density), px(width, density))
-    return finished(
-        toned((108, 128, 66), rough(rng, shape, 12 * density, 6.0) + cloud(rng, shape, 1, 8.0), (1, 0.9, 0.6))
+    return to_8bit(
+        shaded(
+            (108, 128, 66),
+            fractal_noise(rng, shape, 12 * density, 6.0) + smooth_noise(rng, shape, 1, 8.0),
+            (1, 0.9, 0.6),
+        )
     )

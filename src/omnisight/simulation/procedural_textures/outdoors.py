@@ -1,16 +1,16 @@
-"""Draws what stands in streets: fronts of houses, the road, cars, and the sky over it all."""
+"""Textures of streets: house fronts, the road, cars and the sky."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.simulation.procedural_textures import materials
+from omnisight.simulation.procedural_textures.decor import ANTIALIASED
 from omnisight.simulation.procedural_textures.materials import Colour, Rng
 
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
-SOFT = 16  # cv2.LINE_AA
-DENSITY = 64.0  # pixels per metre
+PIXELS_PER_METRE = 64.0
 WALLS: tuple[Colour, ...] = (
     *((158, 92, 72), (206, 190, 160), (178, 120, 92), (196, 204, 206), (222, 196, 140)),
     *((142, 78, 66), (188, 172, 158), (206, 158, 132), (170, 186, 176), (232, 222, 200)),
@@ -19,16 +19,18 @@ SIGNS = ("BAKERY", "BOOKS", "CAFE", "HOTEL", "MUSIC", "FLOWERS", "PHARMACY", "SH
 
 
 def front(rng: Rng, width: float, height: float) -> Bytes:
-    """Draw the front of a house: storeys of windows, a door, sometimes a shop."""
+    """Draw the front of a house: windows, a door, sometimes a shop."""
     import cv2
 
     colour = WALLS[int(rng.integers(len(WALLS)))]
     if rng.random() < 0.55:
-        wall = materials.bricks(rng, width, height, colour, DENSITY)
+        wall = materials.bricks(rng, width, height, colour, PIXELS_PER_METRE)
     else:
-        shape = (materials.px(height, DENSITY), materials.px(width, DENSITY))
-        wall = materials.finished(materials.toned(colour, materials.rough(rng, shape, 2 * DENSITY, 4.0)))
-    m = DENSITY
+        shape = (materials.px(height, PIXELS_PER_METRE), materials.px(width, PIXELS_PER_METRE))
+        wall = materials.to_8bit(
+            materials.shaded(colour, materials.fractal_noise(rng, shape, 2 * PIXELS_PER_METRE, 4.0))
+        )
+    m = PIXELS_PER_METRE
     storeys, columns = max(int((height - 0.6) / 2.9), 1), max(int(width / 1.9), 2)
     shop = rng.random() < 0.45
     door = int(rng.integers(columns))
@@ -51,7 +53,7 @@ def front(rng: Rng, width: float, height: float) -> Bytes:
         words = SIGNS[int(rng.integers(len(SIGNS)))]
         (wide, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, 1.1, 2)
         at = ((wall.shape[1] - wide) // 2, bottom - 9)
-        cv2.putText(wall, words, at, cv2.FONT_HERSHEY_DUPLEX, 1.1, (240, 230, 200), 2, SOFT)
+        cv2.putText(wall, words, at, cv2.FONT_HERSHEY_DUPLEX, 1.1, (240, 230, 200), 2, ANTIALIASED)
     cv2.rectangle(wall, (0, 0), (wall.shape[1], round(0.3 * m)), stone, -1)
     for x in range(0, wall.shape[1], round(0.4 * m)):
         cv2.rectangle(wall, (x, round(0.16 * m)), (x + round(0.2 * m), round(0.3 * m)), (168, 160, 150), -1)
@@ -61,7 +63,7 @@ def front(rng: Rng, width: float, height: float) -> Bytes:
 def _window(wall: Bytes, rng: Rng, place: tuple[float, float, float, float]) -> None:
     import cv2
 
-    u, v, width, height = (round(x * DENSITY) for x in place)
+    u, v, width, height = (round(x * PIXELS_PER_METRE) for x in place)
     frame = (236, 234, 228)
     cv2.rectangle(wall, (u - 5, v - 5), (u + width + 5, v + height + 5), (120, 112, 104), -1)
     cv2.rectangle(wall, (u - 2, v - 2), (u + width + 2, v + height + 2), frame, -1)
@@ -75,7 +77,7 @@ def _window(wall: Bytes, rng: Rng, place: tuple[float, float, float, float]) -> 
     if rng.random() < 0.35:  # a blind
         pane[: int(height * rng.uniform(0.2, 0.6))] = rng.integers(170, 230, 3)
     rows, columns = wall[v : v + height, u : u + width].shape[:2]
-    wall[v : v + height, u : u + width] = materials.finished(pane)[:rows, :columns]
+    wall[v : v + height, u : u + width] = materials.to_8bit(pane)[:rows, :columns]
     for x in (u + width // 2,):
         cv2.rectangle(wall, (x - 2, v), (x + 2, v + height), frame, -1)
     cv2.rectangle(wall, (u, v + height // 3 - 2), (u + width, v + height // 3 + 1), frame, -1)
@@ -84,13 +86,13 @@ def _window(wall: Bytes, rng: Rng, place: tuple[float, float, float, float]) -> 
         for _ in range(40):
             at = (int(rng.integers(u, u + width)), int(rng.normal(v + height - 3, 4)))
             tone = ((70, 120, 50), (200, 60, 70), (230, 180, 60))[int(rng.integers(3))]
-            cv2.circle(wall, at, int(rng.integers(2, 5)), tone, -1, SOFT)
+            cv2.circle(wall, at, int(rng.integers(2, 5)), tone, -1, ANTIALIASED)
 
 
 def _door(wall: Bytes, rng: Rng, middle: float, floor: float) -> None:
     import cv2
 
-    m = DENSITY
+    m = PIXELS_PER_METRE
     left, right, top, bottom = (round(x * m) for x in (middle - 0.5, middle + 0.5, floor - 2.25, floor))
     paint = tuple(int(c) for c in rng.integers(30, 130, 3))
     cv2.rectangle(wall, (left - 9, top - 9), (right + 9, bottom), (210, 204, 192), -1)
@@ -99,17 +101,17 @@ def _door(wall: Bytes, rng: Rng, middle: float, floor: float) -> None:
         near, far = (round(left + s * (right - left)) for s in (0.15, 0.85))
         start, end = (near, round(top + v0 * (bottom - top))), (far, round(top + v1 * (bottom - top)))
         cv2.rectangle(wall, start, end, tuple(int(c * 0.7) for c in paint), 2)
-    cv2.circle(wall, (right - 9, (top + bottom) // 2), 3, (214, 190, 110), -1, SOFT)
+    cv2.circle(wall, (right - 9, (top + bottom) // 2), 3, (214, 190, 110), -1, ANTIALIASED)
     number = str(int(rng.integers(1, 99)))
-    cv2.putText(wall, number, (right + 12, top + 30), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 90), 2, SOFT)
+    cv2.putText(wall, number, (right + 12, top + 30), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 90), 2, ANTIALIASED)
 
 
 def road(rng: Rng, width: float, length: float) -> Bytes:
-    """Draw a road that runs down the image, with lines, crossings and lids."""
+    """Draw a vertical road with lines, crossings and manhole covers."""
     import cv2
 
-    image = materials.asphalt(rng, width, length, DENSITY)
-    m, rows, columns = DENSITY, image.shape[0], image.shape[1]
+    image = materials.asphalt(rng, width, length, PIXELS_PER_METRE)
+    m, rows, columns = PIXELS_PER_METRE, image.shape[0], image.shape[1]
     paint = np.zeros((rows, columns), np.float32)
     for top in np.arange(0, length, 6.0):
         paint[
@@ -122,15 +124,15 @@ def road(rng: Rng, width: float, length: float) -> Bytes:
         paint[top : top + round(3.4 * m)] = 0
         for u in np.arange(0.4, width - 0.4, 1.0):
             paint[top : top + round(3 * m), round(u * m) : round((u + 0.5) * m)] = 1
-    worn = 0.72 + 0.035 * materials.rough(rng, (rows, columns), 30, 2.5)
+    worn = 0.72 + 0.035 * materials.fractal_noise(rng, (rows, columns), 30, 2.5)
     share = (paint * np.clip(worn, 0, 1))[..., None]
-    image = materials.finished(image * (1 - share) + share * np.array((226, 224, 214), np.float32))
+    image = materials.to_8bit(image * (1 - share) + share * np.array((226, 224, 214), np.float32))
     for _ in range(int(length / 9)):
         at = (int(rng.uniform(0.2, 0.8) * columns), int(rng.integers(rows)))
-        cv2.circle(image, at, round(0.33 * m), (74, 72, 70), -1, SOFT)
-        cv2.circle(image, at, round(0.29 * m), (104, 100, 96), 2, SOFT)
+        cv2.circle(image, at, round(0.33 * m), (74, 72, 70), -1, ANTIALIASED)
+        cv2.circle(image, at, round(0.29 * m), (104, 100, 96), 2, ANTIALIASED)
         for k in range(-3, 4):
-            cv2.line(image, (at[0] - 14, at[1] + 5 * k), (at[0] + 14, at[1] + 5 * k), (92, 88, 84), 1, SOFT)
+            cv2.line(image, (at[0] - 14, at[1] + 5 * k), (at[0] + 14, at[1] + 5 * k), (92, 88, 84), 1, ANTIALIASED)
     return image
 
 
@@ -142,14 +144,14 @@ def car_side(rng: Rng, paint: Colour, *, cabin: bool) -> Bytes:
     if cabin:
         for left, right in ((14, 154), (166, 306)):
             cv2.rectangle(image, (left, 10), (right, 92), (52, 62, 72), -1)
-            cv2.line(image, (left + 20, 88), (left + 60, 14), (110, 124, 136), 6, SOFT)
+            cv2.line(image, (left + 20, 88), (left + 60, 14), (110, 124, 136), 6, ANTIALIASED)
     else:
         for x in (104, 196):
-            cv2.line(image, (x, 0), (x, 88), tuple(int(c * 0.6) for c in paint), 2, SOFT)
+            cv2.line(image, (x, 0), (x, 88), tuple(int(c * 0.6) for c in paint), 2, ANTIALIASED)
             cv2.rectangle(image, (x + 12, 18), (x + 34, 24), (30, 30, 32), -1)
         cv2.rectangle(image, (0, 78), (320, 96), (36, 36, 38), -1)
-        cv2.line(image, (0, 34), (320, 30), tuple(min(int(c * 1.25), 255) for c in paint), 2, SOFT)
-    return materials.finished(image + rng.normal(0, 2, image.shape))
+        cv2.line(image, (0, 34), (320, 30), tuple(min(int(c * 1.25), 255) for c in paint), 2, ANTIALIASED)
+    return materials.to_8bit(image + rng.normal(0, 2, image.shape))
 
 
 def car_end(paint: Colour, *, back: bool) -> Bytes:
@@ -161,13 +163,13 @@ def car_end(paint: Colour, *, back: bool) -> Bytes:
     for left in (8, 148):
         cv2.rectangle(image, (left, 14), (left + 36, 34), light, -1)
     cv2.rectangle(image, (66, 44), (126, 62), (236, 236, 230), -1)
-    cv2.putText(image, "OMNI 5", (70, 58), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 24), 1, SOFT)
+    cv2.putText(image, "OMNI 5", (70, 58), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 24), 1, ANTIALIASED)
     cv2.rectangle(image, (0, 66), (192, 80), (40, 40, 42), -1)
     return image
 
 
 def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
-    """Paint all directions of a fair day: blue, paler towards the horizon, clouds in a layer, and a glow at the sun."""
+    """Draw an equirectangular sky: blue, paler towards the horizon, with a layer of clouds and the sun."""
     import cv2
 
     height = width // 2
@@ -180,7 +182,7 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
         (58, 112, 190), np.float32
     )
     image = np.repeat(image, width, 1)
-    # The clouds lie in a layer: what is near the horizon is far away, and small.
+    # The clouds are in a horizontal layer, so they are smaller near the horizon.
     side = 1024
     noise = np.zeros((side, side), np.float32)
     for cells in (4, 8, 16, 32, 64, 128, 256):
@@ -202,11 +204,11 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
     image = (image + glow[..., None] * np.array((1, 0.96, 0.86), np.float32)) * (1 - haze) + haze * np.array(
         (150, 158, 146), np.float32
     )
-    return materials.finished(image)
+    return materials.to_8bit(image)
 
 
 def _wrapped(rng: Rng, side: int, cells: int) -> NDArray[np.float32]:
-    """Make smooth noise that repeats without a seam."""
+    """Make smooth periodic noise."""
     import cv2
 
     coarse = np.pad(rng.normal(0, 1, (cells, cells)).astype(np.float32), 2, mode="wrap")

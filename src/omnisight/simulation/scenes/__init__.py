@@ -1,4 +1,4 @@
-"""Scenes: each file of this folder that does not begin with an underscore builds one, by its function `scene(seed)`."""
+"""Scenes. Each file of this folder without a leading underscore builds one by its function `scene(seed)`."""
 
 from functools import cache
 
@@ -13,11 +13,11 @@ def scene_names() -> tuple[str, ...]:
 
 @cache
 def scene_named(name: str, seed: int = 0) -> Scene:
-    """Return a scene by its name; the seed changes what in it is left to chance. It is built once.
+    """Return a scene by name, built once; the seed changes its random parts.
 
     Raises
     ------
     ValueError
-        If there is none of that name.
+        If the name is unknown.
     """
     return module_in(__name__, name, "scene").scene(seed)

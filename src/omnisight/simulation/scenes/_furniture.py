@@ -1,4 +1,4 @@
-"""Furniture, from boxes, tubes and balls; the point given is its low corner, or the middle of its foot."""
+"""Furniture made of primitives; positions are low corners, or centres of the base."""
 
 import numpy as np
 
@@ -37,13 +37,13 @@ def table(low: Point, high: Point, rng: Rng) -> list[Solid]:
     solids.append(cylinder((cup[0], cup[1] - 0.09, cup[2]), cup, 0.04, Texture.plain((226, 228, 224)), "cup"))
     for i in range(4):
         place = (high[0] - 0.22 + 0.07 * (i % 2), low[1] - 0.037, high[2] - 0.2 + 0.07 * (i // 2))
-        peel = materials.finished(materials.toned((206, 116, 40), materials.rough(rng, (64, 128), 16, 8.0)))
+        peel = materials.to_8bit(materials.shaded((206, 116, 40), materials.fractal_noise(rng, (64, 128), 16, 8.0)))
         solids.append(ellipsoid(place, 0.037, Texture(peel), "fruit"))
     return solids
 
 
 def armchair(low: Point, rng: Rng) -> list[Solid]:
-    """Return an armchair of 0.85 x 0.9 x 0.8 m that looks along -z."""
+    """Return an armchair of 0.85 x 0.9 x 0.8 m that faces -z."""
     x, y, z = low
     cloth = Texture(materials.fabric(rng, 0.8, 0.8, (64, 92, 104)))
     cushion = Texture(materials.fabric(rng, 0.5, 0.5, (206, 150, 70)))
@@ -59,7 +59,7 @@ def armchair(low: Point, rng: Rng) -> list[Solid]:
 
 
 def chair(low: Point, rng: Rng) -> list[Solid]:
-    """Return a wooden chair of 0.45 x 1 x 0.45 m that looks along -x."""
+    """Return a wooden chair of 0.45 x 1 x 0.45 m that faces -x."""
     x, y, z = low
     birch = Texture(materials.wood(rng, 0.5, 0.5, (196, 160, 112)))
     solids = [box((x, y + 0.54, z), (x + 0.45, y + 0.58, z + 0.45), birch, "chair")]
@@ -72,7 +72,7 @@ def chair(low: Point, rng: Rng) -> list[Solid]:
 
 
 def floor_lamp(foot: Point) -> list[Solid]:
-    """Return a lamp on a pole, its shade lit."""
+    """Return a floor lamp with a glowing shade."""
     x, y, z = foot
     steel = Texture.plain((90, 90, 94))
     return [
@@ -83,9 +83,9 @@ def floor_lamp(foot: Point) -> list[Solid]:
 
 
 def potted_plant(foot: Point, rng: Rng) -> list[Solid]:
-    """Return a tall plant: leaves on stems out of a pot."""
+    """Return a tall potted plant."""
     x, y, z = foot
-    clay = Texture(materials.finished(materials.toned((170, 92, 62), materials.rough(rng, (96, 192), 32, 5.0))))
+    clay = Texture(materials.to_8bit(materials.shaded((170, 92, 62), materials.fractal_noise(rng, (96, 192), 32, 5.0))))
     solids = [cylinder((x, y - 0.38, z), (x, y, z), 0.19, clay, "plant")]
     leaf = Texture(materials.leaves(rng, (66, 110, 58), 256))
     for i in range(16):
@@ -98,15 +98,17 @@ def potted_plant(foot: Point, rng: Rng) -> list[Solid]:
     return solids
 
 
-def on_the_sideboard(low: Point, rng: Rng) -> list[Solid]:
-    """Return what stands in a row: a plant in a pot, a vase, a clock."""
+def sideboard_objects(low: Point, rng: Rng) -> list[Solid]:
+    """Return a row of a potted plant, a clock and a vase."""
     x, y, z = low
     clay, leaf = Texture.plain((190, 104, 70)), Texture(materials.leaves(rng, (84, 128, 70), 256))
     solids = [cylinder((x + 0.3, y - 0.15, z), (x + 0.3, y, z), 0.09, clay, "herbs")]
     for _ in range(9):
         away = rng.normal(0, (0.07, 0.05, 0.05))
         solids.append(ellipsoid(np.array((x + 0.3, y - 0.24, z)) + away, (0.07, 0.05, 0.07), leaf, "herbs"))
-    glaze = Texture(materials.finished(materials.toned((70, 110, 140), materials.rough(rng, (96, 192), 24, 9.0))))
+    glaze = Texture(
+        materials.to_8bit(materials.shaded((70, 110, 140), materials.fractal_noise(rng, (96, 192), 24, 9.0)))
+    )
     solids.append(ellipsoid((x + 1.15, y - 0.12, z), (0.1, 0.12, 0.1), glaze, "vase"))
     solids.append(cylinder((x + 1.15, y - 0.3, z), (x + 1.15, y - 0.2, z), 0.035, glaze, "vase"))
     face = np.full((72, 96, 3), (60, 48, 40), np.uint8)
@@ -120,17 +122,18 @@ def on_the_sideboard(low: Point, rng: Rng) -> list[Solid]:
 
 
 def parcels(foot: Point, rng: Rng) -> list[Solid]:
-    """Return cardboard boxes on top of each other."""
+    """Return a stack of cardboard boxes."""
     solids: list[Solid] = []
     for i, (wide, tall) in enumerate(((0.5, 0.36), (0.4, 0.3), (0.26, 0.2))):
-        card = materials.toned(
-            (178, 138, 96), materials.rough(rng, (96, 128), 32, 4.0) + materials.cloud(rng, (96, 128), (1, 40), 3.0)
+        card = materials.shaded(
+            (178, 138, 96),
+            materials.fractal_noise(rng, (96, 128), 32, 4.0) + materials.smooth_noise(rng, (96, 128), (1, 40), 3.0),
         )
         card[:, 58:70] = (206, 178, 132)
         card[60:80, 84:118] = (238, 236, 228)
         card[64:66, 88:112] = card[70:72, 88:104] = (40, 40, 44)
         parcel = box(
-            (-wide / 2, -tall, -wide / 2), (wide / 2, 0, wide / 2), Texture(materials.finished(card)), "parcels"
+            (-wide / 2, -tall, -wide / 2), (wide / 2, 0, wide / 2), Texture(materials.to_8bit(card)), "parcels"
         )
         rise = (0.0, 0.36, 0.66)[i]
         solids.append(parcel.moved(Pose(exp(np.array((0, 0.25 - 0.4 * i, 0))), np.array(foot) - (0, rise, 0))))

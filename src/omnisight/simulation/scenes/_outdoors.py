@@ -1,4 +1,4 @@
-"""What stands in streets, from boxes, tubes and balls; the point given is the middle of its foot."""
+"""Objects of streets made of primitives; positions are centres of the base."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ CAR_PAINTS: tuple[tuple[int, int, int], ...] = (
 
 
 def tree(foot: Point, leaf: Texture, bark: Texture, name: str, rng: Rng, tall: float = 5.5) -> list[Solid]:
-    """Return a trunk under a crown of leafy balls."""
+    """Return a tree: a trunk and a crown of leafy ellipsoids."""
     base = np.array(foot)
     fork = base + np.array((0, -0.45 * tall, 0))
     solids = [cylinder(fork, base, 0.025 * tall, bark, name)]
@@ -53,7 +53,7 @@ def car(foot: Point, name: str, rng: Rng) -> list[Solid]:
     body, cabin = (Texture(outdoors.car_side(rng, paint, cabin=c)) for c in (False, True))
     ends = {"near": Texture(outdoors.car_end(paint, back=True)), "far": Texture(outdoors.car_end(paint, back=False))}
     flank, glass = {"left": body, "right": body, **ends}, Texture.plain((58, 68, 78))
-    metal = Texture(materials.finished(materials.toned(paint, materials.rough(rng, (64, 128), 32, 3.0))))
+    metal = Texture(materials.to_8bit(materials.shaded(paint, materials.fractal_noise(rng, (64, 128), 32, 3.0))))
     sides = {"left": cabin, "right": cabin, "near": glass, "far": glass}
     solids = [
         box((x - 0.85, y - 0.85, z - 2.1), (x + 0.85, y - 0.28, z + 2.1), {**flank, "other": metal}, name),
@@ -87,7 +87,7 @@ def poster_column(foot: Point, rng: Rng) -> list[Solid]:
 
 
 def bench(foot: Point, rng: Rng) -> list[Solid]:
-    """Return a bench of planks along z, its back away from the road."""
+    """Return a bench along z with its back away from the road."""
     x, y, z = foot
     oak, iron = Texture(materials.wood(rng, 1.6, 0.15, (150, 104, 62))), Texture.plain((52, 54, 56))
     away = np.sign(x)

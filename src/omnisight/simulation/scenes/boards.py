@@ -16,7 +16,7 @@ AROUND, DISTANCE = 8, 1.7
 
 
 def scene(seed: int = 0) -> Scene:
-    """Build it; the boards stand in two rings about the origin and one lies below it and one above."""
+    """Build the hall: two rings of boards around the origin, one board below and one above."""
     rng = np.random.default_rng(seed + 3)
     boards: list[tuple[str, Board]] = [("checkerboard", Checkerboard(9, 6, 0.06))]
     april, charuco, circles = (board_class(kind) for kind in ("aprilgrid", "charuco", "circles"))
@@ -37,7 +37,7 @@ def scene(seed: int = 0) -> Scene:
 def _facing(
     board: Board, yaw: float, pitch: float, rng: np.random.Generator, name: str, distance: float = DISTANCE
 ) -> Solid:
-    """Stand a board in a direction, radians, turned from facing the origin by some degrees."""
+    """Return a board in a direction (radians), rotated randomly from facing the origin."""
     towards = exp(np.array((0, yaw, 0))) @ exp(np.array((pitch, 0, 0)))
     turn = towards @ exp(rng.uniform(-0.3, 0.3, 3))
     left, top, right, bottom = board.extent

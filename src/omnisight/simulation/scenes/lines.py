@@ -1,4 +1,4 @@
-"""Straight lines all around: black wires strung through a bright hall, and cubes of clean edges between them."""
+"""A bright hall with straight black wires and cubes all around, for calibration from lines."""
 
 import numpy as np
 
@@ -10,12 +10,13 @@ from omnisight.simulation.texture import Texture
 
 HALF, FLOOR, CEILING = 3.0, 1.5, -1.7
 WIRES, CUBES = 60, 14
-RADIUS = 0.008  # of a wire, metres
-CLEAR = 0.9  # about the origin no wire comes nearer
+WIRE_RADIUS_M = 0.008
+# Minimum distance of wires from the origin, where cameras are.
+MIN_WIRE_DISTANCE_M = 0.9
 
 
 def scene(seed: int = 0) -> Scene:
-    """Build it; each wire is an instance of its own, from wall to wall."""
+    """Build the hall; each wire is an instance from wall to wall."""
     rng = np.random.default_rng(seed + 5)
     white, black = Texture.plain((226, 226, 222)), Texture.plain((24, 24, 26))
     low, high = np.array((-HALF, CEILING, -HALF)), np.array((HALF, FLOOR, HALF))
@@ -24,8 +25,8 @@ def scene(seed: int = 0) -> Scene:
         a, b = (_on_wall(rng, low, high) for _ in range(2))
         along = (b - a) / np.linalg.norm(b - a)
         nearest = a - (a @ along) * along
-        if np.linalg.norm(b - a) > 2.0 and np.linalg.norm(nearest) > CLEAR:
-            solids.append(cylinder(a, b, RADIUS, black, f"wire {len(solids)}"))
+        if np.linalg.norm(b - a) > 2.0 and np.linalg.norm(nearest) > MIN_WIRE_DISTANCE_M:
+            solids.append(cylinder(a, b, WIRE_RADIUS_M, black, f"wire {len(solids)}"))
     for i in range(CUBES):
         turn = 2 * np.pi * i / CUBES
         at = np.array((2.2 * np.sin(turn), rng.uniform(-1.2, 1.0), 2.2 * np.cos(turn)))

@@ -9,9 +9,9 @@ from omnisight.simulation.scenes._furniture import (
     armchair,
     chair,
     floor_lamp,
-    on_the_sideboard,
     parcels,
     potted_plant,
+    sideboard_objects,
     table,
 )
 from omnisight.simulation.solids import Solid, box, cylinder
@@ -24,7 +24,7 @@ LAMPS = [(x, z) for x in (-1.2, 1.2) for z in (-0.75, 1.35)]
 
 
 def scene(seed: int = 0) -> Scene:
-    """Build it; its origin is at the height of a tripod's head, 1.3 m."""
+    """Build the room; the origin is 1.3 m above the floor."""
     rng = np.random.default_rng(seed + 20)
     solids = [
         *_shell(rng),
@@ -34,7 +34,7 @@ def scene(seed: int = 0) -> Scene:
         *chair((1.35, 0.3, -1.75), rng),
         *floor_lamp((2.3, 1.3, 2.45)),
         *potted_plant((-2.25, 1.3, 2.5), rng),
-        *on_the_sideboard((-0.75, 0.62, 2.65), rng),
+        *sideboard_objects((-0.75, 0.62, 2.65), rng),
         *parcels((-1.5, 1.3, -1.9), rng),
     ]
     white = Texture.plain((255, 250, 240))
@@ -49,7 +49,7 @@ def scene(seed: int = 0) -> Scene:
 
 
 def _shell(rng: np.random.Generator) -> list[Solid]:
-    """Return the walls with what hangs on them, floor and ceiling; each drawn as seen from inside."""
+    """Return the room's shell: decorated walls, floor and ceiling."""
     width, height, depth = (b - a for a, b in zip(LOW, HIGH, strict=True))
     front = materials.wallpaper(rng, width, height, (150, 172, 176), (112, 136, 142))
     decor.poster(front, (0.62, 0.45, 0.95, 1.25))
@@ -67,7 +67,7 @@ def _shell(rng: np.random.Generator) -> list[Solid]:
     floor = materials.planks(rng, width, depth)
     decor.rug(floor, (1.55, 1.5, 2.3, 1.9), rng)
     ceiling = materials.plaster(rng, width, depth, (236, 234, 228))
-    # A box's faces are drawn as seen from outside.
+    # Textures of a box are as seen from outside, so mirror them.
     faces = {
         **{name: wall[:, ::-1] for name, wall in {"far": front, "right": right, "near": back, "left": left}.items()},
         "bottom": floor[::-1],

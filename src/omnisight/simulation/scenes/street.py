@@ -20,7 +20,7 @@ CARS = ((-2.6, -14.0), (-2.6, 9.0), (-2.6, 15.5), (2.6, -8.0), (2.6, 6.0), (2.6,
 
 
 def scene(seed: int = 0) -> Scene:
-    """Build it; the street runs along z, its origin is 1.6 m above the road."""
+    """Build the street along z; the origin is 1.6 m above the road."""
     rng = np.random.default_rng(seed + 11)
     solids = [*_ground(rng), *_houses(rng, -1), *_houses(rng, 1), *_far_end(rng)]
     leaf, bark = [Texture(materials.leaves(rng)) for _ in range(3)], Texture(materials.bark(rng))
@@ -81,7 +81,7 @@ def _houses(rng: Rng, side: int) -> list[Solid]:
         solids.append(box((x0, GROUND - tall, z), (x1, GROUND, z + width), walls, name))
         colour = ((150, 78, 58), (92, 88, 92), (128, 70, 54))[int(rng.integers(3))]
         slope = Texture(materials.tiles(rng, width, 5.5, colour, 40))
-        # Built with its ridge along x, and turned to lie along the street: x becomes z, and z becomes -x.
+        # The roof is built with its ridge along x and rotated into the street direction: x becomes z, z becomes -x.
         turned = Pose(exp(np.array((0, -np.pi / 2, 0))))
         over = 0.35
         low, high = (z, -tall - 2.6, -x1 - over), (z + width, -tall + 0.02, -x0 + over)
