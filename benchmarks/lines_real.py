@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from omnisight.pipeline.central import Calibration, calibrate_camera
 
 from omnisight.calibration.lines import LineObservations, LinesCalibration, PixelChains, bearing_sigma, detect_lines
 from omnisight.calibration.lines.focal_scale import scale_ambiguity
@@ -18,7 +19,6 @@ from omnisight.formats import load
 from omnisight.geometry import rotation as so3
 from omnisight.images import read_image
 from omnisight.pipeline.calibrate_lines import calibrate_lines
-from omnisight.pipeline.central import Calibration, calibrate_camera
 from omnisight.targets import Checkerboard, Detection, detect_boards
 from omnisight.targets.observations import Observations
 

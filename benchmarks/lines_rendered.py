@@ -1,7 +1,7 @@
 """Calibration from lines on rendered images with known cameras.
 
-`python -m benchmarks.lines rendered [tuning|test] [name ...]`. Constants may be tuned on the cameras of the tuning half,
-and are then evaluated on the test half.
+`python -m benchmarks.lines rendered [tuning|test] [name ...]`. Tune constants on the cameras of the tuning half only, and
+evaluate them on the test half.
 """
 
 import zlib

@@ -65,7 +65,7 @@ def test_edges_outside_the_mask_are_not_detected():
 def test_images_of_other_shapes_are_rejected():
     with pytest.raises(ValueError, match="expected a gray image"):
         detect_edge_chains(np.zeros((9, 9, 3), np.uint8))
-    with pytest.raises(ValueError, match="the image has shape"):
+    with pytest.raises(ValueError, match="expected a mask of the image's shape"):
         detect_edge_chains(np.zeros((9, 9), np.uint8), np.zeros((8, 9), bool))
 
 

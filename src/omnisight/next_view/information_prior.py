@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.candidate import Candidate
-from omnisight.calibration.covariance import camera_covariance, variance_inflation, residual_variance
+from omnisight.calibration.covariance import camera_covariance, residual_variance, variance_inflation
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import resect
 from omnisight.calibration.residual_weights import MIN_SIGMA_PX, ResidualWeights
