@@ -1,6 +1,6 @@
 """Calibration from lines on rendered images with known cameras.
 
-`python -m benchmarks.lines rendered [tuning|test] [name ...]`. Tune constants on the cameras of the tuning half only, and
+`python -m benchmarks.lines rendered [tuning|test] [name ...]`. Tune constants on the cameras of the tuning half and
 evaluate them on the test half.
 """
 
