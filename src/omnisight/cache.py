@@ -1,4 +1,4 @@
-"""Where omnisight keeps what it can make again: compiled code and detections."""
+"""The cache folder, for compiled code and detections."""
 
 import os
 import sys
@@ -6,9 +6,9 @@ from pathlib import Path
 
 
 def cache_folder() -> Path:
-    """Give the user's cache folder of omnisight; `OMNISIGHT_CACHE` overrides it. It need not exist yet."""
-    if chosen := os.environ.get("OMNISIGHT_CACHE"):
-        return Path(chosen)
+    """Return the user's cache folder of omnisight; `OMNISIGHT_CACHE` overrides it. It may not exist yet."""
+    if override := os.environ.get("OMNISIGHT_CACHE"):
+        return Path(override)
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local")) / "omnisight" / "cache"
     if sys.platform == "darwin":

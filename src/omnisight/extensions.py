@@ -1,4 +1,4 @@
-"""One file per extension: what a folder holds is found there, and listed nowhere else."""
+"""Discovery of extensions: one file of a package each, listed nowhere else."""
 
 import importlib
 import pkgutil
@@ -11,20 +11,26 @@ Kind = TypeVar("Kind")
 
 @cache
 def names_in(package: str) -> tuple[str, ...]:
-    """Give the names of the files of a package that do not begin with an underscore, sorted."""
+    """Return the sorted names of the files of a package that do not begin with an underscore."""
     folder = importlib.import_module(package).__path__
     return tuple(sorted(found.name for found in pkgutil.iter_modules(folder) if not found.name.startswith("_")))
 
 
 def module_in(package: str, name: str, what: str) -> ModuleType:
-    """Import a file of a package; ValueError, with the names there are of `what`, if there is none."""
+    """Import a file of a package.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file; the message lists the available names.
+    """
     if name not in names_in(package):
         raise ValueError(f"unknown {what} {name!r}; there are: {', '.join(names_in(package))}")
     return importlib.import_module(f"{package}.{name}")
 
 
 def class_in(package: str, name: str, kind: type[Kind], what: str) -> type[Kind]:
-    """Give the dataclass of a kind that a file of a package holds; ValueError if there is no such file."""
+    """Return the dataclass of a kind that is defined in a file of a package; see `module_in` for errors."""
     module = module_in(package, name, what)
     return next(
         value
@@ -32,5 +38,5 @@ def class_in(package: str, name: str, kind: type[Kind], what: str) -> type[Kind]
         if isinstance(value, type)
         and issubclass(value, kind)
         and value.__module__ == module.__name__
-        and "__dataclass_fields__" in vars(value)  # what is only inherited from is none
+        and "__dataclass_fields__" in vars(value)  # base classes are not dataclasses
     )

@@ -1,4 +1,4 @@
-"""Rigid motions, named by what they map: `x_b = b_from_a @ x_a`."""
+"""Rigid motions, named after the frames they map: `x_b = b_from_a @ x_a`."""
 
 from dataclasses import dataclass, field
 from typing import Self, overload
@@ -37,10 +37,10 @@ class Pose:
         return np.asarray(other, float) @ self.rotation.T + self.translation
 
     def inverse(self) -> Self:
-        """Give a_from_b."""
+        """Return a_from_b."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
 
     def moved(self, step: ArrayLike) -> Self:
-        """Give the pose moved by (rotation vector, translation) (6,): x_b = exp(w) R x_a + t + v."""
+        """Return the pose moved by a step (w, v) (6,), rotation vector and translation: x_b = exp(w) R x_a + t + v."""
         s = np.asarray(step, float)
         return type(self)(so3.exp(s[:3]) @ self.rotation, self.translation + s[3:])

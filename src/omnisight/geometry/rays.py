@@ -1,4 +1,4 @@
-"""Rays: what a pixel sees along, from where."""
+"""Rays: the origin and bearing of pixels."""
 
 from typing import NamedTuple
 
@@ -7,16 +7,16 @@ from numpy.typing import NDArray
 
 
 class Rays(NamedTuple):
-    """Half lines in space, one for each pixel asked for.
+    """Half lines in space, one per pixel.
 
     Attributes
     ----------
     origins
-        (..., 3) where they begin; the camera's centre if it is central. NaN where not valid.
+        (..., 3) origins; the camera centre for a central camera. NaN where not valid.
     bearings
-        (..., 3) unit vectors along which light is seen. NaN where not valid.
+        (..., 3) unit vectors. NaN where not valid.
     valid
-        (...), whether the pixel sees anything.
+        (...), whether the pixel has a ray.
     """
 
     origins: NDArray[np.float64]

@@ -7,7 +7,7 @@ Array = NDArray[np.float64]
 
 
 def hat(vectors: ArrayLike) -> Array:
-    """Give the cross-product matrices (..., 3, 3) of vectors (..., 3): hat(v) w = v x w."""
+    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3): hat(v) w = v x w."""
     v = np.asarray(vectors, float)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     zero = np.zeros_like(x)
@@ -15,7 +15,7 @@ def hat(vectors: ArrayLike) -> Array:
 
 
 def exp(vectors: ArrayLike) -> Array:
-    """Give the rotations (..., 3, 3) of rotation vectors (..., 3), radians (Rodrigues' formula)."""
+    """Return the rotations (..., 3, 3) of rotation vectors (..., 3), radians (Rodrigues' formula)."""
     v = np.asarray(vectors, float)
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     k = hat(v)
@@ -24,7 +24,7 @@ def exp(vectors: ArrayLike) -> Array:
 
 
 def log(rotations: ArrayLike) -> Array:
-    """Give the rotation vectors (..., 3), at most pi long, of rotations (..., 3, 3)."""
+    """Return the rotation vectors (..., 3), of length at most pi, of rotations (..., 3, 3)."""
     r = np.asarray(rotations, float)
     axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
     sine = np.linalg.norm(axis, axis=-1)
@@ -42,14 +42,14 @@ def log(rotations: ArrayLike) -> Array:
 
 
 def nearest(matrices: ArrayLike) -> Array:
-    """Give the rotations nearest to matrices (..., 3, 3), by the singular value decomposition."""
+    """Return the rotations nearest to matrices (..., 3, 3), by the singular value decomposition."""
     u, _, vt = np.linalg.svd(np.asarray(matrices, float))
     u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
     return u @ vt
 
 
-# What is down, and what is ahead, in the camera frame, by where the world's up is.
-_LEVEL = {
+# camera_from_level: a level frame (x right, y down, z forward) in the camera frame, by the side the world's up is on.
+_CAMERA_FROM_LEVEL = {
     "top": np.eye(3),
     "back": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "front": np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]),
@@ -57,30 +57,30 @@ _LEVEL = {
 
 
 def look(yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0, *, up: str = "top", flip: bool = False) -> Array:
-    """Give target_from_source (3, 3) of a view that looks elsewhere than the camera does.
+    """Return the rotation target_from_source (3, 3) of a view with another direction than the camera.
 
     Parameters
     ----------
     yaw, pitch, roll
-        Degrees. The view turns right with yaw, up with pitch, and clockwise, as seen from behind it, with roll.
+        Degrees. Positive yaw turns the view right, pitch up, roll clockwise as seen from behind.
     up
-        Where the world's up lies: "top" for a camera held level (up is the image's top), "back" for a camera that
-        looks down or into a mirror above it (the image's middle is the nadir), "front" for a camera that looks up.
+        Direction of the world's up: "top" for a level camera (up is the top of the image), "back" for a camera that
+        looks down or into a mirror above it (the image centre is the nadir), "front" for a camera that looks up.
     flip
-        Exchange left and right: a camera that looks into one mirror sees the world so.
+        Exchange left and right, as in the image of a camera that looks into a mirror.
 
     Raises
     ------
     ValueError
         If `up` is none of the three.
     """
-    if up not in _LEVEL:
-        raise ValueError(f"up must be one of {', '.join(_LEVEL)}, got {up!r}")
+    if up not in _CAMERA_FROM_LEVEL:
+        raise ValueError(f"up must be one of {', '.join(_CAMERA_FROM_LEVEL)}, got {up!r}")
     y, p, r = np.radians([yaw, pitch, roll])
     turn = (
         np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
         @ np.array([[1, 0, 0], [0, np.cos(p), -np.sin(p)], [0, np.sin(p), np.cos(p)]])
         @ np.array([[np.cos(r), -np.sin(r), 0], [np.sin(r), np.cos(r), 0], [0, 0, 1]])
     )
-    source_from_level = _LEVEL[up] @ np.diag([-1.0 if flip else 1.0, 1.0, 1.0])
-    return (source_from_level @ turn).T
+    camera_from_level = _CAMERA_FROM_LEVEL[up] @ np.diag([-1.0 if flip else 1.0, 1.0, 1.0])
+    return (camera_from_level @ turn).T

@@ -1,4 +1,4 @@
-"""Directions on the sphere: angles from the axis, azimuths, even samples."""
+"""Directions on the sphere: angles from the axis, azimuths, uniform samples."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,18 +7,18 @@ Array = NDArray[np.float64]
 
 
 def angle_from_axis(directions: Array) -> Array:
-    """Give the angle (...), radians, between directions (..., 3), of any length, and the z axis."""
+    """Return the angle (...), radians, between directions (..., 3) of any length and the z axis."""
     return np.arctan2(np.hypot(directions[..., 0], directions[..., 1]), directions[..., 2])
 
 
 def polar(theta: Array, phi: Array) -> Array:
-    """Give the bearings (..., 3) at angles from the axis and azimuths, radians; azimuth 0 is x, pi/2 is y."""
+    """Return the bearings (..., 3) at angles from the axis and azimuths, radians; azimuth 0 is x, pi/2 is y."""
     s = np.sin(theta)
     return np.stack([s * np.cos(phi), s * np.sin(phi), np.cos(theta)], -1)
 
 
 def cap(reach: float, rings: int) -> Array:
-    """Give bearings (N, 3), about as dense everywhere, up to an angle from the axis (radians)."""
+    """Return nearly uniformly distributed bearings (N, 3) up to an angle from the axis (radians)."""
     thetas = reach * (np.arange(rings) + 0.5) / rings
     counts = np.maximum(np.round(2 * np.pi * np.sin(thetas) / (reach / rings)), 3).astype(int)
     return np.concatenate(

@@ -1,11 +1,12 @@
-"""Camera models: each file of this folder that does not begin with an underscore holds one.
+"""Central camera models: one per file whose name does not begin with an underscore.
 
-A model is found by its file. Adding a file adds it to the tests, the command line, the formats and the docs.
+A new file adds its model to the tests, the command line, the formats and the docs.
 """
 
 from omnisight.extensions import class_in, names_in
 from omnisight.models._camera_model import CameraModel
 from omnisight.models._parameter import Parameter, parameter
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Projector
 
 __all__ = [
@@ -21,17 +22,17 @@ __all__ = [
 
 
 def model_names() -> tuple[str, ...]:
-    """Give the names of all camera models, sorted: the names of the files here."""
+    """Return the sorted names of all camera models, which are the names of the files."""
     return names_in(__name__)
 
 
 def model_class(name: str) -> type[CameraModel]:
-    """Give the model of that name.
+    """Return the camera model with a name.
 
     Raises
     ------
     ValueError
-        If there is no such model; the message lists the names.
+        If there is no such model; the message lists the available names.
     """
     return class_in(__name__, name, CameraModel, "camera model")
 
@@ -41,6 +42,7 @@ def auto_models(theta: float) -> tuple[str, ...]:
     return tuple(name for name in model_names() if theta < model_class(name).auto_max_theta)
 
 
-def initial_models() -> tuple[type[CameraModel], ...]:
+def initial_models() -> tuple[type[ProfileCamera], ...]:
     """Return the models that the search for the initial camera samples: together they follow lenses and mirrors."""
-    return tuple(cls for name in model_names() if (cls := model_class(name)).in_initial_search)
+    models = (model_class(name) for name in model_names())
+    return tuple(cls for cls in models if issubclass(cls, ProfileCamera) and cls.in_initial_search)

@@ -1,4 +1,4 @@
-"""What is known of a camera model's parameter beside its value."""
+"""Metadata of the parameters of camera models."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -9,20 +9,20 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is known of a parameter beside its value.
+    """Metadata of a parameter.
 
     Attributes
     ----------
     name
-        Its name; coefficients of a tuple have one each (a0, a2, a3).
+        Name; each coefficient of a tuple has its own (a0, a2, a3).
     doc
-        What it is, in a few words.
+        Short description.
     unit
         "px", or empty for a ratio.
     low, high
-        Bounds that every valid camera keeps.
+        Bounds of valid cameras.
     free
-        Whether a calibration estimates it unless told otherwise.
+        Whether a calibration estimates it by default.
     prior_sigma
         Standard deviation of a zero-mean Gaussian prior, part of every cost; inf if there is none.
     start_zero
@@ -56,7 +56,7 @@ def parameter(doc: str, *, default: Any = dataclasses.MISSING, **known: Any) -> 
 
 
 def finite(value: Any, what: str) -> float:
-    """Give the value as a float, or say that it is no finite number."""
+    """Return the value as a float; raise ValueError if it is not a finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not np.isfinite(value):
         raise ValueError(f"{what} must be a finite number, got {value!r}")
     return float(value)

@@ -1,4 +1,4 @@
-"""What has parameters: cameras, the mirrors they look into, and what is made of parts that have some."""
+"""Dataclasses with a flat parameter vector: camera models, mirrors, and systems composed of them."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,64 +14,64 @@ Array = NDArray[np.float64]
 
 
 class Parameterized:
-    """What is known by its parameters: a frozen dataclass whose fields, in order, hold them.
+    """Base of frozen dataclasses whose fields, in order, are parameters of one flat vector.
 
-    A field is a number, a tuple of numbers, a part that is Parameterized itself, or a tuple of such parts. Parameters of a
-    part keep their names; those of a tuple of parts begin with `coefficient_names` of it (mirror_radius).
-    Solvers see one flat vector, names and bounds, and never the class.
+    A field is a number, a tuple of numbers, a `Parameterized` part, or a tuple of such parts. Parameters of a part keep
+    their names; those of a tuple of parts are prefixed by `coefficient_names` (mirror0_radius). Solvers use only the
+    vector, the names and the bounds.
     """
 
     name: ClassVar[str]
 
     def __init_subclass__(cls) -> None:
-        """Name it after its file."""
+        """Name the class after its file."""
         cls.name = cls.__module__.rpartition(".")[2]
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What is known of each parameter, in the order of `params`."""
-        found: list[Parameter] = []
+        """Metadata of each parameter, in the order of `params`."""
+        parameters: list[Parameter] = []
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             value: Any = getattr(self, field.name)
-            several = isinstance(value, tuple)
-            names = self.coefficient_names(len(value), field.name) if several else (field.name,)
-            for name, part in zip(names, value if several else (value,), strict=True):
+            is_tuple = isinstance(value, tuple)
+            names = self.coefficient_names(len(value), field.name) if is_tuple else (field.name,)
+            for name, part in zip(names, value if is_tuple else (value,), strict=True):
                 if isinstance(part, Parameterized):
-                    before = f"{name}_" if several else ""
-                    found += [dataclasses.replace(p, name=before + p.name) for p in part.parameters]
+                    prefix = f"{name}_" if is_tuple else ""
+                    parameters += [dataclasses.replace(p, name=prefix + p.name) for p in part.parameters]
                 else:
-                    found.append(Parameter(name, **field.metadata))
-        return tuple(found)
+                    parameters.append(Parameter(name, **field.metadata))
+        return tuple(parameters)
 
     @staticmethod
     def coefficient_names(count: int, field: str) -> tuple[str, ...]:
-        """Name the coefficients, or the parts, of a field that is a tuple: the field's name and a number."""
+        """Return the names of the coefficients or parts of a tuple field: the name of the field and a number."""
         return tuple(f"{field}{i}" for i in range(count))
 
     @cached_property
     def param_names(self) -> tuple[str, ...]:
-        """The names of the parameters, in the order of `params`."""
+        """Names of the parameters, in the order of `params`."""
         return tuple(p.name for p in self.parameters)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """The least and the greatest value of each parameter, (P,) and (P,)."""
+        """Lower and upper bounds of the parameters, (P,) and (P,)."""
         return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
 
     @cached_property
     def prior_sigmas(self) -> Array:
-        """How far from 0 each parameter (P,) is expected to be: `Parameter.prior_sigma`."""
+        """Prior standard deviations of the parameters (P,): `Parameter.prior_sigma`."""
         return np.array([p.prior_sigma for p in self.parameters])
 
     @cached_property
     def params(self) -> Array:
-        """The parameters (P,) as one flat, read-only vector."""
+        """Parameters (P,) as one flat, read-only vector."""
         flat = np.hstack([_numbers(getattr(self, f.name)) for f in dataclasses.fields(self)])  # pyright: ignore[reportArgumentType]
         flat.flags.writeable = False
         return flat
 
     def with_params(self, params: ArrayLike) -> Self:
-        """Give the same with other parameters (P,)."""
+        """Return a copy with other parameters (P,)."""
         vector = np.asarray(params, float)
         if vector.shape != self.params.shape:
             raise ValueError(f"{self.name} has {self.params.size} parameters, got an array of shape {vector.shape}")
@@ -81,42 +81,42 @@ class Parameterized:
             stop = start + (1 if isinstance(old, float) else _numbers(old).size)
             values[field.name] = _with_numbers(old, vector[start:stop])
             start = stop
-        made = dataclasses.replace(self, **values)  # pyright: ignore[reportArgumentType]
-        # What is known of the parameters stays the same: solvers ask at every step.
-        made.__dict__.update(
+        copy = dataclasses.replace(self, **values)  # pyright: ignore[reportArgumentType]
+        # The metadata does not change; solvers call this at every step.
+        copy.__dict__.update(
             {name: getattr(self, name) for name in ("parameters", "param_names", "bounds", "prior_sigmas")}
         )
-        return made
+        return copy
 
     def with_values(self, values: Mapping[str, float]) -> Self:
-        """Give the same with other values of some parameters, by name; names it lacks are passed over."""
+        """Return a copy with other values of some parameters by name; unknown names are ignored."""
         return self.with_params([values.get(name, value) for name, value in self.to_dict().items()])
 
     def to_dict(self) -> dict[str, Any]:
-        """Give the parameters by name."""
+        """Return the parameters by name."""
         return dict(zip(self.param_names, map(float, self.params), strict=True))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make the model from its parameters by name.
+        """Create the model from its parameters by name.
 
         Raises
         ------
         ValueError
-            If a name is missing or unknown, or a value is no finite number.
+            If a name is missing or unknown, or a value is not a finite number.
         """
         names: dict[str, tuple[str, ...]] = {}
-        needed: set[str] = set()
+        required: set[str] = set()
         for field in dataclasses.fields(cls):  # pyright: ignore[reportArgumentType]
             names[field.name] = (field.name,)
             if field.type == tuple[float, ...]:
-                # As long as the values have names of it.
+                # The length follows from the names that are present.
                 count = sum(name.startswith(field.name) and name[len(field.name) :].isdecimal() for name in values)
                 names[field.name] = cls.coefficient_names(max(count, 1), field.name)
             if field.default is dataclasses.MISSING:
-                needed.update(names[field.name])
+                required.update(names[field.name])
         known = [name for part in names.values() for name in part]
-        if missing := sorted(needed - set(values)):
+        if missing := sorted(required - set(values)):
             raise ValueError(f"model {cls.name}: missing {', '.join(missing)}")
         if unknown := sorted(set(values) - set(known)):
             raise ValueError(f"model {cls.name} has no {', '.join(unknown)}; it has {', '.join(known)}")
@@ -131,7 +131,7 @@ class Parameterized:
 
 
 def _numbers(value: Any) -> Array:
-    """Give the numbers of a field's value in order."""
+    """Return the numbers in the value of a field."""
     if isinstance(value, Parameterized):
         return value.params
     if isinstance(value, tuple) and value and isinstance(value[0], Parameterized):
@@ -140,7 +140,7 @@ def _numbers(value: Any) -> Array:
 
 
 def _with_numbers(value: Any, numbers: Array) -> Any:
-    """Give a field's value with other numbers."""
+    """Return the value of a field with other numbers."""
     if isinstance(value, float):
         return float(numbers[0])
     if isinstance(value, Parameterized):

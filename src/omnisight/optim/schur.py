@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Least eigenvalue of normal equations with unit diagonal that is more than rounding.
-UNTOLD = 1e-14
+# Eigenvalues of normal equations with unit diagonal below this are rounding errors.
+MIN_EIGENVALUE = 1e-14
 
 
 @dataclass(frozen=True)
 class GroupedNormal:
     """H x = -g with H = [A B; B^T C], C block diagonal: one block per group.
 
-    Boards and a camera, or points and cameras: what is shared couples the groups, which do not see each other. The
-    Schur complement of C makes the cost linear in the groups (Triggs et al., Bundle adjustment: a modern synthesis,
+    The shared parameters (a camera) couple the groups (boards), which are otherwise independent. With the Schur
+    complement of C the cost of a solution is linear in the number of groups (Triggs et al., Bundle adjustment: a modern synthesis,
     2000, sec. 6).
 
     Attributes
@@ -41,7 +41,7 @@ class GroupedNormal:
 
     @classmethod
     def assemble(cls, d_shared: Array, d_local: Array, residuals: Array, groups: Sequence[slice]) -> Self:
-        """Sum up residuals (N, R) with Jacobians (N, R, P) and (N, R, L); each group's rows are one slice."""
+        """Assemble from residuals (N, R) with Jacobians (N, R, P) and (N, R, L); the rows of each group are one slice."""
         count, size = d_shared.shape[-1], d_local.shape[-1]
         shared, shared_gradient = np.zeros((count, count)), np.zeros(count)
         cross = np.zeros((len(groups), count, size))
@@ -59,7 +59,7 @@ class GroupedNormal:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Give the normal equations of all groups of several parts, in their order."""
+        """Return the normal equations of all groups of several parts, in order."""
         return cls(
             np.sum([part.shared for part in parts], axis=0),
             np.concatenate([part.cross for part in parts]),
@@ -69,7 +69,7 @@ class GroupedNormal:
         )
 
     def along(self, directions: Array) -> Self:
-        """Give them for shared parameters that move along `directions` (P, F)."""
+        """Return the normal equations for shared parameters restricted to `directions` (P, F)."""
         return replace(
             self,
             shared=directions.T @ self.shared @ directions,
@@ -78,15 +78,15 @@ class GroupedNormal:
         )
 
     def with_prior(self, information: Array, gradient: Array) -> Self:
-        """Add what is known of the shared parameters beforehand: its H (P, P) and g (P,)."""
+        """Return the normal equations with a prior on the shared parameters: its H (P, P) and g (P,)."""
         return replace(self, shared=self.shared + information, shared_gradient=self.shared_gradient + gradient)
 
     def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array, Array]:
-        """Give the Schur complement (P, P) of the damped system, its right side (P,), C^-1 (G, L, L) and B C^-1."""
+        """Return the damped Schur complement (P, P), its right side (P,), C^-1 (G, L, L) and B C^-1 (G, P, L)."""
         local = self.local.copy()
         index = np.arange(local.shape[-1])
         diagonal = local[:, index, index]
-        # A parameter that nothing depends on stays where it is.
+        # A parameter without influence keeps its value.
         local[:, index, index] += (damping + 1e-15) * diagonal + np.where(diagonal > 0, 0.0, 1.0)
         inverse = np.asarray(np.linalg.inv(local), float)
         gain = self.cross @ inverse
@@ -99,7 +99,7 @@ class GroupedNormal:
         return schur, self.shared_gradient - flat @ self.local_gradient.ravel(), inverse, gain
 
     def solve(self, damping: float) -> Array:
-        """Give the step (P + G L,): the shared part, then each group's."""
+        """Return the step (P + G L,): the shared parameters, then those of each group."""
         try:
             schur, right, inverse, gain = self.reduced(damping)
             shared = -_solve_scaled(schur, right)
@@ -109,7 +109,7 @@ class GroupedNormal:
         return np.concatenate([shared, local.ravel()])
 
     def decrease(self, step: Array) -> float:
-        """Give the fall of the linearized cost along a step."""
+        """Return the decrease of the linearized cost along a step."""
         count = len(self.shared)
         a, b = step[:count], step[count:].reshape(self.local_gradient.shape)
         linear = self.shared_gradient @ a + (self.local_gradient * b).sum()
@@ -118,31 +118,31 @@ class GroupedNormal:
         return float(-linear - 0.5 * along)
 
     def shared_covariance(self) -> Array:
-        """Give the covariance (P, P) of the shared parameters for residuals of unit variance.
+        """Return the covariance (P, P) of the shared parameters for residuals of unit variance.
 
-        Zero for a parameter that nothing depends on, and very large along what nothing tells apart.
+        Zero for a parameter without influence, and very large along unobservable directions.
         """
         half = self.half_covariance()
         return half @ half.T
 
     def half_covariance(self) -> Array:
-        """Give L^-T (P, G) of the Schur complement L L^T, G of the P parameters being told by something."""
+        """Return L^-T (P, Q) of the Schur complement L L^T of the Q parameters with influence."""
         schur, _, _, _ = self.reduced()
         own = np.diagonal(self.shared)
         used = own > 0
-        # What the groups take up wholly is left with rounding.
-        left = np.where(used, np.maximum(np.diagonal(schur), UNTOLD * own), 1.0)
+        # Where the groups absorb a parameter completely, only rounding remains of the diagonal.
+        left = np.where(used, np.maximum(np.diagonal(schur), MIN_EIGENVALUE * own), 1.0)
         scale = used / np.sqrt(left)
         values, vectors = np.linalg.eigh((scale[:, None] * schur * scale)[np.ix_(used, used)])
         half = np.zeros((len(scale), len(values)))
-        half[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, UNTOLD))
+        half[used] = scale[used, None] * vectors / np.sqrt(np.maximum(values, MIN_EIGENVALUE))
         return half
 
 
 def _solve_scaled(matrix: Array, right: Array) -> Array:
-    # Parameters of very different size (px, px^-3): unit diagonal first.
+    # Scale to unit diagonal: the parameters differ by orders of magnitude (px, px^-3).
     if not len(right):
         return right
     scale = 1 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    with np.errstate(over="ignore", invalid="ignore"):  # a diagonal that is rounding: no finite step comes of it
+    with np.errstate(over="ignore", invalid="ignore"):  # a diagonal of rounding errors has no finite step
         return scale * np.linalg.solve(matrix * scale[:, None] * scale, scale * right)
