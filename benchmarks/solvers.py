@@ -19,11 +19,10 @@ from benchmarks.solvers_corners import Corners, corner_sets
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera
-from omnisight.calibration.multistart import multistart_refit
+from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.ocamcalib import calibrate_ocamcalib
 from omnisight.calibration.resection import reresect
 from omnisight.calibration.state import State
-from omnisight.models.ocam import Ocam
 
 # Strict, so that the other solvers converge: with 200 iterations and 1e-8 some stop early.
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
@@ -78,14 +77,8 @@ Solve = Callable[[om.Observations, tuple[int, int]], Solved]
 
 def ours(name: str, loss: str = "squared") -> Solve:
     def solve(views: om.Observations, size: tuple[int, int]) -> Solved:
-        start = estimate_initial_camera(views, size)
-        if name == "ocam":
-            initial = replace(
-                start, model=next(Ocam.initial_models_of_degrees(start.points(views)[0], views.pixels, [DEGREE]))
-            )
-        else:
-            initial = multistart_refit(start, om.model_class(name), views)
-        assert initial is not None
+        starts = dict(model_starts(name, estimate_initial_camera(views), views))
+        initial = starts[f"ocam degree {DEGREE}" if name == "ocam" else name]
         # cv2.omnidir estimates the skew.
         free_parameters = FreeParameters.of(initial.model, free=("skew",) if name == "mei" else ())
         return Solved(refine(initial, views, free_parameters=free_parameters, loss=loss).state, range(len(views)))

@@ -53,4 +53,4 @@ def read(
 ) -> Corners:
     """Read a corner file; lengths are in squares."""
     search = om.read_corners([path], size=size, which=which)
-    return Corners(name, om.Observations.of_search(search), search.size, folds)
+    return Corners(name, om.Observations.from_detections(search), search.size, folds)

@@ -18,11 +18,13 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from omnisight.pipeline.central import Calibration, calibrate_camera
 
-from benchmarks.convergence_scenes import SIZE, Array
+from benchmarks.convergence_scenes import Array
 from benchmarks.verdict_scenes import KINDS, Case, GroundTruth, scene
 from omnisight.geometry import rotation as so3
+from omnisight.pipeline.calibrate import calibrate
+from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.options import CalibrateOptions
 from omnisight.quality.evidence import Level
 from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.uncertainty import Uncertainty
@@ -87,7 +89,7 @@ def run(case: Case) -> Run:
     start = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        found = calibrate_camera(views, SIZE, model=session.model, field=truth.circle, force=True)
+        found = calibrate(views, CalibrateOptions(model=session.model, force=True))
         seconds = time.perf_counter() - start
         return judged(case, session.noise, truth, found, seconds)
 
@@ -101,13 +103,13 @@ def judged(case: Case, noise: float, truth: GroundTruth, found: Calibration, sec
     return Run(
         case,
         truth.name,
-        found.chosen.name,
+        found.best.name,
         noise,
         _error(found, bearings[cone], pixels[cone]),
         _error(found, bearings, pixels),
         found.verdict.level,
         tuple(f"{check.name}{'!' * (check.level - 1)}" for check in checks),
-        found.verdict.reasons,
+        found.reasons,
         seconds,
     )
 

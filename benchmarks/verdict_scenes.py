@@ -264,7 +264,9 @@ def observe(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.r
             measured[bad] += rng.uniform(-40, 40, (int(bad.sum()), 2))
             views.append((whole[ids], measured))
             names.append(f"{i}.{k}")
-    return Observations.of(views, names)
+    points, corners = zip(*views, strict=True)
+    observations = Observations.from_arrays(points, corners, size=SIZE, names=names)
+    return replace(observations, field=truth.circle)
 
 
 def _seen(
