@@ -166,7 +166,7 @@ def test_rig_file_round_trip(rig, tmp_path):
         (lambda d: d["sensors"]["left"].update(sensor_from_rig=None), "sensor left: sensor_from_rig must be an object"),
         (lambda d: d["sensors"].update({"\x1b[31m": {}}), r"printable characters, got '\\x1b"),
         (lambda d: d.update(sensors={str(k): {} for k in range(10**4)}), "10000 cameras; a rig has at most 200"),
-        (lambda d: d.update(sensors={}), "needs a camera"),
+        (lambda d: d.update(sensors={}), "needs at least one camera"),
         (lambda d: d.update(format="omnisight-camera"), "'omnisight-camera', not \"omnisight-rig\""),
         (lambda d: d.update(version="1"), "version"),
     ],
@@ -185,5 +185,5 @@ def test_reflections_are_rejected_as_rotations(tmp_path):
     data = json.loads((tmp_path / "rig.json").read_text())
     data["sensors"]["left"]["sensor_from_rig"]["rotation"] = np.diag([-1.0, 1.0, 1.0]).tolist()
     (tmp_path / "rig.json").write_text(json.dumps(data))
-    with pytest.raises(FormatError, match="rotation is none"):
+    with pytest.raises(FormatError, match="rotation is not a rotation matrix"):
         om.load_rig(tmp_path / "rig.json")

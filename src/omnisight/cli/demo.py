@@ -25,9 +25,8 @@ def demo(output: Path = Path("omnisight-demo"), *, quiet: bool = False) -> None:
     with progress(quiet) as report:
         results = run_demo(output, progress=report)
     for result in results:
-        rms = result.calibration.rms
-        print(f"{result.name:<8}  board detected in {result.detected} of {IMAGE_COUNT} images; rms {rms:.3f} px")
-        print(f"          {result.calibration.reason}")
+        print(f"{result.name:<8}  board detected in {result.detected} of {IMAGE_COUNT} images")
+        print(f"          {result.calibration!r}")
         print(f"          bearing error {result.mean_error_deg:.3f}° on average, {result.max_error_deg:.3f}° at most")
         print(f"written   {result.folder}/: images/, truth.json, camera.json, {', '.join(result.views)}")
     fisheye, mirror = output / "fisheye", output / "mirror"

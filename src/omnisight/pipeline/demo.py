@@ -4,14 +4,16 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import omnisight as om
 from omnisight.camera import Camera
-from omnisight.simulation import DEMO_BOARD, CameraSetup, fisheye_setup, mirror_setup
+from omnisight.pipeline.calibrate import calibrate
+from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.options import CalibrateOptions
+from omnisight.simulation import CameraSetup, fisheye_setup, mirror_setup
 
 Progress = Callable[[str, int, int], None]
 View = tuple[Camera, NDArray[np.float64]]
@@ -43,7 +45,7 @@ class DemoResult:
     name: str
     folder: Path
     detected: int
-    calibration: Any
+    calibration: Calibration
     mean_error_deg: float
     max_error_deg: float
     views: tuple[str, ...]
@@ -68,17 +70,18 @@ def demo(output: Path, *, progress: Progress | None = None) -> list[DemoResult]:
         (folder / "images").mkdir(parents=True, exist_ok=True)
         camera = setup()
         room, paths = _render(name, camera, folder, report)
-        detections = om.detect_boards(
-            paths, DEMO_BOARD, progress=lambda done, total, n=name: report(f"{n}: detect boards", done, total)
+        calibration = calibrate(
+            paths,
+            CalibrateOptions(pattern="8x5", square="40mm"),
+            progress=lambda stage, done, total, n=name: report(f"{n}: {stage}", done, total),
         )
-        result = om.calibrate_pictures(
-            detections, progress=lambda what, done, total, n=name: report(f"{n}: calibrate, {what}", done, total)
-        )
-        om.save(result.calibration.camera, folder / "camera.json")
-        views = _write_views(_mirror_views() if name == "mirror" else _fisheye_views(), room, result, folder)
-        mean, largest = bearing_error_deg(camera.camera, result.calibration.camera)
-        detected = len(result.search.found)
-        results.append(DemoResult(name, folder, detected, result.calibration, mean, largest, views))
+        calibrated = calibration.camera
+        assert isinstance(calibrated, Camera)  # no non-central model was requested
+        om.save(calibrated, folder / "camera.json")
+        views = _mirror_views() if name == "mirror" else _fisheye_views()
+        view_names = _write_views(views, room, calibrated, folder)
+        mean, largest = bearing_error_deg(camera.camera, calibrated)
+        results.append(DemoResult(name, folder, len(calibration.observations), calibration, mean, largest, view_names))
     return results
 
 
@@ -113,10 +116,10 @@ def _mirror_views() -> dict[str, View]:
     }
 
 
-def _write_views(views: Mapping[str, View], room: NDArray[np.uint8], result: Any, folder: Path) -> tuple[str, ...]:
+def _write_views(views: Mapping[str, View], room: NDArray[np.uint8], camera: Camera, folder: Path) -> tuple[str, ...]:
     """Write views of the room by the calibrated camera; return the file names."""
     for name, (target, rotation) in views.items():
-        image = om.remap(room, result.calibration.camera, target, rotation, interpolation="bicubic")
+        image = om.remap(room, camera, target, rotation, interpolation="bicubic")
         om.write_image(folder / f"{name}.jpg", image)
     return tuple(f"{name}.jpg" for name in views)
 

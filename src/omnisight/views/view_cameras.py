@@ -182,7 +182,7 @@ def _unrolled(
     if limit == 90:
         top, bottom = -np.radians(high), -np.radians(low)
     else:
-        top, bottom = (float(cls.height(None, t, 1.0)) for t in down)
+        top, bottom = (float(cls.cylinder_height(None, t, 1.0)) for t in down)
     height = max(1, round(focal * (bottom - top)))
     width, height = _checked_size((width, height))
     # The outer edges of the outer pixels are at the limits of the ranges.
