@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.rays import Rays
 from omnisight.models import CameraModel, model_class
+from omnisight.models._arrays import as_rows, with_leading_shape
 from omnisight.models._parameter import finite
 from omnisight.models._projector import Array
-from omnisight.models._arrays import as_rows, with_leading_shape
 from omnisight.optics import fermat
 from omnisight.optics.mirrors import mirror_class
 from omnisight.optics.placed_mirror import PlacedMirror

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.rays import Rays
+from omnisight.models._arrays import as_rows
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
-from omnisight.models._arrays import as_rows
 from omnisight.optics.ray_model import RayModel
 
 

@@ -6,9 +6,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.models._arrays import as_rows
 from omnisight.models._parameter import parameter
 from omnisight.models._parameterized import Parameterized
-from omnisight.models._arrays import as_rows
 
 Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ class Mirror(Parameterized):
         low_curvature, high_curvature = self.curvature_bounds
         across = (bearings[:, :2] ** 2).sum(-1)
         enter, leave = self._cylinder_interval(origins, bearings)
-        found, t = np.full(len(origins), np.inf), enter.copy()
+        distance, t = np.full(len(origins), np.inf), enter.copy()
         active = np.flatnonzero((enter <= leave) & np.isfinite(enter))
         for _ in range(MAX_STEPS):
             if not len(active):
@@ -180,11 +180,11 @@ class Mirror(Parameterized):
             t[active] += np.where(hit, -f / df, np.where(np.isnan(step), np.inf, step))
             hit &= w <= self.rim**2 * (1 + RIM_TOLERANCE)
             in_hole = hit & (w < self.hole**2)
-            found[active[hit & ~in_hole]] = t[active[hit & ~in_hole]]
+            distance[active[hit & ~in_hole]] = t[active[hit & ~in_hole]]
             # Continue behind the hole.
             t[active[in_hole]] += 1e-9 * self.rim
             active = active[(~hit | in_hole) & (t[active] <= leave[active] * (1 + RIM_TOLERANCE))]
-        return found
+        return distance
 
     def _cylinder_interval(self, origins: Array, bearings: Array) -> tuple[Array, Array]:
         """Return the distances (N,) between which rays are inside the cylinder that bounds the mirror."""

@@ -23,7 +23,7 @@ class Quadric(Mirror):
         # The root form without cancellation.
         q_root = -(q + np.copysign(np.sqrt(q * q - p * r), q))
         near, far = r / q_root, q_root / p
-        found = np.full(len(origins), np.inf)
+        distance = np.full(len(origins), np.inf)
         for t in (near, far):
             # One Newton step, because the square root loses digits near a tangent.
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
@@ -32,6 +32,6 @@ class Quadric(Mirror):
             step = 0.5 * f / df
             t = t - np.where(np.abs(step) < 1e-3 * np.abs(t), step, 0.0)
             x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-            hit = (t > 0) & (t < found) & (sign * (b * z + c) >= 0) & self.is_within_rim(x * x + y * y)
-            found = np.where(hit, t, found)
-        return found
+            hit = (t > 0) & (t < distance) & (sign * (b * z + c) >= 0) & self.is_within_rim(x * x + y * y)
+            distance = np.where(hit, t, distance)
+        return distance

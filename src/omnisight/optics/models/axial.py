@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class, parameter
-from omnisight.models._parameter import finite
 from omnisight.models._arrays import as_rows, with_leading_shape
+from omnisight.models._parameter import finite
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.ray_model import RayModel
 
