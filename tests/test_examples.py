@@ -1,4 +1,4 @@
-"""Every example runs by itself, and leaves what it says."""
+"""Every example runs, writes its files and prints its result."""
 
 import runpy
 import sys
@@ -11,7 +11,7 @@ from omnisight.images import read_image
 FOLDER = Path(__file__).parents[1] / "examples"
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 
-# What each must have written and said.
+# The files that each example writes, and a part of its output.
 EXPECTED = {
     "01_bearings": ({"fisheye.json"}, "valid: True"),
     "02_calibrate": ({"camera.json"}, "8 of 8 images"),
@@ -25,19 +25,23 @@ EXPECTED = {
 }
 
 
+def test_every_example_is_listed():
+    assert {path.stem for path in EXAMPLES} == set(EXPECTED)
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_it_runs(path, tmp_path, monkeypatch, capsys):
+def test_example_runs(path, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [str(path), str(tmp_path)])
     runpy.run_path(str(path), run_name="__main__")
-    files, said = EXPECTED[path.stem]
+    files, output = EXPECTED[path.stem]
     assert files <= {file.name for file in tmp_path.iterdir()}
-    assert said in capsys.readouterr().out
-    for picture in tmp_path.glob("*.jpg"):
-        assert read_image(picture).std() > 20, f"{picture.name} shows nothing"
+    assert output in capsys.readouterr().out
+    for image in tmp_path.glob("*.jpg"):
+        assert read_image(image).std() > 20, f"{image.name} is blank"
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_it_is_short_and_says_what_it_shows(path):
+def test_example_is_short_and_has_a_docstring(path):
     text = path.read_text()
     assert text.startswith('"""')
     assert len(text.splitlines()) < 40

@@ -27,7 +27,7 @@ def shared_cache(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def environment(shared_cache, monkeypatch):
-    # Detections alone: what is compiled stays where it is.
+    # Only detections: the cache of compiled code stays shared.
     monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: shared_cache)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("NO_COLOR", "1")
@@ -35,7 +35,7 @@ def environment(shared_cache, monkeypatch):
 
 @pytest.fixture
 def folder(shots, tmp_path):
-    """Give a folder of the images that a test may spoil."""
+    """Return a copy of the image folder that a test may modify."""
     return shutil.copytree(shots, tmp_path / "shots")
 
 
@@ -46,24 +46,24 @@ def camera_file(tmp_path):
 
 @pytest.fixture
 def run(capsys):
-    """Run the command line in this process; give exit status, stdout and stderr."""
+    """Return a function that runs the command line in this process: exit status, stdout and stderr."""
 
     def command(*arguments):
         status = 0
         try:
             cli.main([str(a) for a in arguments])
-        except SystemExit as left:
-            status = left.code or 0
-        said = capsys.readouterr()
-        assert "Traceback" not in said.out + said.err
-        return status, said.out, said.err
+        except SystemExit as exit_:
+            status = exit_.code or 0
+        output = capsys.readouterr()
+        assert "Traceback" not in output.out + output.err
+        return status, output.out, output.err
 
     return command
 
 
 @pytest.fixture
 def refuses(run):
-    """Run what must be refused: status 2, nothing on stdout, one message; give the message."""
+    """Return a function that runs an invalid command, checks status 2 and an empty stdout, and returns the message."""
 
     def command(*arguments):
         status, out, err = run(*arguments)

@@ -25,7 +25,7 @@ def test_help_lists_the_commands_and_imports_nothing_slow():
     assert "Exit status: 0 done, 1 a fault in omnisight, 2 something to mend" in " ".join(done.stdout.split())
 
 
-def test_the_package_runs_as_a_module_and_leaves_with_its_status(tmp_path):
+def test_the_package_runs_as_a_module_and_returns_the_exit_status(tmp_path):
     command = [sys.executable, "-m", "omnisight", "inspect", str(tmp_path / "none.json")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
@@ -46,20 +46,20 @@ def test_every_command_has_its_help(run, command):
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("arguments", [(), ("--nonsense",), ("a", "b", "--nonsense", "3")])
-def test_wrong_usage_is_told_with_status_2(run, command, arguments):
+def test_invalid_usage_exits_with_status_2(run, command, arguments):
     status, out, err = run(command, *arguments)
     assert status == 2
     assert (out + err).strip()
 
 
-def test_an_unknown_command_is_told(run):
+def test_an_unknown_command_lists_the_commands(run):
     status, out, err = run("calibrat")
     assert status == 2
     assert "calibrate" in out + err
 
 
-def test_a_fault_is_called_one_and_shown_whole_only_to_who_asks(run, camera_file, monkeypatch):
-    monkeypatch.setattr("omnisight.formats.load_all", raises_error(RuntimeError("lost the thread")))
+def test_an_internal_error_prints_its_traceback_only_with_debug(run, camera_file, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.inspect.load_all", raises_error(RuntimeError("lost the thread")))
     status, out, err = run("inspect", camera_file)
     assert (status, out) == (1, "")
     assert err == "omnisight: a fault in omnisight: RuntimeError: lost the thread (--debug shows where)\n"
@@ -67,11 +67,11 @@ def test_a_fault_is_called_one_and_shown_whole_only_to_who_asks(run, camera_file
         run("inspect", camera_file, "--debug")
 
 
-def test_bad_input_is_shown_whole_to_who_asks(run, tmp_path):
+def test_debug_prints_the_traceback_of_invalid_input(run, tmp_path):
     with pytest.raises(ValueError, match="No such file"):
         run("--debug", "inspect", tmp_path / "none.json")
 
 
-def test_an_interruption_is_no_fault(run, camera_file, monkeypatch):
-    monkeypatch.setattr("omnisight.formats.load_all", raises_error(KeyboardInterrupt()))
+def test_an_interruption_exits_with_status_130(run, camera_file, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.inspect.load_all", raises_error(KeyboardInterrupt()))
     assert run("inspect", camera_file) == (130, "", "omnisight: interrupted\n")
