@@ -42,7 +42,7 @@ def test_verdict_and_key_figures(text, axial):
     assert f">{c.held_out_rms:.2g} px<" in head
     assert f">{c.rms:.2g} px<" in head
     assert f"mean {c.mean:.3f} px" in head
-    assert f"{int(c.outliers.sum())} outliers" in head
+    assert f"outliers: {int(c.outliers.sum())}<" in head
     shift = axial.pupil_shift
     length, sigma = format_with_sigma(1e3 * shift.length, 1e3 * shift.length_sigma)
     assert f">{length} mm<" in head

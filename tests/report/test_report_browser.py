@@ -76,10 +76,10 @@ def test_images_are_shown_with_residuals(opened, report):
     assert cards.locator("image").count() == 11  # one file is unreadable
     widths = page.evaluate(
         """Promise.all([...document.querySelectorAll('image')].map(async image => {
-            const image = new Image();
-            image.src = image.getAttribute('href');
-            await image.decode();
-            return image.naturalWidth;
+            const bitmap = new Image();
+            bitmap.src = image.getAttribute('href');
+            await bitmap.decode();
+            return bitmap.naturalWidth;
         }))"""
     )
     assert set(widths) == {640}

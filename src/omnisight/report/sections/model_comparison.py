@@ -60,7 +60,8 @@ def model_comparison(data: ReportData) -> Section:
     if comparison is not None:
         rows.append(_row(comparison.name, comparison.reference, full, "reference"))
     caption = "Fitted models: the selected one, then the others by held-out error"
-    parts = [element("p", data.selection_reason, class_="lead"), table(COLUMNS, rows, caption=caption, class_="models")]
+    reason = f"{data.selected.name}: {data.selection_reason}."
+    parts = [element("p", reason, class_="lead"), table(COLUMNS, rows, caption=caption, class_="models")]
     if comparison is not None:
         parts.append(_ring_chart(comparison, data.camera.model.name))
         parts.append(element("p", comparison.summary, class_="note"))

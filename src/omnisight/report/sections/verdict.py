@@ -72,7 +72,7 @@ def key_figures(data: ReportData) -> Markup:
         (
             "Images",
             f"{used} of {len(data.images)}",
-            f"with {len(data.outliers)} corners, {int(data.outliers.sum())} outliers",
+            f"with {len(data.outliers)} corners; outliers: {int(data.outliers.sum())}",
         ),
     ]
     return element(
