@@ -30,8 +30,8 @@ class BaseCamera(Generic[Model]):
     size
         (width, height) of the image, px; (0, 0) if unknown.
     theta_max
-        Angle from the axis (radians) up to which corners were seen in calibration; the model extrapolates beyond. None
-        if unknown.
+        Angle from the axis (radians) up to which the calibration had corners; the model extrapolates beyond. None if
+        unknown.
     calibration
         Results of the calibration (rms, held_out_rms, views, corners, ...) by name.
     covariance
@@ -41,8 +41,8 @@ class BaseCamera(Generic[Model]):
     extra
         Further fields of the file the camera was read from; they are written again.
     theta_min
-        Angle from the axis (radians) from which corners were seen: the camera itself covers the centre of a mirror. 0
-        for a lens.
+        Angle from the axis (radians) from which the calibration had corners: the camera itself covers the centre of a
+        mirror. 0 for a lens.
     """
 
     model: Model

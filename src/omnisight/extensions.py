@@ -13,7 +13,7 @@ Kind = TypeVar("Kind")
 def names_in(package: str) -> tuple[str, ...]:
     """Return the sorted names of the files of a package that do not begin with an underscore."""
     folder = importlib.import_module(package).__path__
-    return tuple(sorted(found.name for found in pkgutil.iter_modules(folder) if not found.name.startswith("_")))
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(folder) if not module.name.startswith("_")))
 
 
 def module_in(package: str, name: str, what: str) -> ModuleType:

@@ -92,7 +92,7 @@ class CameraModel(Projector):
 
     @classmethod
     def variants(cls, corners: int) -> Mapping[str, VariantFit]:
-        """Return the fits of the variants that a calibration from that many corners compares, by label, simplest first."""
+        """Return the fits of the variants that a calibration of so many corners compares, by label, simplest first."""
         return {cls.name: cls.fit}
 
     # -- bearings and pixels ----------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ class CameraModel(Projector):
         return SimpleNamespace(**self.__dict__ | self.projection_constants(), model=type(self))
 
     def kernel_values(self) -> dict[str, Any]:
-        """Give the parameters and projection_constants constants by name."""
+        """Return the parameters and constants by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # pyright: ignore[reportArgumentType]
         values = {n: tuple(map(float, v)) if isinstance(v, tuple) else float(v) for n, v in values.items()}
         return values | self.projection_constants() | self.unprojection_constants()

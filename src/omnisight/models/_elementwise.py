@@ -1,15 +1,15 @@
 """Building blocks of elementwise formulas, which run on NumPy arrays and, compiled by numba, on scalars.
 
-A formula uses `where` in place of `if`, and `atan2` and `sine_cosine`, which compile to vectorizable code (`_simd_math`).
-A function that it calls is decorated in the file that defines it:
+A formula uses `where` in place of `if`, and `atan2` and `sine_cosine`, which compile to vectorizable code
+(`_simd_math`). A function that it calls is decorated in the file that defines it:
 
 - `elementwise` for a helper function,
 - `model_method` for a function that each camera model implements as a static method of the same name. It takes the
   parameters `m` first; `m.model` is the class of the model. numba resolves the method at compile time.
 
-Iterative formulas run a fixed number of Newton steps, and up to `max_iterations` more. A result of inf means that the steps
-were not sufficient. The compiled loop runs all points with `FIXED_STEPS`, which vectorizes, and repeats the few that
-have not converged with `MAX_ITERATIONS`.
+Iterative formulas run a fixed number of Newton steps, and up to `max_iterations` more. A result of inf means that they
+did not converge. The compiled loop runs all points with `FIXED_STEPS`, which vectorizes, and repeats the few that have
+not converged with `MAX_ITERATIONS`.
 """
 
 from collections.abc import Callable

@@ -77,7 +77,7 @@ def _with_signature(function: Callable[..., Any], resolve: Any) -> Any:
 
 
 class NoAliasCompiler(Compiler):
-    """Compiles functions whose arguments do not overlap; otherwise loops that read a model's tables do not vectorize."""
+    """Compiles functions whose arguments do not overlap; otherwise loops that read tables do not vectorize."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -178,19 +178,19 @@ def map_view(target: Any, source: Any, rotation: Any, map_u: Any, map_v: Any, fi
         for column in range(columns):
             x, y, z, ok = unproject_pixel(target, float(column), float(row), FIXED_STEPS)
             a, b, c = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-            u, v, seen = project_point(source, a, b, c, FIXED_STEPS)
-            shown = u if ok & seen else np.nan
-            us[column] = np.inf if (np.abs(x) == np.inf) | (np.abs(u) == np.inf) else shown
-            vs[column] = v if ok & seen else np.nan
+            u, v, inside = project_point(source, a, b, c, FIXED_STEPS)
+            column_u = u if ok & inside else np.nan
+            us[column] = np.inf if (np.abs(x) == np.inf) | (np.abs(u) == np.inf) else column_u
+            vs[column] = v if ok & inside else np.nan
         if not _any_unconverged(us):
             continue
         for column in range(columns):
             if us[column] == np.inf:
                 x, y, z, ok = unproject_pixel(target, float(column), float(row), MAX_ITERATIONS)
                 a, b, c = r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z
-                u, v, seen = project_point(source, a, b, c, MAX_ITERATIONS)
-                us[column] = u if ok & seen else np.nan
-                vs[column] = v if ok & seen else np.nan
+                u, v, inside = project_point(source, a, b, c, MAX_ITERATIONS)
+                us[column] = u if ok & inside else np.nan
+                vs[column] = v if ok & inside else np.nan
 
 
 @cache

@@ -16,7 +16,7 @@ FOLD_MARGIN = 1e-6
 MAX_PLANE_RADIUS = 1e3
 # Rounding error of a squared distance, relative to the squared radius.
 SQUARED_ROUNDING = 1e-29
-# Radii, relative to the largest, at which the plane is tested for a fold, and the number of refinements of the first fold.
+# Relative radii at which the plane is tested for a fold, and the number of refinements of the first fold.
 RELATIVE_RADII, FOLD_REFINEMENTS = np.linspace(0.01, 1, 100) ** 3, 5
 # Directions in which each radius is tested; between them the plane may fold up to this share earlier.
 UNIT_CIRCLE = np.array((np.cos(AZIMUTHS := 2 * np.pi / 32 * np.arange(32)), np.sin(AZIMUTHS)))
@@ -175,7 +175,7 @@ class RadialDistortion(PlanarDistortion):
     """A distortion with a radial part."""
 
     def slope_polynomial(self) -> list[float]:
-        """Return a polynomial in r^2 with the sign of the slope of the radial part: coefficients from the constant up."""
+        """Return a polynomial in r^2 with the sign of the radial slope: coefficients from the constant up."""
         raise NotImplementedError
 
     def radial_fold(self) -> float:
@@ -220,8 +220,8 @@ class RadialTangentialDistortion(RadialDistortion):
         return [1.0, 3 * self.k1, 5 * self.k2]
 
     def radius_without_fold(self, radius: float) -> float:
-        # Without p1, p2 the eigenvalues of the Jacobian are the radial factor and the radial slope. p1 and p2 change them
-        # by at most 6 |p| r (Weyl), which usually suffices to exclude a fold.
+        # Without p1, p2 the eigenvalues of the Jacobian are the radial factor and the radial slope. p1 and p2 change
+        # them by at most 6 |p| r (Weyl), which usually suffices to exclude a fold.
         smallest = min(
             quadratic_minimum(*terms, end=radius**2) for terms in ([1.0, self.k1, self.k2], self.slope_polynomial())
         )

@@ -103,7 +103,7 @@ class ProfileCamera(NoDistortion, CameraModel):
 
     @cached_property
     def _rim(self) -> tuple[float, float]:
-        """The cosine of the angle that bounds the valid cone, and the radius that bounds the valid disc of the plane."""
+        """Cosine of the angle that bounds the valid cone, and radius that bounds the valid disc of the plane."""
         theta_max = self.theta_max
         return -1.0 if theta_max >= np.pi else float(np.cos(theta_max)), min(self.one_to_one_radius, self.radius_max())
 
@@ -219,7 +219,7 @@ class ProfileCamera(NoDistortion, CameraModel):
                 use = (c > model.projection_values.c_min) & np.isfinite(g)
             if use.sum() < 6 or use.sum() < 0.5 * len(use):
                 continue
-            # Small weights where the radial scale is steep: there the radius depends on the shape, not on the focal length.
+            # Low weights where it is steep: there the shape, not the focal length, determines the radius.
             weight = 1 / (1 + np.abs(g[use]))
             focal_centre = []
             for plane, pixel in ((g * x, pixels[:, 0]), (g * y, pixels[:, 1])):
@@ -235,7 +235,7 @@ def linear_combination(a: float, x: Partial, b: float, y: Partial) -> Partial:
 
 
 def derivative_by_cosine(s: Array, c: Array, g: Array, slope: Array, at_axis: float) -> Array:
-    """Return dg/d cos(theta) of g = r(theta)/sin(theta) from the slope dr/dtheta; `at_axis` is its limit at theta = 0."""
+    """Return dg/d cos(theta) of g = r(theta)/sin(theta) from the slope dr/dtheta; `at_axis` is its limit at 0."""
     near = s < 1e-4
     s2 = np.where(near, 1.0, s * s)
     return np.where(near & (c > 0), at_axis, -(slope - g * c) / s2)

@@ -1,4 +1,4 @@
-"""Branch-free atan2 and sine/cosine for compiled loops, which vectorize; `_elementwise` has their NumPy counterparts."""
+"""Branch-free atan2 and sine/cosine, which vectorize in compiled loops; `_elementwise` has the NumPy counterparts."""
 
 from typing import Any
 

@@ -41,7 +41,7 @@ class Equisolid(ProfileCamera):
 
     @property
     def theta_max(self) -> float:
-        return np.pi * (1 - FOLD_MARGIN)  # r stops growing at 180 degrees, where no angle can be told from r
+        return np.pi * (1 - FOLD_MARGIN)  # r stops increasing at 180 degrees, where r does not determine the angle
 
     def radius_max(self) -> float:
         return 2.0

@@ -12,7 +12,7 @@ class KannalaBrandt(ThetaPolynomial):
     """Kannala and Brandt's radial polynomial: r = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
 
     The same as OpenCV fisheye, Kalibr pinhole-equidistant, COLMAP OPENCV_FISHEYE, and camodocal's KANNALA_BRANDT, which
-    counts k2 ... k5. Valid up to the angle where r stops growing, 180 degrees at most. Kannala and Brandt, A generic
+    counts k2 ... k5. Valid up to the angle where r stops increasing, at most 180 degrees. Kannala and Brandt, A generic
     camera model and calibration method for conventional, wide-angle, and fish-eye lenses, PAMI 2006.
     """
 

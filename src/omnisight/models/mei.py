@@ -15,7 +15,7 @@ class Mei(RadialTangentialDistortion, UnifiedProfile):
     (x, y) = (X, Y)/(Z + xi |P|);  (x', y') = radial-tangential (k1, k2, p1, p2);  pixel = K (x', y')
 
     The same as OpenCV's omnidir and Kalibr's omni-radtan; xi may be negative or above 1. Valid as the unified model,
-    and up to the radius where the distortion stops growing. Mei and Rives, Single view point omnidirectional camera
+    and up to the radius where the distortion stops increasing. Mei and Rives, Single view point omnidirectional camera
     calibration from planar grids, ICRA 2007.
     """
 

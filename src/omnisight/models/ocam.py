@@ -26,7 +26,7 @@ MAX_RADIUS_FOCALS = 8.0
 
 @elementwise
 def radius_newton_step(m: Any, r: Any, low: Any, high: Any, s: Any, c: Any) -> Any:
-    """Return r after a Newton step towards s f(r) = c r, the bracket and the step; bisect if r is outside the bracket."""
+    """Return r after a Newton step towards s f(r) = c r, bracket and step; bisect if r is outside the bracket."""
     r = where((r >= low) & (r <= high), r, 0.5 * (low + high))
     f, slope = 0.0, 0.0
     for i in range(len(m.a) - 1, 0, -1):

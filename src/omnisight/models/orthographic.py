@@ -36,7 +36,7 @@ class Orthographic(ProfileCamera):
 
     @property
     def theta_max(self) -> float:
-        return np.pi / 2 * (1 - FOLD_MARGIN)  # r stops growing at 90 degrees, where no angle can be told from r
+        return np.pi / 2 * (1 - FOLD_MARGIN)  # r stops increasing at 90 degrees, where r does not determine the angle
 
     def radius_max(self) -> float:
         return 1.0

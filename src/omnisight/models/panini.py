@@ -20,7 +20,7 @@ class Panini(CameraModel):
     With lon = atan2(x, z), t = y/hypot(x, z) and S = (d + 1)/(d + cos(lon)):
     u = fx S sin(lon) + cx,  v = fy S t + cy
 
-    Upright lines stay straight, and so do lines that run into the image's middle. d = 0 is a perspective, d = 1 the
+    Upright lines stay straight, and so do lines that run into the image centre. d = 0 is a perspective, d = 1 the
     classic Panini. Valid where cos(lon) > -d, and for d > 1 where cos(lon) > -1/d. Sharpless, Postle and German,
     Pannini: a new projection for rendering wide angle perspective images, CAe 2010.
     """
@@ -84,16 +84,16 @@ class Panini(CameraModel):
 
     @classmethod
     def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Fit both axes linearly for three distances of the eye."""
+        """Return linear fits of both axes for three distances of the eye."""
         x, y, z = bearings.T
         for d in (0.3, 1.0, 2.0):
             e = d * np.hypot(x, z) + z
             use = e > 0.1
             one = np.ones(use.sum())
             values = []
-            for w, seen in ((x, pixels[use, 0]), (y, pixels[use, 1])):
+            for w, target in ((x, pixels[use, 0]), (y, pixels[use, 1])):
                 plane = (d + 1) * w[use] / e[use]
-                values.append(np.linalg.lstsq(np.stack([plane, one], -1), seen, rcond=None)[0])
+                values.append(np.linalg.lstsq(np.stack([plane, one], -1), target, rcond=None)[0])
             (fx, cx), (fy, cy) = values
             yield cls(float(fx), float(fy), float(cx), float(cy), d)
 

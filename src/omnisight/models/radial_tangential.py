@@ -19,8 +19,8 @@ class RadialTangentialPinhole(RationalDistortion, PinholeProfile):
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
     y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6) + p1 (r^2 + 2 y^2) + 2 p2 x y
 
-    Valid for theta < 90 degrees and up to the radius where x' stops growing. Brown, Decentering distortion of lenses,
-    1966.
+    Valid for theta < 90 degrees and up to the radius where x' stops increasing. Brown, Decentering distortion of
+    lenses, 1966.
     """
 
     auto_max_theta: ClassVar[float] = np.radians(62.0)  # planar distortion becomes unstable beyond

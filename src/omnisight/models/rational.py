@@ -10,10 +10,11 @@ from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import RationalDistortion
 from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._projector import Array
+from omnisight.models.equidistant import Equidistant
 from omnisight.models.pinhole import PinholeProfile
 
-# Times as fast as in the middle: what grows faster runs away.
-STEEPEST = 4.0
+# Largest slope of the radius relative to the centre: beyond it the rational function approaches a pole.
+MAX_RELATIVE_SLOPE = 4.0
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class RationalPinhole(RationalDistortion, PinholeProfile):
     x' = x d + 2 p1 x y + p2 (r^2 + 2 x^2)
     y' = y d + p1 (r^2 + 2 y^2) + 2 p2 x y
 
-    Valid for theta < 90 degrees and up to the radius where x' stops growing, or grows 4 times as fast as in the
-    middle: no lens follows where d runs away. Claus and Fitzgibbon, A rational function lens distortion model, CVPR
+    Valid for theta < 90 degrees and up to the radius where x' stops increasing, or increases 4 times as fast as in the
+    centre: beyond, d approaches a pole. Claus and Fitzgibbon, A rational function lens distortion model, CVPR
     2005, as OpenCV writes it.
     """
 
@@ -46,17 +47,15 @@ class RationalPinhole(RationalDistortion, PinholeProfile):
     k6: float = parameter("radial distortion, denominator", prior_sigma=1.0, truncated_start=True)
 
     def radial_fold(self) -> float:
-        # The denominator's own root lies beyond.
+        # The root of the denominator lies beyond.
         d = np.array([1.0, self.k4, self.k5, self.k6])
-        steep = np.array(self.slope_polynomial()) - STEEPEST * np.convolve(d, d)
+        steep = np.array(self.slope_polynomial()) - MAX_RELATIVE_SLOPE * np.convolve(d, d)
         return min(super().radial_fold(), first_positive_root(list(steep)) ** 0.5)
 
     @classmethod
     def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:
-        """Beside the plain pinhole, fit numerator and denominator linearly, about the centre of a fisheye."""
-        from scipy.optimize import lsq_linear
-
-        from omnisight.models.equidistant import Equidistant
+        """Return a pinhole, and a linear fit of both polynomials about the centre of the best equidistant model."""
+        from scipy.optimize import lsq_linear  # imported on use: scipy slows down the first projection
 
         yield from super().initial_models(bearings, pixels)
         front = bearings[:, 2] > 0.05 * np.linalg.norm(bearings, axis=1)
@@ -65,14 +64,14 @@ class RationalPinhole(RationalDistortion, PinholeProfile):
         lens = Equidistant.fit(bearings[front], pixels[front])
         x, y, z = bearings[front].T
         r = np.hypot(x, y) / z
-        seen = np.hypot(*((pixels[front] - (lens.cx, lens.cy)) / (lens.fx, lens.fy)).T)
-        # seen (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), each row over about the denominator, which has no root.
+        observed = np.hypot(*((pixels[front] - (lens.cx, lens.cy)) / (lens.fx, lens.fy)).T)
+        # observed (1 + k4 r^2 + ...) = f r (1 + k1 r^2 + ...), weighted by about the inverse of the denominator.
         even = (r[:, None] ** 2) ** np.arange(1, 4)
         weight = 1 / (1 + r * r)
-        design = np.column_stack([r, r[:, None] * even, -seen[:, None] * even]) * weight[:, None]
+        design = np.column_stack([r, r[:, None] * even, -observed[:, None] * even]) * weight[:, None]
         low = [-np.inf] * 4 + [0.0] * 3
-        f, f1, f2, f3, *below = map(float, lsq_linear(design, seen * weight, (low, np.inf), method="bvls").x)
-        yield cls(lens.fx * f, lens.fy * f, lens.cx, lens.cy, f1 / f, f2 / f, 0.0, 0.0, f3 / f, *below)
+        f, f1, f2, f3, *denominator = map(float, lsq_linear(design, observed * weight, (low, np.inf), method="bvls").x)
+        yield cls(lens.fx * f, lens.fy * f, lens.cx, lens.cy, f1 / f, f2 / f, 0.0, 0.0, f3 / f, *denominator)
 
     @classmethod
     def example(cls) -> Self:

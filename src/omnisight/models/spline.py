@@ -34,13 +34,13 @@ SMOOTHING = 1e-3
 
 @elementwise
 def bracketed_newton_step(m: Any, theta: Any, low: Any, high: Any, r: Any) -> Any:
-    """Return theta after a Newton step towards r(theta) = r, bracket and step; bisect if theta is outside the bracket."""
+    """Return theta after a Newton step towards r(theta) = r, bracket and step; bisect outside the bracket."""
     theta = where((theta >= low) & (theta <= high), theta, 0.5 * (low + high))
     spans = len(m.controls) - 3
-    place = theta * (spans / m.reach)
-    i = span_index(place, spans)
-    mean_slope = blend(m.controls, i, weights(place - i))
-    slope = mean_slope + place * blend(m.controls, i, slopes(place - i))
+    position = theta * (spans / m.reach)
+    i = span_index(position, spans)
+    mean_slope = blend(m.controls, i, weights(position - i))
+    slope = mean_slope + position * blend(m.controls, i, slopes(position - i))
     value = r - theta * mean_slope  # positive before the root
     step = value / slope
     return theta + step, where(value > 0.0, theta, low), where(value > 0.0, high, theta), step
@@ -60,9 +60,9 @@ class SplineProfile(ProfileCamera):
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         theta = atan2(s, c)
-        place = theta * ((len(m.controls) - 3) / m.reach)
-        i = span_index(place, len(m.controls) - 3)
-        mean_slope = blend(m.controls, i, weights(place - i))
+        position = theta * ((len(m.controls) - 3) / m.reach)
+        i = span_index(position, len(m.controls) - 3)
+        mean_slope = blend(m.controls, i, weights(position - i))
         return where(s > 1e-9, mean_slope * theta / where(s > 1e-9, s, 1.0), mean_slope)
 
     @staticmethod
@@ -70,9 +70,9 @@ class SplineProfile(ProfileCamera):
         # theta(r) behaves like a square root at a fold, so theta/r is smooth in w and is tabulated over it.
         w = 1.0 - (r * m.over_last) ** 2
         w = np.sqrt(where(w > 0.0, w, 0.0))
-        place = w * (len(m.start) - 1)
-        i = span_index(place, len(m.start) - 1)
-        theta = r * (m.start[i] + (place - i) * (m.start[i + 1] - m.start[i]))
+        position = w * (len(m.start) - 1)
+        i = span_index(position, len(m.start) - 1)
+        theta = r * (m.start[i] + (position - i) * (m.start[i + 1] - m.start[i]))
         low, high = 0.0 * theta, m.theta_last + 0.0 * theta
         # Unrolled, so that the compiled loop over the points vectorizes.
         theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
@@ -110,9 +110,9 @@ class SplineProfile(ProfileCamera):
         return {**super().unprojection_constants(), **inverse}
 
     def _mean_slope(self, theta: Array) -> Array:
-        place = theta * ((len(self.controls) - 3) / self.reach)
-        i = span_index(place, len(self.controls) - 3)
-        return blend(self.controls, i, weights(place - i))
+        position = theta * ((len(self.controls) - 3) / self.reach)
+        i = span_index(position, len(self.controls) - 3)
+        return blend(self.controls, i, weights(position - i))
 
     @cached_property
     def fold(self) -> float:
@@ -147,17 +147,17 @@ class SplineProfile(ProfileCamera):
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         theta = atan2(s, c)
         spans = len(self.controls) - 3
-        place = theta * (spans / self.reach)
-        i = span_index(place, spans)
-        mean_slope = blend(self.controls, i, weights(place - i))
-        rising = place * blend(self.controls, i, slopes(place - i))  # theta dS/dtheta
+        position = theta * (spans / self.reach)
+        i = span_index(position, spans)
+        mean_slope = blend(self.controls, i, weights(position - i))
+        theta_slope = position * blend(self.controls, i, slopes(position - i))  # theta dS/dtheta
         # S = S0 + S2 theta^2 + ...:  dg/dc = -(2 S2 + S0/3) on the axis.
         at_axis = -2 * (spans / self.reach) ** 2 * (self.r[1] - self.r[0]) - (2 * self.r[0] + self.r[1]) / 9
-        dg_dc = derivative_by_cosine(s, c, g, slope=mean_slope + rising, at_axis=at_axis)
+        dg_dc = derivative_by_cosine(s, c, g, slope=mean_slope + theta_slope, at_axis=at_axis)
         over_sine = where(s > 1e-9, theta / where(s > 1e-9, s, 1.0), 1.0)
-        weigh = basis(place, spans)
-        weigh[2] += weigh[0]  # the control value before the axis is the one after it
-        return dg_dc, {"r": over_sine * weigh[1:], "reach": -over_sine * rising / self.reach}
+        weight = basis(position, spans)
+        weight[2] += weight[0]  # the control value before the axis is the one after it
+        return dg_dc, {"r": over_sine * weight[1:], "reach": -over_sine * theta_slope / self.reach}
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class Spline(SplineDistortion, SplineProfile):
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
     reach: float = parameter("angle of the last knot of S, radians", low=1e-3, high=np.pi, free=False)
-    extent: float = parameter("half side of the square of the correction", unit="px", low=1e-3, free=False)
+    extent: float = parameter("half the side of the square of the correction", unit="px", low=1e-3, free=False)
     r: tuple[float, ...] = parameter("control value of S, px per radian", unit="px", low=1e-3)
     du: tuple[float, ...] = parameter("control value of the correction of u", unit="px", prior_sigma=1.0)
     dv: tuple[float, ...] = parameter("control value of the correction of v", unit="px", prior_sigma=1.0)
@@ -237,10 +237,10 @@ class Spline(SplineDistortion, SplineProfile):
         theta = np.arctan2(np.hypot(x, y), z)
         radius = np.hypot(pixels[:, 0] - lens.cx, pixels[:, 1] - lens.cy)
         reach = min(1.02 * float(theta.max()), np.pi)
-        weigh = basis(theta * (spans / reach), spans)
-        weigh[2] += weigh[0]
+        weight = basis(theta * (spans / reach), spans)
+        weight[2] += weight[0]
         bent = SMOOTHING * np.diff(np.eye(spans + 2), 2, axis=0)
-        design = np.concatenate([(theta * weigh[1:]).T, bent])
+        design = np.concatenate([(theta * weight[1:]).T, bent])
         r = np.linalg.lstsq(design, np.append(radius, np.zeros(spans)), rcond=None)[0]
         flat = (0.0,) * (cells + 3) ** 2
         r = tuple(map(float, np.maximum(r, 1e-3)))

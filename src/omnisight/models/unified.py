@@ -67,7 +67,7 @@ class Unified(UnifiedProfile):
 
     @classmethod
     def from_parabola(cls, latus_rectum: float, scale: float, centre: tuple[float, float]) -> Self:
-        """Make the camera of a parabolic mirror under an orthographic camera.
+        """Create the camera of a parabolic mirror under an orthographic camera.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Unified(UnifiedProfile):
 
     @classmethod
     def from_hyperbola(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
-        """Make the camera of a hyperbolic mirror seen by a pinhole in its second focus.
+        """Create the camera of a hyperbolic mirror seen by a pinhole in its second focus.
 
         Parameters
         ----------
@@ -108,9 +108,9 @@ class Unified(UnifiedProfile):
 
     @classmethod
     def from_ellipse(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
-        """Make the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a.
+        """Create the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a.
 
-        A concave mirror also turns its image by 180 degrees about the axis: negate fx and fy to have it so.
+        A concave mirror also turns its image by 180 degrees about the axis: negate fx and fy to include it.
         """
         positive(a=a, c=c, focal=focal)
         if c >= a:
@@ -126,7 +126,7 @@ class Unified(UnifiedProfile):
 
 
 def positive(**lengths: float) -> None:
-    """Refuse a length that is not positive, by name."""
+    """Raise ValueError for a length that is not positive."""
     for name, value in lengths.items():
         if not value > 0:
             raise ValueError(f"{name} must be positive, got {value}")

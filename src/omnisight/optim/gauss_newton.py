@@ -162,7 +162,7 @@ def gauss_newton(
     def retract_one(states: Any, steps: Array) -> Any:
         return boxed(retract(states[0], steps[0]) if retract else states[0] + steps[0])
 
-    found = gauss_newton_batch(
+    batch = gauss_newton_batch(
         linearize_one,
         boxed(start),
         retract=retract_one,
@@ -170,12 +170,12 @@ def gauss_newton(
         max_iterations=max_iterations,
         tolerance=tolerance,
     )
-    cost, converged, iterations = float(found.cost[0]), bool(found.converged[0]), int(found.iterations[0])
+    cost, converged, iterations = float(batch.cost[0]), bool(batch.converged[0]), int(batch.iterations[0])
     if np.isfinite(cost):
         reason = "converged" if converged else f"not converged after {iterations} iterations"
     else:
         reason = "the cost of the initial state is not finite"
-    return DenseSolution(found.state[0], cost, converged, iterations, reason, found.hessian[0])
+    return DenseSolution(batch.state[0], cost, converged, iterations, reason, batch.hessian[0])
 
 
 def gauss_newton_batch(

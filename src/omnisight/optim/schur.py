@@ -18,8 +18,8 @@ class GroupedNormal:
     """H x = -g with H = [A B; B^T C], C block diagonal: one block per group.
 
     The shared parameters (a camera) couple the groups (boards), which are otherwise independent. With the Schur
-    complement of C the cost of a solution is linear in the number of groups (Triggs et al., Bundle adjustment: a modern synthesis,
-    2000, sec. 6).
+    complement of C the cost of a solution is linear in the number of groups (Triggs et al., Bundle adjustment: a
+    modern synthesis, 2000, sec. 6).
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class GroupedNormal:
 
     @classmethod
     def assemble(cls, d_shared: Array, d_local: Array, residuals: Array, groups: Sequence[slice]) -> Self:
-        """Assemble from residuals (N, R) with Jacobians (N, R, P) and (N, R, L); the rows of each group are one slice."""
+        """Assemble residuals (N, R) with Jacobians (N, R, P) and (N, R, L); each group has one slice of rows."""
         count, size = d_shared.shape[-1], d_local.shape[-1]
         shared, shared_gradient = np.zeros((count, count)), np.zeros(count)
         cross = np.zeros((len(groups), count, size))
