@@ -1,4 +1,4 @@
-"""Boards in rendered images: corners where they are message to be, mirrors that mirror, the near before the far."""
+"""Boards in rendered images: corner positions, mirrored cameras and occlusion."""
 
 import dataclasses
 
