@@ -170,7 +170,7 @@ def test_dense_correspondences_are_the_same_scene_points(name):
     expected, valid = sight.project(POSE.inverse() @ truth.points)
     seen = ~np.isnan(found[..., 0])
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-9)
-    # Seen back along the rays of the second image: its points, and something nearer where it is message to be hidden.
+    # Traced back along the rays of the second image: the same points, or something nearer if occluded.
     with np.errstate(invalid="ignore"):
         inside = valid & (expected > -0.5).all(-1) & (expected < np.array(sight.size) - 0.5).all(-1)
     assert not (seen & ~inside).any()
