@@ -1,60 +1,65 @@
-"""A camera model fitted to boards, and asked about images that it has not seen."""
+"""A candidate camera model: fitted to all views, refitted and cross-validated."""
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.bundle_adjustment import Bundle, refine
+from omnisight.calibration.bundle_adjustment import FINAL_TOLERANCE, Bundle, refine
+from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import has_pose_outlier, reresect
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
+from omnisight.models import CameraModel
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.schur import GroupedNormal
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-# Corners that are enough to compare cameras by; images, where one has a hundred parameters.
-ENOUGH, ENOUGH_PICTURES = 1500, 60
+# Corners and views that suffice to compare models; the selected model is refitted to all of them.
+MAX_COMPARED_CORNERS = 1500
+# Views that suffice to fit a model of a hundred parameters for comparison.
+MAX_COMPARED_VIEWS = 60
+# Folds of the cross-validation: each model is fitted to four fifths of the views.
 FOLDS = 5
-# Share of the cost that steps must gain where a model is fitted to the end, where models are compared, and where boards
-# held out are posed.
-FITTED, COMPARED, POSED = 1e-9, 1e-5, 1e-3
-# What steps must gain for each parameter, in variances, where a model is fitted to some of the images from where it
-# was with all: that gains about a tenth of a variance or more, however many corners there are. The first damping there.
-TOLD, NEAR = 0.005, 1e-12
+# Relative decrease of the cost at which a fit for comparison stops, and a pose of a held-out view.
+COMPARISON_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-3
+# Decrease of the cost per parameter, in variances, at which the refit to a fold stops: leaving out a fold lowers the
+# cost by about a tenth of a variance or more, whatever the number of corners.
+FOLD_TOLERANCE = 0.005
+# Initial damping of the refit to a fold, which starts next to its minimum.
+FOLD_DAMPING = 1e-12
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A camera model fitted to all images.
+    """A camera model fitted to observations.
 
     Attributes
     ----------
     name
-        The model, with its degree where it has one.
+        The model, with its variant (such as the degree) if it has several.
     state
-        Camera, poses and bend of the board.
-    freedom
+        Camera, poses and board warp.
+    free_parameters
         What was estimated.
     corners
-        How many it was fitted to.
+        Number of corners it was fitted to.
     rms, mean
-        Length of the residual over all of these, px.
+        Root mean square and mean residual length over these corners, px.
     held_out_rms
-        The same over images that the camera was not calibrated on (k-fold, their poses free, corners that no model
-        explains left out), px; None where it was not asked for.
+        Root mean square residual length of the inliers in held-out views, px; None without cross-validation.
     held_out_lengths
-        (N,) those residuals, px, corner by corner.
+        (N,) residual length of every corner when its view is held out, px.
     """
 
     name: str
     state: State
-    freedom: FreeParameters
+    free_parameters: FreeParameters
     corners: int
     rms: float
     mean: float
@@ -63,11 +68,11 @@ class Candidate:
 
     @property
     def parameters(self) -> int:
-        """How many of the camera's parameters were estimated."""
-        return self.freedom.directions.shape[1]
+        """Number of estimated camera parameters."""
+        return self.free_parameters.directions.shape[1]
 
     def as_dict(self) -> dict[str, float | str | int | None]:
-        """Give the figures by name."""
+        """Return the figures by name."""
         return {
             "model": self.name,
             "parameters": self.parameters,
@@ -82,85 +87,100 @@ class Candidate:
         cls,
         name: str,
         start: State,
-        views: Observations,
-        freedom: FreeParameters,
+        observations: Observations,
+        free_parameters: FreeParameters,
         *,
-        loss: str,
-        tolerance: float = FITTED,
+        loss: Loss,
+        tolerance: float = FINAL_TOLERANCE,
     ) -> "Candidate":
-        """Refine one model on all images; again with boards posed anew, if some ended where they do not belong."""
-        state = refine(start, views, freedom=freedom, loss=loss, tolerance=tolerance).state
-        if has_pose_outlier(state, views) and loss != "squared":
-            healed = refine(reresect(state, views), views, freedom=freedom, loss=loss, tolerance=tolerance).state
-            spread = ResidualWeights.of(healed, views, loss)
-            state = min(healed, state, key=Bundle(views, freedom, spread).cost)
-        return cls.found(name, state, views, freedom)
+        """Fit a model to all views; once more with new poses if a view may have ended in a wrong pose."""
+
+        def refined(state: State) -> State:
+            solution = refine(state, observations, free_parameters=free_parameters, loss=loss, tolerance=tolerance)
+            return solution.state
+
+        state = refined(start)
+        if loss != "squared" and isinstance(state.model, CameraModel) and has_pose_outlier(state, observations):
+            other = refined(reresect(state, observations))
+            weights = ResidualWeights.estimate(other, observations, loss)
+            state = min(other, state, key=Bundle(observations, free_parameters, weights).cost)
+        return cls.from_state(name, state, observations, free_parameters)
 
     @classmethod
-    def found(cls, name: str, state: State, views: Observations, freedom: FreeParameters) -> "Candidate":
-        """Give what a fit has found."""
-        lengths = state.lengths(views)
-        return cls(name, state, freedom, len(lengths), float(np.sqrt((lengths**2).mean())), float(lengths.mean()))
+    def from_state(
+        cls, name: str, state: State, observations: Observations, free_parameters: FreeParameters
+    ) -> "Candidate":
+        """Return the candidate of a fitted state."""
+        lengths = state.lengths(observations)
+        return cls(name, state, free_parameters, len(lengths), _rms(lengths), float(lengths.mean()))
 
-    def bent(self, views: Observations, *, loss: str) -> "Candidate":
-        """Refine it again with a board that may be bent."""
-        freedom = dataclasses.replace(self.freedom, warp=True)
-        return self.fit(self.name, self.state, views, freedom, loss=loss, tolerance=COMPARED)
+    def with_board_warp(self, observations: Observations, *, loss: Loss) -> "Candidate":
+        """Return the candidate refitted with the board warp among the free parameters."""
+        free_parameters = replace(self.free_parameters, warp=True)
+        return self.fit(self.name, self.state, observations, free_parameters, loss=loss, tolerance=COMPARISON_TOLERANCE)
 
-    def on(self, views: Observations, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
-        """Give it fitted to the end to all corners of its views, and judged by them."""
-        found = self.fit(self.name, self.state, views, self.freedom, loss=loss)
-        if len(views.pixels) == self.corners:
-            return dataclasses.replace(found, held_out_rms=self.held_out_rms, held_out_lengths=self.held_out_lengths)
-        return found if self.held_out_rms is None else found.held_out(views, usable, loss=loss)
+    def refit(self, observations: Observations, inliers: Bools, *, loss: Loss) -> "Candidate":
+        """Return the candidate refitted to all corners, cross-validated on them if it was before."""
+        fitted = self.fit(self.name, self.state, observations, self.free_parameters, loss=loss)
+        if len(observations.pixels) == self.corners:
+            return replace(fitted, held_out_rms=self.held_out_rms, held_out_lengths=self.held_out_lengths)
+        return fitted if self.held_out_rms is None else fitted.cross_validated(observations, inliers, loss=loss)
 
-    def held_out(self, views: Observations, usable: NDArray[np.bool_], *, loss: str) -> "Candidate":
-        """Give it with the rms over images left out (k-fold): camera and board from the others, own poses free."""
-        folds = [np.arange(k, len(views), FOLDS) for k in range(min(FOLDS, len(views)))]
-        spread = ResidualWeights.of(self.state, views, loss)
-        lengths = np.empty(len(views.pixels))
-        for fold, trained in zip(folds, self.without(folds, views, spread), strict=True):
-            rows = views.rows(fold)
-            lengths[rows] = held_out_residual_lengths(
-                trained, self.state.part(fold), views.subset(fold), spread.part(rows)
-            )
-        rms = float(np.sqrt((lengths[usable] ** 2).mean())) if usable.any() else None
-        return dataclasses.replace(self, held_out_rms=rms, held_out_lengths=lengths)
+    def cross_validated(self, observations: Observations, inliers: Bools, *, loss: Loss) -> "Candidate":
+        """Return the candidate with its k-fold held-out error: camera and warp from the other views, own poses free."""
+        folds = [np.arange(k, len(observations), FOLDS) for k in range(min(FOLDS, len(observations)))]
+        weights = ResidualWeights.estimate(self.state, observations, loss)
+        lengths = np.empty(len(observations.pixels))
+        for fold, trained in zip(folds, self.leave_out(folds, observations, weights), strict=True):
+            rows = observations.rows(fold)
+            start = replace(self.state.subset(fold), model=trained.model, warp=trained.warp)
+            lengths[rows] = _pose_residuals(start, observations.subset(fold), weights.subset(rows))
+        return replace(self, held_out_lengths=lengths).scored(inliers)
 
-    def sketched(
-        self, views: Observations, usable: NDArray[np.bool_]
-    ) -> tuple["Candidate", Observations, NDArray[np.bool_]]:
-        """Give it with no more views and corners than are enough to compare it with a camera of many parameters."""
-        some = np.unique(np.linspace(0, len(views) - 1, ENOUGH_PICTURES).round().astype(np.intp))
-        part = views.subset(some)
-        kept = part.thinned_rows(ENOUGH)
-        rows = views.rows(some)[kept]
-        lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
-        sketch = dataclasses.replace(self, state=self.state.part(some), held_out_lengths=lengths)
-        return sketch, part.at(kept), usable[rows]
+    def scored(self, inliers: Bools) -> "Candidate":
+        """Return the candidate with the held-out error over these inliers (N,)."""
+        assert self.held_out_lengths is not None
+        return replace(self, held_out_rms=_rms(self.held_out_lengths[inliers]) if inliers.any() else None)
 
-    def without(
-        self, folds: Sequence[NDArray[np.intp]], views: Observations, spread: ResidualWeights
+    def leave_out(
+        self, folds: Sequence[NDArray[np.intp]], observations: Observations, weights: ResidualWeights
     ) -> Iterator[State]:
-        """Refine it without each of the folds of the views in turn, the other corners counting as among all.
+        """Yield the state refitted without each of the folds of the views, which partition them.
 
-        The normal equations of the folds at the state of all add up to those of all but one.
+        The normal equations of all folds but one add up to those of the first step.
         """
-        parts = [self._problem(fold, views, spread).of_corners(self.state.part(fold)) for fold in folds]
-        for left_out in range(len(folds)):
-            others = [i for i in range(len(folds)) if i != left_out]
-            some = np.concatenate([folds[i] for i in others])
-            problem, start = self._problem(some, views, spread), self.state.part(some)
-            first = problem.completed(GroupedNormal.joined([parts[i] for i in others]), start)
-            tolerance = TOLD * max(self.freedom.count, 1) / len(problem.views.pixels)
-            yield minimize(problem, start, tolerance=tolerance, scale=problem.scale, damping=NEAR, first=first).state
+        parts = [self._bundle(fold, observations, weights).corner_normal(self.state.subset(fold)) for fold in folds]
+        for held_out in range(len(folds)):
+            others = [i for i in range(len(folds)) if i != held_out]
+            views = np.concatenate([folds[i] for i in others])
+            problem, start = self._bundle(views, observations, weights), self.state.subset(views)
+            first = problem.with_priors(GroupedNormal.joined([parts[i] for i in others]), start)
+            tolerance = FOLD_TOLERANCE * max(self.free_parameters.count, 1) / len(problem.observations.pixels)
+            yield minimize(
+                problem, start, tolerance=tolerance, scale=problem.scale, damping=FOLD_DAMPING, first=first
+            ).state
 
-    def _problem(self, some: NDArray[np.intp], views: Observations, spread: ResidualWeights) -> Bundle:
-        return Bundle(views.subset(some), self.freedom, spread.part(views.rows(some)))
+    def _bundle(self, views: NDArray[np.intp], observations: Observations, weights: ResidualWeights) -> Bundle:
+        return Bundle(observations.subset(views), self.free_parameters, weights.subset(observations.rows(views)))
+
+    def subsampled(self, observations: Observations, inliers: Bools) -> tuple["Candidate", Observations, Bools]:
+        """Return candidate, observations and inliers reduced to what suffices for a comparison."""
+        count = min(len(observations), MAX_COMPARED_VIEWS)
+        views = np.unique(np.linspace(0, len(observations) - 1, count).round().astype(np.intp))
+        part = observations.subset(views)
+        kept = part.thinned_rows(MAX_COMPARED_CORNERS)
+        rows = observations.rows(views)[kept]
+        lengths = None if self.held_out_lengths is None else self.held_out_lengths[rows]
+        candidate = replace(self, state=self.state.subset(views), held_out_lengths=lengths)
+        return candidate, part.at(kept), inliers[rows]
 
 
-def held_out_residual_lengths(trained: State, start: State, views: Observations, spread: ResidualWeights) -> Array:
-    """Pose views by a camera and board that did not see them, and give the length (px) of each residual (N,)."""
-    start = dataclasses.replace(start, model=trained.model, warp=trained.warp)
-    still = FreeParameters.none(trained.model)
-    return refine(start, views, freedom=still, spread=spread, tolerance=POSED).state.lengths(views)
+def _pose_residuals(start: State, observations: Observations, weights: ResidualWeights) -> Array:
+    """Pose held-out views with a given camera and warp, and return the residual lengths (N,), px."""
+    fixed = FreeParameters.none(start.model)
+    posed = refine(start, observations, free_parameters=fixed, weights=weights, tolerance=POSE_TOLERANCE).state
+    return posed.lengths(observations)
+
+
+def _rms(lengths: Array) -> float:
+    return float(np.sqrt((lengths**2).mean()))

@@ -1,10 +1,11 @@
-"""How well the corners tell a camera's parameters."""
+"""Covariance of the camera parameters, from corner noise and from the view_scatter between views."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
@@ -12,93 +13,99 @@ from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# What an image tells to more than this part has no other image to be compared with.
-ALONE = 0.9
-# Standard deviations that chance may reach.
-CHANCE = 2.0
+# Leverage of a view above which no other view determines the same direction, so that it cannot be compared.
+MAX_LEVERAGE = 0.9
+# Standard deviations of the view_scatter that are attributed to chance.
+CHANCE_SIGMA = 2.0
 
 
-def camera_covariance(candidate: Candidate, views: Observations, *, loss: str = "huber") -> Array:
-    """Give the covariance (P, P) of the camera's parameters; zero for those that stood still.
+def camera_covariance(candidate: Candidate, observations: Observations, *, loss: Loss = "huber") -> Array:
+    """Return the covariance (P, P) of the camera parameters; zero for constant ones.
 
-    That of corner noise, times what images disagree by more than that: corners of one image are not off
-    independently of each other. A board that bends in the hand, focus that moved, blur and a detector's bias shift many
-    of them together, and corner noise alone then promises several times too much.
+    The covariance due to corner noise is multiplied by the excess view_scatter between views, because errors of the corners
+    of one image are correlated: a flexing board, a change of focus, blur and the bias of the detector move many of them
+    together. Corner noise alone would then underestimate the covariance several times.
     """
-    return disagreement(candidate, views) * noise_covariance(candidate, views, loss=loss)
+    return variance_inflation(candidate, observations) * noise_covariance(candidate, observations, loss=loss)
 
 
-def disagreement(candidate: Candidate, views: Observations) -> float:
-    """Give how many times more than corner noise has it the variance of what is estimated is; 1 if by chance.
+def variance_inflation(candidate: Candidate, observations: Observations) -> float:
+    """Return the factor by which the variance of the estimates exceeds that due to corner noise; at least 1.
 
-    How much `scatter` differs from 1 by chance among so many images is taken off it, the more the nearer it is.
+    The part of `view_scatter` above 1 that chance explains with this number of views is removed by shrinkage.
     """
-    above, chance = scatter(candidate, views) - 1.0, CHANCE * np.sqrt(2 / max(len(views) - 1, 1))
-    return 1.0 + max(above - chance**2 / above, 0.0) if above > 0 else 1.0
+    excess = view_scatter(candidate, observations) - 1.0
+    chance = CHANCE_SIGMA * np.sqrt(2 / max(len(observations) - 1, 1))
+    return 1.0 + max(excess - chance**2 / excess, 0.0) if excess > 0 else 1.0
 
 
-def scatter(candidate: Candidate, views: Observations) -> float:
-    """Give the variance of what is estimated as images disagree, over what corner noise makes it.
+def view_scatter(candidate: Candidate, observations: Observations) -> float:
+    """Return the variance of the estimates according to the view_scatter between views, relative to that of corner noise.
 
-    Each image counts as one draw, whatever is wrong within it. With H the normal equations, poses eliminated, and H_k
-    and g_k an image's part of them and of the gradient, the covariance would be
+    Each view is one independent sample, whatever the errors within it (a cluster-robust or sandwich estimator). With H the
+    normal equations after elimination of the poses, and H_k and g_k the parts of view k, the covariance is
 
         H^-1 (sum_k A_k g_k g_k^T A_k^T) H^-1,    A_k = L (I - L^-1 H_k L^-T)^(-1/2) L^-1,    H = L L^T
 
-    where A_k makes up for what the camera was bent to suit the image itself (Bell and McCaffrey, Bias reduction in
-    standard errors for linear regression with multi-stage samples, Survey Methodology 28, 2002). From 20 images it is
-    too uncertain itself to be taken as it is; its mean over all that is estimated tells how much too small H^-1 is.
-    What one image tells alone is as uncertain as corner noise has it, and a prior as uncertain as it says.
+    where A_k corrects for the leverage of view k (Bell and McCaffrey, Bias reduction in standard errors for linear
+    regression with multi-stage samples, Survey Methodology 28, 2002). From 20 views this matrix is too uncertain to be
+    used directly; its mean over all directions gives the factor by which H^-1 is too small. Directions determined by one
+    view alone, and by priors, keep the variance of corner noise.
     """
-    state, freedom = candidate.state, candidate.freedom
-    spread = ResidualWeights.of(state, views)
-    variance = residual_variance(spread, views, freedom)
-    problem = Bundle(views, freedom, spread)
+    state, free_parameters = candidate.state, candidate.free_parameters
+    weights = ResidualWeights.estimate(state, observations)
+    variance = residual_variance(weights, observations, free_parameters)
+    problem = Bundle(observations, free_parameters, weights)
     root = problem.linearize(state).half_covariance()
     count = root.shape[1]
     if not count or not variance > 0:
         return 1.0
-    compared, among = 0.0, 0.0
-    for part, gradient in zip(*_by_picture(problem, state), strict=True):
-        share, turn = np.linalg.eigh(root.T @ part @ root)
-        known = np.where(share > ALONE, 0.0, np.maximum(share, 0.0))
-        off = np.where(known > 0, turn.T @ (root.T @ gradient), 0.0)
-        compared += float(known.sum())
-        among += float((off**2 / (1 - known)).sum())
+    compared, scattered = 0.0, 0.0
+    for part, gradient in zip(*_parts_by_view(problem, state), strict=True):
+        values, vectors = np.linalg.eigh(root.T @ part @ root)
+        leverage = np.where(values > MAX_LEVERAGE, 0.0, np.maximum(values, 0.0))
+        score = np.where(leverage > 0, vectors.T @ (root.T @ gradient), 0.0)
+        compared += float(leverage.sum())
+        scattered += float((score**2 / (1 - leverage)).sum())
     rest = max(count - compared, 0.0)
-    return (among / variance + rest) / count
+    return (scattered / variance + rest) / count
 
 
-def noise_covariance(candidate: Candidate, views: Observations, *, loss: str = "huber") -> Array:
+def noise_covariance(candidate: Candidate, observations: Observations, *, loss: Loss = "huber") -> Array:
     """Give the same as corner noise alone has it: what would be if nothing were wrong that corners share.
 
     The inverse of the normal equations, the poses and the bend of the board eliminated: whatever they take up is
-    uncertain in the camera. Residuals have the spread that they show, each pose and parameter having taken its part of
+    uncertain in the camera. Residuals have the weights that they show, each pose and parameter having taken its part of
     it (Triggs et al. 2000, sec. 9).
     """
-    state, freedom = candidate.state, candidate.freedom
-    spread = ResidualWeights.of(state, views, loss)
-    normal = Bundle(views, freedom, spread).linearize(state)
-    count = freedom.directions.shape[1]
+    state, free_parameters = candidate.state, candidate.free_parameters
+    weights = ResidualWeights.estimate(state, observations, loss)
+    normal = Bundle(observations, free_parameters, weights).linearize(state)
+    count = free_parameters.directions.shape[1]
     among = normal.shared_covariance()[:count, :count]
-    return residual_variance(spread, views, freedom) * freedom.directions @ among @ freedom.directions.T
+    return (
+        residual_variance(weights, observations, free_parameters)
+        * free_parameters.directions
+        @ among
+        @ free_parameters.directions.T
+    )
 
 
-def residual_variance(spread: ResidualWeights, views: Observations, freedom: FreeParameters) -> float:
-    """Give the variance, px^2, of a corner's coordinate: that of the residuals, and what was fitted of it."""
-    measured = views.pixels.size
-    left = measured - freedom.count - 6 * len(views)
-    return spread.sigma**2 * measured / max(left, 1)
+def residual_variance(weights: ResidualWeights, observations: Observations, free_parameters: FreeParameters) -> float:
+    """Return the variance, px^2, of a corner coordinate: that of the residuals, corrected for the degrees of freedom."""
+    measured = observations.pixels.size
+    degrees_of_freedom = measured - free_parameters.count - 6 * len(observations)
+    return weights.sigma**2 * measured / max(degrees_of_freedom, 1)
 
 
-def _by_picture(problem: Bundle, state: State) -> tuple[Array, Array]:
-    """Give each image's part of the normal equations (V, F, F) and of the gradient (V, F), its pose eliminated."""
-    residuals, jacobian, cross, local, local_gradient = problem.rows(state)
+def _parts_by_view(problem: Bundle, state: State) -> tuple[Array, Array]:
+    """Return each view's part of the normal equations (V, F, F) and of the gradient (V, F), its pose eliminated."""
+    residuals, jacobian, cross, local, local_gradient = problem.blocks(state)
     jacobian, cross = jacobian @ problem.directions, problem.directions.T @ cross
     pose = np.linalg.pinv(local, rcond=1e-14, hermitian=True)
     gain = cross @ pose
     parts, gradients = list[Array](), list[Array]()
-    for k, rows in enumerate(problem.views.groups):
+    for k, rows in enumerate(problem.observations.groups):
         j = jacobian[2 * rows.start : 2 * rows.stop]
         parts.append(j.T @ j - gain[k] @ cross[k].T)
         gradients.append(j.T @ residuals[2 * rows.start : 2 * rows.stop] - gain[k] @ local_gradient[k])

@@ -1,4 +1,4 @@
-"""A camera judged on images it was not calibrated on: the camera stays, every board finds its own pose."""
+"""Evaluation of a calibrated camera on images it was not calibrated on: only board poses and warp are estimated."""
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -9,42 +9,43 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
-from omnisight.calibration.prescription import placed
+from omnisight.calibration.model_selection import MIN_VIEWS
+from omnisight.calibration.prescription import resect_prescription
 from omnisight.calibration.resection import resect
-from omnisight.calibration.residual_weights import HUBER_SIGMAS, ResidualWeights
-from omnisight.calibration.state import State, identity_weights
+from omnisight.calibration.residual_weights import OUTLIER_SIGMA, ResidualWeights
+from omnisight.calibration.state import State, identity_whitening
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optim.loss import robust_sigma
-from omnisight.quality.checks import FEWEST
 from omnisight.ray_camera import RayCamera
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# Length of a residual, px, past which it counts less: BabelCalib's.
-THRESHOLD = 1.5
+# Huber threshold, px: that of BabelCalib.
+HUBER_THRESHOLD_PX = 1.5
+# Relative decrease of the cost at which the poses have converged.
 TOLERANCE = 1e-10
-# Corners so little past the cone that was calibrated (radians) are of it.
-EDGE = np.radians(0.5)
-# Degrees that a ring of angle is wide; less where corners reach less far.
+# Margin (radians) of the calibrated cone.
+CONE_MARGIN_RAD = np.radians(0.5)
+# Width of a ring of angles, and of one if the corners reach less than `NARROW_DEG`.
 RING_DEG, NARROW_RING_DEG, NARROW_DEG = 10.0, 5.0, 45.0
 
 
 @dataclass(frozen=True)
-class Figures:
-    """Lengths of residuals in figures, px.
+class ResidualStatistics:
+    """Statistics of residual lengths, px.
 
     Attributes
     ----------
     corners
-        How many.
+        Number of corners.
     rms, mean, median, worst
-        Of their lengths; NaN of none.
+        Root mean square, mean, median and maximum of their residual lengths; NaN without corners.
     wrms
-        Root mean square of the lengths times their weights, which are 1 up to a threshold T and sqrt(T / length) past
-        it: Huber's, as BabelCalib has them (Lochman et al., ICCV 2021, and `huberWeightIRLS` of its code).
+        Root mean square of the weighted lengths; the weight is 1 up to a threshold T and sqrt(T / length) beyond, the
+        Huber weight of BabelCalib (Lochman et al., ICCV 2021, and `huberWeightIRLS` of its code).
     """
 
     corners: int
@@ -55,8 +56,8 @@ class Figures:
     worst: float
 
     @classmethod
-    def of(cls, lengths: Array, threshold: float = THRESHOLD) -> "Figures":
-        """Give them for lengths (N,)."""
+    def of(cls, lengths: Array, threshold: float = HUBER_THRESHOLD_PX) -> "ResidualStatistics":
+        """Return the statistics of lengths (N,)."""
         if not len(lengths):
             return cls(0, *(float("nan"),) * 5)
         weighted = lengths * np.minimum(lengths, threshold)
@@ -64,121 +65,124 @@ class Figures:
         return cls(len(lengths), rms, float(lengths.mean()), float(np.median(lengths)), wrms, float(lengths.max()))
 
     def as_dict(self) -> dict[str, float | int | None]:
-        """Give them by name; None for what is not known."""
+        """Return the values by name; None if undefined."""
         return {name: value if np.isfinite(value) else None for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
 class Ring:
-    """Corners between two angles from the axis, radians."""
+    """Residuals of the corners between two angles from the axis (radians)."""
 
     start: float
     stop: float
-    figures: Figures
+    statistics: ResidualStatistics
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """A camera on images it was not calibrated on.
+    """Residuals of a camera on images it was not calibrated on.
 
     Attributes
     ----------
     camera
-        The camera; nothing of it was changed.
+        The camera, unchanged.
     state
-        Its model, cam_from_board of every image, and the bend of the board.
-    views
+        Its model, cam_from_board of every view, and the board warp.
+    observations
         The corners.
     threshold
-        Length of a residual, px, past which it counts less, in the poses and in `Figures.wrms`.
+        Huber threshold, px, of the poses and of `ResidualStatistics.wrms`.
     """
 
     camera: Camera | RayCamera
     state: State
-    views: Observations
-    threshold: float = THRESHOLD
+    observations: Observations
+    threshold: float = HUBER_THRESHOLD_PX
 
     @cached_property
     def residuals(self) -> Array:
-        """(N, 2) projected minus seen pixels; NaN where the camera shows nothing."""
-        return self.state.residuals(self.views)
+        """(N, 2) projected minus observed pixels; NaN outside the model's domain."""
+        return self.state.residuals(self.observations)
 
     @cached_property
     def lengths(self) -> Array:
-        """(N,) length of each corner's residual, px; NaN where the camera shows nothing."""
+        """(N,) residual length of each corner, px; NaN outside the model's domain."""
         return np.linalg.norm(self.residuals, axis=1)
 
     @cached_property
     def theta(self) -> Array:
-        """(N,) the angle of each corner from the axis, radians."""
-        return angle_from_axis(self.state.points(self.views)[0])
+        """(N,) angle of each corner from the axis, radians."""
+        return angle_from_axis(self.state.points(self.observations)[0])
 
     @cached_property
-    def shown(self) -> Bools:
-        """(N,) which corners the camera shows at all: its model has a pixel for them."""
+    def in_domain(self) -> Bools:
+        """(N,) which corners are inside the model's domain."""
         return np.isfinite(self.lengths)
 
     @cached_property
     def calibrated(self) -> Bools:
-        """(N,) which corners lie in the cone that the camera was calibrated in; all where its file says none."""
-        farthest = np.pi if self.camera.theta_max is None else self.camera.theta_max + EDGE
-        return (self.theta >= self.camera.theta_min - EDGE) & (self.theta <= farthest)
+        """(N,) which corners lie in the calibrated cone; all if it is unknown."""
+        farthest = np.pi if self.camera.theta_max is None else self.camera.theta_max + CONE_MARGIN_RAD
+        return (self.theta >= self.camera.theta_min - CONE_MARGIN_RAD) & (self.theta <= farthest)
 
     @cached_property
-    def doubtful(self) -> Bools:
-        """(N,) which corners lie farther off than corners do, or have no pixel."""
-        return ~(self.lengths <= HUBER_SIGMAS * robust_sigma(self.lengths[self.shown]))
+    def outliers(self) -> Bools:
+        """(N,) which corners are outliers or outside the model's domain."""
+        return ~(self.lengths <= OUTLIER_SIGMA * robust_sigma(self.lengths[self.in_domain]))
 
-    def figures(self, which: Bools | None = None) -> Figures:
-        """Give the figures of the corners that it shows, of all of them or of some (N,)."""
-        return Figures.of(self.lengths[self.shown if which is None else self.shown & which], self.threshold)
+    def statistics(self, which: Bools | None = None) -> ResidualStatistics:
+        """Return the statistics of all corners in the domain, or of some of them (N,)."""
+        use = self.in_domain if which is None else self.in_domain & which
+        return ResidualStatistics.of(self.lengths[use], self.threshold)
 
     def rings(self) -> list[Ring]:
-        """Give the figures of the corners by their angle from the axis, ring by ring; empty ones are left out."""
-        reach = float(np.degrees(self.theta[self.shown].max(initial=0.0)))
+        """Return the statistics by angle from the axis, without empty rings."""
+        reach = float(np.degrees(self.theta[self.in_domain].max(initial=0.0)))
         width = NARROW_RING_DEG if reach < NARROW_DEG else RING_DEG
         edges = np.radians(np.arange(0.0, reach + width, width))
-        which = np.digitize(self.theta, edges[1:])
-        found = [
-            Ring(start, stop, self.figures(which == k)) for k, (start, stop) in enumerate(pairwise(edges.tolist()))
+        index = np.digitize(self.theta, edges[1:])
+        rings = [
+            Ring(start, stop, self.statistics(index == k)) for k, (start, stop) in enumerate(pairwise(edges.tolist()))
         ]
-        return [ring for ring in found if ring.figures.corners]
+        return [ring for ring in rings if ring.statistics.corners]
 
 
 def evaluate_camera(
-    camera: Camera | RayCamera, views: Observations, *, threshold: float = THRESHOLD, flat: bool = False
+    camera: Camera | RayCamera,
+    observations: Observations,
+    *,
+    threshold: float = HUBER_THRESHOLD_PX,
+    flat: bool = False,
 ) -> Evaluation:
-    """Judge a camera on corners it was not calibrated on: only the boards move, and bend.
+    """Evaluate a camera on corners it was not calibrated on; only board poses and board warp are estimated.
 
-    With `flat` it is the protocol of BabelCalib (Lochman et al., ICCV 2021): the poses have the least Huber cost of the
-    residuals, whose threshold is fixed, in px. (Its code minimises the squares of the weighted residuals, weights and
-    all, whose least lies next to that of Huber's loss.)
+    With `flat` this is the protocol of BabelCalib (Lochman et al., ICCV 2021): the poses minimize the Huber cost with a
+    fixed threshold in px. (Its code minimizes the squares of the weighted residuals, whose minimum is close to it.)
 
     Parameters
     ----------
     camera
         The camera.
-    views
+    observations
         The corners.
     threshold
-        Length of a residual, px, past which it counts less.
+        Huber threshold, px.
     flat
-        Take the board as flat. Otherwise its bend is found with the poses, the same in all images, from three on.
+        Whether the board is flat. Otherwise one warp for all views is estimated with the poses, from three views on.
 
     Raises
     ------
     ValueError
-        If there is no corner, the threshold is no length, or a camera of rays shows too few of the corners.
+        If there are no corners, the threshold is not positive, or a non-central camera sees too few of the corners.
     """
-    if not len(views.pixels):
-        raise ValueError("there are no corners to judge a camera on")
+    if not len(observations.pixels):
+        raise ValueError("there are no corners to evaluate the camera on")
     if not threshold > 0:
         raise ValueError(f"threshold must be a positive length in px, got {threshold:g}")
-    model = camera.model
-    freedom = FreeParameters(
-        np.zeros((len(model.param_names), 0)), warp=not flat and views.planar and len(views) >= FEWEST
-    )
-    spread = ResidualWeights(identity_weights(len(views.pixels)), 1.0, threshold)
-    start = placed(camera.model, views) if isinstance(camera, RayCamera) else resect(camera.model, views)
-    state = refine(start, views, freedom=freedom, spread=spread, tolerance=TOLERANCE).state
-    return Evaluation(camera, state, views, threshold)
+    warp = not flat and observations.is_planar and len(observations) >= MIN_VIEWS
+    free_parameters = FreeParameters(np.zeros((len(camera.model.param_names), 0)), warp)
+    weights = ResidualWeights(identity_whitening(len(observations.pixels)), 1.0, threshold)
+    is_central = isinstance(camera, Camera)
+    start = resect(camera.model, observations) if is_central else resect_prescription(camera.model, observations)
+    solution = refine(start, observations, free_parameters=free_parameters, weights=weights, tolerance=TOLERANCE)
+    return Evaluation(camera, solution.state, observations, threshold)

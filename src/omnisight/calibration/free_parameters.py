@@ -1,4 +1,4 @@
-"""What a calibration estimates of what all its images share: parameters of the camera, the bend of the board."""
+"""The free parameters of a calibration that all views share: camera parameters and board warp."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,24 +7,24 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.models import CameraModel
+from omnisight.models import CameraModel, Projector
 
 Array = NDArray[np.float64]
 
-# What a stretch matrix (ocam) has beside a focal length: 1, 0 and 0 where pixels are square.
-STRETCH = ("c", "d", "e")
+# Stretch matrix of the Scaramuzza model [c d; e 1], and its value for square pixels.
+SQUARE_STRETCH = {"c": 1.0, "d": 0.0, "e": 0.0}
 
 
 @dataclass(frozen=True)
 class FreeParameters:
-    """What is estimated of what all images share.
+    """What a calibration estimates of the parameters that all views share.
 
     Attributes
     ----------
     directions
-        (P, F) how the camera's P parameters move with each of the F numbers that are estimated of it.
+        (P, F) derivative of the camera's P parameters by the F estimated numbers.
     warp
-        Whether the board's bend is estimated.
+        Whether the board warp is estimated.
     """
 
     directions: Array
@@ -33,43 +33,43 @@ class FreeParameters:
     @classmethod
     def of(
         cls,
-        model: CameraModel,
+        model: Projector,
         *,
         fixed: Sequence[str] = (),
         free: Sequence[str] = (),
         square: bool = False,
         warp: bool = False,
     ) -> Self:
-        """Free what a calibration of that model estimates, but `fixed`, and `free` beside; names it lacks are passed.
+        """Return the default free parameters of a model, without those in `fixed` and with those in `free`.
 
-        `square` pixels have one focal length: fx and fy move as one, or stay if one is fixed, and a stretch not at all.
+        Names that the model lacks are ignored. With `square` pixels, fx and fy move together, or not at all if one is
+        fixed, and a stretch matrix is constant.
         """
         names = model.param_names
-        still = {*fixed, *(STRETCH if square else ())}
-        moving = [(p.free and p.name not in still) or p.name in free for p in model.parameters]
+        constant = {*fixed, *(SQUARE_STRETCH if square else ())}
+        moves = [(p.free and p.name not in constant) or p.name in free for p in model.parameters]
         directions = np.eye(len(names))
         if square and {"fx", "fy"} <= set(names):
             x, y = names.index("fx"), names.index("fy")
             directions[y, x] = 1.0
-            moving[x], moving[y] = moving[x] and moving[y], False
-        return cls(directions[:, moving], warp)
+            moves[x], moves[y] = moves[x] and moves[y], False
+        return cls(directions[:, moves], warp)
 
     @classmethod
-    def none(cls, model: CameraModel) -> Self:
-        """Free nothing: only the poses move."""
+    def none(cls, model: Projector) -> Self:
+        """Return no free parameters: only the poses are estimated."""
         return cls(np.zeros((len(model.param_names), 0)))
 
     @property
     def count(self) -> int:
-        """How many numbers are estimated."""
+        """Number of estimated values."""
         return self.directions.shape[1] + 2 * self.warp
 
 
-def squared(model: CameraModel, fixed: Sequence[str] = ()) -> CameraModel:
-    """Give the camera with square pixels: its mean focal length or the one that is fixed, and no stretch."""
-    values = model.to_dict()
-    none: dict[str, float] = dict(zip(STRETCH, (1.0, 0.0, 0.0), strict=True))
+def with_square_pixels(model: CameraModel, fixed: Sequence[str] = ()) -> CameraModel:
+    """Return the camera with one focal length, the fixed one or the mean, and no stretch."""
+    values, changes = model.to_dict(), dict(SQUARE_STRETCH)
     if "fx" in values and "fy" in values:
         known = [values[name] for name in ("fx", "fy") if name in fixed] or [values["fx"], values["fy"]]
-        return model.with_values(none | dict.fromkeys(("fx", "fy"), sum(known) / len(known)))
-    return model.with_values(none)
+        changes |= dict.fromkeys(("fx", "fy"), sum(known) / len(known))
+    return model.with_values(changes)

@@ -1,121 +1,124 @@
-"""Finding a camera to start from, with no guess of focal length or field of view and no pinhole plane."""
+"""Initial camera: a global search over fields of view and projections, without any guess from the user."""
 
-import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
 from omnisight.calibration.bundle_adjustment import refine
-from omnisight.calibration.multistart import STILL, fitted
-from omnisight.calibration.resection import reresect, resect, resect_linear, resolve_flip
+from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.multistart import convert, low_discrepancy
+from omnisight.calibration.resection import MAX_COMPARED_PX, reresect, resect, resect_linear, resolve_flip
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
-from omnisight.models import model_class
+from omnisight.models import CameraModel, Projector, initial_models
 from omnisight.targets.observations import Observations
 
-# Ideal projections, and the angle from the axis that the farthest corner may be at; below, they are all alike.
-FAMILIES = ("equidistant", "equisolid", "stereographic")
-REACH_DEG = (50, 65, 80, 95, 110, 130, 150)
-NARROW_DEG = {"equidistant": (16, 28), "pinhole": (28, 42, 58)}
-# Starts whose focal lengths differ by less than this share have come from one place.
-APART = 0.45
-# Models that together bend to every lens and mirror with few parameters.
-SCOUTS = ("kannala_brandt", "unified")
-SETTLED, SCOUTED = 6, 2
-# Images that are enough to tell a good start from a bad one, and to find the camera; the others are resect from it.
-SKETCH, CORNERS, ENOUGH = 10, 400, 40
+# Prior of the off-axis angle (radians) of the farthest corner, uniform: from a long lens to the widest fisheye.
+MIN_REACH_RAD, MAX_REACH_RAD = np.radians((12.0, 150.0))
+# Sampled cameras; those that remain after linear resection, and after a refinement of focal length and centre.
+SAMPLES, RESECTED, REFINED = 32, 6, 2
+# Samples whose magnifications differ by less (ratio, natural logarithm) lead to the same minimum.
+SAME_MAGNIFICATION = 0.45
+# Off-axis angle (radians) at which magnifications are compared: every model can show it.
+COMPARED_RAD = 0.3
+# Views and corners of the first rounds; views of the last one. The poses of all others follow from the camera.
+FIRST_VIEWS, FIRST_CORNERS, LAST_VIEWS = 10, 400, 40
 
 
-def estimate_initial_camera(views: Observations, size: tuple[int, int]) -> State:
-    """Find a camera and board poses near the best, for images of plane boards.
+def estimate_initial_camera(observations: Observations) -> State:
+    """Estimate a camera and board poses near the global optimum from images of planar boards.
 
-    Every ideal projection is tried with every field of view: each poses some of the boards from bearings. The few that
-    explain the corners best, each of a focal length of its own, are refined, first as they are, then as models that
-    bend to any lens. The best by robust cost is kept.
+    Cameras are sampled from a prior on the field of view and from the shapes that the models of the initial search
+    state; each poses the boards linearly. As in `multistart`, the best half or less is refined by more parameters on
+    more views, round by round, until the lowest robust cost decides.
 
     Parameters
     ----------
-    views
-        The corners; boards in their plane z = 0.
-    size
-        (width, height) of the images, px.
+    observations
+        Corners with boards in their plane z = 0, and the image size.
 
     Raises
     ------
     ValueError
-        If no start poses the boards.
+        If no camera explains the corners.
     """
-    if len(views) > ENOUGH:
-        return resect(estimate_initial_camera(_some(views, ENOUGH), size).model, views)
-    sketch = _some(views, SKETCH).thinned(CORNERS)
-    begun = _unlike(_ideal_starts(sketch, size), sketch)
-    settled = [_settled(resolve_flip(start, sketch), sketch, 8, 1e-3) for start in begun[:SETTLED]]
-    scouts = list[State]()
-    names: tuple[str, ...] = SCOUTS
-    for start in sorted(settled, key=lambda state: _score(state, sketch))[:SCOUTED]:
-        scouts += [scout for name in names if (scout := _scout(start, name, sketch)) is not None]
-        if scouts:  # the other bends less well to this lens
-            names = (min(scouts, key=lambda state: _score(state, sketch)).model.name,)
-    if not scouts:
+    if len(observations) > LAST_VIEWS:
+        return _resect_all(estimate_initial_camera(_subset(observations, LAST_VIEWS)), observations)
+    first = _subset(observations, FIRST_VIEWS).thinned(FIRST_CORNERS)
+    states = [resect_linear(model, first) for model in _sample_cameras(first)]
+    states = _distinct_magnifications(states, first)[:RESECTED]
+    states = [_refine(resolve_flip(state, first), first, 8, 1e-3, shape=False) for state in states]
+    states = sorted(states, key=lambda state: _error(state, first))[:REFINED]
+    states = [_refine_and_resect(state, first, 15, 1e-4) for state in states]
+    if not states:
         raise ValueError("no camera explains these corners: are they corners of one flat board, in order?")
-    best = min(scouts, key=lambda state: _score(state, sketch))
-    best = _settled(reresect(_settled(resect(best.model, views), views, 25, 1e-5), views), views, 25, 1e-5)
-    # The other may follow this lens more closely, now that the boards are in their places.
-    (other,) = (name for name in SCOUTS if name != best.model.name)
-    ends = [best]
-    if (again := fitted(best, model_class(other), views)) is not None:
-        ends.append(_settled(again, views, 25, 1e-5))
-    return min(ends, key=lambda end: _score(end, views))
+    best = _resect_all(min(states, key=lambda state: _error(state, first)), observations)
+    best = _refine_and_resect(best, observations, 25, 1e-5)
+    # Another model of the initial search may follow this lens more closely, now that the poses are known.
+    others = [convert(best, cls, observations) for cls in initial_models() if cls is not type(best.model)]
+    ends = [best, *(_refine(other, observations, 25, 1e-5) for other in others if other is not None)]
+    return min(ends, key=lambda state: _error(state, observations))
 
 
-def _scout(start: State, name: str, views: Observations) -> State | None:
-    """Refine the start as a model that bends to more lenses, with all boards resect anew on the way."""
-    lengths = start.lengths(views)
-    good = lengths <= max(4 * float(np.median(lengths)), 1e-3)
-    try:
-        model = model_class(name).fit(start.points(views)[0][good], views.pixels[good], fixed=STILL)
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-    rough = _settled(replace(start, model=model), views, 15, 1e-4)
-    return _settled(reresect(rough, views), views, 15, 1e-4)
+def _sample_cameras(observations: Observations) -> Iterator[CameraModel]:
+    """Sample cameras of the initial search: their shape, and the off-axis angle of the farthest corner."""
+    centre = (np.array(observations.size, float) - 1) / 2
+    radius = float(np.linalg.norm(observations.pixels - centre, axis=1).max())
+    shapes = [(cls, shape) for cls in initial_models() for shape in cls.INITIAL_SHAPES]
+    for u, v in low_discrepancy(SAMPLES, 2):
+        cls, shape = shapes[int(u * len(shapes))]
+        reach = MIN_REACH_RAD + v * (MAX_REACH_RAD - MIN_REACH_RAD)
+        unit = {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0} | shape
+        if (extent := _radius(cls.from_dict(unit), reach)) > 0:
+            focal = {"fx": radius / extent, "fy": radius / extent, "cx": float(centre[0]), "cy": float(centre[1])}
+            yield cls.from_dict(unit | focal)
 
 
-def _ideal_starts(views: Observations, size: tuple[int, int]) -> Iterator[State]:
-    centre = (np.array(size, float) - 1) / 2
-    reach = np.linalg.norm(views.pixels - centre, axis=1).max()
-    narrow = [(name, degrees) for name, angles in NARROW_DEG.items() for degrees in angles]
-    for name, degrees in [*narrow, *itertools.product(FAMILIES, REACH_DEG)]:
-        plain = model_class(name).from_dict({"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0})
-        theta = np.radians(degrees)
-        radius, _ = plain.project_numpy(np.array([[np.sin(theta), 0.0, np.cos(theta)]]))
-        focal = reach / radius[0, 0]
-        camera = {"fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]}
-        yield resect_linear(type(plain).from_dict(camera), views)
+def _radius(model: Projector, theta: float) -> float:
+    """Return the distance (px) of the image at an off-axis angle (radians) from that of the axis; NaN if not seen."""
+    pixels, _ = model.project_numpy(np.array([[0.0, 0.0, 1.0], [np.sin(theta), 0.0, np.cos(theta)]]))
+    return float(np.linalg.norm(pixels[1] - pixels[0]))
 
 
-def _unlike(starts: Iterable[State], views: Observations) -> list[State]:
-    """Give those of the starts, best first, that have no better one with nearly the same focal length."""
-    kept = list[State]()
-    for start in sorted(starts, key=lambda start: _score(start, views)):
-        focal = start.model.params[0]
-        if all(abs(np.log(focal / better.model.params[0])) > APART for better in kept):
-            kept.append(start)
-    return kept
+def _distinct_magnifications(states: list[State], observations: Observations) -> list[State]:
+    """Return the states by error without those of nearly the magnification of a better one."""
+    kept = list[tuple[float, State]]()
+    for state in sorted(states, key=lambda state: _error(state, observations)):
+        magnification = np.log(_radius(state.model, COMPARED_RAD))
+        if all(abs(magnification - other) > SAME_MAGNIFICATION for other, _ in kept):
+            kept.append((magnification, state))
+    return [state for _, state in kept]
 
 
-def _settled(state: State, views: Observations, iterations: int, tolerance: float) -> State:
-    """Refine with the corners counting as they do at the state."""
-    spread = ResidualWeights.of(state, views)
-    return refine(state, views, spread=spread, iterations=iterations, tolerance=tolerance).state
+def _resect_all(state: State, observations: Observations) -> State:
+    """Return the camera of a state with poses of all views."""
+    assert isinstance(state.model, CameraModel)
+    return resect(state.model, observations)
 
 
-def _some(views: Observations, count: int) -> Observations:
-    """Give that many of the views, or all if there are fewer."""
-    if len(views) <= count:
-        return views
-    return views.subset(np.linspace(0, len(views) - 1, count).round().astype(np.intp))
+def _refine_and_resect(state: State, observations: Observations, steps: int, tolerance: float) -> State:
+    """Refine, pose all boards anew where that is better, and refine again."""
+    refined = _refine(state, observations, steps, tolerance)
+    return _refine(reresect(refined, observations), observations, steps, tolerance)
 
 
-def _score(state: State, views: Observations) -> float:
-    return float(np.minimum(state.lengths(views), 50.0).mean())
+def _refine(state: State, observations: Observations, steps: int, tolerance: float, *, shape: bool = True) -> State:
+    """Refine with constant residual weights; without `shape` only focal length and centre of the camera are free."""
+    model = state.model
+    held = () if shape else [name for name in model.param_names if name not in ("fx", "fy", "cx", "cy")]
+    free, weights = FreeParameters.of(model, fixed=held), ResidualWeights.estimate(state, observations)
+    return refine(
+        state, observations, free_parameters=free, weights=weights, iterations=steps, tolerance=tolerance
+    ).state
+
+
+def _subset(observations: Observations, count: int) -> Observations:
+    """Return that many views, evenly spaced, or all if there are fewer."""
+    if len(observations) <= count:
+        return observations
+    return observations.subset(np.linspace(0, len(observations) - 1, count).round().astype(np.intp))
+
+
+def _error(state: State, observations: Observations) -> float:
+    """Return the mean residual length (px), outliers limited."""
+    return float(np.minimum(state.lengths(observations), MAX_COMPARED_PX).mean())

@@ -1,76 +1,187 @@
-"""Choosing a camera model by the images it has not seen."""
+"""Model selection: candidate models are fitted, cross-validated and compared on held-out views."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.candidate import COMPARISON_TOLERANCE, Candidate
+from omnisight.calibration.estimation_options import EstimationOptions
+from omnisight.calibration.free_parameters import FreeParameters, with_square_pixels
+from omnisight.calibration.multistart import model_starts
+from omnisight.calibration.residual_weights import ResidualWeights
+from omnisight.calibration.state import MIN_OUTSIDE_COST_PX, State
 from omnisight.geometry.sphere import angle_from_axis
+from omnisight.models import CameraModel
+from omnisight.optim.loss import robust_sigma
 from omnisight.targets.observations import Observations
 
-AUTO = ("unified", "eucm", "double_sphere", "kannala_brandt", "mei", "ocam")
-FEW_PARAMETERS = ("unified", "eucm", "double_sphere")
-NARROW_AUTO = ("radial_tangential",)
-NARROW = np.radians(62.0)
-# A model is not asked about images it has not seen where it explains those it has so much worse than the best.
-HOPELESS = 1.5
-# Held-out figures this close are the same: the model with fewer parameters is taken.
-TIE = 0.01
-# An image should go on for so many times the angle that corners reach.
-ROOM = 1.03
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Progress = Callable[[str, int, int], None]
+
+# Views with different poses that determine a camera: a plane gives two constraints per view on five parameters.
+MIN_VIEWS = 3
+# Ratio of two rms errors above which one model fits clearly worse, so that it is not compared any further.
+MAX_RMS_RATIO = 1.5
+# Relative reduction of the held-out error that matters: below, the model with fewer parameters is taken.
+MIN_RELATIVE_GAIN = 0.01
+# Factor by which the injective domain of a model must exceed the angle that corners cover.
+MIN_DOMAIN_MARGIN = 1.03
 
 
-def choose(candidates: Sequence[Candidate], views: Observations, usable: NDArray[np.bool_]) -> tuple[Candidate, str]:
-    """Give the best candidate and one sentence that says why.
+@dataclass(frozen=True)
+class Selection:
+    """The selected model among the candidates.
 
-    Of those that are as good as the best on images held out, the one with the fewest parameters: whose mean square is
-    above by no more than its standard error over the images (Breiman et al., Classification and regression trees,
-    1984, sec. 3.4.3), both asked about the same images. A model whose image folds over just past the corners comes
-    last: what lies a little farther out it cannot see at all.
+    Attributes
+    ----------
+    best
+        The selected candidate.
+    candidates
+        All candidates: the selected one, then the others by held-out error.
+    reason
+        One sentence that states why it was selected.
     """
-    judged = [c for c in candidates if c.held_out_rms is not None]
-    asked = [c for c in judged if not _folds(c, views, usable)] or judged
-    if not asked:
+
+    best: Candidate
+    candidates: tuple[Candidate, ...]
+    reason: str
+
+
+def fit_candidates(
+    models: Sequence[str], initial: State, observations: Observations, options: EstimationOptions, report: Progress
+) -> list[Candidate]:
+    """Fit every model, in all its variants, from the initial camera.
+
+    Raises
+    ------
+    ValueError
+        If no model can represent the initial camera, or a parameter in `fix` or `free` does not exist.
+    """
+    starts = [start for name in models for start in model_starts(name, initial, observations, fixed=options.fix)]
+    if not starts:
+        angle = np.degrees(angle_from_axis(initial.points(observations)[0]).max())
+        raise ValueError(f"{', '.join(models)} cannot represent this camera: corners reach {angle:.0f}° off-axis")
+    _check_parameter_names([*options.fix, *options.free], [start.model for _, start in starts])
+    candidates: list[Candidate] = []
+    for i, (name, start) in enumerate(starts):
+        report("fit models", i, len(starts))
+        if options.square_pixels and isinstance(start.model, CameraModel):
+            start = replace(start, model=with_square_pixels(start.model, options.fix))
+        free_parameters = FreeParameters.of(
+            start.model, fixed=options.fix, free=options.free, square=options.square_pixels
+        )
+        candidates.append(
+            Candidate.fit(name, start, observations, free_parameters, loss=options.loss, tolerance=COMPARISON_TOLERANCE)
+        )
+    report("fit models", len(starts), len(starts))
+    return candidates
+
+
+def find_inliers(candidates: Sequence[Candidate], fitted: Observations, observations: Observations) -> Bools:
+    """Return the inliers (N,) of the most precise candidate; the corners that every comparison uses."""
+    sharpest = min(candidates, key=lambda c: robust_sigma(c.state.lengths(fitted)))
+    return ~ResidualWeights.estimate(sharpest.state, observations).outliers(sharpest.state, observations)
+
+
+def cross_validate(
+    candidates: Sequence[Candidate],
+    observations: Observations,
+    inliers: Bools,
+    options: EstimationOptions,
+    report: Progress,
+) -> list[Candidate]:
+    """Cross-validate every competitive candidate, with board warp if that lowers the held-out error."""
+    if len(observations) < MIN_VIEWS:
+        return list(candidates)
+    least = min(c.rms for c in candidates)
+    competitive = [i for i, c in enumerate(candidates) if c.rms <= MAX_RMS_RATIO * least]
+    validated = list(candidates)
+    if not options.flat and observations.is_planar:
+        # The simplest competitive model decides about the warp for all.
+        simplest = min(competitive, key=lambda i: (candidates[i].parameters, candidates[i].rms))
+        flat, warped = (
+            candidate.cross_validated(observations, inliers, loss=options.loss)
+            for candidate in (
+                candidates[simplest],
+                candidates[simplest].with_board_warp(observations, loss=options.loss),
+            )
+        )
+        validated[simplest] = flat
+        if is_better(warped, flat, observations, inliers):
+            for i in competitive:
+                validated[i] = candidates[i].with_board_warp(observations, loss=options.loss)
+            validated[simplest] = warped
+    for done, i in enumerate(competitive):
+        report("cross-validate", done, len(competitive))
+        if validated[i].held_out_rms is None:
+            validated[i] = validated[i].cross_validated(observations, inliers, loss=options.loss)
+    report("cross-validate", len(competitive), len(competitive))
+    return validated
+
+
+def select_model(candidates: Sequence[Candidate], observations: Observations, inliers: Bools) -> Selection:
+    """Select the candidate with the fewest parameters that no other candidate beats on held-out views.
+
+    This is the one-standard-error rule (Breiman et al., Classification and regression trees, 1984, sec. 3.4.3), with
+    paired differences per view (`is_better`). Models that are not injective just beyond the corners come last: there,
+    their extrapolation is wrong in a way that held-out corners do not show.
+    """
+    validated = [c for c in candidates if c.held_out_rms is not None]
+    if not validated:
         best = min(candidates, key=lambda c: (round(c.rms, 3), c.parameters))
-        return (
-            best,
-            f"{best.name}: too few images to hold any out, so the least rms decides ({best.rms:.3f} px).",
-        )
-    lowest = min(asked, key=lambda c: c.held_out_rms or 0)
-    near = [c for c in asked if _as_good(c, lowest, views, usable)]
-    best = min(near, key=lambda c: (c.parameters, c.held_out_rms or 0))
-    others = [c for c in asked if c is not best]
-    figure = f"{best.held_out_rms:.3f} px on images it was not calibrated on"
-    if not others and len(candidates) > 1:
-        worse = f"{HOPELESS:g} times worse"
-        return best, f"{best.name}: {figure}; the others explain even those they were calibrated on {worse}."
-    if not others:
-        return best, f"{best.name}: {figure}."
-    second = min(others, key=lambda c: c.held_out_rms or 0)
-    passed = min(judged, key=lambda c: c.held_out_rms or 0)
-    if passed not in asked:
-        why = f"the least of those that do not fold over past the corners, as {passed.name} does"
-    elif best is not lowest:
-        why = (
-            f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) as far as so many images can tell, with"
-            f" {best.parameters} parameters instead of {lowest.parameters}"
-        )
+        reason = f"lowest rms ({best.rms:.3f} px); too few images for a cross-validation"
+        return Selection(best, (best, *_ranked(candidates, best)), reason)
+    injective = [c for c in validated if not _folds_near_corners(c, observations, inliers)] or validated
+    lowest = min(injective, key=_held_out)
+    unbeaten = [c for c in injective if not is_better(lowest, c, observations, inliers)]
+    best = min(unbeaten, key=lambda c: (c.parameters, _held_out(c)))
+    if best is lowest:
+        reason = "lowest held-out error"
     else:
-        why = f"the least of {len(asked)}; next is {second.name} with {second.held_out_rms:.3f} px"
-    return best, f"{best.name}: {figure}, {why}."
+        reason = (
+            f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) within one standard error, with"
+            f" {best.parameters} instead of {lowest.parameters} parameters"
+        )
+    if (excluded := min(validated, key=_held_out)) not in injective:
+        reason += f" ({excluded.name} is not injective beyond the corners)"
+    return Selection(best, (best, *_ranked(candidates, best)), reason)
 
 
-def _folds(candidate: Candidate, views: Observations, usable: NDArray[np.bool_]) -> bool:
-    angles = angle_from_axis(candidate.state.points(views)[0])[usable]
-    return candidate.state.model.theta_max < min(ROOM * float(angles.max(initial=0.0)), np.pi)
+def is_better(one: Candidate, other: Candidate, observations: Observations, inliers: Bools) -> bool:
+    """Return whether a candidate has a lower held-out error than another, relevantly and significantly.
 
-
-def _as_good(candidate: Candidate, lowest: Candidate, views: Observations, usable: NDArray[np.bool_]) -> bool:
-    if (candidate.held_out_rms or 0) <= (1 + TIE) * (lowest.held_out_rms or 0):
-        return True
-    if candidate.held_out_lengths is None or lowest.held_out_lengths is None:
+    Relevantly: by more than `MIN_RELATIVE_GAIN`. Significantly: the mean over the views of the difference of squared
+    errors exceeds its standard error. Only corners inside the domain of both cameras count.
+    """
+    assert one.held_out_lengths is not None
+    assert other.held_out_lengths is not None
+    first, second = one.held_out_lengths, other.held_out_lengths
+    use = inliers & (first < MIN_OUTSIDE_COST_PX) & (second < MIN_OUTSIDE_COST_PX)
+    if (first[use] ** 2).sum() >= (1 - MIN_RELATIVE_GAIN) ** 2 * (second[use] ** 2).sum():
         return False
-    worse = np.where(usable, candidate.held_out_lengths**2 - lowest.held_out_lengths**2, 0.0)
-    by_view = np.bincount(views.view_of_row, worse, len(views))
-    return bool(by_view.mean() <= by_view.std(ddof=1) / np.sqrt(len(views)))
+    gain = np.bincount(observations.view_of_row, np.where(use, second**2 - first**2, 0.0), len(observations))
+    return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(observations)))
+
+
+def _ranked(candidates: Sequence[Candidate], best: Candidate) -> list[Candidate]:
+    """Return the other candidates: the cross-validated by held-out error, then the rest by rms."""
+    others = (c for c in candidates if c is not best)
+    return sorted(others, key=lambda c: (c.held_out_rms is None, c.held_out_rms or c.rms))
+
+
+def _held_out(candidate: Candidate) -> float:
+    return candidate.held_out_rms or 0.0
+
+
+def _folds_near_corners(candidate: Candidate, observations: Observations, inliers: Bools) -> bool:
+    angles = angle_from_axis(candidate.state.points(observations)[0])[inliers]
+    return candidate.state.model.theta_max < min(MIN_DOMAIN_MARGIN * float(angles.max(initial=0.0)), np.pi)
+
+
+def _check_parameter_names(names: Sequence[str], models: Sequence[object]) -> None:
+    known = list(dict.fromkeys(name for model in models for name in getattr(model, "param_names")))  # noqa: B009
+    if unknown := sorted(set(names) - set(known)):
+        raise ValueError(f"no candidate model has a parameter {', '.join(unknown)}; there are: {', '.join(known)}")

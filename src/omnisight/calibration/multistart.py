@@ -1,231 +1,309 @@
-"""Going from one camera model to another: several starts where their costs have several valleys."""
+"""Multistart search: starts sampled from the priors of a model's parameters, successive halving, refinement.
+
+Models whose parameters nearly compensate each other have several local minima. Starts are drawn from the priors that
+the parameters of the model state (`Parameter`), from a low-discrepancy sequence, so that every run draws the same. All
+are refined by a few steps on a few corners; the better half is refined by more steps on more corners, and so on; the
+survivors in distinct local minima are refined on all corners, and the one of the lowest robust cost is kept. Jamieson
+and Talwalkar, Non-stochastic best arm identification and hyperparameter optimization (successive halving), AISTATS
+2016.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.bundle_adjustment import Bundle, refine
+from omnisight.calibration.bundle_adjustment import MAX_ITERATIONS, Bundle, refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import has_pose_outlier, reresect, resect
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.geometry.sphere import angle_from_axis, polar
-from omnisight.models import CameraModel
-from omnisight.models._fit import SKETCH
-from omnisight.models._fit import refine as fit_from
+from omnisight.models import CameraModel, Projector, model_class
+from omnisight.models._camera_model import VariantFit
+from omnisight.models._fit import refine as refine_on_pairs
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# What a lens has next to nothing of: a start that took it from noise would be a start of its own.
-STILL = ("skew", "p1", "p2", "s1", "s2", "s3", "s4")
-DECENTRED = set(STILL[1:])
-# What bends a profile beside its first terms: terms that nearly make up for each other.
-HIGHER = ("k2", "k3", "k4", "k5", "k6"), ("k3", "k4", "k5", "k6"), ("k3", "k6")
-# What models with another parameter nearly make up for, so that their cost has a valley about several of its values.
-TRADED = (-0.3, 0.2, 0.8, 1.4, 4.0)
-# Where fewer of these are near: how far beside that of the first start.
-FEW, BESIDE = 3, (-0.08, -0.04, 0.04, 0.08)
-MIDDLING = (0.6, 0.72)
-# Pairs that are enough to fit a start to.
-PAIRS = 600
-# That are enough to tell a valley from another.
-CORNERS = 1000
-# px: a fit to a camera this far from it (rms) is none.
-ALIKE = 4.0
-# px: cameras whose focal lengths and centres differ by less have ended in one valley.
-SAME = 1.0
-# An end from which half the corners are so many times as far as from the sharpest, and px more, has left them.
-BLURRED, EXACT = 2.0, 1e-3
-# Steps at a time that each start is refined by on some of the corners, and how many of them, in valleys of their own,
-# are then refined on all: where parts are traded for each other, and where parts are not centred.
-TRADED_EFFORT, DECENTRED_EFFORT = (12, 3), (40, 5)
-# Starts drawn about an end that may be held at a kink.
-DRAWS = 8
-# Share of the cost that steps must gain. Wrong corners may be nearly all of it: little tells valleys apart.
+# Starts drawn from the priors: a whole level (2^4 - 1) of the low-discrepancy sequence.
+SAMPLES = 15
+# The first primes.
+HALTON_BASES = (2, 3, 5, 7, 11)
+# (corners, Levenberg-Marquardt steps) of the rounds, after each of which half of the starts remain.
+ROUNDS = ((300, 10), (1000, 40))
+# Distinct local minima that are refined on all corners.
+SURVIVORS = 3
+# Relative decrease of the cost per step. Outliers can be nearly all of the cost, so local minima differ by little.
 TOLERANCE = 1e-8
-# Angles from the axis, and around it, at which a camera is sampled: a little past the corners, or a fit may fold there.
-CONE, PAST = 16, 1.05
+# Bearing-pixel pairs of the initial camera that a model, and a drawn start, are fitted to.
+FIT_PAIRS, SAMPLE_PAIRS = 600, 250
+# Steps and relative tolerance of the fit of a drawn start: it only has to reach the valley of its sample.
+SAMPLE_STEPS, SAMPLE_TOLERANCE = 20, 1e-6
+# Rms difference (px) from the initial camera above which a drawn start is rejected.
+MAX_START_RMS_PX = 4.0
+# Cameras whose focal lengths and principal points differ by less (px) are in the same local minimum.
+SAME_MINIMUM_PX = 1.0
+# A state whose median residual exceeds the lowest by this factor, and px, fits the inliers worse, whatever its cost.
+MAX_MEDIAN_RATIO, MEDIAN_MARGIN_PX = 2.0, 1e-3
+# Starts drawn from the posterior of an optimum at the edge of its domain, where steps end at a kink of the cost.
+POSTERIOR_SAMPLES = 8
+# Angles from the axis, and around it, at which the initial camera is sampled, and how far past the corners: a model
+# fitted to less could fold right outside them.
+GRID, MARGIN = 16, 1.05
+# Corners that begin farther from the axis (radians) leave the image centre unobserved, as a mirror does; the second
+# fit then covers the cone from the axis on, or this factor past the corners.
+BLIND_RAD, EXTRAPOLATION = np.radians(20), 1.3
 
 
-def multistart_refit(
-    state: State, cls: type[CameraModel], views: Observations, *, fixed: Sequence[str] = ()
-) -> State | None:
-    """Give the state with another camera model, fitted to its own; None where it cannot be.
+class Start(NamedTuple):
+    """An initial state, and the parameters held at their sample in the first round, while the poses adapt."""
 
-    A model in which parameters make up for each other has valleys of nearly the same cost. It is refined from a start
-    in each, then from some about the lowest end where that may be held, and the lowest end of all is given. `fixed`
-    parameters stay as they are, or were first fitted.
+    state: State
+    held: tuple[str, ...] = ()
+
+
+def model_starts(
+    name: str, initial: State, observations: Observations, *, fixed: Sequence[str] = ()
+) -> list[tuple[str, State]]:
+    """Find the best start of every variant of a camera model, given an initial camera.
+
+    Parameters
+    ----------
+    name
+        The camera model.
+    initial
+        An initial camera of any model, with board poses.
+    observations
+        Board points and pixels.
+    fixed
+        Names of parameters that keep the value of the initial camera, or of the first fit.
+
+    Returns
+    -------
+    list of (label, State)
+        One per variant; empty if the model cannot represent the initial camera.
     """
-    sketch = views.thinned(CORNERS)
-    first = state if type(state.model) is cls else fitted(state, cls, sketch)
-    if first is None:
-        return None
-    freedom, names, centred = FreeParameters.of(first.model, fixed=fixed), set(first.model.param_names), None
-    if "xi" in names and FreeParameters.of(first.model).count > 5:
-        starts, effort = [first, *_traded(first, state, sketch)], TRADED_EFFORT
-    elif DECENTRED & names:
-        centred = refine(first, sketch, freedom=FreeParameters.of(first.model, fixed=(*STILL, *fixed))).state
-        starts, effort = [first, centred, *_plainer(first, state, sketch)], DECENTRED_EFFORT
-    else:
-        return first
-    starts = [replace(start, model=holding(start.model, fixed, first.model)) for start in starts]
-    ends = _floors(starts, sketch, Bundle(views, freedom, ResidualWeights.of(state, views)), *effort)
-    if centred is not None:
-        other = _decentred_the_other_way(lowest(ends, views), centred, fixed)
-        ends.append(refine(other, views, freedom=freedom, tolerance=TOLERANCE).state)
-    best = lowest(ends, views)
-    # Where a rim or a fold runs among corners, costs have kinks at which steps end.
-    if not best.model.near_folds and not np.isnan(best.residuals(views)).any():
+    cls, found, simpler = model_class(name), list[tuple[str, State]](), [initial]
+    for label, fit in cls.variants(len(observations.pixels)).items():
+        starts = list(_sample_starts(cls, fit, initial, observations, fixed))
+        if not starts:
+            continue
+        first = starts[0].state.model
+        starts += [Start(start) for state in simpler if (start := _nested(state, first)) is not None]
+        starts = [start._replace(state=_with_fixed(start.state, fixed, first)) for start in starts]
+        weights = ResidualWeights.estimate(initial, observations)
+        best = starts[0].state if len(starts) == 1 else _search(starts, observations, fixed, weights)
+        found.append((label, best))
+        simpler = [initial, best]
+    return found
+
+
+def _search(
+    starts: Sequence[Start], observations: Observations, fixed: Sequence[str], weights: ResidualWeights
+) -> State:
+    """Return the state of the lowest robust cost that successive halving reaches from the starts."""
+    free = FreeParameters.of(starts[0].state.model, fixed=fixed)
+    finalists = _halve(starts, observations, fixed, weights)
+    best = lowest_cost([_refine(state, observations, free) for state in finalists], observations)
+    if not best.model.near_folds and not np.isnan(best.residuals(observations)).any():
         return best
-    drawn = _drawn(best, freedom, views)
-    return lowest([best, *(refine(start, views, freedom=freedom, tolerance=TOLERANCE).state for start in drawn)], views)
+    samples = _sample_posterior(best, free, observations)
+    return lowest_cost([best, *(_refine(state, observations, free) for state in samples)], observations)
 
 
-def _floors(starts: Sequence[State], sketch: Observations, whole: Bundle, iterations: int, valleys: int) -> list[State]:
-    """Refine starts by so many steps at a time on some of the corners, and the lowest valleys to the end on all."""
-    views, freedom = whole.views, whole.freedom
-    ends = [
-        refine(start, sketch, freedom=freedom, iterations=iterations, tolerance=TOLERANCE).state for start in starts
-    ]
-    # A rich model may have left the corners that the sketch has not, and not come back to them.
-    costs = [whole.cost(start) for start in starts]
-    kept = [(starts[i], ends[i], costs[i]) for i in _in_valleys_of_their_own(ends, sketch)[:valleys]]
-    ends = [start if whole.cost(end) > cost + whole.scale else end for start, end, cost in kept]
-    # A board that was resect wrongly on the way costs more than valleys differ by.
-    ends = [reresect(end, views) if has_pose_outlier(end, views) else end for end in ends]
-    # Wrong corners of the sketch may have led all of them has_pose_outlier.
-    if min(costs) < min(map(whole.cost, ends)):
-        ends.append(starts[int(np.argmin(costs))])
-    return [refine(end, views, freedom=freedom, tolerance=TOLERANCE).state for end in ends]
+def _halve(
+    starts: Sequence[Start], observations: Observations, fixed: Sequence[str], weights: ResidualWeights
+) -> list[State]:
+    """Return the states in distinct local minima that survive the rounds of successive halving."""
+    cost = Bundle(observations, FreeParameters.of(starts[0].state.model, fixed=fixed), weights).cost
+    best_start = min((start.state for start in starts), key=cost)
+    states, held = [start.state for start in starts], [start.held for start in starts]
+    for corners, steps in ROUNDS:
+        subset = observations.thinned(corners)
+        free = [FreeParameters.of(s.model, fixed=(*fixed, *names)) for s, names in zip(states, held, strict=True)]
+        refined = [_refine(s, subset, f, steps) for s, f in zip(states, free, strict=True)]
+        states = _distinct_minima(refined, subset)[: max(-(-len(states) // 2), SURVIVORS)]
+        held = [()] * len(states)
+    states = [reresect(s, observations) if has_pose_outlier(s, observations) else s for s in states[:SURVIVORS]]
+    # Outliers among the corners of a subset can lead all survivors astray.
+    return [*states, best_start] if cost(best_start) < min(map(cost, states)) else states
 
 
-def holding(model: CameraModel, names: Sequence[str], like: CameraModel) -> CameraModel:
-    """Give the camera with the parameters of those names as another has them."""
-    return model.with_values({name: value for name, value in like.to_dict().items() if name in names})
+def _refine(state: State, observations: Observations, free: FreeParameters, steps: int = MAX_ITERATIONS) -> State:
+    return refine(state, observations, free_parameters=free, iterations=steps, tolerance=TOLERANCE).state
 
 
-def lowest(ends: Sequence[State], views: Observations) -> State:
-    """Give the state of the least cost."""
-    return ends[_by_cost(ends, views)[0]]
+def lowest_cost(states: Sequence[State], observations: Observations) -> State:
+    """Return the state of the lowest robust cost."""
+    return _by_cost(states, observations)[0]
 
 
-def _by_cost(ends: Sequence[State], views: Observations) -> list[int]:
-    """Give the places of the states, the one of the least cost first; corners count as at the sharpest."""
-    middling = [float(np.median(end.lengths(views))) for end in ends]
-    sharpest = ends[int(np.argmin(middling))]
-    cost = Bundle(views, FreeParameters.of(sharpest.model), ResidualWeights.of(sharpest, views)).cost  # walls count
-    # Where good corners cost next to nothing, wrong ones may cost more than leaving all the good ones saves.
-    left = [median > BLURRED * min(middling) + EXACT for median in middling]
-    return sorted(range(len(ends)), key=[*zip(left, map(cost, ends), strict=True)].__getitem__)
+def _by_cost(states: Sequence[State], observations: Observations) -> list[State]:
+    """Sort states by robust cost, with the residual weights of the one with the lowest median residual."""
+    medians = [float(np.median(state.lengths(observations))) for state in states]
+    sharpest = states[int(np.argmin(medians))]
+    weights = ResidualWeights.estimate(sharpest, observations)
+    cost = Bundle(observations, FreeParameters.of(sharpest.model), weights).cost  # free: the barrier counts
+    limit = MAX_MEDIAN_RATIO * min(medians) + MEDIAN_MARGIN_PX
+    keys = [(median > limit, cost(state)) for median, state in zip(medians, states, strict=True)]
+    return [states[i] for i in sorted(range(len(states)), key=keys.__getitem__)]
 
 
-def _in_valleys_of_their_own(ends: Sequence[State], views: Observations) -> list[int]:
-    """Give the places of those of the states that end in a valley of their own, lowest first."""
-    kept = list[int]()
-    for i in _by_cost(ends, views):
-        shape = ends[i].model.params[:4]
-        if all(np.abs(shape - ends[other].model.params[:4]).max() > SAME for other in kept):
-            kept.append(i)
+def _distinct_minima(states: Sequence[State], observations: Observations) -> list[State]:
+    """Return the states by cost without those in the local minimum of a better one."""
+    kept = list[State]()
+    for state in _by_cost(states, observations):
+        camera = state.model.params[:4]
+        if all(np.abs(camera - other.model.params[:4]).max() > SAME_MINIMUM_PX for other in kept):
+            kept.append(state)
     return kept
 
 
-def _plainer(start: State, state: State, views: Observations) -> Iterator[State]:
-    """Give starts without decentring and without the higher terms, which the lower ones nearly make up for."""
-    names = start.model.param_names
-    for higher in dict.fromkeys(tuple(name for name in several if name in names) for several in HIGHER):
-        still = *STILL, *higher
-        if (plain := fitted(state, type(start.model), views, fixed=still)) is not None:
-            yield refine(plain, views, freedom=FreeParameters.of(plain.model, fixed=still)).state
+def _sample_posterior(state: State, free: FreeParameters, observations: Observations) -> Iterator[State]:
+    """Draw cameras from the Gaussian posterior of an optimum and pose all boards anew."""
+    bundle = Bundle(observations, free, ResidualWeights.estimate(state, observations))
+    model, root = state.model, bundle.weights.sigma * free.directions @ bundle.linearize(state).half_covariance()
+    assert isinstance(model, CameraModel)
+    for sample in np.random.default_rng(0).normal(size=(POSTERIOR_SAMPLES, root.shape[1])):
+        yield resect(model.with_params(np.clip(model.params + root @ sample, *model.bounds)), observations)
 
 
-def _drawn(end: State, freedom: FreeParameters, views: Observations) -> Iterator[State]:
-    """Give starts drawn from how sure a camera is of itself, boards resect anew."""
-    bundle = Bundle(views, freedom, ResidualWeights.of(end, views))
-    half = bundle.spread.sigma * freedom.directions @ bundle.linearize(end).half_covariance()
-    for draw in np.random.default_rng(0).normal(size=(DRAWS, half.shape[1])):
-        yield resect(end.model.with_params(np.clip(end.model.params + half @ draw, *end.model.bounds)), views)
-
-
-def _decentred_the_other_way(end: State, centred: State, fixed: Sequence[str]) -> State:
-    """Give a start on the other side of a camera without decentring from where one with it has ended.
-
-    What its profile lacks, a frame that is tilted against the lens makes up for in part: this way, or the other way.
-    """
-    values, middle = end.model.to_dict(), centred.model.to_dict()
-    moved = {name: 2 * middle[name] - values[name] for name in ("cx", "cy", *STILL[1:]) if name in values}
-    return replace(centred, model=end.model.with_values({n: v for n, v in moved.items() if n not in fixed}))
-
-
-def fitted(
-    state: State, cls: type[CameraModel], views: Observations, *, fixed: tuple[str, ...] = STILL
-) -> State | None:
-    """Give the state with another camera model, fitted to its own; None where it cannot be."""
-    points, pixels = pairs(state, views)
-    every = -(-len(points) // PAIRS)
+def _sample_starts(
+    cls: type[CameraModel], fit: VariantFit, initial: State, observations: Observations, fixed: Sequence[str]
+) -> Iterator[Start]:
+    """Yield starts of a model: fitted to the initial camera, as its truncated series, and at samples of its priors."""
+    parameters = cls.example().parameters
+    zero = tuple(p.name for p in parameters if p.start_zero)
+    constant = (*(p.name for p in parameters if not p.free), *zero)
+    bearings, pixels = _thinned(*sample_camera(initial, observations), FIT_PAIRS)
     try:
-        return replace(state, model=cls.fit(points[::every], pixels[::every], fixed=fixed))
+        first = initial.model if type(initial.model) is cls else fit(bearings, pixels, fixed=constant)
+    except (ValueError, np.linalg.LinAlgError):
+        return
+    yield Start(replace(initial, model=first))
+    if zero:
+        yield Start(replace(initial, model=first), zero)
+    if cls.needs_axis and angle_from_axis(initial.points(observations)[0]).min(initial=np.pi) > BLIND_RAD:
+        for from_axis, margin in ((True, MARGIN), (False, EXTRAPOLATION)):
+            samples = sample_camera(initial, observations, from_axis=from_axis, margin=margin)
+            model = fit(*_thinned(*samples, FIT_PAIRS), fixed=constant)
+            yield Start(replace(initial, model=model))
+    series = [p.name for p in parameters if p.truncated_start]
+    for terms in range(1, len(series)):
+        held = (*zero, *series[terms:])
+        yield Start(replace(initial, model=fit(bearings, pixels, fixed=(*constant, *held))), held)
+    bearings, pixels = _thinned(bearings, pixels, SAMPLE_PAIRS)
+    for sample, held in _draw(first, fixed):
+        start = (sample, bearings, pixels, (*constant, *held))
+        model, cost = refine_on_pairs(*start, iterations=SAMPLE_STEPS, tolerance=SAMPLE_TOLERANCE)
+        if cost < 0.5 * len(pixels) * MAX_START_RMS_PX**2:
+            yield Start(replace(initial, model=model), held)
+
+
+def _draw(model: CameraModel, fixed: Sequence[str]) -> Iterator[tuple[CameraModel, tuple[str, ...]]]:
+    """Draw cameras from the priors of the parameters of a model, with the magnification of the model on its axis.
+
+    Yields each with the names of the parameters drawn about the value of the model: they are held at first.
+    """
+    drawn = [(i, p) for i, p in enumerate(model.parameters) if p.name not in fixed and (p.start_scale or p.start_range)]
+    held = tuple(p.name for _, p in drawn if p.start_scale)
+    if not drawn:
+        return
+    low, high = model.bounds
+    for point in low_discrepancy(SAMPLES, len(drawn)):
+        params = model.params.copy()
+        for (i, p), u in zip(drawn, point, strict=True):
+            quantile = params[i] + p.start_scale * np.tan(np.pi * (u - 0.5))  # Cauchy: most are near, some far
+            params[i] = quantile if p.start_range is None else np.interp(u, (0, 1), p.start_range)
+        sample = model.with_params(np.clip(params, low, high))
+        scale = _axis_magnification(model) / _axis_magnification(sample)
+        yield sample.with_values({n: v * scale for n, v in sample.to_dict().items() if n in ("fx", "fy")}), held
+
+
+def low_discrepancy(count: int, dimensions: int) -> Array:
+    """Return the first points (count, dimensions) of the Halton sequence after the origin; up to five dimensions."""
+    points = np.zeros((count, dimensions))
+    for column, base in enumerate(HALTON_BASES[:dimensions]):
+        index, place = np.arange(1, count + 1), 1.0
+        while index.any():  # the digits of the index, mirrored at the point
+            place /= base
+            points[:, column] += place * (index % base)
+            index //= base
+    return points
+
+
+def _axis_magnification(model: CameraModel) -> float:
+    """Return the distance (px) between the images of the axis and of a bearing 1 mrad beside it."""
+    pixels, _ = model.project_numpy(np.array([[0.0, 0.0, 1.0], [1e-3, 0.0, 1.0]]))
+    return float(pixels[1, 0] - pixels[0, 0])
+
+
+def _nested(simpler: State, model: Projector) -> State | None:
+    """Return a camera as a richer model whose other parameters are 0; None if that is another camera."""
+    known, names = simpler.model.to_dict(), model.param_names
+    if not set(known) < set(names):
+        return None
+    richer = type(model).from_dict({name: known.get(name, 0.0) for name in names})
+    bearings = polar(np.linspace(0.1, 1.0, GRID), np.linspace(0, 2 * np.pi, GRID))
+    same = (m.project_numpy(bearings)[0] for m in (richer, simpler.model))
+    return replace(simpler, model=richer) if np.allclose(*same, rtol=0, atol=1e-6, equal_nan=True) else None
+
+
+def _with_fixed(state: State, names: Sequence[str], reference: Projector) -> State:
+    """Return the state with the parameters of those names as in the reference."""
+    values = reference.to_dict()
+    return replace(state, model=state.model.with_values({name: values[name] for name in names if name in values}))
+
+
+def convert(state: State, cls: type[CameraModel], observations: Observations) -> State | None:
+    """Return the state with its camera fitted by another model; None if that cannot represent it."""
+    if type(state.model) is cls:
+        return state
+    constant = [p.name for p in cls.example().parameters if p.start_zero or not p.free]
+    try:
+        model = cls.fit(*_thinned(*sample_camera(state, observations), FIT_PAIRS), fixed=constant)
     except (ValueError, np.linalg.LinAlgError):
         return None
+    return replace(state, model=model)
 
 
-def _traded(start: State, state: State, views: Observations) -> Iterator[State]:
-    """Give starts with other distances of the second viewpoint, as far as the other parameters make up for them."""
-    points, pixels = pairs(state, views)
-    every = -(-len(points) // SKETCH)
-    points, pixels = points[::every], pixels[::every]
-    values, known = start.model.to_dict(), state.model.to_dict()
-    # The state's own camera, where this model is that one and more.
-    own = {name: known.get(name, 0.0) for name in values}
-    if set(known) < set(values):
-        yield from _near([own], STILL, start, points, pixels)
-    # The double sphere's alpha as well: what is past its rim tells a fit nothing.
-    alphas = {values.get("alpha", 0.0), *MIDDLING}
+def sample_camera(
+    state: State, observations: Observations, *, from_axis: bool = False, margin: float = MARGIN
+) -> tuple[Array, Array]:
+    """Sample a camera at the corners and on a grid over the cone they cover; a fit to it is free of corner noise.
 
-    def away(xi: float) -> Iterator[State]:
-        # On the axis all such models magnify by f/(1 + xi).
-        scale = (1 + xi) / (1 + values["xi"])
-        moved = values | {"xi": xi, "fx": values["fx"] * scale, "fy": values["fy"] * scale}
-        begun = [moved | {"alpha": alpha} for alpha in alphas] if "alpha" in values else [moved]
-        return _near(begun, (*STILL, "xi"), start, points, pixels)
+    Parameters
+    ----------
+    state
+        Camera and poses.
+    observations
+        The corners.
+    from_axis
+        Extend the cone to the axis also where no corner lies near it.
+    margin
+        Factor by which the cone exceeds the angles of the corners.
 
-    far = [found for xi in TRADED for found in away(xi)]
-    yield from far
-    if len(far) < FEW:  # the widest lenses leave little room for it
-        for by in BESIDE:
-            yield from away(values["xi"] + by)
-
-
-def _near(
-    begun: list[dict[str, float]], still: tuple[str, ...], start: State, points: Array, pixels: Array
-) -> Iterator[State]:
-    """Give the start with the best fit that begins from one of several cameras, if it is one."""
-    fits = [
-        fit_from(start.model.from_dict(values), points, pixels, still, iterations=20, tolerance=1e-6)
-        for values in begun
-    ]
-    model, cost = min(fits, key=lambda found: found[1])
-    if cost < 0.5 * len(points) * ALIKE**2:
-        yield replace(start, model=model)
-
-
-def pairs(state: State, views: Observations, *, inwards: bool = False, past: float = PAST) -> tuple[Array, Array]:
-    """Give directions (M, 3), the corners' and all others between them, and their pixels in the state's camera.
-
-    Up to so many times the corners' angle; `inwards` those within the corners too, which the state's camera only
-    guesses.
-
-    What another camera is fitted to: a rich one fitted to the corners themselves would start from their noise, and
-    bend as it likes where there are none.
+    Returns
+    -------
+    bearings, pixels
+        (M, 3) directions and (M, 2) their pixels in the camera.
     """
-    points, _ = state.points(views)
+    points, _ = state.points(observations)
     angles = angle_from_axis(points)
-    nearest = 0.0 if inwards else angles.min(initial=np.pi) / past
-    farthest = min(past * angles.max(initial=0.0), np.pi)
-    theta = nearest + (np.arange(CONE) + 0.5)[:, None] / CONE * (farthest - nearest)
-    phi = np.linspace(0, 2 * np.pi, CONE, endpoint=False)
-    points = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])
-    pixels, valid = state.model.project_numpy(points)
-    return points[valid], pixels[valid]
+    nearest = 0.0 if from_axis else angles.min(initial=np.pi) / margin
+    farthest = min(margin * angles.max(initial=0.0), np.pi)
+    theta = nearest + (np.arange(GRID) + 0.5)[:, None] / GRID * (farthest - nearest)
+    phi = np.linspace(0, 2 * np.pi, GRID, endpoint=False)
+    bearings = np.concatenate([points, polar(*np.broadcast_arrays(theta, phi)).reshape(-1, 3)])
+    pixels, valid = state.model.project_numpy(bearings)
+    return bearings[valid], pixels[valid]
+
+
+def _thinned(bearings: Array, pixels: Array, count: int) -> tuple[Array, Array]:
+    """Return about that many pairs, evenly spaced, and the outermost one: it bounds the domain of a spline."""
+    every = -(-len(bearings) // count)
+    rows = np.union1d(np.arange(0, len(bearings), every), angle_from_axis(bearings).argmax())
+    return bearings[rows], pixels[rows]

@@ -1,7 +1,7 @@
 """Scaramuzza's own way of calibrating, step by step as published: a method to compare with, not the one we use."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,10 @@ class OcamCalibResult:
     linear: Reprojection
     centred: Reprojection
     refined: Reprojection
+
+    def errors(self) -> dict[str, dict[str, float]]:
+        """Return rms and mean (px) after each step, by its name."""
+        return {name: asdict(getattr(self, name)) for name in ("linear", "centred", "refined")}
 
     @property
     def model(self) -> Ocam:
@@ -265,7 +269,7 @@ def refine_by_turns(state: State, views: Observations, report: Progress) -> Stat
     rms = Reprojection.of(state, views).rms
     for turn in range(ALTERNATIONS):
         report("refine by turns", turn, ALTERNATIONS)
-        posed = refine(state, views, freedom=FreeParameters.none(state.model), loss="squared").state
+        posed = refine(state, views, free_parameters=FreeParameters.none(state.model), loss="squared").state
         state = replace(posed, model=camera_of(posed, views))
         before, rms = rms, Reprojection.of(state, views).rms
         if before - rms <= SETTLED * before:

@@ -1,15 +1,12 @@
-"""Cameras that are nearly known: a lens and its mirror as they were drawn."""
-
-from typing import cast
+"""Cameras whose optical prescription is known: a lens and a mirror as designed, refined where they really stand."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.board_pose import linear_board_poses, refine_board_poses
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.resection import linear_board_poses, refine_board_poses
 from omnisight.calibration.state import State
-from omnisight.models import CameraModel
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.mirrors.plane import Plane
@@ -18,72 +15,65 @@ from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# Of the corners a camera to start from shows so many, or is another.
-SHOWN = 0.8
-# By so much is a mirror drawn wider while it is sought where it stands.
-WIDER = 1.25
+# Share of the corners for which a prescription must have rays; below, it belongs to another camera.
+MIN_VISIBLE_SHARE = 0.8
+# Factor by which the mirror is enlarged during the refinement.
+APERTURE_MARGIN = 1.25
+# Iterations that refine the poses with the camera constant.
+POSE_ITERATIONS = 30
+# Relative margin of a radius so that the outermost corner stays visible after rounding.
+ROUNDING = 1e-6
 
 
-def whole(model: RayModel, views: Observations) -> RayModel:
-    """Give a lens and its one mirror with the mirror wider, and no hole in it.
+def with_wide_aperture(model: RayModel, observations: Observations) -> RayModel:
+    """Return a camera of one mirror with a larger rim and no hole, any other camera unchanged.
 
-    Where the mirror does not stand as it was drawn, the corners of boards near its rim lie beyond the drawn one: what
-    shows them no more cannot be led to where it does.
+    If the mirror does not stand exactly as designed, corners near its rim lie beyond the designed rim: they would be
+    invisible and could not move the mirror to where they are visible.
     """
     if not isinstance(model, Catadioptric) or len(model.mirrors) != 1:
         return model
     mirror = model.mirrors[0].mirror
-    rim = mirror.rim if np.isfinite(mirror.rim) else _distances(model, model.rays(views.pixels)[0]).max(initial=0.0)
-    return _ending(model, WIDER * rim, 0.0) if rim > 0 else model
+    rim = mirror.rim if np.isfinite(mirror.rim) else _radii(model, model.rays(observations.pixels)[0]).max(initial=0.0)
+    return _with_aperture(model, APERTURE_MARGIN * rim, 0.0) if rim > 0 else model
 
 
-def as_drawn(found: RayModel, model: RayModel, points: Array) -> RayModel:
-    """Give a camera that was found the rim and the hole of the drawing, as far as these leave points (N, 3) shown."""
-    if not (isinstance(model, Catadioptric) and isinstance(found, Catadioptric) and len(model.mirrors) == 1):
-        return found
-    mirror, seen = model.mirrors[0].mirror, _distances(found, found.reflection_points(points)[0][:, 0])
-    rim = max(mirror.rim, float(seen.max(initial=0.0)) * (1 + 1e-6))
-    return _ending(found, rim, min(mirror.hole, float(seen.min(initial=np.inf)) * (1 - 1e-6)))
+def with_designed_aperture(refined: RayModel, design: RayModel, points: Array) -> RayModel:
+    """Return the refined camera with rim and hole of the design, as far as points (N, 3) remain visible."""
+    if not (isinstance(design, Catadioptric) and isinstance(refined, Catadioptric) and len(design.mirrors) == 1):
+        return refined
+    mirror, radii = design.mirrors[0].mirror, _radii(refined, refined.reflection_points(points)[0][:, 0])
+    rim = max(mirror.rim, float(radii.max(initial=0.0)) * (1 + ROUNDING))
+    return _with_aperture(refined, rim, min(mirror.hole, float(radii.min(initial=np.inf)) * (1 - ROUNDING)))
 
 
-def _ending(model: Catadioptric, rim: float, hole: float) -> Catadioptric:
-    ends = {"mirror_rim": float(rim), "mirror_hole": float(hole)}
-    return model.with_params([ends.get(n, float(p)) for n, p in zip(model.param_names, model.params, strict=True)])
-
-
-def _distances(model: Catadioptric, points: Array) -> Array:
-    """Give the distances from the mirror's axis of points (N, 3) of it, in the lens's frame, but those that are NaN."""
-    there = model.mirrors[0].lens_from_mirror.inverse() @ points
-    rho = np.hypot(there[:, 0], there[:, 1])
-    return rho[np.isfinite(rho)]
-
-
-def placed(model: RayModel, views: Observations) -> State:
-    """Pose every board for a camera that is nearly known, as if its rays began where they do in the mean.
+def resect_prescription(model: RayModel, observations: Observations) -> State:
+    """Estimate every board pose for a non-central camera, started as if all rays met in their mean origin.
 
     Raises
     ------
     ValueError
-        If the camera's rays explain too few of the corners of an image.
+        If the camera has rays for too few corners of all views, or of one view.
     """
-    origins, bearings, valid = model.rays(views.pixels)
-    if valid.mean() < SHOWN:
+    origins, bearings, valid = model.rays(observations.pixels)
+    if valid.mean() < MIN_VISIBLE_SHARE:
         raise ValueError(
-            f"{model.name}: the camera to start from shows {valid.mean():.0%} of the corners: its focal length, image"
-            " size or the distance of its mirror is not that of these images"
+            f"{model.name}: the given design has rays for {valid.mean():.0%} of the corners: its focal length, image size"
+            " or mirror distance does not match these images"
         )
     centre = origins[valid].mean(0)
-    rotations, translations = linear_board_poses(views, bearings)
-    if not (known := np.isfinite(translations).all(1)).all():
-        name = views.names[int(np.argmin(known))]
-        raise ValueError(f"{model.name}: the camera to start from has rays for too few corners of {name}; leave it out")
-    rotations, translations = refine_board_poses(views, bearings, rotations, translations)
-    state = State(cast(CameraModel, model), rotations, translations + centre)
-    return refine(state, views, freedom=FreeParameters.none(state.model), iterations=30).state
+    rotations, translations = linear_board_poses(observations, bearings)
+    if not (posed := np.isfinite(translations).all(1)).all():
+        name = observations.names[int(np.argmin(posed))]
+        raise ValueError(f"{model.name}: the given design has rays for too few corners of {name}; leave the image out")
+    rotations, translations = refine_board_poses(observations, bearings, rotations, translations)
+    state = State(model, rotations, translations + centre)
+    fixed = FreeParameters.none(model)
+    return refine(state, observations, free_parameters=fixed, iterations=POSE_ITERATIONS).state
 
 
-def idle(model: RayModel) -> tuple[str, ...]:
-    """Give what moves a mirror and changes nothing: a sphere turned, as its centre can move, and a plane in itself."""
+def unobservable_parameters(model: RayModel) -> tuple[str, ...]:
+    """Return the mirror parameters without effect: the rotation of a sphere, and a plane's translation in itself."""
     if not isinstance(model, Catadioptric):
         return ()
     names = Catadioptric.coefficient_names(len(model.mirrors), "mirrors")
@@ -94,3 +84,15 @@ def idle(model: RayModel) -> tuple[str, ...]:
         elif isinstance(placed.mirror, Plane):
             found += [f"{name}_tx", f"{name}_ty"]
     return tuple(found)
+
+
+def _with_aperture(model: Catadioptric, rim: float, hole: float) -> Catadioptric:
+    values = {"mirror_rim": float(rim), "mirror_hole": float(hole)}
+    return model.with_params([values.get(n, float(p)) for n, p in zip(model.param_names, model.params, strict=True)])
+
+
+def _radii(model: Catadioptric, points: Array) -> Array:
+    """Return the distances of mirror points (N, 3), in the lens's frame, from the mirror's axis; without NaN."""
+    local = model.mirrors[0].lens_from_mirror.inverse() @ points
+    radii = np.hypot(local[:, 0], local[:, 1])
+    return radii[np.isfinite(radii)]

@@ -1,9 +1,10 @@
-"""Looking again, with a first calibration: where every corner must be, and how edges bend there, is known then."""
+"""Re-detection: corners are measured again where a first camera predicts them, and missed corners are searched there."""
 
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,40 +29,42 @@ from omnisight.views import perspective, remap
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
+# Off-axis angle (degrees) from which new corners are counted separately.
 FAR_DEG = 80.0
-# Steps of the board's points, over their reach, between which the image's steps and bends are taken.
-SPAN = 0.4
-# A corner that is measured this share of a step off where the first calibration puts it is another point; one that was
-# found before may be this many times as far off in px: it is for the robust loss to judge.
-STRAY, LENIENT = 0.2, 3.0
-# Flat views in which a board that was missed is looked for: (angle from the axis, how many around it), degrees.
-VIEWS = ((0, 1), (50, 6), (90, 8), (120, 8))
-VIEW_DEG, VIEW_PX = 90.0, 800
-# Images in a row that flat views were of no use for, after which the others are not tried.
-PATIENCE = 6
-# Part of a board's corners that the second look may miss before the board as a whole is doubted.
-CONTRADICTED = 0.5
-# What two edges may leave unexplained at a corner that the first look did not find: so much, and so many times as much
-# as at those that it found. Where a board ends three edges meet, and a sixth or more is left.
-POORER = 0.05, 3.0
-# Places of a part of a board that are tried: a small part of a large board has hundreds, and is little worth.
-MOST_PLACES = 40
-# A point less sure than this, px, says nothing.
-VAGUE = 2.0
+# Steps between board points, in window steps, over which the pixel steps and bends are differentiated.
+DIFFERENCE_STEP = 0.4
+# Distance from the predicted pixel, in pixel steps, above which a measured corner is another one.
+MAX_STEP_SHARE = 0.2
+# Least distance (px) from the prediction that is accepted; known corners may be `KNOWN_FACTOR` times as far.
+MIN_GATE_PX, KNOWN_FACTOR = 1.0, 3.0
+# Perspective views in which missed boards are searched: (off-axis angle in degrees, number of views around the axis).
+VIEW_DIRECTIONS = ((0, 1), (50, 6), (90, 8), (120, 8))
+VIEW_FOV_DEG, VIEW_SIZE_PX = 90.0, 800
+# Consecutive images without success in these views after which the remaining ones are skipped.
+MAX_FAILURES = 6
+# Share of unconfirmed corners above which a board is rejected.
+MAX_UNCONFIRMED_SHARE = 0.5
+# Unexplained share of the intensity at a new corner: an absolute allowance plus a multiple of that at known corners.
+# Where a board ends, three edges meet, and a sixth or more remains unexplained.
+UNEXPLAINED_ALLOWANCE, UNEXPLAINED_FACTOR = 0.05, 3.0
+# Positions of a partial board that are tried: a small part of a large board has hundreds, and contributes little.
+MAX_POSITIONS = 40
+# Standard deviation (px) above which a corner carries no information.
+MAX_SIGMA_PX = 2.0
 
 
 @dataclass(frozen=True)
 class RedetectionStats:
-    """What the second look brought.
+    """What the re-detection pass added and removed.
 
     Attributes
     ----------
     corners, far
-        Corners that the first look had not found, and those of them beyond 80 degrees from the axis.
+        New corners, and those of them beyond 80° off-axis.
     dropped
-        Corners of the first look that the second does not confirm.
+        Corners of the first pass that were not confirmed.
     boards
-        Boards found only in rectified views.
+        Boards detected only in perspective views.
     """
 
     corners: int = 0
@@ -78,180 +81,208 @@ class RedetectionStats:
         )
 
     def __str__(self) -> str:
-        said = f"second look: +{self.corners} corners, {self.far} of them beyond {FAR_DEG:.0f} degrees"
-        said += f", +{self.boards} boards" if self.boards else ""
-        return said + (f", {self.dropped} not confirmed" if self.dropped else "")
+        parts = [f"+{self.corners} corners ({self.far} beyond {FAR_DEG:.0f}° off-axis)"]
+        parts += [f"+{self.boards} boards"] * bool(self.boards)
+        parts += [f"{self.dropped} not confirmed"] * bool(self.dropped)
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class _PredictedBoard:
+    """A board, the camera and the pose that predict its pixels, and how far (px) a measurement may be from them."""
+
+    board: Board
+    model: CameraModel
+    rotation: Array
+    translation: Array
+    gate: float
+
+    def project(self, points: Array) -> Array:
+        """Return the pixels (N, 2) of board points (N, 3), NaN outside the model's domain."""
+        return self.model.project_numpy(points @ self.rotation.T + self.translation)[0]
+
+    def off_axis_deg(self) -> Array:
+        """Return the angle (N,) of the board points from the axis, degrees."""
+        return np.degrees(angle_from_axis(self.board.points @ self.rotation.T + self.translation))
 
 
 def redetect(
-    search: Detections,
-    views: Observations,
-    state: State,
+    observations: Observations,
+    initial: State,
     *,
     apply_exif: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-) -> tuple[Detections, RedetectionStats]:
-    """Measure every corner again where a calibration puts it.
+    progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Observations, RedetectionStats]:
+    """Measure every corner again where a first camera predicts it, and search for missed ones.
 
-    A corner's window then follows the board through the lens: its edges run, turn and bend as the camera says. Corners
-    that were missed are looked for there. Images without a board are searched in flat views, each a camera of its
-    own, where a lens bends nothing.
+    The window of a corner then follows the board through the lens: its edges have the predicted directions and
+    curvatures. Images without a board are searched in perspective views, which have no distortion.
 
     Parameters
     ----------
-    search, views
-        The first look, and `Observations.of_search` of it.
-    state
-        A camera and the poses of those boards.
+    observations
+        The first detections; returned unchanged if they do not come from images.
+    initial
+        A camera and the poses of their boards.
     apply_exif
-        As the images were read before.
+        As in the first detection.
     progress
-        Called with (images done, images in all) after each.
+        Called with (stage, done, total) after each image.
     """
-    board = search.board
-    if not isinstance(board, Board):  # none, or one whose corners were given
-        return search, RedetectionStats()
-    gate = ResidualWeights.estimate(state, views).threshold
-    first = np.concatenate([[0], np.cumsum([len(p.boards) for p in search.images])])
-    camera = Camera(state.model, search.size)
-
-    fruitless = [0]  # images without a board in which flat views showed none either
-
-    def again(i: int) -> tuple[ImageDetection, RedetectionStats]:
-        picture = search.images[i]
-        if picture.size is None or (not picture.boards and fruitless[0] >= PATIENCE):
-            return picture, RedetectionStats()
-        try:
-            gray = to_gray8(read_image(picture.path, apply_exif=apply_exif))
-        except UnreadableImage:  # it was read before: what was found then stays
-            return picture, RedetectionStats()
-        if not picture.boards:
-            found = _in_flat_views(gray, camera, board)
-            fruitless[0] = 0 if found else fruitless[0] + 1
-            if not found:
-                return picture, RedetectionStats()
-            better = picture.with_boards(found, board).with_remark("found in a rectified view")
-            far = camera.angle_of(found[0].pixels) > np.radians(FAR_DEG)
-            return better, RedetectionStats(len(found[0]), int(far.sum()), 0, 1)
-        won, boards = RedetectionStats(), list[Detection]()
-        for k, detection in enumerate(picture.boards):
-            pose = state.rotations[first[i] + k], state.translations[first[i] + k]
-            measured, more = _settled(gray, board, detection, state.model, pose, gate)
-            won += more
-            if more.dropped <= CONTRADICTED * len(detection):
-                boards.append(measured)
-        better = picture.with_boards(boards, board)
-        if len(boards) < len(picture.boards):
-            better = better.with_remark("a board left out: it is not where the others say the camera sees it")
-        return better, won
-
-    pictures, total = list[ImageDetection](), RedetectionStats()
+    detections = observations.detections
+    if detections is None or not isinstance(detections.board, Board):
+        return observations, RedetectionStats()
+    report = partial(progress, "re-detect") if progress else lambda done, total: None
+    search = _ImageSearch(detections, initial, ResidualWeights.estimate(initial, observations).threshold, apply_exif)
+    images, total = list[ImageDetection](), RedetectionStats()
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        for picture, won in pool.map(again, range(len(search.images))):
-            pictures.append(picture)
-            total += won
-            if progress is not None:
-                progress(len(pictures), len(search.images))
-    return replace(search, images=pictures), total
+        for image, stats in pool.map(search, range(len(detections.images))):
+            images.append(image)
+            total += stats
+            report(len(images), len(detections.images))
+    return Observations.from_detections(replace(detections, images=images), observations.image_names), total
 
 
-def _again(
-    gray: Bytes,
-    board: Board,
-    detection: Detection,
-    model: CameraModel,
-    cam_from_board: tuple[Array, Array],
-    gate: float,
-) -> tuple[Detection, RedetectionStats]:
-    """Measure the points of a board whose pose is known."""
-    rotation, translation = cam_from_board
+class _ImageSearch:
+    """Re-detection in one image after the other; counts the images in which perspective views did not help."""
 
-    def project(points: Array) -> Array:
-        pixels, valid = model.project_numpy(points @ rotation.T + translation)
-        return np.where(valid[:, None], pixels, np.nan)
+    def __init__(self, detections: Detections, initial: State, gate: float, apply_exif: bool) -> None:
+        assert isinstance(initial.model, CameraModel)
+        assert isinstance(detections.board, Board)
+        self.detections, self.initial, self.gate, self.apply_exif = detections, initial, gate, apply_exif
+        self.board, self.camera = detections.board, Camera(initial.model, detections.size)
+        self.first_view = np.concatenate([[0], np.cumsum([len(image.boards) for image in detections.images])])
+        self.failures = 0
 
-    shift = SPAN * board.window_step * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    seen = project((board.points[:, None] + shift).reshape(-1, 3)).reshape(-1, 5, 2)
-    there = seen[:, 0]
-    steps = np.stack([seen[:, 1] - seen[:, 2], seen[:, 3] - seen[:, 4]], 1) / (2 * SPAN)
-    bends = np.stack([seen[:, 1] + seen[:, 2], seen[:, 3] + seen[:, 4]], 1) / 2 - there[:, None]
-    start = there.copy()
+    def __call__(self, index: int) -> tuple[ImageDetection, RedetectionStats]:
+        image = self.detections.images[index]
+        if image.size is None or (not image.boards and self.failures >= MAX_FAILURES):
+            return image, RedetectionStats()
+        try:
+            gray = to_gray8(read_image(image.path, apply_exif=self.apply_exif))
+        except UnreadableImage:  # it was readable before: keep the first detection
+            return image, RedetectionStats()
+        return self._measure_again(gray, image, index) if image.boards else self._search_views(gray, image)
+
+    def _measure_again(self, gray: Bytes, image: ImageDetection, index: int) -> tuple[ImageDetection, RedetectionStats]:
+        total, boards = RedetectionStats(), list[Detection]()
+        for k, detection in enumerate(image.boards):
+            view = self.first_view[index] + k
+            pose = self.initial.rotations[view], self.initial.translations[view]
+            predicted = _PredictedBoard(self.board, self.camera.model, *pose, self.gate)
+            measured, stats = _locate_and_measure(gray, predicted, detection)
+            total += stats
+            if stats.dropped <= MAX_UNCONFIRMED_SHARE * len(detection):
+                boards.append(measured)
+        result = image.with_boards(boards, self.board)
+        if len(boards) < len(image.boards):
+            result = result.with_remark("a board left out: it is not where the camera of the other images predicts it")
+        return result, total
+
+    def _search_views(self, gray: Bytes, image: ImageDetection) -> tuple[ImageDetection, RedetectionStats]:
+        found = _detect_in_views(gray, self.camera, self.board)
+        self.failures = 0 if found else self.failures + 1
+        if found is None:
+            return image, RedetectionStats()
+        far = int((self.camera.angle_of(found.pixels) > np.radians(FAR_DEG)).sum())
+        result = image.with_boards([found], self.board).with_remark("detected in a perspective view")
+        return result, RedetectionStats(len(found), far, 0, 1)
+
+
+def _measure(gray: Bytes, predicted: _PredictedBoard, detection: Detection) -> tuple[Detection, RedetectionStats]:
+    """Measure all points of a board near their predicted pixels."""
+    board = predicted.board
+    shift = DIFFERENCE_STEP * board.window_step
+    shifts = shift * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    stencil = predicted.project((board.points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 5, 2)
+    expected = stencil[:, 0]
+    steps = np.stack([stencil[:, 1] - stencil[:, 2], stencil[:, 3] - stencil[:, 4]], 1) / (2 * DIFFERENCE_STEP)
+    bends = np.stack([stencil[:, 1] + stencil[:, 2], stencil[:, 3] + stencil[:, 4]], 1) / 2 - expected[:, None]
+    start = expected.copy()
     start[detection.ids] = detection.pixels
-    found = measure(gray, board, start, steps, bends / SPAN**2)
-    pixels = found.pixels - board.measurement_offset(project)
-    off = np.linalg.norm(pixels - there, axis=1)
-    step = np.linalg.norm(steps, axis=-1).min(1)
-    room, more = np.minimum(max(gate, 1.0), STRAY * step), np.minimum(LENIENT * max(gate, 1.0), STRAY * step)
+    fits = measure(gray, board, start, steps, bends / DIFFERENCE_STEP**2)
+    pixels = fits.pixels - board.measurement_offset(predicted.project)
     known = np.zeros(board.size, bool)
     known[detection.ids] = True
-    left = 1 - found.explained
-    usual = np.nanmedian(left[known]) if np.isfinite(left[known]).any() else 0.0
-    most = np.where(known, 1 - MIN_EXPLAINED, min(POORER[0] + POORER[1] * usual, 1 - MIN_EXPLAINED))
-    clear = (left < most) & (np.trace(found.covariance, axis1=1, axis2=2) < VAGUE**2)
-    contrast = found.amplitude if board.bright_ahead is None else np.where(board.bright_ahead, found.amplitude, -found.amplitude)
+
+    unexplained = 1 - fits.explained
+    usual = np.nanmedian(unexplained[known]) if np.isfinite(unexplained[known]).any() else 0.0
+    limit_new = min(UNEXPLAINED_ALLOWANCE + UNEXPLAINED_FACTOR * usual, 1 - MIN_EXPLAINED)
+    clear = unexplained < np.where(known, 1 - MIN_EXPLAINED, limit_new)
+    clear &= np.trace(fits.covariance, axis1=1, axis2=2) < MAX_SIGMA_PX**2
+    bright = board.bright_ahead
+    contrast = fits.amplitude if bright is None else np.where(bright, fits.amplitude, -fits.amplitude)
     level = np.nanmedian(contrast[known]) if np.isfinite(contrast[known]).any() else np.nan
-    clear &= contrast * np.sign(level) > MIN_RELATIVE_CONTRAST * abs(level)  # the other way round in a mirror
-    good = clear & (off < np.where(known, more, room))
-    ids = np.flatnonzero(good)
-    new = good & ~known
-    directions = board.points @ rotation.T + translation
-    angle = np.degrees(angle_from_axis(directions))
-    won = RedetectionStats(int(new.sum()), int((new & (angle > FAR_DEG)).sum()), int((known & ~good).sum()))
-    return replace(detection, ids=ids, pixels=pixels[ids], covariance=found.covariance[ids]), won
+    clear &= contrast * np.sign(level) > MIN_RELATIVE_CONTRAST * abs(level)  # negative in a mirror
+
+    gate = max(predicted.gate, MIN_GATE_PX) * np.where(known, KNOWN_FACTOR, 1.0)
+    near = MAX_STEP_SHARE * np.linalg.norm(steps, axis=-1).min(1)
+    confirmed = clear & (np.linalg.norm(pixels - expected, axis=1) < np.minimum(gate, near))
+    ids, new = np.flatnonzero(confirmed), confirmed & ~known
+    far = new & (predicted.off_axis_deg() > FAR_DEG)
+    stats = RedetectionStats(int(new.sum()), int(far.sum()), int((known & ~confirmed).sum()))
+    return replace(detection, ids=ids, pixels=pixels[ids], covariance=fits.covariance[ids]), stats
 
 
-def _settled(
-    gray: Bytes,
-    board: Board,
-    detection: Detection,
-    model: CameraModel,
-    cam_from_board: tuple[Array, Array],
-    gate: float,
+def _locate_and_measure(
+    gray: Bytes, predicted: _PredictedBoard, detection: Detection
 ) -> tuple[Detection, RedetectionStats]:
-    """Measure the points of a board; where its place on the lattice is open, at every place, and keep the best.
+    """Measure the points of a board; if its position is ambiguous, at every position, and keep that with most points.
 
-    The best is the one at which most of the board is there. It is sure if it alone reaches to all four ends.
+    The position is unique if it alone reaches all four borders of the board.
     """
-    if not isinstance(board, Checkerboard) or detection.located or _places(detection, board) > MOST_PLACES:
-        return _again(gray, board, detection, model, cam_from_board, gate)
-    rotation, translation = cam_from_board
+    board = predicted.board
+    ambiguous = isinstance(board, Checkerboard) and not detection.located
+    if not ambiguous or _position_count(detection, board) > MAX_POSITIONS:
+        return _measure(gray, predicted, detection)
+    tries = [
+        _measure(gray, replace(predicted, rotation=rotation, translation=translation), moved)
+        for moved, rotation, translation in _positions(predicted, board, detection)
+    ]
+    tries.sort(key=lambda result: len(result[0]), reverse=True)
+    best, stats = tries[0]
+    is_unique = len(tries) == 1 or len(tries[1][0]) < len(best)
+    j, i = np.divmod(best.ids, board.columns)
+    reaches_borders = (i.min(), i.max(), j.min(), j.max()) == (0, board.columns - 1, 0, board.rows - 1)
+    return replace(best, located=bool(is_unique and reaches_borders)), stats
+
+
+def _positions(
+    predicted: _PredictedBoard, board: Checkerboard, detection: Detection
+) -> Iterator[tuple[Detection, Array, Array]]:
+    """Yield the detection at every position on the board that its colours allow, with the pose of the board."""
+    rotation, translation = predicted.rotation, predicted.translation
     diagonal, last = board.points[board.columns + 1], board.points[-1]
     poses = [(detection.ids, rotation, translation)]
-    if not board.is_symmetric:  # else half a turn changes nothing
+    if not board.symmetric:  # half a turn is another position
         poses.append((board.size - 1 - detection.ids, rotation * (-1, -1, 1), translation + rotation @ last))
-    tries: list[tuple[Detection, RedetectionStats]] = []
-    for half, (ids, turned, origin) in enumerate(poses):
+    for half_turn, (ids, turned, origin) in enumerate(poses):
         order = np.argsort(ids)
-        ordered = replace(
-            detection, ids=ids[order], pixels=detection.pixels[order], covariance=detection.covariance[order]
-        )
         j, i = np.divmod(ids, board.columns)
         for down in range(-int(j.min()), board.rows - int(j.max())):
             for right in range(-int(i.min()), board.columns - int(i.max())):
-                if board.is_symmetric or (down + right) % 2 == half:  # the colours agree
-                    shifted = replace(ordered, ids=ordered.ids + down * board.columns + right)
-                    pose = turned, origin - turned @ (np.array([right, down, 0]) * diagonal)
-                    tries.append(_again(gray, board, shifted, model, pose, gate))
-    tries.sort(key=lambda found: len(found[0]), reverse=True)
-    best, won = tries[0]
-    alone = len(tries) == 1 or len(tries[1][0]) < len(best)
-    j, i = np.divmod(best.ids, board.columns)
-    spans = (i.min(), i.max(), j.min(), j.max()) == (0, board.columns - 1, 0, board.rows - 1)
-    return replace(best, located=bool(alone and spans)), won
+                if board.symmetric or (down + right) % 2 == half_turn:
+                    moved = replace(
+                        detection,
+                        ids=ids[order] + down * board.columns + right,
+                        pixels=detection.pixels[order],
+                        covariance=detection.covariance[order],
+                    )
+                    yield moved, turned, origin - turned @ (np.array([right, down, 0]) * diagonal)
 
 
-def _places(detection: Detection, board: Checkerboard) -> int:
-    """Count the places on the lattice that a part of a board may have, upright."""
+def _position_count(detection: Detection, board: Checkerboard) -> int:
+    """Return the number of positions of a partial board on the lattice, without half turns."""
     j, i = np.divmod(detection.ids, board.columns)
     return int((board.columns - np.ptp(i)) * (board.rows - np.ptp(j)))
 
 
-def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]:
-    """Look for a board in flat views of an image that shows none as it is."""
-    best: list[Detection] = []
+def _detect_in_views(gray: Bytes, camera: Camera, board: Board) -> Detection | None:
+    """Detect a checkerboard in perspective views of an image."""
+    best: Detection | None = None
     if not isinstance(board, Checkerboard):
         return best
-    for target, rotation in _flat_views(camera):
+    for target, rotation in _perspective_views(camera):
         view = np.asarray(remap(gray, camera, target, rotation), np.uint8)
         for grid in find_grids(view):
             bearings, _ = target.unproject(grid.pixels)
@@ -261,19 +292,20 @@ def _in_flat_views(gray: Bytes, camera: Camera, board: Board) -> list[Detection]
             measured.measure(gray, lattice, grid.present)
             drop_false_corners(gray, measured)
             found = as_grid(gray, measured)
-            placed = None if found is None else assign_to_board(found, board)
-            if placed is not None and (not best or len(placed) > len(best[0])):
-                best = [placed]
-        if best and len(best[0]) == board.size:
+            assigned = None if found is None else assign_to_board(found, board)
+            if assigned is not None and (best is None or len(assigned) > len(best)):
+                best = assigned
+        if best is not None and len(best) == board.size:
             break
     return best
 
 
-def _flat_views(camera: Camera) -> Iterator[tuple[Camera, Array]]:
+def _perspective_views(camera: Camera) -> Iterator[tuple[Camera, Array]]:
+    """Yield perspective cameras and their rotations that cover the field of view."""
     reach = np.degrees(camera.image_theta_max())
-    target = perspective(VIEW_DEG, (VIEW_PX, VIEW_PX))
-    for angle, count in VIEWS:
-        if angle - VIEW_DEG / 2 > reach:
+    target = perspective(VIEW_FOV_DEG, (VIEW_SIZE_PX, VIEW_SIZE_PX))
+    for angle, count in VIEW_DIRECTIONS:
+        if angle - VIEW_FOV_DEG / 2 > reach:
             return
         for k in range(count):
             yield target, look(pitch=angle) @ look(roll=k * 360 / count)

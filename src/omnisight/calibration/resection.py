@@ -1,28 +1,69 @@
-"""Posing all boards by a camera, anew where they ended in a wrong place."""
+"""Resection: the pose of each board from the bearings of its points, without an initial guess."""
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnisight.calibration.board_pose import linear_board_poses, refine_board_poses
+from omnisight.calibration._resection_kernel import chord_normal_equations, squared_chords
 from omnisight.calibration.state import State
+from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
+from omnisight.optim.gauss_newton import NormalEquations, gauss_newton_batch
 from omnisight.targets.observations import Observations
 
-# A view whose corners lie so many times farther off than those of the others may be resect wrongly.
-ASTRAY = 4.0
+Array = NDArray[np.float64]
+Poses = tuple[Array, Array]
+
+# A pose from a plane needs four points; two more give a residual that reveals a wrong one.
+MIN_POINTS = 6
+# Scale of the Geman-McClure weights relative to the median chord: a point this far off has a quarter of the weight.
+ROBUST_SCALE = 3.0
+# Chord (rad) below which all points have full weight: rounding.
+MIN_CHORD_RAD = 1e-9
+# Rounds of iteratively reweighted linear least squares.
+LINEAR_ROUNDS = 2
+# Thickness of a point set relative to its size above which it is also posed as points in space.
+MIN_RELATIVE_THICKNESS = 0.03
+# Iterations of the refinement while the robust scale is re-estimated once, and with the final scale.
+REFINEMENT_ITERATIONS = 3, 5
+# Relative decrease of the cost at which a refinement stops; the bundle adjustment follows.
+REFINEMENT_TOLERANCE = 1e-3
+# Distance (in board units) of a board that cannot be posed yet.
+UNKNOWN_DISTANCE = 1e3
+# Median residual relative to that of the other views above which a pose may be a wrong local minimum.
+POSE_OUTLIER_RATIO = 4.0
+# Residual length (px) above which a corner says nothing more about which of two poses is better.
+MAX_COMPARED_PX = 50.0
 
 
-def resect(model: CameraModel, views: Observations) -> State:
-    """Pose every board from its bearings."""
-    return resolve_flip(resect_linear(model, views), views)
+def resect(model: CameraModel, observations: Observations) -> State:
+    """Estimate the pose of every board by a central camera."""
+    return resolve_flip(resect_linear(model, observations), observations)
 
 
-def reresect(state: State, views: Observations) -> State:
-    """Pose every board anew from its bearings, and keep what is better: heals a board stuck behind or turned over."""
-    fresh = resect(state.model, views)
-    starts = [g.start for g in views.groups]
-    old, new = (np.add.reduceat(np.minimum(s.lengths(views), 50.0), starts) for s in (state, fresh))
+def resect_linear(model: CameraModel, observations: Observations) -> State:
+    """Estimate the pose of every board linearly; a board that cannot be posed is placed far ahead."""
+    bearings, _ = model.unproject_numpy(observations.pixels)
+    rotations, translations = linear_board_poses(observations, bearings)
+    unknown = ~np.isfinite(rotations).all((1, 2))
+    rotations[unknown], translations[unknown] = np.eye(3), (0.0, 0.0, UNKNOWN_DISTANCE)
+    return State(model, rotations, translations)
+
+
+def resolve_flip(state: State, observations: Observations) -> State:
+    """Refine every pose and its mirror image about the line of sight on the sphere, and keep the better one."""
+    assert isinstance(state.model, CameraModel)
+    bearings, _ = state.model.unproject_numpy(observations.pixels)
+    return State(state.model, *refine_board_poses(observations, bearings, state.rotations, state.translations))
+
+
+def reresect(state: State, observations: Observations) -> State:
+    """Estimate every pose anew and keep the better one: corrects boards behind the camera or flipped."""
+    assert isinstance(state.model, CameraModel)
+    fresh = resect(state.model, observations)
+    starts = [group.start for group in observations.groups]
+    old, new = (np.add.reduceat(np.minimum(s.lengths(observations), MAX_COMPARED_PX), starts) for s in (state, fresh))
     better = new < old
     return replace(
         state,
@@ -31,24 +72,251 @@ def reresect(state: State, views: Observations) -> State:
     )
 
 
-def has_pose_outlier(state: State, views: Observations) -> bool:
-    """Say whether a view's corners lie so much farther off than those of others that its pose may be a wrong one."""
-    lengths = state.lengths(views)
-    medians = [float(np.median(lengths[rows])) for rows in views.groups]
-    return max(medians) > ASTRAY * float(np.median(medians))
+def has_pose_outlier(state: State, observations: Observations) -> bool:
+    """Return whether the residuals of a view exceed those of the others so much that its pose may be wrong."""
+    lengths = state.lengths(observations)
+    medians = [float(np.median(lengths[rows])) for rows in observations.groups]
+    return max(medians) > POSE_OUTLIER_RATIO * float(np.median(medians))
 
 
-def resolve_flip(rough: State, views: Observations) -> State:
-    """Pose every board from its bearings and a rough pose."""
-    bearings, _ = rough.model.unproject_numpy(views.pixels)
-    return State(rough.model, *refine_board_poses(views, bearings, rough.rotations, rough.translations))
+def linear_board_poses(observations: Observations, bearings: Array) -> Poses:
+    """Estimate cam_from_board of every view from the bearings of its points, robustly and without an initial guess.
+
+    Each board is posed twice: as an affine image of a plane seen from far, and linearly as a plane seen from near; the
+    pose with the smaller robust error is kept. The plane is that of the points observed in the view. Points that lie on
+    no plane are posed in both ways as points in space too.
+
+    Parameters
+    ----------
+    observations
+        Board points; their pixels are not used.
+    bearings
+        (N, 3) unit; rows of NaN are ignored.
+
+    Returns
+    -------
+    rotations, translations
+        (V, 3, 3) and (V, 3), NaN for a view with fewer than `MIN_POINTS` points.
+    """
+    groups = _Groups(observations, bearings)
+    poses = groups.better(_near_plane_poses(groups), _far_plane_poses(groups))
+    if (groups.thickness > MIN_RELATIVE_THICKNESS).any():
+        poses = groups.better(poses, groups.better(_near_space_poses(groups), _far_space_poses(groups)))
+    rotations, translations = poses
+    rotations[groups.count < MIN_POINTS], translations[groups.count < MIN_POINTS] = np.nan, np.nan
+    return rotations, translations
 
 
-def resect_linear(model: CameraModel, views: Observations) -> State:
-    """Pose every board from its bearings, by linear equations alone."""
-    bearings, _ = model.unproject_numpy(views.pixels)
-    rotations, translations = linear_board_poses(views, bearings)
-    # A board that cannot be resect stands far ahead until the camera is better known.
-    lost = ~np.isfinite(rotations).all((1, 2))
-    rotations[lost], translations[lost] = np.eye(3), (0.0, 0.0, 1e3)
-    return State(model, rotations, translations)
+def refine_board_poses(observations: Observations, bearings: Array, rotations: Array, translations: Array) -> Poses:
+    """Refine poses on the sphere, each also started from its mirror image, robustly.
+
+    A small or far board looks nearly the same when its tilt is mirrored about the line of sight: the cost has two
+    minima (Schweighofer and Pinz, Robust pose estimation from a planar target, PAMI 2006). Both are refined, and the
+    better one is kept.
+
+    Parameters
+    ----------
+    observations
+        Board points; their pixels are not used.
+    bearings
+        (N, 3) unit; rows of NaN are ignored.
+    rotations, translations
+        (V, 3, 3) and (V, 3), finite: the initial poses.
+    """
+    groups = _Groups(observations, bearings)
+    middle = np.einsum("vij,vj->vi", rotations, groups.centre) + translations
+    sight = middle / np.maximum(np.linalg.norm(middle, axis=1), 1e-300)[:, None]
+    flipped = _reflections(sight) @ rotations @ _reflections(groups.frame[:, :, 2])
+    moved = middle - np.einsum("vij,vj->vi", flipped, groups.centre)
+    return groups.better(_refined(groups, (rotations, translations)), _refined(groups, (flipped, moved)))
+
+
+def _reflections(normals: Array) -> Array:
+    """Return the reflections (V, 3, 3) in the planes with unit normals (V, 3)."""
+    return np.eye(3) - 2 * normals[:, :, None] * normals[:, None, :]
+
+
+def _refined(groups: "_Groups", poses: Poses) -> Poses:
+    """Minimize the Geman-McClure cost of the chords between bearings and board directions, for each view."""
+    for iterations in REFINEMENT_ITERATIONS:
+        scale = groups.scale(groups.squares(poses))
+        current = [part.copy() for part in poses]
+
+        def linearize(
+            states: Poses, views: NDArray[np.intp], scale: Array = scale, current: list[Array] = current
+        ) -> NormalEquations:
+            current[0][views], current[1][views] = states
+            squares = groups.squares((current[0], current[1]))
+            weights = groups.use * (scale / (scale + squares)) ** 2
+            normal = chord_normal_equations(groups.points, groups.view, *current, groups.bearings, weights)
+            cost = 0.5 * groups.sum(groups.use * scale * squares / (squares + scale))
+            return NormalEquations(cost[views], normal[1][views], normal[0][views])
+
+        def retract(states: Poses, steps: Array) -> Poses:
+            return so3.exp(steps[:, :3]) @ states[0], states[1] + steps[:, 3:]
+
+        poses = gauss_newton_batch(
+            linearize, poses, retract=retract, max_iterations=iterations, tolerance=REFINEMENT_TOLERANCE
+        ).state
+    return poses
+
+
+def _near_plane_poses(groups: "_Groups") -> Poses:
+    """Pose planes linearly: a point (X, Y, 0) has the bearing H (X, Y, 1) up to scale, with H = [r1 r2 t]."""
+    h = _direct_linear_transform(groups, _homogeneous(groups.plane))
+    scale = np.sqrt(np.linalg.norm(h[:, :, 0], axis=1) * np.linalg.norm(h[:, :, 1], axis=1))
+    r1, r2, t = np.moveaxis(h / np.where(scale > 0, scale, 1.0)[:, None, None], -1, 0)
+    return groups.in_board_frame(np.stack([r1, r2, np.cross(r1, r2)], -1), t)
+
+
+def _near_space_poses(groups: "_Groups") -> Poses:
+    """Pose points in space linearly: a point X has the bearing [R t] (X, 1) up to scale."""
+    h = _direct_linear_transform(groups, _homogeneous(groups.local))
+    scale = np.cbrt(np.abs(np.linalg.det(h[:, :, :3])))[:, None, None]
+    h = h / np.where(scale > 1e-12, scale, 1.0)
+    return groups.in_board_frame(h[:, :, :3], h[:, :, 3])
+
+
+def _direct_linear_transform(groups: "_Groups", x: Array) -> Array:
+    """Return the matrices (V, 3, K) that map coordinates x (N, K) to the bearings b, in least squares.
+
+    b x H x = 0: 3 K unknowns up to scale, whatever the angle from the axis (Hartley and Zisserman, Multiple view
+    geometry, ch. 7 and 8, on the sphere). The sign puts the points at positive distances along their bearings.
+    """
+    b, k = groups.bearings, x.shape[1]
+    # [b]x^T [b]x = I - b b^T for a unit b: the normal equations of all corners at once.
+    across = np.eye(3) - b[:, :, None] * b[:, None, :]
+    outer = (across[:, :, None, :, None] * (x[:, :, None] * x[:, None, :])[:, None, :, None, :]).reshape(-1, 9 * k * k)
+    weight, h = groups.nearby, np.zeros((len(groups.count), 3, k))
+    for _ in range(LINEAR_ROUNDS):
+        _, vectors = np.linalg.eigh(groups.sum(outer * weight[:, None]).reshape(-1, 3 * k, 3 * k))
+        h = vectors[:, :, 0].reshape(-1, 3, k)
+        seen = np.einsum("nij,nj->ni", h[groups.view], x)
+        ahead = np.einsum("ni,ni->n", seen, b)
+        h *= np.where(groups.sum(weight * ahead) < 0, -1.0, 1.0)[:, None, None]
+        squares = np.maximum((seen**2).sum(-1), 1e-300)
+        weight = groups.weights(2 - 2 * np.abs(ahead) / np.sqrt(squares)) / squares
+    return h
+
+
+def _far_plane_poses(groups: "_Groups") -> Poses:
+    """Pose planes under weak perspective: directions are an affine map of the plane.
+
+    Its larger singular value is the scale; the smaller one gives the tilt up to its sign.
+    """
+    frame, affine = _affine_transform(groups, _homogeneous(groups.plane))
+    columns = np.swapaxes(affine[:, :2], 1, 2)
+    scale = np.maximum(np.linalg.svd(columns, compute_uv=False)[:, 0], 1e-12)
+    first, second = np.moveaxis(columns / scale[:, None, None], -1, 0)
+    z1, z2 = (np.sqrt(np.maximum(1 - (p**2).sum(-1), 0)) for p in (first, second))
+    z2 = np.where((first * second).sum(-1) > 0, -z2, z2)
+    r1, r2 = np.column_stack([first, z1]), np.column_stack([second, z2])
+    t = np.column_stack([affine[:, 2], np.ones(len(scale))]) / scale[:, None]
+    return groups.in_board_frame(frame @ np.stack([r1, r2, np.cross(r1, r2)], -1), np.einsum("vij,vj->vi", frame, t))
+
+
+def _far_space_poses(groups: "_Groups") -> Poses:
+    """Pose points in space under weak perspective: the nearest two rows of a rotation, times the scale."""
+    frame, affine = _affine_transform(groups, _homogeneous(groups.local))
+    left, values, right = np.linalg.svd(np.swapaxes(affine[:, :3], 1, 2), full_matrices=False)
+    scale = np.maximum(values.mean(1), 1e-12)
+    r1, r2 = np.moveaxis(left @ right, 1, 0)
+    t = np.column_stack([affine[:, 3], np.ones(len(scale))]) / scale[:, None]
+    return groups.in_board_frame(frame @ np.stack([r1, r2, np.cross(r1, r2)], 1), np.einsum("vij,vj->vi", frame, t))
+
+
+def _affine_transform(groups: "_Groups", x: Array) -> tuple[Array, Array]:
+    """Return frames (V, 3, 3) about the middle of each view, and affine maps (V, K, 2) of coordinates x (N, K) there.
+
+    Directions are projected stereographically about the middle: finite for all but the opposite direction.
+    """
+    middle = groups.middle / np.maximum(np.linalg.norm(groups.middle, axis=1), 1e-300)[:, None]
+    least = np.eye(3)[np.abs(middle).argmin(1)]
+    right = np.cross(least, middle)
+    right /= np.maximum(np.linalg.norm(right, axis=1), 1e-300)[:, None]
+    frame = np.stack([right, np.cross(middle, right), middle], -1)
+    local = np.einsum("nij,ni->nj", frame[groups.view], groups.bearings)
+    y = 2 * local[:, :2] / np.maximum(1 + local[:, 2:], 1e-3)
+    weight, affine = groups.nearby, np.zeros((len(groups.count), x.shape[1], 2))
+    for _ in range(LINEAR_ROUNDS):
+        weighted = x * weight[:, None]
+        normal = groups.sum(weighted[:, :, None] * x[:, None, :]) + 1e-12 * np.eye(x.shape[1])
+        affine = np.asarray(np.linalg.solve(normal, groups.sum(weighted[:, :, None] * y[:, None, :])), float)
+        weight = groups.weights(((np.einsum("ni,nij->nj", x, affine[groups.view]) - y) ** 2).sum(-1))
+    return frame, affine
+
+
+def _homogeneous(x: Array) -> Array:
+    return np.concatenate([x, np.ones((len(x), 1))], -1)
+
+
+class _Groups:
+    """The points of each view that have a bearing, and sums and medians over them."""
+
+    def __init__(self, observations: Observations, bearings: Array) -> None:
+        self.points = observations.points
+        self.view = observations.view_of_row
+        self.starts = np.array([g.start for g in observations.groups], np.intp)
+        finite: NDArray[np.bool_] = np.all(np.isfinite(bearings), axis=-1)
+        self.use = finite.astype(float)
+        self.bearings = np.where(finite[:, None], bearings, 0.0)
+        self.count = np.bincount(self.view, self.use, len(observations)).astype(np.intp)
+        # Row and column of each point in a table with one row per view.
+        self.place = np.arange(len(self.view)) - self.starts[self.view]
+        self.table = len(observations), int(self.place.max(initial=0)) + 1
+        # Coordinates (N, 3) about the centre (V, 3) of each view's points, divided by their size (V,), in a principal
+        # frame (V, 3, 3): the third axis has the least variance. `plane` (N, 2) are the first two.
+        self.centre = self.sum(self.points * self.use[:, None]) / np.maximum(self.count, 1)[:, None]
+        about = (self.points - self.centre[self.view]) * self.use[:, None]
+        self.frame, self.thickness = np.tile(np.eye(3), (len(observations), 1, 1)), np.zeros(len(observations))
+        if not observations.is_planar:
+            variances, axes = np.linalg.eigh(self.sum(about[:, :, None] * about[:, None, :]))
+            self.frame = np.stack([axes[:, :, 2], axes[:, :, 1], np.cross(axes[:, :, 2], axes[:, :, 1])], -1)
+            self.thickness = np.sqrt(np.maximum(variances[:, 0], 0) / np.maximum(variances.sum(1), 1e-300))
+            about = np.einsum("nij,ni->nj", self.frame[self.view], about)
+        size = np.sqrt(self.sum((about**2).sum(-1)) / np.maximum(self.count, 1))
+        self.size = np.where(size > 0, size, 1.0)
+        self.local = about / self.size[self.view][:, None]
+        self.plane = self.local[:, :2]
+        # A bearing far from the others is an outlier, or belongs to a board so large that it can be spared.
+        self.middle = np.stack([self.medians(self.bearings[:, i]) for i in range(3)], -1)
+        self.nearby = self.weights(((self.bearings - self.middle[self.view]) ** 2).sum(-1))
+
+    def sum(self, values: Array) -> Array:
+        """Return the sums of values (N, ...) by view."""
+        # A last row of zeros, because the last view may have no points.
+        return np.add.reduceat(np.concatenate([values, np.zeros((1, *values.shape[1:]))]), self.starts)
+
+    def medians(self, values: Array) -> Array:
+        """Return the median of values (N,) by view, over the points that have a bearing."""
+        table = np.full(self.table, np.inf)
+        table[self.view, self.place] = np.where(self.use > 0, values, np.inf)
+        table.sort(axis=1)
+        middle = table[np.arange(len(table)), np.maximum(self.count - 1, 0) // 2]
+        return np.where(self.count > 0, middle, 0.0)
+
+    def scale(self, squares: Array) -> Array:
+        """Return the squared scale (N,) of the Geman-McClure weights, from the squared chords of each view."""
+        return (ROBUST_SCALE**2 * self.medians(squares) + MIN_CHORD_RAD**2)[self.view]
+
+    def weights(self, squares: Array) -> Array:
+        """Return the Geman-McClure weights of squared chords (N,)."""
+        scale = self.scale(squares)
+        return self.use * (scale / (scale + squares)) ** 2
+
+    def in_board_frame(self, frames: Array, translations: Array) -> Poses:
+        """Return poses for board coordinates from near-rotations (V, 3, 3) and translations for local ones."""
+        rotations = so3.nearest(frames) @ np.swapaxes(self.frame, 1, 2)
+        return rotations, translations * self.size[:, None] - np.einsum("vij,vj->vi", rotations, self.centre)
+
+    def squares(self, poses: Poses) -> Array:
+        """Return the squared chords (N,) between bearings and the directions of the posed points."""
+        return squared_chords(self.points, self.view, *poses, self.bearings)
+
+    def better(self, first: Poses, second: Poses) -> Poses:
+        """Return for each view that of two poses which has the smaller robust cost."""
+        squares = self.squares(first), self.squares(second)
+        scale = (ROBUST_SCALE**2 * np.minimum(*(self.medians(s) for s in squares)) + MIN_CHORD_RAD**2)[self.view]
+        cost = [self.sum(self.use * s / (s + scale)) for s in squares]
+        wins = cost[1] < cost[0]
+        return np.where(wins[:, None, None], second[0], first[0]), np.where(wins[:, None], second[1], first[1])

@@ -1,189 +1,234 @@
-"""What `omnisight calibrate` says when it is done."""
+"""Output of `omnisight calibrate`."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnisight.camera import Camera
 from omnisight.cli._console import console
-from omnisight.cli._standouts import standouts
 from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
-from omnisight.pipeline.central import Calibration
-from omnisight.pipeline.noncentral import RaysCalibration
-from omnisight.pipeline.pictures import PicturesCalibration
+from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.detection_advice import describe_image_outliers
+from omnisight.quality.coverage import side_name
 from omnisight.quality.evidence import Level
-from omnisight.ray_camera import RayCamera
-from omnisight.report.drawings.detections import rows_of_pictures
-from omnisight.targets import Checkerboard, Detections, PointTarget
+from omnisight.quality.noncentral_test import NonCentralityTest
+from omnisight.targets import Checkerboard
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 STYLES = {Level.GOOD: "bold green", Level.USABLE: "bold yellow", Level.DO_NOT_USE: "bold red"}
+# Table rows and reasons that are printed without --verbose.
+MAX_IMAGES, MAX_REASONS = 24, 3
 
 
-def rows(search: Detections, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[dict[str, Any]]:
-    """Give one row per image: name, found, corners, rms and worst residual (px), note."""
-    lengths = calibration.residual_lengths
-    groups = iter(rows_of_pictures(search))
-    table: list[dict[str, Any]] = []
-    for picture, name in zip(search.images, names, strict=True):
-        residual = lengths[next(groups)] if picture.boards else None
-        table.append(
+def image_rows(calibration: Calibration) -> list[dict[str, Any]]:
+    """Return one row per image: name, found, corners, rms and worst residual (px), note."""
+    observations, lengths = calibration.observations, calibration.residual_lengths
+    views = iter(observations.groups)
+    if observations.detections is None:
+        images = [(name, 1, "") for name in observations.names]
+    else:
+        detected = zip(observations.image_names, observations.detections.images, strict=True)
+        images = [(name, len(image.boards), image.note) for name, image in detected]
+    rows: list[dict[str, Any]] = []
+    for name, boards, note in images:
+        residuals = np.concatenate([np.zeros(0), *(lengths[next(views)] for _ in range(boards))])
+        found = boards > 0
+        rows.append(
             {
                 "name": name,
-                "found": residual is not None,
-                "corners": 0 if residual is None else len(residual),
-                "rms": None if residual is None else float(np.sqrt((residual**2).mean())),
-                "worst": None if residual is None else float(residual.max()),
-                "note": picture.note or "",
+                "found": found,
+                "corners": len(residuals),
+                "rms": float(np.sqrt((residuals**2).mean())) if found else None,
+                "worst": float(residuals.max()) if found else None,
+                "note": note or "",
             }
         )
-    return table
+    return rows
 
 
-def as_json(
-    calibration: Calibration | RaysCalibration,
-    result: PicturesCalibration,
-    names: Sequence[str],
-    camera: Camera | RayCamera,
-    seconds: Mapping[str, float],
-    more: Mapping[str, Any],
-) -> None:
-    """Print one object on stdout, and nothing else; `more` is what else to say."""
-    search = result.search
-    said = {
-        "images": rows(search, names, calibration),
-        "pattern": str(search.board),
-        "model": camera.model.name,
+def print_json(calibration: Calibration) -> None:
+    """Print the calibration as one JSON object."""
+    rows = image_rows(calibration)
+    detections, test = calibration.observations.detections, calibration.quality.noncentrality
+    result: dict[str, Any] = {
+        "images": rows,
+        "pattern": None if detections is None else str(detections.board),
+        "model": calibration.camera.model.name,
         "rms": calibration.rms,
         "mean": calibration.mean,
         "held_out_rms": calibration.held_out_rms,
-        "reason": calibration.reason,
-        "second_look": asdict(result.redetection),
+        "reason": calibration.selection.reason,
+        "redetection": asdict(calibration.redetection),
         "verdict": str(calibration.verdict),
-        "reasons": list(calibration.verdict.reasons),
-        "warnings": _notes(search, names, calibration),
-        "candidates": [c.as_dict() for c in calibration.candidates],
-        "seconds": dict(seconds),
-        "camera": to_json(camera),
-        **more,
+        "reasons": list(calibration.reasons),
+        "remarks": list(_remarks(calibration, rows)),
+        "candidates": [candidate.as_dict() for candidate in calibration.candidates],
+        "noncentrality": None if test is None else test.as_dict(),
+        "seconds": calibration.seconds,
+        "camera": to_json(calibration.camera),
     }
-    print(json.dumps(said, indent=2, allow_nan=False))
+    if calibration.central is not None:
+        result["central"] = calibration.central.as_dict()
+    if calibration.ocamcalib is not None:
+        result["ocamcalib"] = calibration.ocamcalib.errors()
+    print(json.dumps(result, indent=2, allow_nan=False))
 
 
-def print_report(
-    calibration: Calibration | RaysCalibration,
-    result: PicturesCalibration,
-    names: Sequence[str],
-    seconds: Mapping[str, float],
-    written: SaveResult | None,
-    viewpoint: "Callable[[Console], None]",
-) -> None:
-    """Print the tables and what to make of them; `viewpoint` prints whether rays meet in a point."""
-    search = result.search
+def print_report(calibration: Calibration, written: SaveResult | None, *, verbose: bool) -> None:
+    """Print images, models, camera, accuracy and verdict; with `verbose` all rows, tests, remarks and timings."""
+    out, rows = console(), image_rows(calibration)
+    _print_images(out, rows, verbose)
+    _print_models(out, calibration)
+    _print_row(out, "camera", _camera_summary(calibration))
+    _print_row(out, "accuracy", _accuracy_summary(calibration))
+    if verbose:
+        _print_details(out, calibration, rows)
+    _print_verdict(out, calibration, verbose)
+    _print_row(out, "written", str(written.path) if written else "nothing; add -o camera.json to write the camera")
+
+
+def _print_images(out: "Console", rows: list[dict[str, Any]], verbose: bool) -> None:
     from rich.table import Table
 
-    out = console()
-    table = Table("image", "found", "corners", "rms px", "worst px", "note", box=None, pad_edge=False)
-    for column in table.columns[2:5]:
+    table = Table("image", "corners", "rms px", "max px", "note", box=None, pad_edge=False)
+    for column in table.columns[1:4]:
         column.justify = "right"
-    for row in rows(search, names, calibration):
-        table.add_row(
-            row["name"],
-            "yes" if row["found"] else "no",
-            str(row["corners"] or ""),
-            _figure(row["rms"]),
-            _figure(row["worst"]),
-            row["note"],
-        )
+    shown = rows
+    if len(rows) > MAX_IMAGES and not verbose:
+        worst = sorted(range(len(rows)), key=lambda i: -(np.inf if rows[i]["rms"] is None else rows[i]["rms"]))
+        shown = [rows[i] for i in sorted(worst[:MAX_IMAGES])]
+    for row in shown:
+        figures = ["" if row[key] is None else f"{row[key]:.2f}" for key in ("rms", "worst")]
+        table.add_row(row["name"], str(row["corners"] or "-"), *figures, row["note"])
     out.print(table)
-    models = Table("model", "parameters", "rms px", "held out px", box=None, pad_edge=False)
-    for column in models.columns[1:]:
+    if len(shown) < len(rows):
+        out.print(f"({len(shown)} of {len(rows)} images, those with the largest rms; --verbose prints all)")
+    out.print()
+
+
+def _print_models(out: "Console", calibration: Calibration) -> None:
+    from rich.table import Table
+
+    table = Table("model", "params", "rms px", "held-out px", "", box=None, pad_edge=False)
+    for column in table.columns[1:4]:
         column.justify = "right"
-    for candidate in calibration.candidates:
-        models.add_row(
-            candidate.name, str(candidate.parameters), _figure(candidate.rms), _figure(candidate.held_out_rms)
-        )
-    if isinstance(calibration, RaysCalibration):
-        other = calibration.central
-        models.add_row(f"central: {other.name}", str(other.parameters), _figure(other.rms), _figure(other.held_out_rms))
+    for i, candidate in enumerate(calibration.candidates):
+        figures = _figure(candidate.rms), _figure(candidate.held_out_rms)
+        table.add_row(candidate.name, str(candidate.parameters), *figures, "" if i else "selected")
+    if (central := calibration.central) is not None:
+        figures = _figure(central.rms), _figure(central.held_out_rms)
+        table.add_row(central.name, str(central.parameters), *figures, "central, for comparison")
+    if calibration.ocamcalib is not None:
+        for step, errors in calibration.ocamcalib.errors().items():
+            table.add_row(f"ocamcalib, {step}", "", _figure(errors["rms"]), "", "written" * (step == "refined"))
+    out.print(table)
     out.print()
-    out.print(models)
-    camera, trust = calibration.camera, calibration.trust
-    out.print()
-    out.print(calibration.reason, soft_wrap=True)
-    if trust.spline_baseline is not None:
-        out.print(f"ceiling: {trust.spline_baseline}.", soft_wrap=True)
-    viewpoint(out)
-    if calibration.candidates and calibration.state.warp.any():
-        out.print(_bent(search, calibration), soft_wrap=True)
-    out.print(
-        f"{len(search.found)} of {len(search.images)} images, {len(calibration.views.pixels)} corners,"
-        f" {int(calibration.outliers.sum())} doubtful; rms {calibration.rms:.3f} px, mean {calibration.mean:.3f} px;"
-        f" corners reach {np.degrees(camera.theta_max or 0):.0f} degrees from the axis",
-        soft_wrap=True,
-    )
-    if not isinstance(search.board, PointTarget):
-        out.print(str(result.redetection), soft_wrap=True)
-    pixels, angle, theta, _ = trust.uncertainty.worst()
-    if np.isfinite(pixels):
-        middle, middle_angle = trust.uncertainty.median()
-        out.print(
-            f"a far point lands {middle:.2g} px ({np.degrees(middle_angle):.2g} degrees) beside its place, one standard"
-            f" deviation; at worst {pixels:.2g} px ({np.degrees(angle):.2g} degrees), {np.degrees(theta):.0f} degrees"
-            " from the axis",
-            soft_wrap=True,
-        )
-    for note in _notes(search, names, calibration):
-        out.print(f"note: {note}", soft_wrap=True)
-    out.print()
-    out.print(f"verdict: {calibration.verdict}", style=STYLES[calibration.verdict.level], highlight=False)
-    for reason in calibration.verdict.reasons:
-        out.print(f"  - {reason}", soft_wrap=True)
-    how = "read the corners" if isinstance(search.board, PointTarget) else "find boards"
-    out.print(f"{seconds['detect']:.1f} s to {how}, {seconds['solve']:.1f} s to calibrate")
-    if written is not None:
-        out.print(f"written: {written.path}", soft_wrap=True)
-    else:
-        out.print("nothing written: give -o camera.json")
 
 
-def _notes(search: Detections, names: Sequence[str], calibration: Calibration | RaysCalibration) -> list[str]:
-    """Give what to know of the images beside the verdict."""
-    odd = standouts(search, names, [row["rms"] for row in rows(search, names, calibration)])
-    return [*filter(None, (search.hint, *search.notes, odd, *calibration.verdict.remarks)), *_about(search)]
-
-
-def _about(search: Detections) -> list[str]:
-    notes: list[str] = []
-    board = search.board
-    if isinstance(board, Checkerboard) and board.is_symmetric:
-        notes.append(
-            f"a {board} board looks the same upside-down: fine for one camera, unsafe for several;"
-            f" {board.columns}x{board.rows - 1} would not."
-        )
-    if unsure := sum(not d.located for picture in search.images for d in picture.boards):
-        notes.append(
-            f"{unsure} boards are seen in part, and which part is not known: their corners count for the camera, which"
-            " does not depend on it, but the origin of their poses is open."
-        )
-    if board is not None and board.unit == "squares":
-        notes.append("lengths are in squares (no --square was given), which changes nothing about the camera.")
-    return notes
-
-
-def _bent(search: Detections, calibration: Calibration | RaysCalibration) -> str:
-    across, down = calibration.state.warp
-    unit = search.board.unit if search.board is not None else "squares"
+def _camera_summary(calibration: Calibration) -> str:
+    camera, observations = calibration.camera, calibration.observations
+    total = len(observations.detections.images) if observations.detections else len(observations)
+    used = len(observations.detections.found) if observations.detections else len(observations)
     return (
-        f"the board is bent: by {across:+.3g} {unit} across and {down:+.3g} {unit} down its middle stands off the plane"
-        " of its edges (+ is away from the camera); the camera was calibrated with it so (--flat takes it as flat)"
+        f"{calibration.best.name}, {camera.width}x{camera.height}, calibrated to"
+        f" {np.degrees(camera.theta_max or 0):.0f}° off-axis, {used} of {total} images, {len(observations.pixels)} corners,"
+        f" {int(calibration.outliers.sum())} outliers"
     )
+
+
+def _accuracy_summary(calibration: Calibration) -> str:
+    error = calibration.held_out_rms
+    text = f"rms {calibration.rms:.2f} px" if error is None else f"held-out error {error:.2f} px"
+    uncertainty = calibration.quality.uncertainty
+    pixels, _, theta, phi = uncertainty.worst()
+    if np.isfinite(pixels):
+        where = f"{np.degrees(theta):.0f}° off-axis {side_name(theta, phi)}"
+        text += f"; projection uncertainty {uncertainty.rms():.2g} px (1σ), at most {pixels:.2g} px ({where})"
+    return text
+
+
+def _print_details(out: "Console", calibration: Calibration, rows: list[dict[str, Any]]) -> None:
+    quality = calibration.quality
+    _print_row(out, "selected", calibration.selection.reason)
+    if quality.spline_baseline is not None:
+        _print_row(out, "spline", str(quality.spline_baseline))
+    if quality.noncentrality is not None:
+        _print_row(out, "central", str(quality.noncentrality))
+        _print_central_error(out, quality.noncentrality)
+    if quality.split_half is not None:
+        test = quality.split_half
+        _print_row(out, "halves", f"differ by {test.difference:.3f} px, {test.predicted:.3f} px predicted by noise")
+    if calibration.state.warp.any():
+        _print_row(out, "warp", _describe_warp(calibration))
+    if calibration.observations.detections is not None:
+        _print_row(out, "redetect", str(calibration.redetection))
+    for remark in _remarks(calibration, rows):
+        _print_row(out, "remark", remark)
+    seconds = {name: value for name, value in calibration.seconds.items() if name != "total"}
+    _print_row(out, "time", ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items()))
+
+
+def _print_central_error(out: "Console", test: NonCentralityTest) -> None:
+    from rich.table import Table
+
+    error = test.central_error
+    table = Table("central model at", "rms px", "max px", "max deg", box=None, pad_edge=False)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for k in range(len(error.distances)):
+        values = error.rms_pixels[k], error.max_pixels[k], np.degrees(error.max_angles[k])
+        table.add_row(test.distance(k), *(f"{value:.3f}" for value in values))
+    out.print(table)
+
+
+def _print_verdict(out: "Console", calibration: Calibration, verbose: bool) -> None:
+    verdict = calibration.verdict
+    out.print(f"{'verdict':<10}", end="")
+    out.print(str(verdict).upper(), style=STYLES[verdict.level])
+    reasons = verdict.reasons if verbose else verdict.reasons[:MAX_REASONS]
+    for reason in reasons:
+        out.print(f"{'':<10}- {reason}", soft_wrap=True)
+    if len(reasons) < len(verdict.reasons):
+        out.print(f"{'':<10}({len(verdict.reasons) - len(reasons)} more with --verbose)")
+
+
+def _remarks(calibration: Calibration, rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield what else is worth knowing about images and board."""
+    detections = calibration.observations.detections
+    if detections is not None:
+        outliers = describe_image_outliers(calibration.observations, [row["rms"] for row in rows])
+        yield from filter(None, (detections.hint, *detections.notes, outliers))
+    yield from calibration.verdict.remarks
+    if detections is None or detections.board is None:
+        return
+    board = detections.board
+    if isinstance(board, Checkerboard) and board.symmetric:
+        yield (
+            f"a {board} board looks the same upside-down, which is fine for one camera but ambiguous for several; a"
+            f" {board.columns}x{board.rows - 1} board is not"
+        )
+    if ambiguous := sum(not d.located for image in detections.images for d in image.boards):
+        yield f"{ambiguous} boards are partly visible and their position on the board is ambiguous; the camera is unaffected"
+    if board.unit == "squares":
+        yield "lengths are in squares (no --square given); the camera is unaffected"
+
+
+def _describe_warp(calibration: Calibration) -> str:
+    across, down = calibration.state.warp
+    unit = calibration.observations.unit
+    return (
+        f"the board's middle is {across:+.3g} {unit} (across) and {down:+.3g} {unit} (down) off the plane of its edges,"
+        " positive away from the camera; --flat takes it as flat"
+    )
+
+
+def _print_row(out: "Console", label: str, text: str) -> None:
+    out.print(f"{label:<10}{text}", soft_wrap=True)
 
 
 def _figure(value: float | None) -> str:

@@ -5,18 +5,14 @@ import math
 from typing import Any
 
 from omnisight.cli._console import console
-from omnisight.cli._names import labels
-from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection, PointTarget
-
-# Gray levels of the board's white: above, it is clipped; below, noise is high.
-CLIPPED_LEVEL, DARK_LEVEL = 253, 70
-# Standard deviation, px, of the blur from which corners are clearly less exact.
-BLURRED_PX = 2.5
+from omnisight.images.output_paths import image_labels
+from omnisight.pipeline.detection_advice import board_advice, light_problems
+from omnisight.targets import Checkerboard, Detection, Detections
 
 
 def as_json(search: Detections) -> None:
     """Print one JSON object on stdout, and nothing else."""
-    names = labels([image.path for image in search.images])
+    names = image_labels([image.path for image in search.images])
     field = search.field
     result = {
         "format": "omnisight-corners",
@@ -49,7 +45,7 @@ def print_report(search: Detections) -> None:
     table = Table("image", "boards", "corners", "blur px", "sharpness", "white", "note", box=None, pad_edge=False)
     for column in table.columns[1:6]:
         column.justify = "right"
-    for image, name in zip(search.images, labels([image.path for image in search.images]), strict=True):
+    for image, name in zip(search.images, image_labels([image.path for image in search.images]), strict=True):
         table.add_row(
             name,
             str(len(image.boards) or "-"),
@@ -57,7 +53,7 @@ def print_report(search: Detections) -> None:
             _number(image.blur, ".2f"),
             _number(image.sharpness, ".2f"),
             _number(image.exposure, ".0f"),
-            "; ".join(filter(None, (image.note, *light(image)))),
+            "; ".join(filter(None, (image.note, *light_problems(image)))),
         )
     out.print(table)
     out.print()
@@ -65,32 +61,12 @@ def print_report(search: Detections) -> None:
     if search.hint:
         notes.append(search.hint)
     elif search.board is not None and not search.found:
-        notes.append(advice(search.board))
+        notes.append(board_advice(search.board))
     for note in notes:
         out.print(f"note      {note}", soft_wrap=True)
     if search.field is not None:
         out.print(f"field     {search.field.describe()}", soft_wrap=True)
     out.print(f"detected  {_result(search)}", soft_wrap=True)
-
-
-def advice(board: Board | PointTarget) -> str:
-    """Return what to check if a board is not detected."""
-    if isinstance(board, Checkerboard):
-        return "does --pattern count inner corners, one less than squares each way? Is the board sharp, and lit evenly?"
-    fields = ", ".join(f"{key} {value}" for key, value in board.to_dict().items() if key != "target")
-    return f"is it really this {board.kind}: {fields}? Is it sharp, and large enough to decode its markers?"
-
-
-def light(image: ImageDetection) -> list[str]:
-    """Return what is wrong with an image's sharpness or exposure."""
-    notes: list[str] = []
-    if image.blur > BLURRED_PX:
-        notes.append("blurred")
-    if image.boards and image.exposure >= CLIPPED_LEVEL:
-        notes.append("overexposed")
-    if image.boards and image.exposure < DARK_LEVEL:
-        notes.append("dark")
-    return notes
 
 
 def _result(search: Detections) -> str:

@@ -1,172 +1,186 @@
-"""What `omnisight evaluate` says."""
+"""Output of `omnisight evaluate`."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.calibration.evaluation import Evaluation, Ring
 from omnisight.cli._console import console
-from omnisight.report.drawings.detections import rows_of_pictures
-from omnisight.targets import Detections
 
-WORST = 8  # images that are listed
-FIGURES = ("rms", "mean", "median", "wrms", "worst")
-
-
-def picture_rows(search: Detections, names: Sequence[str], found: Evaluation) -> list[dict[str, Any]]:
-    """Give one row per image: name, figures (px) of the corners that the camera shows, and how many it does not."""
-    groups = iter(rows_of_pictures(search))
-    table: list[dict[str, Any]] = []
-    for picture, name in zip(search.images, names, strict=True):
-        which = np.zeros(len(found.lengths), bool)
-        if picture.boards:
-            which[next(groups)] = True
-        lost = int((which & ~found.shown).sum())
-        table.append({"name": name, **found.figures(which).as_dict(), "without_pixel": lost, "note": picture.note})
-    return table
+# Images that are printed, those with the largest rms.
+MAX_IMAGES = 8
+STATISTICS = ("rms", "mean", "median", "wrms", "worst")
 
 
-def as_json(search: Detections, names: Sequence[str], found: Mapping[str, Evaluation]) -> None:
-    """Print one object on stdout, and nothing else; `found` by the name of the camera, the judged one first."""
-    judged, *others = found.items()
-    common = common_corners(found)
-    said = {
-        **_camera(*judged),
-        "images": picture_rows(search, names, judged[1]),
-        "notes": _notes(search),
+def image_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Return one row per image: name, statistics (px) of the corners in the domain, number outside it, note."""
+    observations = evaluation.observations
+    views = iter(observations.groups)
+    if observations.detections is None:
+        images = [(name, 1, "") for name in observations.names]
+    else:
+        detected = zip(observations.image_names, observations.detections.images, strict=True)
+        images = [(name, len(image.boards), image.note) for name, image in detected]
+    rows: list[dict[str, Any]] = []
+    for name, boards, note in images:
+        use = np.zeros(len(evaluation.lengths), bool)
+        for _ in range(boards):
+            use[next(views)] = True
+        outside = int((use & ~evaluation.in_domain).sum())
+        rows.append({"name": name, **evaluation.statistics(use).as_dict(), "outside_domain": outside, "note": note})
+    return rows
+
+
+def common_corners(evaluations: Mapping[str, Evaluation]) -> NDArray[np.bool_]:
+    """Return the corners (N,) in the domain of all cameras, on which they are compared."""
+    return np.all([evaluation.in_domain for evaluation in evaluations.values()], axis=0)
+
+
+def print_json(evaluations: Mapping[str, Evaluation]) -> None:
+    """Print the evaluations as one JSON object; the first camera at top level."""
+    first, *others = evaluations.items()
+    common = common_corners(evaluations)
+    result = {
+        **_summary(*first),
+        "images": image_rows(first[1]),
+        "notes": _notes(first[1]),
         "common_corners": int(common.sum()),
         "compared": [
-            {**_camera(*other), "common": other[1].figures(common).as_dict()} for other in (judged, *others) if others
+            {**_summary(*item), "common": item[1].statistics(common).as_dict()} for item in (first, *others) if others
         ],
     }
-    print(json.dumps(said, indent=2, allow_nan=False))
+    print(json.dumps(result, indent=2, allow_nan=False))
 
 
-def _camera(name: str, found: Evaluation) -> dict[str, Any]:
+def print_report(evaluations: Mapping[str, Evaluation]) -> None:
+    """Print the worst images, rings of the field of view, the comparison of cameras and the result."""
+    (name, evaluation), *others = evaluations.items()
+    out = console()
+    rows = [row for row in image_rows(evaluation) if row["corners"] or row["outside_domain"]]
+    worst = sorted(rows, key=lambda row: -(row["rms"] if row["rms"] is not None else np.inf))[:MAX_IMAGES]
+    table = _table("image" if len(worst) == len(rows) else f"worst of {len(rows)} images", "note")
+    for row in worst:
+        table.add_row(row["name"], *_cells(row), row["note"])
+    out.print(table)
+    out.print()
+    rings = _table("off-axis angle", "")
+    for ring in evaluation.rings():
+        rings.add_row(_angles(ring), *_cells(ring.statistics.as_dict()), _calibrated(ring, evaluation))
+    out.print(rings)
+    out.print()
+    if others:
+        _print_comparison(out, evaluations)
+    total = evaluation.statistics()
+    _print_row(out, "camera", f"{name} ({evaluation.camera.model.name}), unchanged; {len(evaluation.observations)} poses")
+    for sentence in _domain_sentences(evaluation):
+        _print_row(out, "field", sentence)
+    for note in _notes(evaluation):
+        _print_row(out, "note", note)
+    _print_row(
+        out,
+        "residuals",
+        f"{total.corners} corners: rms {_px(total.rms)}, mean {_px(total.mean)}, median {_px(total.median)}, wRMS"
+        f" {_px(total.wrms)} (Huber threshold {evaluation.threshold:g} px, as BabelCalib)",
+    )
+
+
+def _summary(name: str, evaluation: Evaluation) -> dict[str, Any]:
+    reach = evaluation.camera.theta_max
     return {
         "camera": name,
-        "model": found.camera.model.name,
-        "threshold": found.threshold,
-        "board_warp": [float(bend) for bend in found.state.warp],
-        "all": found.figures().as_dict(),
-        "without_pixel": int((~found.shown).sum()),
-        "calibrated_deg": None if found.camera.theta_max is None else float(np.degrees(found.camera.theta_max)),
-        "calibrated": found.figures(found.calibrated).as_dict(),
-        "beyond": found.figures(~found.calibrated).as_dict(),
+        "model": evaluation.camera.model.name,
+        "threshold": evaluation.threshold,
+        "board_warp": [float(value) for value in evaluation.state.warp],
+        "all": evaluation.statistics().as_dict(),
+        "outside_domain": int((~evaluation.in_domain).sum()),
+        "calibrated_deg": None if reach is None else float(np.degrees(reach)),
+        "calibrated": evaluation.statistics(evaluation.calibrated).as_dict(),
+        "beyond": evaluation.statistics(~evaluation.calibrated).as_dict(),
         "rings": [
             {
                 "from_deg": float(np.degrees(ring.start)),
                 "to_deg": float(np.degrees(ring.stop)),
-                **ring.figures.as_dict(),
+                **ring.statistics.as_dict(),
             }
-            for ring in found.rings()
+            for ring in evaluation.rings()
         ],
     }
 
 
-def print_report(search: Detections, names: Sequence[str], found: Mapping[str, Evaluation]) -> None:
-    """Print the tables and what to make of them."""
-    (name, judged), *others = found.items()
-    out = console()
-    rows = [row for row in picture_rows(search, names, judged) if row["corners"] or row["without_pixel"]]
-    worst = sorted(rows, key=lambda row: -(row["rms"] if row["rms"] is not None else np.inf))[:WORST]
-    table = _table("image" if len(worst) == len(rows) else f"worst of {len(rows)} images", "note")
-    for row in worst:
-        table.add_row(row["name"], *_figures(row), row["note"])
-    out.print(table)
-    out.print()
-    rings = _table("angle from the axis", "")
-    for ring in judged.rings():
-        rings.add_row(_angles(ring), *_figures(ring.figures.as_dict()), _beyond(ring, judged))
-    out.print(rings)
-    out.print()
-    if others:
-        _print_compared(out, found)
-    shown = judged.figures()
-    out.print(
-        f"{name} ({judged.camera.model.name}) as it is, {len(judged.views)} poses free: {shown.corners} corners,"
-        f" rms {_px(shown.rms)}, mean {_px(shown.mean)}, median {_px(shown.median)}, wRMS {_px(shown.wrms)}",
-        soft_wrap=True,
-    )
-    for sentence in (*_told_apart(judged), *_notes(search)):
-        out.print(sentence, soft_wrap=True)
-    out.print(
-        f"wRMS: a residual longer than {judged.threshold:g} px weighs sqrt({judged.threshold:g} px / its length), as in"
-        " BabelCalib (Lochman et al., ICCV 2021)",
-        soft_wrap=True,
-    )
-
-
-def common_corners(found: Mapping[str, Evaluation]) -> Any:
-    """Say which corners (N,) all cameras show: what they are compared on."""
-    return np.all([one.shown for one in found.values()], axis=0)
-
-
-def _print_compared(out: Any, found: Mapping[str, Evaluation]) -> None:
-    common = common_corners(found)
-    table = _table("camera", "model", "beyond its cone", "without a pixel")
-    for name, one in found.items():
-        beyond, lost = int((one.shown & ~one.calibrated).sum()), int((~one.shown).sum())
-        figures = _figures(one.figures(common).as_dict())
-        table.add_row(name, *figures, one.camera.model.name, str(beyond or ""), str(lost or ""))
+def _print_comparison(out: Any, evaluations: Mapping[str, Evaluation]) -> None:
+    common = common_corners(evaluations)
+    table = _table("camera", "model", "beyond calibrated field", "outside domain")
+    for name, evaluation in evaluations.items():
+        beyond = int((evaluation.in_domain & ~evaluation.calibrated).sum())
+        outside = int((~evaluation.in_domain).sum())
+        cells = _cells(evaluation.statistics(common).as_dict())
+        table.add_row(name, *cells, evaluation.camera.model.name, str(beyond or ""), str(outside or ""))
     out.print(table)
     if not common.all():
-        out.print(f"compared on the {common.sum()} of {len(common)} corners that all of them show", soft_wrap=True)
+        out.print(f"compared on the {common.sum()} of {len(common)} corners in the domain of all cameras", soft_wrap=True)
     out.print()
 
 
-def _told_apart(found: Evaluation) -> list[str]:
-    """Say how it does beyond the calibrated cone, and which corners it does not show."""
-    said: list[str] = []
-    reach = found.camera.theta_max
-    beyond = found.figures(~found.calibrated)
-    if reach is not None and beyond.corners:
-        inner = f"{np.degrees(found.camera.theta_min):.0f} to " if found.camera.theta_min else ""
-        said.append(
-            f"beyond the cone it was calibrated in ({inner}{np.degrees(reach):.0f} degrees): {beyond.corners} corners,"
-            f" rms {_px(beyond.rms)}; within: rms {_px(found.figures(found.calibrated).rms)}"
+def _domain_sentences(evaluation: Evaluation) -> list[str]:
+    """Return the errors beyond the calibrated field of view, the corners outside the domain, and the board warp."""
+    sentences: list[str] = []
+    camera = evaluation.camera
+    beyond = evaluation.statistics(~evaluation.calibrated)
+    if camera.theta_max is not None and beyond.corners:
+        least = f"{np.degrees(camera.theta_min):.0f}° to " if camera.theta_min else ""
+        inside = evaluation.statistics(evaluation.calibrated)
+        sentences.append(
+            f"beyond the calibrated field ({least}{np.degrees(camera.theta_max):.0f}°): {beyond.corners} corners, rms"
+            f" {_px(beyond.rms)}; inside: rms {_px(inside.rms)}"
         )
-    if lost := int((~found.shown).sum()):
-        said.append(
-            f"{lost} corners lie where the model has no pixel (it ends {np.degrees(found.camera.model.theta_max):.0f}"
-            " degrees from the axis): they are in none of the figures"
+    if outside := int((~evaluation.in_domain).sum()):
+        sentences.append(
+            f"{outside} corners are outside the domain of the model, which ends {np.degrees(camera.model.theta_max):.0f}°"
+            " off-axis; they are not part of the statistics"
         )
-    if found.state.warp.any():
-        across, down = found.state.warp
-        said.append(f"the board is bent: by {across:+.3g} across and {down:+.3g} down, in its unit")
-    return said
+    if evaluation.state.warp.any():
+        across, down = evaluation.state.warp
+        sentences.append(f"board warp {across:+.3g} (across) and {down:+.3g} (down) {evaluation.observations.unit}")
+    return sentences
 
 
-def _notes(search: Detections) -> list[str]:
-    return [f"note: {note}" for note in (search.hint, *search.notes) if note]
+def _notes(evaluation: Evaluation) -> list[str]:
+    detections = evaluation.observations.detections
+    return [] if detections is None else [note for note in (detections.hint, *detections.notes) if note]
 
 
 def _table(first: str, *last: str) -> Any:
     from rich.table import Table
 
-    heads = [f"{name} px".replace("wrms", "wRMS") for name in FIGURES]
+    heads = [f"{name} px".replace("wrms", "wRMS").replace("worst", "max") for name in STATISTICS]
     table = Table(first, "corners", *heads, *last, box=None, pad_edge=False)
     for column in table.columns[1 : 2 + len(heads)]:
         column.justify = "right"
     return table
 
 
-def _figures(figures: Mapping[str, Any]) -> list[str]:
-    shown = ["" if figures[name] is None else f"{figures[name]:.3f}" for name in FIGURES]
-    return [str(figures["corners"]), *shown]
+def _cells(statistics: Mapping[str, Any]) -> list[str]:
+    values = ["" if statistics[name] is None else f"{statistics[name]:.3f}" for name in STATISTICS]
+    return [str(statistics["corners"]), *values]
 
 
 def _angles(ring: Ring) -> str:
-    return f"{np.degrees(ring.start):.0f} to {np.degrees(ring.stop):.0f} degrees"
+    return f"{np.degrees(ring.start):.0f}° to {np.degrees(ring.stop):.0f}°"
 
 
-def _beyond(ring: Ring, found: Evaluation) -> str:
-    reach = found.camera.theta_max
-    if reach is None or (ring.stop <= reach and ring.start >= found.camera.theta_min):
+def _calibrated(ring: Ring, evaluation: Evaluation) -> str:
+    """Return whether a ring is outside the calibrated field of view, or partly."""
+    least, reach = evaluation.camera.theta_min, evaluation.camera.theta_max
+    if reach is None or (ring.stop <= reach and ring.start >= least):
         return ""
-    return "not calibrated" if ring.start >= reach or ring.stop <= found.camera.theta_min else "calibrated in part"
+    return "not calibrated" if ring.start >= reach or ring.stop <= least else "partly calibrated"
+
+
+def _print_row(out: Any, label: str, text: str) -> None:
+    out.print(f"{label:<10}{text}", soft_wrap=True)
 
 
 def _px(value: float) -> str:

@@ -1,4 +1,4 @@
-"""What a central camera leaves of one whose rays meet in no point, near and far."""
+"""Error of the best central approximation of a non-central camera, near and far."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -6,28 +6,27 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import polar
 from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
-from omnisight.targets.observations import Observations
+from omnisight.optim.gauss_newton import gauss_newton
 
 Array = NDArray[np.float64]
 
+# Grid of directions in which the error is evaluated.
 RINGS, SECTORS = 31, 24
-# Distances that are asked about: metres, or widths of a board whose size is not known.
-METRES, WIDTHS = (0.2, 1.0, 5.0), (1.0, 5.0, 25.0)
-STEPS, SETTLED = 10, 1e-10
+# Distances at which the error is evaluated: metres, or board widths if the size of the board is unknown.
+DISTANCES_M, DISTANCES_BOARD_WIDTHS = (0.2, 1.0, 5.0), (1.0, 5.0, 25.0)
 
 
 @dataclass(frozen=True)
 class CentralApproximationError:
-    """The error of a central camera for what lies at certain distances, against an axial one fitted to the same boards.
+    """The error of a central camera at several distances, against an axial camera fitted to the same boards.
 
-    The central camera stands where it agrees best with the axial one about the corners of the boards: so a pose found
-    with it stands, for points at every distance.
+    The central camera is placed where it agrees best with the axial one on the board corners, as a pose estimated with
+    it would be.
 
     Attributes
     ----------
@@ -36,19 +35,19 @@ class CentralApproximationError:
     distances
         (D,) along the rays, in the unit of the boards.
     pixels, angles
-        (D, A) root mean square over the azimuth of the error of a pixel (px) and of a bearing (radians); NaN where the
-        image shows nothing.
-    worst_pixels, rms_pixels, worst_angles, rms_angles
-        (D,) the largest and the root mean square over the field, each direction by its solid angle.
+        (D, A) root mean square over the azimuth of the pixel error (px) and of the bearing error (radians); NaN outside
+        the image.
+    max_pixels, rms_pixels, max_angles, rms_angles
+        (D,) maximum and root mean square over the field of view, weighted by solid angle.
     """
 
     theta: Array
     distances: Array
     pixels: Array
     angles: Array
-    worst_pixels: Array
+    max_pixels: Array
     rms_pixels: Array
-    worst_angles: Array
+    max_angles: Array
     rms_angles: Array
 
     @classmethod
@@ -62,72 +61,66 @@ class CentralApproximationError:
         cone: tuple[float, float],
         distances: tuple[float, ...],
     ) -> Self:
-        """Compare the two.
+        """Compare a central and an axial camera.
 
         Parameters
         ----------
         central, axial
             The cameras.
         points
-            (N, 3) corners of the boards in the frame of the axial one.
+            (N, 3) board corners in the frame of the axial camera.
         size
             (width, height) of the image, px.
         cone
-            The angles from the axis (radians) between which corners were seen.
+            Least and greatest angle from the axis (radians) of the corners.
         distances
-            In the unit of the points.
+            Distances in the unit of the points.
         """
-        central_from_axial = aligned(central, axial, points)
+        central_from_axial = align_central(central, axial, points)
         theta = np.linspace(max(cone[0], 1e-3), min(cone[1], axial.theta_max), RINGS)
         grid = np.meshgrid(theta, 2 * np.pi * np.arange(SECTORS) / SECTORS, indexing="ij")
         bearings = polar(*(angle.ravel() for angle in grid))
-        seen, shown = axial.lens.project_numpy(bearings)
-        shown &= np.all((seen >= -0.5) & (seen < np.array(size) - 0.5), axis=-1)
-        start = axial.pupil_z(grid[0].ravel())[:, None] * (0.0, 0.0, 1.0)
-        taken, back = central.unproject_numpy(seen)
-        off, turned = list[Array](), list[Array]()
+        observed, visible = axial.lens.project_numpy(bearings)
+        visible &= np.all((observed >= -0.5) & (observed < np.array(size) - 0.5), axis=-1)
+        origins = axial.pupil_z(grid[0].ravel())[:, None] * (0.0, 0.0, 1.0)
+        central_bearings, has_bearing = central.unproject_numpy(observed)
+        pixel_errors, bearing_errors = list[Array](), list[Array]()
         for distance in distances:
-            there = central_from_axial @ (start + distance * bearings)
-            pixels, valid = central.project_numpy(there)
-            use = shown & back & valid
-            off.append(np.where(use, np.linalg.norm(pixels - seen, axis=1), np.nan))
-            across = np.linalg.norm(np.cross(taken, there), axis=1)
-            turned.append(np.where(use, np.arctan2(across, (taken * there).sum(-1)), np.nan))
+            scene = central_from_axial @ (origins + distance * bearings)
+            pixels, valid = central.project_numpy(scene)
+            use = visible & has_bearing & valid
+            pixel_errors.append(np.where(use, np.linalg.norm(pixels - observed, axis=1), np.nan))
+            across = np.linalg.norm(np.cross(central_bearings, scene), axis=1)
+            bearing_errors.append(np.where(use, np.arctan2(across, (central_bearings * scene).sum(-1)), np.nan))
         shape = len(distances), RINGS, SECTORS
-        off_px, off_rad = np.reshape(off, shape), np.reshape(turned, shape)
-        weight = np.sin(theta)[:, None]
+        px, rad = np.reshape(pixel_errors, shape), np.reshape(bearing_errors, shape)
+        solid_angle, equal = np.sin(theta)[:, None], np.ones((RINGS, 1))
         return cls(
             theta,
             np.array(distances, float),
-            _rms(off_px, np.ones_like(weight), (2,)),
-            _rms(off_rad, np.ones_like(weight), (2,)),
-            _most(off_px),
-            _rms(off_px, weight, (1, 2)),
-            _most(off_rad),
-            _rms(off_rad, weight, (1, 2)),
+            _rms(px, equal, (2,)),
+            _rms(rad, equal, (2,)),
+            _max(px),
+            _rms(px, solid_angle, (1, 2)),
+            _max(rad),
+            _rms(rad, solid_angle, (1, 2)),
         )
 
 
-def aligned(central: CameraModel, axial: Axial, points: Array) -> Pose:
-    """Give central_from_axial for which a central camera sees points (N, 3) most nearly where the axial one does."""
-    seen, valid = axial.project_numpy(points)
-    points, seen = points[valid], seen[valid]
-    pose = Pose()
-    for _ in range(STEPS):
-        turned = points @ pose.rotation.T
-        pixels, _, d_point, _ = central.project_with_jacobians(turned + pose.translation)
+def align_central(central: CameraModel, axial: Axial, points: Array) -> Pose:
+    """Estimate central_from_axial: the pose at which a central camera sees points (N, 3) as the axial one does."""
+    observed, valid = axial.project_numpy(points)
+    points, observed = points[valid], observed[valid]
+
+    def linearize(pose: Pose) -> tuple[Array, Array]:
+        rotated = points @ pose.rotation.T
+        pixels, _, d_point, _ = central.project_with_jacobians(rotated + pose.translation)
         use = np.isfinite(pixels).all(1) & np.isfinite(d_point).all((1, 2))
-        effect = np.concatenate([-d_point @ so3.hat(turned), d_point], -1)[use].reshape(-1, 6)
-        step = -np.linalg.lstsq(effect, (pixels - seen)[use].ravel(), rcond=None)[0]
-        pose = pose.moved(step)
-        if np.abs(effect @ step).max(initial=0.0) < SETTLED:
-            break
-    return pose
+        jacobian = np.concatenate([-d_point @ so3.hat(rotated), d_point], -1)
+        residuals = np.where(use[:, None], pixels - observed, 0.0)
+        return residuals.ravel(), np.where(use[:, None, None], jacobian, 0.0).reshape(-1, 6)
 
-
-def corners(state: State, views: Observations, usable: NDArray[np.bool_]) -> Array:
-    """Give the corners (N, 3) that count, in the camera's frame."""
-    return state.points(views)[0][usable]
+    return gauss_newton(linearize, Pose(), retract=lambda pose, step: pose.moved(step)).state
 
 
 def _rms(values: Array, weight: Array, axes: tuple[int, ...]) -> Array:
@@ -137,6 +130,6 @@ def _rms(values: Array, weight: Array, axes: tuple[int, ...]) -> Array:
     return np.where(total > 0, np.sqrt(squares / np.where(total > 0, total, 1.0)), np.nan)
 
 
-def _most(values: Array) -> Array:
-    most = np.where(np.isfinite(values), values, -np.inf).max((1, 2))
-    return np.where(np.isfinite(most), most, np.nan)
+def _max(values: Array) -> Array:
+    largest = np.where(np.isfinite(values), values, -np.inf).max((1, 2))
+    return np.where(np.isfinite(largest), largest, np.nan)

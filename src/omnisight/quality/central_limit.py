@@ -1,4 +1,4 @@
-"""The central camera that a camera of rays is to a far scene."""
+"""Central limit of a non-central camera: the central camera that it is for a distant scene."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,63 +18,61 @@ from omnisight.ray_camera import RayCamera
 
 Array = NDArray[np.float64]
 
-# So far away, in the unit of the rays, that it does not matter where they begin.
-FAR = 1e9
+# Distance (in the unit of the rays) at which the ray origins no longer matter.
+FAR_DISTANCE = 1e9
 
 
 @dataclass(frozen=True)
 class CentralLimit(CameraModel):
-    """A camera of rays as a far scene has it: where its rays begin does not matter there, only where they go.
+    """A non-central camera for a distant scene: only the directions of its rays matter, not their origins.
 
-    Its parameters are those of the rays, all of them, so that what is known of these is known of it.
-
-    Behind an odd number of mirrors its z is turned round, away from where the lens looks: the frame is that of
-    `RayCamera.central`.
+    It has all parameters of the non-central model, so that their covariance applies to it. After an odd number of
+    mirrors, its z axis points away from the viewing direction of the lens, as in `RayCamera.central`.
 
     Attributes
     ----------
     rays
-        The camera of rays.
+        The non-central model.
     """
 
     rays: RayModel
 
     @cached_property
     def axes(self) -> Array:
-        """(3,) the signs that turn directions of its frame into those of the rays', and back."""
+        """(3,) signs that convert directions between its frame and that of the rays."""
         mirrors = self.rays.mirrors if isinstance(self.rays, Catadioptric) else ()
         return np.array([1.0, 1.0, -1.0 if len(mirrors) % 2 else 1.0])
 
     @property
     def theta_max(self) -> float:
-        """The angle from the axis (radians) that bounds the valid cone."""
+        """Angle from the axis (radians) that bounds the valid cone."""
         return self.rays.theta_max
 
     @property
     def fold_angle(self) -> float:
-        """The angle (radians) at which the image folds over: `theta_max`, unless that ends it earlier."""
+        """Angle from the axis (radians) at which the image folds over; `theta_max` unless the model ends earlier."""
         return self.rays.fold_angle
 
     @property
     def period(self) -> float | None:
-        """The width in px after which the image repeats, if it does."""
+        """Width in px after which the image repeats, or None."""
         return self.rays.period
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Project points (..., 3), of which only the direction matters, to pixels (..., 2) and their validity."""
+        """Project points (..., 3), of which only the direction matters."""
         return self.rays.project(self._far(points)[0])
 
     def project_numpy(self, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Do as `project` for points (N, 3)."""
+        """Project points (N, 3), see `project`."""
         return self.rays.project_numpy(self._far(points)[0])
 
     def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Give the bearings (..., 3) of pixels (..., 2) and their validity."""
+        """Return the bearings (..., 3) of pixels (..., 2) and their validity."""
         _, bearings, valid = self.rays.rays(pixels)
         return bearings * self.axes, valid
 
     def unproject_numpy(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Do as `unproject` for pixels (N, 2)."""
+        """Return the bearings of pixels (N, 2), see `unproject`."""
         return self.unproject(pixels)
 
     def project_with_jacobians(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_], Array, Array]:
@@ -84,32 +82,32 @@ class CentralLimit(CameraModel):
         return pixels, valid, d_there * (scale * self.axes)[..., None, :], d_params
 
     def _far(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Give points (..., 3) in the frame of the rays, moved far away, and how many times farther (..., 1)."""
+        """Return points (..., 3) in the frame of the rays at `FAR_DISTANCE`, and their scale factors (..., 1)."""
         directions = np.asarray(points, float)
         with np.errstate(all="ignore"):
-            scale = FAR / np.linalg.norm(directions, axis=-1, keepdims=True)
+            scale = FAR_DISTANCE / np.linalg.norm(directions, axis=-1, keepdims=True)
         return scale * directions * self.axes, scale
 
     @classmethod
     def example(cls) -> Self:
-        """Give a fisheye whose pupil moves, for a far scene."""
+        """Return a fisheye with an entrance pupil shift, for a distant scene."""
         return cls(Axial.example())
 
 
-def far_camera(camera: RayCamera) -> Camera:
-    """Give the central camera that a camera of rays is to a far scene, with its cone and its covariance."""
+def central_limit(camera: RayCamera) -> Camera:
+    """Return the central limit of a non-central camera, with its calibrated cone and covariance."""
     model = CentralLimit(camera.model)
     cone: dict[str, Any] = {"theta_max": camera.theta_max, "theta_min": camera.theta_min}
-    if model.axes[2] < 0:  # what is least is greatest from the other end
+    if model.axes[2] < 0:  # the axis is reversed, so the greatest angle becomes the least
         last = None if camera.theta_min == 0 else np.pi - camera.theta_min
         cone = {"theta_max": last, "theta_min": 0.0 if camera.theta_max is None else np.pi - camera.theta_max}
     return Camera(model, camera.size, covariance=camera.covariance, **cone)
 
 
-def from_viewpoint(state: State, model: RayModel, pixels: Array) -> State:
-    """Give a state's boards as they stand around the point nearest to the rays of pixels (N, 2), in `CentralLimit`'s frame.
+def in_central_frame(state: State, model: RayModel, pixels: Array) -> State:
+    """Return the state in the frame of the central limit, about the point nearest to the rays of pixels (N, 2).
 
-    Behind a mirror that exchanges left and right: points of boards are where they are seen, and rotations are none.
+    After a mirror, which reverses handedness, points of boards are correct but the "rotations" are reflections.
     """
     far = CentralLimit(model)
     centre = best_viewpoint(model, pixels).point

@@ -1,8 +1,8 @@
-"""What a verdict is taken from, and how good each thing in it leaves a calibration."""
+"""What the checks examine, and what they report."""
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,17 +10,15 @@ from numpy.typing import NDArray
 from omnisight.calibration.candidate import Candidate
 from omnisight.camera import Camera
 from omnisight.quality.coverage import Coverage
+from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.quality.spline_baseline import SplineBaseline
 from omnisight.quality.split_half import SplitHalfTest
 from omnisight.quality.uncertainty import UncertaintyMap
 from omnisight.targets.observations import Observations
 
-if TYPE_CHECKING:
-    from omnisight.quality.noncentral_test import NonCentralityTest
-
 
 class Level(IntEnum):
-    """How good a calibration is."""
+    """How far a calibration can be used."""
 
     GOOD = 0
     USABLE = 1
@@ -32,16 +30,16 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that can be wrong with a calibration.
+    """The result of one check.
 
     Attributes
     ----------
     name
-        What was looked at.
+        What was checked.
     level
-        How good it leaves the calibration.
+        How far the calibration can be used according to this check.
     sentence
-        What was found and what to do; empty where nothing is wrong.
+        What was found and what to do; empty if nothing is wrong.
     """
 
     name: str
@@ -51,20 +49,62 @@ class Check:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict is taken from."""
+    """Everything that a check may examine.
+
+    Attributes
+    ----------
+    camera
+        The calibrated camera with its covariance; the central limit of a non-central camera.
+    candidate
+        The selected model.
+    observations, outliers
+        All views, and (N,) the corners that the model does not fit.
+    uncertainty, coverage
+        Projection uncertainty and coverage of the field of view.
+    split_half, spline_baseline, noncentrality
+        Results of the tests; None if there are too few views.
+    is_auto
+        Whether the model was selected automatically.
+    """
 
     camera: Camera
-    best: Candidate
-    views: Observations
+    candidate: Candidate
+    observations: Observations
+    outliers: NDArray[np.bool_]
     uncertainty: UncertaintyMap
     coverage: Coverage
-    halves: SplitHalfTest | None
-    ceiling: SplineBaseline | None
-    viewpoint: "NonCentralityTest | None"
-    outliers: NDArray[np.bool_]
-    auto: bool
+    split_half: SplitHalfTest | None
+    spline_baseline: SplineBaseline | None
+    noncentrality: NonCentralityTest | None
+    is_auto: bool
 
     @property
-    def scale(self) -> float:
-        """How much larger errors may be than in an image 1000 px wide."""
+    def px_scale(self) -> float:
+        """Factor that converts limits for images 1000 px wide to the size of these images."""
         return self.camera.px_unit
+
+    @cached_property
+    def median_residual(self) -> float:
+        """Median residual length, px."""
+        return float(np.median(self.candidate.state.lengths(self.observations)))
+
+    @property
+    def is_noncentral(self) -> bool:
+        """Whether the non-central test was positive."""
+        return self.noncentrality is not None and self.noncentrality.is_noncentral
+
+    @property
+    def is_model_too_simple(self) -> bool:
+        """Whether the spline baseline is significantly better than the selected model."""
+        return self.spline_baseline is not None and self.spline_baseline.is_significant
+
+    @property
+    def alternative(self) -> str:
+        """Command-line option for a better model."""
+        if self.is_noncentral:
+            return "--model axial"
+        return "--model spline" if self.is_auto else "--model auto or --model spline"
+
+    def grade(self, value_px: float, limits: tuple[float, float]) -> Level:
+        """Return the level of an error (px), given the largest good and the largest usable one at 1000 px width."""
+        return Level(sum(int(value_px > limit * self.px_scale) for limit in limits))

@@ -1,36 +1,36 @@
-"""Which of a camera's parameters the images leave open."""
+"""Identifiability: which parameters of a camera the images do not determine."""
 
 import numpy as np
 
 from omnisight.camera import Camera
 
-# A parameter counts as open if its standard deviation moves the rim by so much, over the focal length.
-OPEN = 0.01
-# Distance from the axis (radians) at which the focal length is taken.
-PARAXIAL = 1e-4
+# Shift of the image edge, relative to the focal length, that makes a parameter unidentifiable.
+MAX_RELATIVE_SHIFT = 0.01
+# Angle (radians) over which the paraxial focal length is differentiated numerically.
+PARAXIAL_RAD = 1e-4
 
 
 def focal_relative_sigma(camera: Camera) -> float | None:
-    """Give the standard deviation of the focal length on the axis, over it; None if it is not known.
+    """Return the relative standard deviation of the paraxial focal length; None if it is unknown.
 
-    The focal length is the derivative of the pixel by the angle, there: every model has one, whatever its parameters.
+    The paraxial focal length is the derivative of the pixel by the angle on the axis, defined for every model.
     """
     if camera.covariance is None:
         return None
-    points = np.array([[PARAXIAL / 2, 0.0, 1.0], [-PARAXIAL / 2, 0.0, 1.0]])
+    points = np.array([[PARAXIAL_RAD / 2, 0.0, 1.0], [-PARAXIAL_RAD / 2, 0.0, 1.0]])
     pixels, valid, _, d_params = camera.model.project_with_jacobians(points)
     focal, slope = np.ptp(pixels[:, 0]), d_params[0, 0] - d_params[1, 0]
-    spread = (
-        float(np.sqrt(max(slope @ camera.covariance @ slope, 0.0)) / focal) if valid.all() and focal > 0 else np.nan
-    )
-    return spread if np.isfinite(spread) else None
+    if not (valid.all() and focal > 0):
+        return None
+    sigma = float(np.sqrt(max(slope @ camera.covariance @ slope, 0.0)) / focal)
+    return sigma if np.isfinite(sigma) else None
 
 
 def unidentifiable_parameters(camera: Camera) -> list[str]:
-    """Name the parameters that the images leave open, each with its standard deviation.
+    """Return the names of the parameters that the images do not determine, with their standard deviations.
 
-    Those of which a standard deviation, all others standing still, moves the rim of the image by more than a
-    hundredth of the focal length.
+    A change by one standard deviation, the other parameters constant, moves the edge of the image by more than
+    `MAX_RELATIVE_SHIFT` of the focal length.
     """
     if camera.covariance is None:
         return []
@@ -42,7 +42,7 @@ def unidentifiable_parameters(camera: Camera) -> list[str]:
     sigmas = np.sqrt(np.clip(np.diag(camera.covariance), 0, None))
     moved = np.linalg.norm(d_params, axis=1).max(0) * sigmas
     return [
-        f"{parameter.name} (+-{sigma:.2g}{' px' if parameter.unit == 'px' else ''})"
+        f"{parameter.name} (±{sigma:.2g}{' px' if parameter.unit == 'px' else ''})"
         for parameter, sigma, by in zip(camera.model.parameters, sigmas, moved, strict=True)
-        if not by <= OPEN * focal
+        if not by <= MAX_RELATIVE_SHIFT * focal
     ]

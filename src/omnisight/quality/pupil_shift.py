@@ -1,4 +1,4 @@
-"""How far the viewpoint of an axial camera moves along its axis, and how well that is known."""
+"""Entrance pupil shift of an axial camera, with its standard deviation."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -10,35 +10,36 @@ from omnisight.optics.models.axial import Axial
 
 Array = NDArray[np.float64]
 
-STEPS = 181
+# Angles at which the shift is sampled to find its extremes.
+SAMPLES = 181
 
 
 @dataclass(frozen=True)
 class PupilShift:
-    """The place on the axis from where the ray at each angle starts, from that of the first ray on.
+    """The position on the axis of the ray origin as a function of the angle, relative to that at a reference angle.
 
-    A camera moved along its axis is the same camera: only the way between two places means anything.
+    Moving a camera along its axis changes nothing, so only differences of positions are observable.
 
     Attributes
     ----------
     theta
         (A,) angles from the axis, radians.
-    place
-        (A,) in the unit of the camera.
-    effect
-        (A, K) by how much a coefficient moves it.
+    position
+        (A,) along the axis, in the unit of the camera.
+    by_coefficients
+        (A, K) derivative by the coefficients.
     covariance
         (K, K) of the coefficients.
     """
 
     theta: Array
-    place: Array
-    effect: Array
+    position: Array
+    by_coefficients: Array
     covariance: Array
 
     @classmethod
-    def of(cls, model: Axial, covariance: Array, theta: Array, first: float) -> Self:
-        """Give it at angles (A,), radians.
+    def of(cls, model: Axial, covariance: Array, theta: Array, reference: float) -> Self:
+        """Evaluate the shift.
 
         Parameters
         ----------
@@ -47,35 +48,38 @@ class PupilShift:
         covariance
             (P, P) of its parameters.
         theta
-            (A,) the angles.
-        first
-            The angle that places count from.
+            (A,) angles from the axis, radians.
+        reference
+            Angle of zero shift, radians.
         """
         count = len(model.pupil)
-        alone = [Axial(model.lens, tuple(row)) for row in np.eye(count)]
-        effect = np.stack([one.pupil_z(theta) - one.pupil_z(first) for one in alone], -1)
-        return cls(theta, effect @ np.array(model.pupil), effect, covariance[-count:, -count:])
+        basis = [Axial(model.lens, tuple(row)) for row in np.eye(count)]
+        by_coefficients = np.stack([term.pupil_z(theta) - term.pupil_z(reference) for term in basis], -1)
+        shift = by_coefficients @ np.array(model.pupil)
+        return cls(theta, shift, by_coefficients, covariance[-count:, -count:])
 
     @classmethod
     def between(cls, model: Axial, covariance: Array, cone: tuple[float, float]) -> Self:
-        """Give it between two angles (radians)."""
-        theta = np.linspace(cone[0], min(cone[1], model.theta_max), STEPS)
+        """Evaluate the shift between two angles (radians)."""
+        theta = np.linspace(cone[0], min(cone[1], model.theta_max), SAMPLES)
         return cls.of(model, covariance, theta, cone[0])
 
     @property
     def sigma(self) -> Array:
-        """(A,) standard deviation of the place."""
-        return self._sigma(self.effect)
+        """(A,) standard deviation of the position."""
+        return self._sigma(self.by_coefficients)
 
     @property
     def length(self) -> float:
-        """How far the viewpoint moves."""
-        return float(np.ptp(self.place))
+        """Distance between the extreme positions."""
+        return float(np.ptp(self.position))
 
     @property
     def length_sigma(self) -> float:
-        """Its standard deviation."""
-        return float(self._sigma(self.effect[self.place.argmax()] - self.effect[self.place.argmin()]))
+        """Standard deviation of `length`."""
+        first, last = self.position.argmin(), self.position.argmax()
+        return float(self._sigma(self.by_coefficients[last] - self.by_coefficients[first]))
 
-    def _sigma(self, effect: Array) -> Array:
-        return np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", effect, self.covariance, effect), 0.0))
+    def _sigma(self, derivative: Array) -> Array:
+        variance = np.einsum("...i,ij,...j->...", derivative, self.covariance, derivative)
+        return np.sqrt(np.maximum(variance, 0.0))

@@ -1,4 +1,4 @@
-"""Whether boards moved while the image was read, row by row: a rolling shutter."""
+"""Rolling shutter test: whether boards moved while the rows of an image were read one after the other."""
 
 from dataclasses import dataclass
 
@@ -13,107 +13,114 @@ from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# The chance of seeing so much in images in which nothing moves.
-CHANCE = 1e-6
-# Least part of the squared residuals that motion explains, and least rms of what it explains (px), to be worth a word.
-EXPLAINED, MATTERS_PX = 0.3, 0.1
-# How many times more (squared) motion along the columns, in which no sensor is read, must leave than along the rows.
-TIMES = 1.2
-# A pose and its motion have twelve parameters; a view needs twice as many coordinates.
-FEWEST_CORNERS = 12
+# Significance level of the F test: a false alarm in a million calibrations.
+SIGNIFICANCE = 1e-6
+# Share of the squared residuals, and rms (px), that motion must explain to matter.
+MIN_EXPLAINED, MIN_EXPLAINED_PX = 0.3, 0.1
+# Ratio of the squared residuals after motion along columns, which no sensor has, to those after motion along rows.
+MIN_ROW_ADVANTAGE = 1.2
+# Corners of a view: a pose and its motion have twelve parameters, and a corner two coordinates.
+MIN_CORNERS = 12
+# Relative singular value below which a motion is degenerate with the pose.
+RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class RollingShutterTest:
-    """What a motion of the boards while the rows were read explains.
+    """How much of the residuals a constant motion of each board during the readout explains.
 
     Attributes
     ----------
     explained
-        Part of the sum of squared residuals that a steady motion of each board takes away.
-    sideways
-        The same if columns were read one after the other, as on no sensor: what a poor model gives as well.
-    chance
-        How likely noise alone explains as much.
+        Share of the squared residuals explained by motion if rows are read one after the other.
+    explained_by_columns
+        The same if columns were read one after the other, as on no sensor: what a poor camera model explains too.
+    p_value
+        Probability that noise alone explains as much.
     rms
-        Of what is explained, px.
+        Root mean square of the explained part, px.
     name
         The view of which most is explained.
     """
 
     explained: float
-    sideways: float
-    chance: float
+    explained_by_columns: float
+    p_value: float
     rms: float
     name: str
 
     @property
+    def is_positive(self) -> bool:
+        """Whether motion along the rows explains the residuals significantly and relevantly."""
+        rows_are_better = 1 - self.explained_by_columns > MIN_ROW_ADVANTAGE * (1 - self.explained)
+        relevant = self.explained > MIN_EXPLAINED and self.rms > MIN_EXPLAINED_PX
+        return rows_are_better and relevant and self.p_value < SIGNIFICANCE
+
+    @property
     def sentence(self) -> str:
-        """Say that a rolling shutter is at work and what to do; empty where it is not."""
-        rows = 1 - self.sideways > TIMES * (1 - self.explained)
-        if not (rows and self.chance < CHANCE and self.explained > EXPLAINED and self.rms > MATTERS_PX):
+        """Finding and action; empty if the test is negative."""
+        if not self.is_positive:
             return ""
         return (
-            "Residuals go with the row in which a corner was read: motion meanwhile explains"
-            f" {self.explained:.0%} of them ({self.rms:.2f} px rms, most in {self.name}). A rolling shutter and a"
-            " board or camera that moved: hold both still, or leave out the images that moved (--drop)."
+            f"Motion during a rolling-shutter readout explains {self.explained:.0%} of the squared residuals"
+            f" ({self.rms:.2f} px rms, most in {self.name}): hold board and camera still, or leave out the images with"
+            " motion (--drop)."
         )
 
 
-def rolling_shutter(state: State, views: Observations) -> RollingShutterTest | None:
-    """Fit each board a motion that is steady while the rows are read, and say what it explains.
+def run_rolling_shutter_test(state: State, observations: Observations) -> RollingShutterTest | None:
+    """Fit each board a constant motion during the readout and test how much it explains.
 
-    A row v is read at a time t proportional to it. With pose exp(t xi) and a small residual r, r = J (d + t xi), where
-    J is the derivative of the pixel by the pose (6), d a change of the pose and xi the motion. What d explains is
-    nought after a calibration; whether xi explains more than noise does is the F test of two nested linear models
-    (Draper and Smith, Applied Regression Analysis, 1998, ch. 6). Most of a motion looks like another pose, and what is
-    left can be the camera model's as well, which knows no rows: so the same is asked of the columns, and rows must do
-    better.
+    Row v is read at a time t proportional to v. With the pose exp(t xi) and a small residual r, r = J (d + t xi), where J
+    is the derivative of the pixel by the pose (6), d a change of the pose and xi the motion. Whether xi explains more
+    than noise does is the F test of two nested linear models (Draper and Smith, Applied Regression Analysis, 1998, ch.
+    6). Most of a motion is equivalent to another pose, and the rest may be an error of the camera model, which does not
+    depend on rows; so the same is done for columns, and rows must explain more.
 
-    None where no view has enough corners.
+    None if no view has enough corners.
     """
-    usable = ~ResidualWeights.of(state, views).outliers(state, views) & np.isfinite(state.residuals(views)).all(1)
-    points, turned = state.points(views)
-    residuals = state.residuals(views)
+    residuals = state.residuals(observations)
+    outliers = ResidualWeights.estimate(state, observations).outliers(state, observations)
+    usable = ~outliers & np.isfinite(residuals).all(1)
+    points, rotated = state.points(observations)
     with np.errstate(invalid="ignore"):
         _, _, d_point, _ = state.model.project_with_jacobians(points)
-    before = rows_left = columns_left = 0.0
-    free = parameters = corners = 0
-    most, name = 0.0, ""
-    for k, group in enumerate(views.groups):
-        there = np.flatnonzero(usable[group]) + group.start
-        if len(there) < FEWEST_CORNERS:
+    static = by_rows = by_columns = largest = 0.0
+    degrees, parameters, corners, name = 0, 0, 0, ""
+    for k, group in enumerate(observations.groups):
+        rows = np.flatnonzero(usable[group]) + group.start
+        if len(rows) < MIN_CORNERS:
             continue
-        # A rotation w of the board about its origin moves a point by w x turned.
-        pose = np.concatenate([d_point[there], -d_point[there] @ hat(turned[there])], axis=2)
-        r = residuals[there].ravel()
-        along = [_from_minus_half(views.pixels[there, axis]) for axis in (1, 0)]
-        still, by_row, by_column = (_left(pose, time, r) for time in (None, *along))
-        before, rows_left, columns_left = before + still, rows_left + by_row, columns_left + by_column
-        free += 2 * len(there) - 12
+        # A rotation w of the board about its origin moves a point by w x rotated.
+        pose = np.concatenate([d_point[rows], -d_point[rows] @ hat(rotated[rows])], axis=2)
+        r = residuals[rows].ravel()
+        times = [None, *(_readout_time(observations.pixels[rows, axis]) for axis in (1, 0))]
+        of_view, rows_left, columns_left = (_remaining_squares(pose, time, r) for time in times)
+        static, by_rows, by_columns = static + of_view, by_rows + rows_left, by_columns + columns_left
+        degrees += 2 * len(rows) - 12
         parameters += 6
-        if (still - by_row) / len(there) > most:
-            most, name = (still - by_row) / len(there), views.names[k]
-        corners += len(there)
-    if not free or before <= 0:
+        corners += len(rows)
+        if (of_view - rows_left) / len(rows) > largest:
+            largest, name = (of_view - rows_left) / len(rows), observations.names[k]
+    if not degrees or static <= 0:
         return None
-    ratio = ((before - rows_left) / parameters) / max(rows_left / free, 1e-300)
-    chance = float(fdtrc(parameters, free, ratio))
-    rms = float(np.sqrt(max(before - rows_left, 0.0) / corners))
-    return RollingShutterTest(1 - rows_left / before, 1 - columns_left / before, chance, rms, name)
+    ratio = ((static - by_rows) / parameters) / max(by_rows / degrees, 1e-300)
+    p_value = float(fdtrc(parameters, degrees, ratio))
+    rms = float(np.sqrt(max(static - by_rows, 0.0) / corners))
+    return RollingShutterTest(1 - by_rows / static, 1 - by_columns / static, p_value, rms, name)
 
 
-def _left(pose: Array, time: Array | None, residuals: Array) -> float:
-    """Give the sum of squares that a change of pose (n, 2, 6), and a motion over `time` (n,), leave of (2 n,)."""
+def _remaining_squares(pose: Array, time: Array | None, residuals: Array) -> float:
+    """Return the squared residuals (2 n,) after a change of pose (n, 2, 6) and, if there are times (n,), a motion."""
     columns = pose if time is None else np.concatenate([pose, time[:, None, None] * pose], axis=2)
     matrix = columns.reshape(-1, columns.shape[2])
     scale = np.linalg.norm(matrix, axis=0)
     matrix = matrix / np.where(scale > 0, scale, 1.0)
-    solution, *_ = np.linalg.lstsq(matrix, residuals, rcond=1e-9)
-    left = residuals - matrix @ solution
-    return float(left @ left)
+    solution, *_ = np.linalg.lstsq(matrix, residuals, rcond=RANK_TOLERANCE)
+    remaining = residuals - matrix @ solution
+    return float(remaining @ remaining)
 
 
-def _from_minus_half(values: Array) -> Array:
-    """Shift and scale so that the least is -1/2 and the greatest 1/2."""
+def _readout_time(values: Array) -> Array:
+    """Return the coordinates scaled to [-1/2, 1/2]."""
     return (values - values.min()) / max(float(np.ptp(values)), 1e-12) - 0.5

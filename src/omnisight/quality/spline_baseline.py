@@ -1,74 +1,85 @@
-"""What the chosen model leaves: a spline bends to any lens, and shows what could be had, and where."""
+"""Spline baseline: a spline camera fits any lens, so its held-out error shows the error of the selected model."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.candidate import COMPARED, Candidate
+from omnisight.calibration.candidate import COMPARISON_TOLERANCE, Candidate
+from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.free_parameters import FreeParameters
-from omnisight.calibration.model_starts import spline_start
+from omnisight.calibration.model_selection import MAX_RMS_RATIO, is_better
+from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.state import State
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
+# Rings of equal numbers of corners in which model and spline are compared.
 RINGS = 6
-# A spline that is so many times as far off as the model, on images held out, is not told by the others.
-UNTOLD = 1.5
 
 
 @dataclass(frozen=True)
 class SplineBaseline:
-    """The spline beside the chosen model, both on corners that they were not calibrated on.
+    """The held-out errors of a spline camera and of the selected model on the same corners.
 
     Attributes
     ----------
     candidate
-        The spline, fitted to no more of the corners than tell it.
+        The spline, fitted to a subset of the corners.
     edges
-        (R + 1,) angles from the axis, radians, between rings of as many corners each.
+        (R + 1,) angles from the axis between the rings, radians.
     model_rms, spline_rms
-        (R,) rms, px, of the held-out residuals of the chosen model and of the spline in each ring.
-    left
-        What the chosen model leaves on the table: the root of the difference of the squares over all corners, px; 0
-        where the spline is no better.
+        (R,) held-out rms of the selected model and of the spline in each ring, px.
+    model_error
+        Error of the selected model: root of the difference of the mean squares over all corners, px; 0 if the spline is
+        no better.
+    is_significant
+        Whether the spline is better relevantly and significantly, see `is_better`.
     """
 
     candidate: Candidate
     edges: Array
     model_rms: Array
     spline_rms: Array
-    left: float
+    model_error: float
+    is_significant: bool
 
     @property
-    def where(self) -> int:
-        """The ring in which most is left."""
+    def worst_ring(self) -> int:
+        """The ring with the largest model error."""
         return int(np.argmax(self.model_rms**2 - self.spline_rms**2))
 
+    @property
+    def is_reliable(self) -> bool:
+        """Whether there were enough views to fit the spline: its held-out error is not far above that of the model."""
+        rms = float(np.sqrt((self.model_rms**2).mean()))
+        return (self.candidate.held_out_rms or 0.0) <= MAX_RMS_RATIO * rms
+
     def __str__(self) -> str:
-        """Say it in one sentence."""
+        """Describe the result in one sentence."""
         held_out = self.candidate.held_out_rms or 0.0
-        if held_out > UNTOLD * np.sqrt((self.model_rms**2).mean()):
-            poor = f"so few images tell no spline ({held_out:.3f} px on images held out)"
-            return f"{poor}: what the model leaves is open"
-        if self.left == 0.0:
-            return f"a spline is no better on images held out ({held_out:.3f} px): the model leaves nothing"
-        low, high = np.degrees(self.edges[self.where : self.where + 2])
-        ring = f"{self.model_rms[self.where]:.3f} against {self.spline_rms[self.where]:.3f} px"
+        if not self.is_reliable:
+            return (
+                f"not enough images to fit the spline baseline (held-out error {held_out:.3f} px); model error unknown"
+            )
+        if self.model_error == 0.0:
+            return f"the spline baseline is no better on held-out images ({held_out:.3f} px)"
+        low, high = np.degrees(self.edges[self.worst_ring : self.worst_ring + 2])
+        rings = f"{self.model_rms[self.worst_ring]:.3f} against {self.spline_rms[self.worst_ring]:.3f} px"
         return (
-            f"a spline has {held_out:.3f} px on images held out: the model leaves {self.left:.3f} px, most of it"
-            f" {low:.0f} to {high:.0f} degrees from the axis ({ring})"
+            f"model error {self.model_error:.3f} px (held-out error of the spline baseline {held_out:.3f} px), largest"
+            f" {low:.0f}° to {high:.0f}° off-axis ({rings})"
         )
 
     def as_dict(self) -> dict[str, object]:
-        """Give the figures by name; angles in degrees."""
+        """Return the figures by name; angles in degrees."""
         return {
             "corners": self.candidate.corners,
             "rms": self.candidate.rms,
             "held_out_rms": self.candidate.held_out_rms,
-            "left": self.left,
+            "model_error": self.model_error,
             "edges_deg": [float(edge) for edge in np.degrees(self.edges)],
             "model_rms": [float(rms) for rms in self.model_rms],
             "spline_rms": [float(rms) for rms in self.spline_rms],
@@ -76,41 +87,43 @@ class SplineBaseline:
 
 
 def fit_spline_baseline(
-    best: Candidate, scout: State, views: Observations, usable: NDArray[np.bool_], *, loss: str
+    best: Candidate, initial: State, observations: Observations, inliers: NDArray[np.bool_], *, loss: Loss
 ) -> SplineBaseline | None:
-    """Fit a spline to no more of the corners than tell it, and compare it with the best model on images held out.
+    """Fit a spline camera to a subset of the corners and compare it with the selected model on held-out views.
 
     Parameters
     ----------
     best
-        The chosen model; None comes back if it was not asked about images held out, or is the spline itself.
-    scout
-        Another state: the spline starts from it where it explains the corners better.
-    views
-        The corners.
-    usable
-        (N,) those that some model explains.
+        The selected model; without cross-validation, or if it is the spline itself, the result is None.
+    initial
+        The initial camera; the spline starts from it if it fits the corners better.
+    observations
+        All views.
+    inliers
+        (N,) the inliers.
     loss
         As in `refine`.
     """
-    if best.held_out_lengths is None or usable.sum() < RINGS or best.name == "spline":
+    if best.held_out_lengths is None or inliers.sum() < RINGS or best.name == "spline":
         return None
-    nearer = min(best.state, scout, key=lambda state: float(np.median(state.lengths(views))))
-    start = replace(best, state=nearer).sketched(views, usable)[0].state
-    best, views, usable = best.sketched(views, usable)
-    if best.corners > len(views.pixels):  # both held out of as much
-        best = best.held_out(views, usable, loss=loss)
-    start = spline_start(start, views)
-    freedom = FreeParameters.of(start.model, warp=best.freedom.warp)
-    spline = Candidate.fit("spline", start, views, freedom, loss=loss, tolerance=COMPARED)
-    spline = spline.held_out(views, usable, loss=loss)
+    nearest = min(best.state, initial, key=lambda state: float(np.median(state.lengths(observations))))
+    start = replace(best, state=nearest).subsampled(observations, inliers)[0].state
+    best, observations, inliers = best.subsampled(observations, inliers)
+    if best.corners > len(observations.pixels):  # compare models that were trained on the same corners
+        best = best.cross_validated(observations, inliers, loss=loss)
+    ((_, start),) = model_starts("spline", start, observations)
+    free_parameters = FreeParameters.of(start.model, warp=best.free_parameters.warp)
+    spline = Candidate.fit(
+        "spline", start, observations, free_parameters, loss=loss, tolerance=COMPARISON_TOLERANCE
+    ).cross_validated(observations, inliers, loss=loss)
     assert best.held_out_lengths is not None
     assert spline.held_out_lengths is not None
-    angles = angle_from_axis(best.state.points(views)[0][usable])
+    angles = angle_from_axis(best.state.points(observations)[0][inliers])
     edges = np.quantile(angles, np.linspace(0, 1, RINGS + 1))
     ring = np.clip(np.searchsorted(edges, angles) - 1, 0, RINGS - 1)
-    model, other = best.held_out_lengths[usable] ** 2, spline.held_out_lengths[usable] ** 2
-    count = np.bincount(ring, minlength=RINGS)
-    rms = [np.sqrt(np.bincount(ring, squares, RINGS) / np.maximum(count, 1)) for squares in (model, other)]
-    left = float(np.sqrt(max(model.mean() - other.mean(), 0.0)))
-    return SplineBaseline(spline, edges, rms[0], rms[1], left)
+    squares = [lengths[inliers] ** 2 for lengths in (best.held_out_lengths, spline.held_out_lengths)]
+    count = np.maximum(np.bincount(ring, minlength=RINGS), 1)
+    model_rms, spline_rms = (np.sqrt(np.bincount(ring, values, RINGS) / count) for values in squares)
+    model_error = float(np.sqrt(max(squares[0].mean() - squares[1].mean(), 0.0)))
+    is_significant = is_better(spline, best, observations, inliers)
+    return SplineBaseline(spline, edges, model_rms, spline_rms, model_error, is_significant)

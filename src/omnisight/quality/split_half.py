@@ -1,4 +1,4 @@
-"""Whether two halves of the images agree as well as a calibration says they should."""
+"""Split-half test: whether cameras calibrated on two halves of the views agree within their uncertainties."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,34 +8,38 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import noise_covariance
+from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.camera import Camera
+from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import cap
-from omnisight.models import CameraModel
-from omnisight.quality.aligned_difference import rotation_aligned_difference
+from omnisight.models import Projector
+from omnisight.optim.gauss_newton import gauss_newton
 from omnisight.quality.uncertainty import Uncertainty
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-FEWEST = 8
+# Views below which half of them do not determine a camera reliably.
+MIN_VIEWS = 8
+# Rings of directions in which the two cameras are compared.
 RINGS = 12
 
 
 @dataclass(frozen=True)
 class SplitHalfTest:
-    """Two cameras, calibrated on every other image each.
+    """The difference between two cameras, each calibrated on every other view.
 
-    What corner noise makes them differ by is predicted by their covariances; where they differ by much more, something
-    else is at work: a model too poor for the lens, a board that is not what it should be, a camera that changed.
-    mrcal compares calibrations so ("cross-validation").
+    Their covariances predict the difference that corner noise causes. A much larger one has another cause: a model
+    that does not fit the lens, a board that is not flat or not to scale, a camera that changed. mrcal calls this
+    cross-validation.
 
     Attributes
     ----------
     difference
-        Root mean square over the calibrated cone of what the two differ by, px, one turned to fit the other.
+        Root mean square difference over the calibrated cone after the best rotation, px.
     predicted
-        The same as their covariances have it.
+        The same according to their covariances.
     """
 
     difference: float
@@ -43,43 +47,82 @@ class SplitHalfTest:
 
     @property
     def ratio(self) -> float:
-        """How many times larger the difference is than predicted."""
+        """Difference relative to the predicted one."""
         return self.difference / max(self.predicted, 1e-12)
 
     def as_dict(self) -> dict[str, float]:
-        """Give the figures by name, px."""
+        """Return the figures by name, px."""
         return {"difference": self.difference, "predicted": self.predicted}
 
 
 def run_split_half_test(
-    candidate: Candidate, views: Observations, as_camera: Callable[[CameraModel, Array], Camera], *, loss: str
+    candidate: Candidate, observations: Observations, as_camera: Callable[[Projector, Array], Camera], *, loss: Loss
 ) -> SplitHalfTest | None:
-    """Calibrate on the even and on the odd views and compare; None with fewer than eight.
+    """Calibrate on the even and on the odd views and compare the cameras; None with fewer than `MIN_VIEWS` views.
 
-    `as_camera` makes a camera of a model that was fitted and its covariance.
+    Parameters
+    ----------
+    candidate
+        The model fitted to all views.
+    observations
+        All views.
+    as_camera
+        (model, covariance) -> camera.
+    loss
+        As in `refine`.
     """
-    if len(views) < FEWEST:
+    if len(observations) < MIN_VIEWS:
         return None
-    spread = ResidualWeights.of(candidate.state, views, loss)
+    weights = ResidualWeights.estimate(candidate.state, observations, loss)
+    halves = [np.arange(first, len(observations), 2) for first in (0, 1)]
     cameras: list[Camera] = []
-    halves = [np.arange(first, len(views), 2) for first in (0, 1)]
-    for some, state in zip(halves, candidate.without(halves[::-1], views, spread), strict=True):
-        half = replace(candidate, state=state)
-        covariance = noise_covariance(half, views.subset(some), loss=loss)
+    for views, state in zip(halves, candidate.leave_out(halves[::-1], observations, weights), strict=True):
+        covariance = noise_covariance(replace(candidate, state=state), observations.subset(views), loss=loss)
         cameras.append(as_camera(state.model, covariance))
-    one, other = cameras
-    uncertainties = [Uncertainty.of(c) for c in cameras]
+    first, second = cameras
+    uncertainties = [Uncertainty.of(camera) for camera in cameras]
     bearings = cap(uncertainties[0].reach, RINGS)
-    pixels, valid = one.model.project_numpy(bearings)
-    seen = valid & one.in_image(pixels) & one.calibrated(bearings)
-    bearings, pixels = bearings[seen], pixels[seen]
-    spreads = [np.trace(u.projection(bearings), axis1=1, axis2=2) for u in uncertainties]
-    predicted = spreads[0] + spreads[1]
-    difference = np.linalg.norm(rotation_aligned_difference(other.model, bearings, pixels), axis=1)
+    pixels, valid = first.model.project_numpy(bearings)
+    visible = valid & first.in_image(pixels) & first.calibrated(bearings)
+    bearings, pixels = bearings[visible], pixels[visible]
+    predicted = np.sum([np.trace(u.projection(bearings), axis1=1, axis2=2) for u in uncertainties], axis=0)
+    difference = np.linalg.norm(rotation_aligned_difference(second.model, bearings, pixels), axis=1)
     known = np.isfinite(difference) & np.isfinite(predicted)
     if not known.any():
         return None
-    return SplitHalfTest(
-        float(np.sqrt((difference[known] ** 2).mean())),
-        float(np.sqrt(predicted[known].mean())),
-    )
+    return SplitHalfTest(float(np.sqrt((difference[known] ** 2).mean())), float(np.sqrt(predicted[known].mean())))
+
+
+def rotation_aligned_difference(model: Projector, bearings: Array, pixels: Array) -> Array:
+    """Return the difference (N, 2), px, between two cameras after the best rotation between their frames.
+
+    Two calibrations of one camera may define its axis differently. Every pose estimated with either absorbs that
+    rotation, so it is no difference between them.
+
+    Parameters
+    ----------
+    model
+        One camera.
+    bearings, pixels
+        (N, 3) bearings and (N, 2) their pixels in the other camera.
+
+    Returns
+    -------
+    (N, 2), NaN where the model has no pixel.
+    """
+
+    def difference(rotation: Array) -> tuple[Array, Array]:
+        rotated = bearings @ rotation.T
+        projected, _, d_point, _ = model.project_with_jacobians(rotated)
+        # The scene, rotated by w, lies at b + w x b.
+        return projected - pixels, -d_point @ so3.hat(rotated)
+
+    def linearize(rotation: Array) -> tuple[Array, Array]:
+        residuals, jacobian = difference(rotation)
+        use = np.isfinite(residuals).all(1) & np.isfinite(jacobian).all((1, 2))
+        return np.where(use[:, None], residuals, 0.0).ravel(), np.where(use[:, None, None], jacobian, 0.0).reshape(
+            -1, 3
+        )
+
+    best = gauss_newton(linearize, np.eye(3), retract=lambda rotation, step: so3.exp(step) @ rotation)
+    return difference(best.state)[0]

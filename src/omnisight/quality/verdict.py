@@ -1,9 +1,9 @@
-"""Whether a calibration can be used, and what to do where it cannot."""
+"""Verdict: whether a calibration can be used, and what to do if not."""
 
 from dataclasses import dataclass
 from typing import Self
 
-from omnisight.quality.checks import CHECKS
+from omnisight.quality.checks import all_checks
 from omnisight.quality.evidence import Check, Evidence, Level
 
 
@@ -14,9 +14,9 @@ class Verdict:
     Attributes
     ----------
     level
-        The worst of the checks.
+        The worst level of all checks.
     checks
-        Everything that was looked at.
+        The results of all checks that apply.
     """
 
     level: Level
@@ -24,19 +24,19 @@ class Verdict:
 
     @classmethod
     def of(cls, evidence: Evidence) -> Self:
-        """Judge a calibration by every check that there is evidence for."""
-        checks = tuple(found for check in CHECKS if (found := check(evidence)) is not None)
+        """Run all checks."""
+        checks = tuple(result for check in all_checks() if (result := check(evidence)) is not None)
         return cls(max(check.level for check in checks), checks)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """One sentence for each failed check, with what to do; the worst first."""
+        """One sentence per failed check, with what to do; the worst first."""
         failed = sorted((check for check in self.checks if check.level > Level.GOOD), key=lambda check: -check.level)
         return tuple(check.sentence for check in failed)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is worth knowing although nothing failed, a sentence each."""
+        """Sentences of checks that passed with a remark."""
         return tuple(check.sentence for check in self.checks if check.sentence and check.level == Level.GOOD)
 
     def __str__(self) -> str:

@@ -1,0 +1,56 @@
+# The public names of omnisight, listed once: `__init__.py` imports each at its first use, from the module given here.
+from omnisight.calibration.candidate import Candidate as Candidate
+from omnisight.calibration.evaluation import Evaluation as Evaluation
+from omnisight.calibration.lines.result import LinesCalibration as LinesCalibration
+from omnisight.camera import Camera as Camera
+from omnisight.corners import read_corners as read_corners
+from omnisight.formats import load as load
+from omnisight.formats import load_rig as load_rig
+from omnisight.formats import save as save
+from omnisight.formats import save_rig as save_rig
+from omnisight.geometry.pose import Pose as Pose
+from omnisight.geometry.rotation import look as look
+from omnisight.images import read_image as read_image
+from omnisight.images import write_image as write_image
+from omnisight.models import CameraModel as CameraModel
+from omnisight.models import model_class as model_class
+from omnisight.models import model_names as model_names
+from omnisight.pipeline.calibrate import calibrate as calibrate
+from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions as CalibrateLinesOptions
+from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_lines
+from omnisight.pipeline.calibration import Calibration as Calibration
+from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
+from omnisight.pipeline.convert import convert as convert
+from omnisight.pipeline.design import DesignOptions as DesignOptions
+from omnisight.pipeline.design import design as design
+from omnisight.pipeline.detect import detect as detect
+from omnisight.pipeline.evaluate import evaluate as evaluate
+from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
+from omnisight.pipeline.next_view import next_view as next_view
+from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
+from omnisight.pipeline.options import DetectOptions as DetectOptions
+from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions
+from omnisight.pipeline.options import SourceOptions as SourceOptions
+from omnisight.pipeline.simulate import SimulateOptions as SimulateOptions
+from omnisight.pipeline.simulate import simulate as simulate
+from omnisight.pipeline.view import ViewOptions as ViewOptions
+from omnisight.pipeline.view import view as view
+from omnisight.ray_camera import RayCamera as RayCamera
+from omnisight.rig import Rig as Rig
+from omnisight.targets import Checkerboard as Checkerboard
+from omnisight.targets import Detection as Detection
+from omnisight.targets import Detections as Detections
+from omnisight.targets.observations import Observations as Observations
+from omnisight.views import Remapper as Remapper
+from omnisight.views import cube_face as cube_face
+from omnisight.views import cylinder as cylinder
+from omnisight.views import fisheye as fisheye
+from omnisight.views import mercator as mercator
+from omnisight.views import panini as panini
+from omnisight.views import perspective as perspective
+from omnisight.views import planet as planet
+from omnisight.views import remap as remap
+from omnisight.views import sphere as sphere
+
+__version__: str
+__all__: list[str]

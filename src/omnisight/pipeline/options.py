@@ -1,0 +1,158 @@
+"""Options of the pipeline functions; their fields are the options of the commands.
+
+This module imports nothing heavy, because the command line imports it for its help.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from omnisight.calibration.estimation_options import EstimationOptions
+
+if TYPE_CHECKING:
+    from omnisight.targets import Board
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectOptions:
+    """Options that describe the board and how images are read.
+
+    Attributes
+    ----------
+    pattern
+        Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. By default the size that most
+        images agree on.
+    square
+        Side of a square with its unit: 32.5mm. Without it lengths are in squares; the camera is the same.
+    target
+        File that describes the board, instead of pattern and square: written by `omnisight target make`, or a target
+        file of Kalibr (YAML).
+    apply_exif
+        Rotate images by their EXIF orientation; a calibration needs them as the sensor recorded them.
+    cache
+        Reuse detections of earlier runs, by the content of the images.
+    """
+
+    pattern: str | None = None
+    square: str | None = None
+    target: Path | None = None
+    apply_exif: bool = False
+    cache: bool = True
+
+    @property
+    def board(self) -> "Board | None":
+        """The specified board; None if it is to be determined from the images.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, or both a target and a pattern are specified.
+        """
+        from omnisight.targets import Checkerboard, parse_length
+        from omnisight.targets.target_file import load_board
+
+        if self.target is not None:
+            if self.pattern is not None or self.square is not None:
+                raise ValueError("specify either --target or --pattern and --square: the file holds both")
+            return load_board(self.target)
+        if self.square is not None:
+            parse_length(self.square)
+        return None if self.pattern is None else Checkerboard.parse(self.pattern, square=self.square)
+
+    @property
+    def square_m(self) -> float | None:
+        """Side of a square, metres."""
+        from omnisight.targets import parse_length
+
+        return None if self.square is None else parse_length(self.square)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(DetectOptions):
+    """Options that describe the board, and how images or corner files are read.
+
+    Attributes
+    ----------
+    image_size
+        Width and height of the images that corners are from, such as 1280x800, if their file does not contain them.
+    which
+        Name of the camera, if a corner file holds several.
+    """
+
+    image_size: str | None = None
+    which: str | None = None
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """(width, height) of the images that corners are from, px."""
+        if self.image_size is None:
+            return None
+        sides = [side.strip() for side in self.image_size.lower().split("x")]
+        if len(sides) != 2 or not all(side.isdigit() and int(side) > 0 for side in sides):
+            raise ValueError(f"--image-size must be WIDTHxHEIGHT in px, such as 1280x720, got {self.image_size!r}")
+        return int(sides[0]), int(sides[1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateOptions(SourceOptions, EstimationOptions):
+    """Options of `calibrate`.
+
+    Attributes
+    ----------
+    model
+        A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...); auto: fit several and select by
+        held-out error; or axial: a non-central camera whose entrance pupil shifts along the axis.
+    start
+        Camera file of a lens and mirror as designed, such as `omnisight design mirror --camera` writes for a
+        non-central system; its pose and parameters are refined. Needs the size of the board's squares.
+    method
+        omnisight; or ocamcalib: Scaramuzza's original method, for comparison. The errors of both are printed.
+    drop
+        Name of an image to leave out, as in the table; may be repeated.
+    force
+        Calibrate from fewer than three images, or although most of them show another board.
+    """
+
+    model: str = "auto"
+    start: Path | None = None
+    method: Literal["omnisight", "ocamcalib"] = "omnisight"
+    drop: tuple[str, ...] = ()
+    force: bool = False
+
+    def __post_init__(self) -> None:
+        if self.model != "auto":  # `omnisight --help` builds the default options, and must not import numpy
+            from omnisight.models import model_names
+            from omnisight.optics.models import ray_model_names
+
+            if self.model not in (known := ("auto", *model_names(), *ray_model_names())):
+                raise ValueError(f"unknown camera model {self.model!r}; there are: {', '.join(known)}")
+        if self.start is not None and self.model != "auto":
+            raise ValueError(f"--start {self.start} contains its model: leave out --model {self.model}")
+        if self.is_noncentral and self.method == "ocamcalib":
+            raise ValueError("--method ocamcalib calibrates central cameras: leave out --model axial and --start")
+
+    @property
+    def is_noncentral(self) -> bool:
+        """Whether a non-central camera is requested."""
+        return self.start is not None or self.model == "axial"
+
+    @property
+    def is_auto(self) -> bool:
+        """Whether the central model is selected automatically."""
+        return self.model == "auto" or self.is_noncentral
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions(SourceOptions):
+    """Options of `evaluate`.
+
+    Attributes
+    ----------
+    threshold
+        Huber threshold, px: longer residuals have less weight in the poses and in wRMS.
+    flat
+        Take the board as flat. Otherwise its warp is estimated with the poses, the same in all images.
+    """
+
+    threshold: float = 1.5
+    flat: bool = False
