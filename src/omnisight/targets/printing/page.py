@@ -4,11 +4,14 @@ import json
 import math
 import textwrap
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from omnisight.targets.boards import Board
 from omnisight.targets.length import format_length
 from omnisight.targets.printing.drawing import Page, Shape, Text, rectangle, translated
 from omnisight.targets.printing.paper import millimetres, paper_sizes
+
+if TYPE_CHECKING:
+    from omnisight.targets.boards import Board
 
 # Lengths in metres. No printer reaches the edge of the paper.
 PAGE_MARGIN = 0.005
@@ -18,7 +21,7 @@ LETTER_WIDTH = 0.56
 # Width beside the ruler from which text fits there.
 MIN_TEXT_WIDTH = 0.06
 RULER_LENGTHS = (0.1, 0.05, 0.02)
-TICK_LENGTH, STROKE_WIDTH = 0.003, 0.0002
+STROKE_WIDTH = 0.0002
 # No printer renders a smaller square or disc faithfully.
 MIN_PRINTABLE = 0.001
 MAX_POINTS = 10_000
@@ -36,7 +39,7 @@ class _Footer:
     height: float
 
 
-def lay_out(board: Board, paper: str) -> Page:
+def lay_out(board: "Board", paper: str) -> Page:
     """Lay out a board on paper, upright or across as it has more room.
 
     The board is centred above the footer. The white margin around it is at least half of `board.quiet_zone`, and more
@@ -66,7 +69,7 @@ def lay_out(board: Board, paper: str) -> Page:
     )
 
 
-def smallest_paper(board: Board) -> str:
+def smallest_paper(board: "Board") -> str:
     """Return the smallest of A4, A3, A2, A1, A0 that the board fits on; raise ValueError if there is none."""
     check_printable(board)
     for paper in PAPER_SERIES:
@@ -79,7 +82,7 @@ def smallest_paper(board: Board) -> str:
     )
 
 
-def check_printable(board: Board) -> None:
+def check_printable(board: "Board") -> None:
     """Raise ValueError if a board has parts too small to print, or too many of them."""
     for name, length in board.lengths().items():
         if length < MIN_PRINTABLE - ROUNDING:
@@ -93,11 +96,11 @@ def check_printable(board: Board) -> None:
         )
 
 
-def _fits(board: Board, paper: str) -> bool:
+def _fits(board: "Board", paper: str) -> bool:
     return any(_max_scale(board, *size) >= 1 - ROUNDING for size in paper_sizes(paper))
 
 
-def _max_scale(board: Board, width: float, height: float) -> float:
+def _max_scale(board: "Board", width: float, height: float) -> float:
     """Return the largest scale of the board on this paper; it fits if this is 1 or more."""
     left, top, right, bottom = board.extent
     board_height = height - _footer(board, width - 2 * PAGE_MARGIN).height - PAGE_MARGIN
@@ -105,7 +108,7 @@ def _max_scale(board: Board, width: float, height: float) -> float:
     return min(min(room / (side + board.quiet_zone), (room - 2 * PAGE_MARGIN) / side) for room, side in sides)
 
 
-def _required_size(board: Board) -> tuple[float, float]:
+def _required_size(board: "Board") -> tuple[float, float]:
     """Return the width and height in metres of the smallest paper for the board in its orientation."""
     left, top, right, bottom = board.extent
     white = max(board.quiet_zone, 2 * PAGE_MARGIN)
@@ -113,7 +116,7 @@ def _required_size(board: Board) -> tuple[float, float]:
     return width, bottom - top + white + _footer(board, width - 2 * PAGE_MARGIN).height + PAGE_MARGIN
 
 
-def _does_not_fit(board: Board, paper: str, scale: float) -> str:
+def _does_not_fit(board: "Board", paper: str, scale: float) -> str:
     left, top, right, bottom = board.extent
     lengths = " with" + ",".join(f" {name} {format_length(value)}" for name, value in board.lengths().items())
     message = (
@@ -132,12 +135,12 @@ def _does_not_fit(board: Board, paper: str, scale: float) -> str:
     return f"{message}: {', or '.join(solutions)}" if solutions else f"{message}."
 
 
-def _footer(board: Board, width: float) -> _Footer:
+def _footer(board: "Board", width: float) -> _Footer:
     """Lay out ruler and text in a width, the text beside the ruler if there is room."""
     # Half the width of a number exceeds the ruler at both ends.
     length = next((r for r in RULER_LENGTHS if r + 2 * FONT_SIZE <= width), RULER_LENGTHS[-1])
-    shapes, texts = _ruler(FONT_SIZE, TICK_LENGTH, length)
-    ruler_height = TICK_LENGTH + LINE_HEIGHT + FONT_SIZE / 2
+    shapes, texts = _ruler(FONT_SIZE, LINE_HEIGHT, length)
+    ruler_height = LINE_HEIGHT + LINE_HEIGHT + FONT_SIZE / 2
     beside = length + 4 * FONT_SIZE
     paragraphs = [
         f"Print at 100 %, do not fit to page: this ruler must measure {length * 1e3:g} mm.",
@@ -162,7 +165,7 @@ def _ruler(left: float, top: float, length: float) -> tuple[list[Shape], list[Te
     texts: list[Text] = []
     for mm in range(round(length * 1e3) + 1):
         x = left + mm / 1e3
-        height = TICK_LENGTH * (1 if mm % 10 == 0 else 0.75 if mm % 5 == 0 else 0.5)
+        height = LINE_HEIGHT * (1 if mm % 10 == 0 else 0.75 if mm % 5 == 0 else 0.5)
         shapes.append(rectangle(x - STROKE_WIDTH / 2, top - height, STROKE_WIDTH, height))
         if mm % 10 == 0:
             # A digit of Helvetica is 0.556 of its size wide.
@@ -171,7 +174,7 @@ def _ruler(left: float, top: float, length: float) -> tuple[list[Shape], list[Te
     return shapes, texts
 
 
-def _parameters(board: Board) -> list[tuple[str, object]]:
+def _parameters(board: "Board") -> list[tuple[str, object]]:
     return [(k, v) for k, v in board.to_dict().items() if k not in ("target", "columns", "rows") and v is not False]
 
 
