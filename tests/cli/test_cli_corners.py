@@ -28,7 +28,7 @@ def test_corner_file_is_calibrated_like_images(run, corners, tmp_path):
     assert "8 of 8 images, 432 corners" in out
     assert "second look" not in out
     assert " s to read the corners" in out
-    assert "drawn (8 on a bare sheet: their images do not lie beside the corners)" in out
+    assert "drawn (8 without image, since the files are missing)" in out
     camera = load(tmp_path / "camera.json")
     assert camera.size == SIZE
     assert camera.provenance["target"] == {"target": "points", "points": 54, "flat": True}

@@ -76,7 +76,7 @@ def test_a_camera_of_another_format_is_judged(name, run, corners, tmp_path):
 def test_residuals_are_drawn(run, corners, camera_file, tmp_path):
     status, out, _ = run("evaluate", camera_file, corners, "--draw", tmp_path / "drawn")
     assert status == 0
-    assert "(5 on a bare sheet: their images do not lie beside the corners)" in out
+    assert "(5 without image, since the files are missing)" in out
     assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == [f"other-{k}.png" for k in range(1, 6)]
 
 

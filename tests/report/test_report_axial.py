@@ -103,7 +103,13 @@ def test_held_out_error_is_compared_with_the_best_central_camera(text, axial):
     test_section = section(text, "noncentral-test")
     assert f"{c.held_out_rms:.3f} px with an entrance pupil shift" in test_section
     assert "--model axial" not in test_section
-    assert "omnisight convert --distance" in test_section
+
+
+def test_export_at_a_distance_is_recommended_if_the_camera_is_noncentral(axial):
+    test = replace(axial.noncentral_test, is_noncentral=True)
+    text = section(render_page(with_quality(axial, noncentrality=test)), "noncentral-test")
+    assert "omnisight convert --distance" in text
+    assert "Use the central camera" not in text
 
 
 def test_central_camera_is_recommended_if_it_is_sufficient(axial):
