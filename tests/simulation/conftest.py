@@ -5,5 +5,5 @@ from render_cameras import CAMERAS
 
 
 @pytest.fixture(params=CAMERAS)
-def camera(request):
+def any_camera(request):
     return CAMERAS[request.param]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from render_cameras import GRAY, POSE, CAMERAS, AxialShift, SideBySidePinholes, pixels_of, still_life
+from render_cameras import CAMERAS, GRAY, POSE, AxialShift, SideBySidePinholes, pixels_of, still_life
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
@@ -19,8 +19,8 @@ from omnisight.simulation import (
 )
 
 
-def world_rays(sight, pose):
-    rays = sight.rays(pixels_of(sight))
+def world_rays(any_camera, pose):
+    rays = any_camera.rays(pixels_of(any_camera))
     return pose @ rays.origins, rays.bearings @ pose.rotation.T, rays.valid
 
 
@@ -34,10 +34,10 @@ def nearest_root(a, b, c):
 # -- geometry ----------------------------------------------------------------------------------------------------
 
 
-def test_depth_is_exact(sight):
+def test_depth_is_exact(any_camera):
     """Against the closed forms of plane, ellipsoid and box: 1e-9 m over the image, including occlusions."""
     pose, scene = POSE, still_life()
-    o, d, valid = world_rays(sight, pose)
+    o, d, valid = world_rays(any_camera, pose)
     wall = (5 - o[..., 2]) / d[..., 2]
     hit = o + wall[..., None] * d
     wall = np.where((wall > 0) & (np.abs(hit[..., 0]) <= 6) & (np.abs(hit[..., 1]) <= 6), wall, np.inf)
@@ -49,7 +49,7 @@ def test_depth_is_exact(sight):
         a, b = (low - o) / d, (high - o) / d
     enter, leave = np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
     cube = np.where((enter <= leave) & (enter > 0), enter, np.inf)
-    found = Renderer(sight, pose, scene).truth()
+    found = Renderer(any_camera, pose, scene).truth()
     others = found.instances != scene.instance("cylinder")
     expected = np.min([wall, sphere, cube], axis=0)
     expected[~np.isfinite(expected) | ~valid] = np.nan
@@ -62,10 +62,10 @@ def test_depth_is_exact(sight):
     assert len(np.unique(found.instances[seen])) == 3
 
 
-def test_cylinder_is_exact(sight):
+def test_cylinder_is_exact(any_camera):
     """Hits are at the radius from the axis or on a cap; other rays pass."""
     scene = still_life()
-    found = Renderer(sight, POSE, scene).truth()
+    found = Renderer(any_camera, POSE, scene).truth()
     start, end = np.array((1.3, -1.0, 3.1)), np.array((1.8, 1.0, 2.7))
     axis = (end - start) / np.linalg.norm(end - start)
     points = found.points[found.instances == scene.instance("cylinder")]
@@ -87,12 +87,12 @@ def test_roof_has_its_ridge_in_the_middle():
     assert inside.distances == pytest.approx(2.0)
 
 
-def test_normals_are_unit_vectors_towards_the_camera(sight):
-    found = Renderer(sight, POSE, still_life()).truth()
+def test_normals_are_unit_vectors_towards_the_camera(any_camera):
+    found = Renderer(any_camera, POSE, still_life()).truth()
     seen = found.instances > 0
     assert np.isnan(found.normals[~seen]).all()
     assert np.abs(np.linalg.norm(found.normals[seen], axis=-1) - 1).max() < 1e-12
-    facing = (found.normals * sight.rays(pixels_of(sight)).bearings).sum(-1)[seen]
+    facing = (found.normals * any_camera.rays(pixels_of(any_camera)).bearings).sum(-1)[seen]
     assert facing.max() <= 0
     wall = found.instances == 1
     np.testing.assert_allclose(found.normals[wall], np.tile(-POSE.rotation.T[:, 2], (wall.sum(), 1)), atol=1e-12)
@@ -139,15 +139,15 @@ def test_nearest_of_many_solids_is_hit():
 
 
 def test_depth_matches_the_parallax_of_two_viewpoints():
-    sight = SideBySidePinholes()
+    any_camera = SideBySidePinholes()
     scene = Scene((ellipsoid((0, 0, 2), 0.05, GRAY, "near"), ellipsoid((0, 0.5, 8), 0.2, GRAY, "far")))
-    instances = Renderer(sight, om.Pose(), scene).truth().instances
-    focal, half = sight.half.model.fx, sight.size[0] // 2
+    instances = Renderer(any_camera, om.Pose(), scene).truth().instances
+    focal, half = any_camera.half.model.fx, any_camera.size[0] // 2
     for name, distance in (("near", 2), ("far", 8)):
         here = instances == scene.instance(name)
         columns = np.arange(half)
         left, right = (np.average(columns, weights=part.sum(0)) for part in (here[:, :half], here[:, half:]))
-        assert left - right == pytest.approx(focal * sight.base / distance, abs=0.4)
+        assert left - right == pytest.approx(focal * any_camera.base / distance, abs=0.4)
 
 
 def test_pupil_shift_changes_the_depth():
@@ -163,18 +163,18 @@ def test_pupil_shift_changes_the_depth():
 @pytest.mark.parametrize("name", ["pinhole", "fisheye", "axial"])
 def test_dense_correspondences_are_the_same_scene_points(name):
     """They agree with projection, and exactly the occluded points are missing."""
-    sight, scene = CAMERAS[name], still_life()
-    first, second = (Renderer(sight, pose, scene) for pose in (om.Pose(), POSE))
+    any_camera, scene = CAMERAS[name], still_life()
+    first, second = (Renderer(any_camera, pose, scene) for pose in (om.Pose(), POSE))
     found = dense_correspondences(first, second)
     truth = first.truth()
-    expected, valid = sight.project(POSE.inverse() @ truth.points)
+    expected, valid = any_camera.project(POSE.inverse() @ truth.points)
     seen = ~np.isnan(found[..., 0])
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-9)
     # Traced back along the rays of the second image: the same points, or something nearer if occluded.
     with np.errstate(invalid="ignore"):
-        inside = valid & (expected > -0.5).all(-1) & (expected < np.array(sight.size) - 0.5).all(-1)
+        inside = valid & (expected > -0.5).all(-1) & (expected < np.array(any_camera.size) - 0.5).all(-1)
     assert not (seen & ~inside).any()
-    rays = sight.rays(expected[inside])
+    rays = any_camera.rays(expected[inside])
     origins = POSE @ rays.origins
     met = scene.cast(origins, rays.bearings @ POSE.rotation.T).distances
     distance = np.linalg.norm(truth.points[inside] - origins, axis=-1)

@@ -12,13 +12,13 @@ from omnisight.simulation.texture import LINEAR
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3])
-def test_constant_scene_renders_exactly_constant(sight, samples):
+def test_constant_scene_renders_exactly_constant(any_camera, samples):
     colour = Texture(np.full((37, 50, 3), (90, 120, 150), np.uint8))
     shell = box((-3, -3, -3), (3, 3, 3), colour, "shell", inside=True, glow=1.0)
     inner = ellipsoid((0.5, 0.2, 2.0), 0.4, colour, "ellipsoid", glow=1.0)
     scene = Scene((shell, inner), sky=colour)
-    light = Renderer(sight, POSE, scene, samples=samples, vignette=0).light()
-    inside = sight.rays(pixels_of(sight)).valid
+    light = Renderer(any_camera, POSE, scene, samples=samples, vignette=0).light()
+    inside = any_camera.rays(pixels_of(any_camera)).valid
     inside[[0, -1]] = inside[:, [0, -1]] = False  # at the rim a ray of a pixel may see nothing
     for k in range(1, 3):
         inside[k:] &= inside[:-k]
@@ -29,11 +29,11 @@ def test_constant_scene_renders_exactly_constant(sight, samples):
     assert (light[inside] == LINEAR[[90, 120, 150]]).all()
 
 
-def test_background_without_a_sky_is_black(sight):
-    assert not Renderer(sight, POSE, Scene(())).light().any()
+def test_background_without_a_sky_is_black(any_camera):
+    assert not Renderer(any_camera, POSE, Scene(())).light().any()
 
 
-def test_texture_filtering_preserves_the_mean_light(sight):
+def test_texture_filtering_preserves_the_mean_light(any_camera):
     """The mean of a fine checkered wall is that of its colours, at any distance: no aliasing, no loss of light."""
     squares = np.indices((512, 512)).sum(0) % 2
     texture = Texture(np.repeat((squares * 255).astype(np.uint8)[..., None], 3, -1))
