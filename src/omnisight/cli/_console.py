@@ -1,13 +1,14 @@
-"""Where tables go."""
+"""The console on which tables are printed."""
 
 import sys
 from typing import Any
 
-WIDE = 200  # columns, where no terminal says how many there are: a file or a pipe
+# Width in columns if stdout is a file or a pipe, so that no row of a table is cut.
+PIPE_COLUMNS = 200
 
 
 def console() -> Any:
-    """Give a console for stdout: as wide as the terminal, or so wide that no row of a table is cut."""
+    """Return a console for stdout with the width of the terminal."""
     from rich.console import Console
 
-    return Console(highlight=False, width=None if sys.stdout.isatty() else WIDE)
+    return Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)

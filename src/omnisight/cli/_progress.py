@@ -1,4 +1,4 @@
-"""Progress on stderr, so that stdout stays what was asked for."""
+"""Progress bars on stderr, so that stdout contains the result only."""
 
 import sys
 from collections.abc import Generator
@@ -7,14 +7,14 @@ from typing import Protocol
 
 
 class Report(Protocol):
-    """Called with a stage, how much of it is done, and how much there is."""
+    """Called with the stage, the work done and the total."""
 
     def __call__(self, stage: str, done: int, total: int) -> None: ...
 
 
 @contextmanager
 def progress(quiet: bool) -> Generator[Report]:
-    """Show a bar per stage while the block runs; nothing when quiet or where stderr is no terminal."""
+    """Show a progress bar per stage, unless quiet or stderr is not a terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda stage, done, total: None
         return
