@@ -7,6 +7,8 @@ MAX_SEARCH_PIXELS = 2_500_000
 SEARCH_RADIUS_STEPS = 0.3
 # Contrast of a point over the median of its board: below, it is a shadow or a reflection.
 MIN_RELATIVE_CONTRAST = 0.2
+# Difference between two gray levels of the same paper, or of the same darkness, over the board's contrast.
+MAX_LEVEL_DIFFERENCE = 0.3
 # Share of a window's variance that the model of a point must explain, and its median over a board.
 MIN_EXPLAINED, MIN_MEDIAN_EXPLAINED = 0.6, 0.8
 # Part of a board's points that must be detected without other evidence of its position.

@@ -11,9 +11,6 @@ from omnisight.targets.boards._protocol import Board
 
 Array = NDArray[np.float64]
 
-# Part of the step to the nearest other edge that a window may extend to: that of `subpixel.corner_fit`.
-WINDOW_SHARE = 0.55
-
 
 class MarkerLayout(NamedTuple):
     """Points and markers of a board, all lengths in the unit of its points.

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from omnisight.targets.length import format_length, parse_length
 from omnisight.targets.printing.drawing import Shape
 
+# Part of a step to which a window extends each way at most: the next point or edge is a whole step away.
+MAX_WINDOW_SHARE = 0.55
 # Limits on what a file may ask for.
 MAX_COUNT = 1000
 MAX_TEXT_LENGTH = 100
@@ -66,7 +68,7 @@ class Board(ABC):
     def window_step(self) -> float:
         """Step along x and y, in the unit of `points`, whose window around a point holds nothing else.
 
-        The window of `detectors.measure` extends up to 0.55 of the step each way.
+        The window of `detectors.measure` extends up to `MAX_WINDOW_SHARE` of the step each way.
         """
 
     @property

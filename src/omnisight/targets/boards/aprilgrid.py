@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.targets.boards._aruco import cell_shapes, marker_cells, marker_count
-from omnisight.targets.boards._marker_board import WINDOW_SHARE, MarkerBoard, MarkerLayout
+from omnisight.targets.boards._marker_board import MarkerBoard, MarkerLayout
+from omnisight.targets.boards._protocol import MAX_WINDOW_SHARE
 from omnisight.targets.printing.drawing import Shape, rectangle
 
 
@@ -105,7 +106,7 @@ class AprilGrid(MarkerBoard):
     def window_step(self) -> float:
         """Step of the window, in metres: the tag's black border and the squares between tags limit it."""
         cells = len(marker_cells(self.dictionary, 0, border=self.border))
-        return min(self.border / cells, self.spacing) * self.tag / WINDOW_SHARE
+        return min(self.border / cells, self.spacing) * self.tag / MAX_WINDOW_SHARE
 
     @property
     def bright_ahead(self) -> NDArray[np.bool_]:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.targets.boards._aruco import cell_shapes, marker_cells, marker_count
-from omnisight.targets.boards._marker_board import WINDOW_SHARE, BoardVariant, MarkerBoard, MarkerLayout
-from omnisight.targets.boards._protocol import grid_points
+from omnisight.targets.boards._marker_board import BoardVariant, MarkerBoard, MarkerLayout
+from omnisight.targets.boards._protocol import MAX_WINDOW_SHARE, grid_points
 from omnisight.targets.printing.drawing import Shape, rectangle
 
 MIN_CORNERS = 2
@@ -74,7 +74,7 @@ class Charuco(MarkerBoard):
     @property
     def window_step(self) -> float:
         """Step of the window, in metres: the markers in the white squares limit it."""
-        return min(self.square, (self.square - self.marker) / 2 / WINDOW_SHARE)
+        return min(self.square, (self.square - self.marker) / 2 / MAX_WINDOW_SHARE)
 
     @property
     def max_window_step(self) -> float:

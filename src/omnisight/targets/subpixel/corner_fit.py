@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.targets.boards._protocol import MAX_WINDOW_SHARE
 from omnisight.targets.subpixel.point_fits import (
     BLUR_RANGE_PX,
     MAX_ITERATIONS,
@@ -21,8 +22,8 @@ from omnisight.targets.subpixel.point_fits import (
 Array = NDArray[np.float64]
 
 # Half the window's side over the step to the next corner, whose edge must stay outside. Where that is less than
-# `SMALL_WINDOW_PX`, the window goes out to `MAX_HALF_SIDE`: a small window needs every pixel.
-HALF_SIDE, MAX_HALF_SIDE = 0.42, 0.55
+# `SMALL_WINDOW_PX`, the window extends to `MAX_WINDOW_SHARE`: a small window needs every pixel.
+HALF_SIDE = 0.42
 SMALL_WINDOW_PX = 6.0
 # Half the window's side at most, px: farther pixels add no accuracy. Second, for a test of many candidates.
 MAX_HALF_SIDE_PX = (10.0, 6.0)
@@ -58,7 +59,7 @@ def fit_corners(gray: NDArray[Any], pixels: Array, steps: Array, bends: Array, *
     square = (steps**2).sum(-1)
     length = np.sqrt(square)
     with np.errstate(invalid="ignore", divide="ignore"):
-        half = np.maximum(HALF_SIDE * length, np.minimum(SMALL_WINDOW_PX, MAX_HALF_SIDE * length))
+        half = np.maximum(HALF_SIDE * length, np.minimum(SMALL_WINDOW_PX, MAX_WINDOW_SHARE * length))
         shares = np.minimum(half, MAX_HALF_SIDE_PX[rough]) / length
         normals = np.stack([-steps[..., 1], steps[..., 0]], -1) / length[..., None]
         curvatures = (bends * normals).sum(-1) / square

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from omnisight.targets.subpixel.corner_fit import MAX_HALF_SIDE_PX
 from omnisight.targets.subpixel.point_fits import (
     BLUR_RANGE_PX,
     MAX_ITERATIONS,
@@ -16,11 +17,10 @@ from omnisight.targets.subpixel.point_fits import (
 
 Array = NDArray[np.float64]
 
-# Distance, px, from the edge within which pixels are used: several times any blur.
-MAX_EDGE_DISTANCE_PX = 10.0
-# Pixels below which ten parameters are not estimated, and radius, px, below which a disc is a blurred point.
-MIN_PIXELS = 24
+# Radius, px, below which a disc is a blurred point.
 MIN_RADIUS_PX = 1.2
+# Four coefficients of the light and six other parameters, each of which needs two pixels.
+NUM_PARAMETERS = 10
 # Relative decrease of the cost that ends the fit.
 TOLERANCE = 1e-4
 # Error, px, of the model itself: a lens does not map a disc to an exact ellipse.
@@ -98,7 +98,7 @@ def _fit_ellipse(gray: NDArray[Any], start: Array, matrix: Array, clearance: flo
     if solution is None or np.hypot(*solution.theta[:2]) > 0.6 * axes[0] + 1:
         return failed
     jacobian, theta = solution.jacobian, solution.theta
-    noise = max(solution.cost / (len(values) - jacobian.shape[1]), ROUNDING_VARIANCE)
+    noise = max(solution.cost / (len(values) - NUM_PARAMETERS), ROUNDING_VARIANCE)
     normal = jacobian.T @ jacobian
     fits.pixels[row] = start + theta[:2]
     fits.covariance[row] = noise * np.linalg.inv(normal + 1e-9 * np.eye(len(normal)))[:2, :2]
@@ -154,8 +154,8 @@ def _window(gray: NDArray[Any], centre: Array, whitening: Array, clearance: floa
     u, v = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     offsets = np.stack([u.ravel(), v.ravel()], axis=1) - centre
     radius, distance, _, _ = _edge_distance(whitening, offsets)
-    near = (radius < clearance) & (np.abs(distance) < MAX_EDGE_DISTANCE_PX)
-    if near.sum() < MIN_PIXELS:
+    near = (radius < clearance) & (np.abs(distance) < MAX_HALF_SIDE_PX[0])
+    if near.sum() < 2 * NUM_PARAMETERS:
         return None
     values = gray[low[1] : high[1] + 1, low[0] : high[0] + 1].ravel()[near].astype(np.float64)
     return _Window(values, offsets[near])

@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 # Half the contrast, in gray levels, below which a pattern cannot be told from noise: a two-tone window of this
 # amplitude has a variance of its square.
-MIN_AMPLITUDE = 2.0
+MIN_AMPLITUDE = 3.0
 # Standard deviation of the blur, px: below, pixels hide it; above, no window holds both sides of an edge.
 BLUR_RANGE_PX = (0.3, 8.0)
 # Variance of a gray level rounded to an integer: no image has less noise.

@@ -3,18 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.targets.detection_limits import MAX_LEVEL_DIFFERENCE
 from omnisight.targets.detectors.checkerboard.lattice import Lattice
 from omnisight.targets.subpixel.corner_fit import BORDER_PX
 from omnisight.targets.subpixel.interpolation import bilinear
 
-# Squares past the last corners that are sampled: amid the outer squares, and on the margin past their outer edge.
-SQUARE_CENTRE, MARGIN = 0.5, 1.4
-# Part of the board's contrast by which gray levels of the same paper differ at most.
-MAX_PAPER_DIFFERENCE = 0.3
-# Part of the samples along a side that must agree.
-MIN_AGREEMENT = 0.6
+# Squares past the last corners where the margin is sampled: close to the outer edge of the outer squares.
+MARGIN = 1.4
 # Relative change of the squares' size per line up to which the next edge can be extrapolated.
 MAX_SHRINKAGE = 0.35
+# Part of the samples along a side that must agree.
+MIN_AGREEMENT = 0.6
 
 
 def grid_borders(
@@ -47,7 +46,7 @@ def _border(gray: NDArray[np.uint8], lines: Lattice, bright: NDArray[np.bool_], 
     middle = (lines[:, 1:] + lines[:, :-1]) / 2
     first, step = middle[0], middle[0] - middle[1]
     bend = step - (middle[1] - middle[2]) if len(middle) > 2 else np.zeros_like(step)
-    square, margin = (first + s * step + s * (s + 1) / 2 * bend for s in (SQUARE_CENTRE, MARGIN))
+    square, margin = (first + s * step + s * (s + 1) / 2 * bend for s in (0.5, MARGIN))
     known = np.isfinite(margin).all(-1)
     if not known.any():
         return "open"
@@ -56,7 +55,7 @@ def _border(gray: NDArray[np.uint8], lines: Lattice, bright: NDArray[np.bool_], 
     inner, outer = bilinear(gray, square), bilinear(gray, margin)
     paper = np.where(bright, inner, inner + contrast)
     black = (outer < paper - 0.85 * contrast) & ~(inner > paper - 0.3 * contrast) | (outer < 0.25 * paper)
-    is_margin = within & (np.abs(outer - paper) < MAX_PAPER_DIFFERENCE * contrast)
+    is_margin = within & (np.abs(outer - paper) < MAX_LEVEL_DIFFERENCE * contrast)
     # Where squares shrink fast, a further line of them may lie before the margin.
     shrinkage = np.median(np.linalg.norm(bend[known], axis=-1) / np.linalg.norm(step[known], axis=-1))
     if is_margin[known].mean() >= MIN_AGREEMENT and not shrinkage > MAX_SHRINKAGE:

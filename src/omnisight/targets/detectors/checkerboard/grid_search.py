@@ -19,9 +19,8 @@ Gray = NDArray[np.uint8]
 SCALES = ((1.0, False), (0.5, False), (0.25, False), (1.0, True))
 # Corners of a grid, in three rows and three columns at least.
 MIN_CORNERS = 9
-# Number of saddle points without any lattice that is noise, and of corners of a lattice that is no tiny board: then the
-# fine scale is skipped.
-MAX_NOISE_SADDLES, CLEAR_BOARD_CORNERS = 1500, 20
+# Number of saddle points without any lattice that is noise: then the fine scale is skipped, as after a clear board.
+MAX_NOISE_SADDLES = 1500
 # Largest lattices of a scale that are completed.
 MAX_CANDIDATES = 8
 # Blur, px, above which a corner is measured in a smaller image: the window must extend a few times as far.
@@ -82,7 +81,7 @@ def _candidate_lattices(gray: Gray) -> list[Lattice]:
     base = min(1.0, (MAX_SEARCH_PIXELS / max(gray.size, 1)) ** 0.5)
     for scale, fine in SCALES:
         size = (round(gray.shape[1] * base * scale), round(gray.shape[0] * base * scale))
-        clear = any(corner_count(lattice) >= CLEAR_BOARD_CORNERS for lattice in lattices)
+        clear = any(corner_count(lattice) >= 2 * MIN_CORNERS for lattice in lattices)
         if min(size) < 16 or (fine and (noisy or clear)):
             continue
         image = gray if size == gray.shape[::-1] else cv2.resize(gray, size, interpolation=cv2.INTER_AREA)

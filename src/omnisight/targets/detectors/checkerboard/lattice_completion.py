@@ -3,7 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST, SEARCH_RADIUS_STEPS
+from omnisight.targets.detection_limits import (
+    MAX_LEVEL_DIFFERENCE,
+    MIN_EXPLAINED,
+    MIN_RELATIVE_CONTRAST,
+    SEARCH_RADIUS_STEPS,
+)
 from omnisight.targets.detectors.checkerboard.lattice import (
     Lattice,
     corner_count,
@@ -22,10 +27,8 @@ from omnisight.targets.subpixel.point_fits import MAX_ITERATIONS
 SAMPLE_REACHES = (0.18, 0.28)
 # Corners below which a lattice has no neighbours to predict from.
 MIN_CORNERS_TO_GROW = 6
-# Corners of an outer line at least, and part of its visible corners that must be present.
-MIN_CORNERS_PER_LINE, MIN_LINE_SHARE = 2, 0.5
-# Brightness over the board's contrast below which a place is dark: outside of the image circle.
-MAX_DARK_LEVEL = 0.3
+# Part of the visible corners of an outer line that must be present.
+MIN_LINE_SHARE = 0.5
 
 
 def complete_lattice(gray: NDArray[np.uint8], lattice: Lattice) -> MeasuredLattice:
@@ -126,7 +129,7 @@ def _without_sparse_lines(gray: NDArray[np.uint8], measured: MeasuredLattice) ->
     while top < bottom and left < right:
         part = (slice(top, bottom), slice(left, right))
         shares = [
-            a.sum() / max(b.sum(), 1) if a.sum() >= MIN_CORNERS_PER_LINE else 0.0
+            a.sum() / max(b.sum(), 1) if a.sum() > 1 else 0.0
             for a, b in zip(_outer_lines(present[part]), _outer_lines(visible[part]), strict=True)
         ]
         sparsest = int(np.argmin(shares))
@@ -142,14 +145,14 @@ def _outer_lines(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
 
 
 def _is_hidden(gray: NDArray[np.uint8], measured: MeasuredLattice) -> NDArray[np.bool_]:
-    """Return which missing corners (rows, columns) are off the image or outside of the image circle."""
+    """Return which missing corners (rows, columns) are off the image, or in the dark outside of the image circle."""
     lattice = measured.pixels
     place = lattice
     for _ in range(3):  # a line with few corners left is extrapolated from one predicted corner to the next
         place = np.where(np.isfinite(place), place, predictions(place))
     column, row = steps(place)
     around = np.stack([place + s * column + t * row for s in (-0.3, 0.3) for t in (-0.3, 0.3)])
-    dark = bilinear(gray, around).max(axis=0) < MAX_DARK_LEVEL * 2 * np.nanmedian(np.abs(measured.amplitude))
+    dark = bilinear(gray, around).max(axis=0) < MAX_LEVEL_DIFFERENCE * 2 * np.nanmedian(np.abs(measured.amplitude))
     size = np.array(gray.shape[::-1])
     outside = ((place < BORDER_PX) | (place > size - 1 - BORDER_PX)).any(axis=-1)
     return np.isnan(lattice[..., 0]) & (outside | dark)

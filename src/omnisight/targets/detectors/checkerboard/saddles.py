@@ -6,10 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-# Smoothing, px, before derivatives; second, for squares of a few pixels. The other lengths follow from it.
+from omnisight.targets.subpixel.point_fits import MIN_AMPLITUDE
+
+# Smoothing, px, before derivatives; second, for squares of a few pixels.
 SIGMA_PX = (1.2, 0.7)
-# Radius, in sigmas, of the ring that is sampled around a saddle point, and its number of samples.
-RING_RADIUS_SIGMAS = 3.0
+# Radius, px, of the ring that is sampled around a saddle point, about three sigmas, and its number of samples.
+RING_RADIUS_PX = (3.5, 2.3)
 RING_SAMPLES = 32
 # Saddle strength, minus the Hessian's determinant in gray levels squared per px^4, of the faintest corner of
 # interest, and its ratio to the median strength in its tile, which is that of noise and texture.
@@ -18,8 +20,6 @@ MIN_STRENGTH_RATIO = 6.0
 # The image is divided into so many tiles across and down, each with its own noise; of each the strongest points count.
 TILES = 6
 MAX_POINTS_PER_TILE = 250
-# Root mean square, in gray levels, of the ring below which a saddle point is noise.
-MIN_RING_AMPLITUDE = 3.0
 # Correlation of the ring with itself after half a turn: 1 at a corner, 0 in noise.
 MIN_SYMMETRY = 0.5
 
@@ -58,7 +58,7 @@ def find_saddles(gray: NDArray[Any], *, fine: bool = False) -> Saddles:
     from omnisight.targets.detectors.checkerboard import _saddle_kernel
 
     sigma = SIGMA_PX[fine]
-    radius = (3.5, 2.3)[fine]
+    radius = RING_RADIUS_PX[fine]
     smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), sigma)
     strengths = _saddle_kernel.saddle_strength(smooth)
     down, across = (np.linspace(0, length, TILES + 1).astype(np.intp) for length in gray.shape)
@@ -94,7 +94,7 @@ def _with_two_edges(smooth: NDArray[Any], pixels: NDArray[np.float64], radius: f
     following = np.concatenate([even[:, 1:], even[:, :1]], axis=1)
     changes = (even > 0) != (following > 0)
     amplitude = norm / np.sqrt(RING_SAMPLES)
-    good = (changes.sum(axis=1) == 2) & (symmetry > MIN_SYMMETRY) & (amplitude > MIN_RING_AMPLITUDE)
+    good = (changes.sum(axis=1) == 2) & (symmetry > MIN_SYMMETRY) & (amplitude > MIN_AMPLITUDE)
     ring, even, following, changes = ring[good], even[good], following[good], changes[good]
     row, k = np.nonzero(changes)
     zero = k + even[row, k] / (even[row, k] - following[row, k])

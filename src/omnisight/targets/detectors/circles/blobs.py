@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS
+from omnisight.targets.subpixel.ellipse_fit import MIN_RADIUS_PX
 from omnisight.targets.subpixel.point_fits import MIN_AMPLITUDE
 
 Array = NDArray[np.float64]
@@ -14,9 +15,7 @@ Array = NDArray[np.float64]
 # Sides of the windows whose mean is the threshold, over the image's shorter side: for discs of all sizes.
 WINDOW_SIDES = (1 / 30, 1 / 10, 1 / 3)
 # Gray levels by which a blob is darker than the mean around it.
-MIN_DARKNESS = 3 * MIN_AMPLITUDE
-# Length of an outline, px, and area, px^2, below which it is noise.
-MIN_OUTLINE_PX, MIN_AREA_PX = 10, 4.0
+MIN_DARKNESS = 2 * MIN_AMPLITUDE
 # Area of an outline over that of its convex hull; the pixels of a small disc make it slightly jagged.
 MIN_CONVEXITY = 0.85
 # Longest outlines that are examined: a noisy image has a hundred thousand.
@@ -56,7 +55,7 @@ def find_blobs(gray: NDArray[np.uint8]) -> Blobs:
         side = int(min(small.shape) * share) // 2 * 2 + 3
         dark = cv2.adaptiveThreshold(small, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, side, MIN_DARKNESS)
         outlines = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
-        outlines = [o for o in outlines if MIN_OUTLINE_PX <= len(o) <= 2 * max(small.shape)]
+        outlines = [o for o in outlines if 2 * np.pi * MIN_RADIUS_PX <= len(o) <= 2 * max(small.shape)]
         if len(outlines) > MAX_OUTLINES:
             outlines = sorted(outlines, key=len, reverse=True)[:MAX_OUTLINES]
         ellipses += [ellipse for o in outlines if (ellipse := _ellipse(o)) is not None]
@@ -73,7 +72,7 @@ def _ellipse(outline: NDArray[Any]) -> tuple[float, Array, Array] | None:
     import cv2
 
     hull = cv2.contourArea(cv2.convexHull(outline))
-    if hull < MIN_AREA_PX or cv2.contourArea(outline) < MIN_CONVEXITY * hull:
+    if hull < np.pi * MIN_RADIUS_PX**2 or cv2.contourArea(outline) < MIN_CONVEXITY * hull:
         return None
     m = cv2.moments(outline)
     centre = np.array([m["m10"], m["m01"]]) / m["m00"]

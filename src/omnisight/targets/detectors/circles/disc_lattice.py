@@ -15,12 +15,11 @@ from scipy.spatial import KDTree
 
 from omnisight.targets.detection_limits import SEARCH_RADIUS_STEPS
 from omnisight.targets.detectors.circles.blobs import Blobs
+from omnisight.targets.subpixel.local_map import NUM_ANCHORS
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
 
-# Nearest blobs among which the four neighbours of a disc are sought: some are no discs.
-NUM_NEAREST = 20
 # Distance between the centres of neighbouring discs, in radii: they do not touch, nor are they points.
 MIN_STEP_RADII, MAX_STEP_RADII = 1.35, 8.0
 # Ratio of the areas of two neighbours.
@@ -72,7 +71,7 @@ class _Grower:
     def seeds(self) -> list[tuple[int, Array]]:
         """Return the blobs with four neighbours a quarter turn apart, and their first steps in radii."""
         count = len(self.centres)
-        near = np.asarray(self.tree.query(self.centres, k=min(NUM_NEAREST + 1, count))[1])[:, 1:]
+        near = np.asarray(self.tree.query(self.centres, k=min(NUM_ANCHORS + 1, count))[1])[:, 1:]
         white = np.einsum("nab,nkb->nka", self.whitening, self.centres[near] - self.centres[:, None])
         distance = np.linalg.norm(white, axis=2)
         ratio = self.area[near] / self.area[:, None]

@@ -29,21 +29,22 @@ MIN_WINDOW_STEP_PX = 5.0
 MAX_SIGMA_PX = 0.4
 # Distance, px, to the image's edge: blur and sharpening distort markers' small squares there.
 MIN_EDGE_DISTANCE_PX = 4.0
-# Distance of a point from its prediction, over that to the next point, which has the opposite colours: nearer to it, it
-# is not confused with that.
-MAX_OFFSET_STEPS = 0.5
-# The same from the prediction of all its neighbours; or a multiple of the median, where the print is uneven.
+# Distance of a point from the prediction of its neighbours, over that to the next point; or a multiple of the median,
+# where the print is uneven.
 MAX_DEVIATION_STEPS, MAX_DEVIATION_MEDIANS = 0.18, 5.0
 # Weight of a marker's corner, good to a pixel, relative to a measured point.
 MARKER_WEIGHT = 0.02
 # Attempts at a point, each with better neighbours, and passes that drop outliers: further ones thin out the rim.
-MAX_ATTEMPTS, MAX_OUTLIER_PASSES = 4, 3
+MAX_ATTEMPTS = 3
 # Starts around a prediction, in `SEARCH_RADIUS_STEPS`.
 START_OFFSETS = np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)], np.float64)
 
 
 class _Predictions(NamedTuple):
-    """What a fit must agree with: pixels (N, 2), the distance (N,) to them, px, and the colours (N,)."""
+    """What a fit must agree with: pixels (N, 2), the distance (N,) to them, px, and the colours (N,).
+
+    The distance is half of that to the next point, which has the opposite colours.
+    """
 
     pixels: Array
     max_distance: Array
@@ -96,7 +97,7 @@ def _search(
 ) -> PointFits:
     """Fit points where they are predicted; those that were missed before, around there as well."""
     layout = board.layout
-    max_distance = MAX_OFFSET_STEPS * layout.min_step * predicted.min_scale
+    max_distance = 0.5 * layout.min_step * predicted.min_scale
     expected = _Predictions(predicted.pixels, max_distance, board.bright_ahead[ids])
     window = predicted.window(board.window_step)
     result = PointFits.empty(len(ids))
@@ -125,7 +126,7 @@ def _is_point(gray: Gray, fits: PointFits, expected: _Predictions, amplitudes: A
 def _without_outliers(pixels: Array, layout: MarkerLayout) -> Array:
     """Return the pixels (N, 2) with NaN for those that their neighbours contradict."""
     pixels = pixels.copy()
-    for _ in range(MAX_OUTLIER_PASSES):
+    for _ in range(MAX_ATTEMPTS):
         known = np.flatnonzero(np.isfinite(pixels[:, 0]))
         if len(known) < MIN_POINTS:
             break
@@ -155,7 +156,7 @@ def _remeasure(gray: Gray, pixels: Array, board: MarkerBoard) -> Detection | Non
     points = layout.points[known]
     near = local_map(points, pixels[known], np.ones(len(known)), points, layout.pitch)
     fits = measure(gray, board, pixels[known], *near.window(board.window_step))
-    max_distance = MAX_OFFSET_STEPS * layout.min_step * near.min_scale
+    max_distance = 0.5 * layout.min_step * near.min_scale
     expected = _Predictions(pixels[known], max_distance, board.bright_ahead[known])
     good = _is_point(gray, fits, expected, np.zeros(0))
     if good.sum() < MIN_POINTS:
