@@ -1,12 +1,16 @@
-"""Arrays as people have them: what can be meant is taken, what cannot is refused with what came and what is needed."""
+"""Arrays of any usual shape and type are accepted; others are rejected with the given and the required shape."""
 
 import numpy as np
 import pytest
 
 from lenses import SIZE, lens, observe_boards
 from omnisight.camera import Camera
-from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets.observations import Observations
+
+
+def observations_of(views, names=None, size=SIZE):
+    """Return the observations of (points, pixels[, covariance]) per view."""
+    return Observations.from_arrays(*zip(*views, strict=True), size=size, names=names)
 
 
 @pytest.fixture(scope="module")
@@ -25,70 +29,74 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_nan_inf_int_float32_wrong_shape_arrays_any_usual_shape_is_taken(views, shape):
-    expected = Observations.of(views)
-    found = Observations.of([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
+def test_any_usual_array_shape_is_accepted(views, shape):
+    expected = observations_of(views)
+    found = observations_of([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
     assert np.array_equal(found.points, expected.points)
     assert np.array_equal(found.pixels, expected.pixels)
     assert found.groups == expected.groups
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16, np.int16, np.int64, np.uint16, object])
-def test_nan_inf_int_float32_wrong_shape_arrays_any_real_type_is_taken(views, dtype):
+def test_any_real_array_type_is_accepted(views, dtype):
     x, p = (a.round().astype(dtype) for a in views[0])
-    found = Observations.of([(x, p)])
+    found = observations_of([(x, p)])
     assert found.points.dtype == found.pixels.dtype == np.float64
     assert np.array_equal(found.pixels, p.astype(float))
 
 
-def test_nan_inf_int_float32_wrong_shape_arrays_points_on_a_plane_need_no_z(views):
-    flat = Observations.of([(x[:, :2], p) for x, p in views])
-    assert np.array_equal(flat.points, Observations.of(views).points)
-    assert np.array_equal(Observations.of([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
+def test_planar_points_need_no_z(views):
+    flat = observations_of([(x[:, :2], p) for x, p in views])
+    assert np.array_equal(flat.points, observations_of(views).points)
+    assert np.array_equal(observations_of([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
 
 
-def test_nan_inf_int_float32_wrong_shape_arrays_as_opencv_has_them_give_the_same_camera(views):
-    plain = calibrate_camera(Observations.of(views), SIZE, model="equisolid", flat=True)
-    opencv = [(x[:, None].astype(np.float32), p[:, None]) for x, p in views]
-    found = calibrate_camera(Observations.of(opencv), SIZE, model="equisolid", flat=True)
-    assert np.array_equal(found.camera.model.params, plain.camera.model.params)
+def test_opencv_arrays_give_the_same_observations(views):
+    # Equal observations calibrate to equal cameras.
+    plain = observations_of([(x.astype(np.float32), p) for x, p in views])
+    opencv = observations_of([(x[:, None].astype(np.float32), p[:, None]) for x, p in views])
+    assert np.array_equal(opencv.points, plain.points)
+    assert np.array_equal(opencv.pixels, plain.pixels)
+    assert opencv.groups == plain.groups
 
 
 @pytest.mark.parametrize(
     ("points", "pixels"),
     [((54, 4), (54, 2)), ((54, 3), (53, 2)), ((54, 3), (2, 54)), ((3,), (2,)), ((54, 2, 3), (54, 2)), ((0,), (0,))],
 )
-def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_shape_that_came_and_the_one_needed(points, pixels):
-    with pytest.raises(ValueError, match=r"a\.png: needs points \(n, 3\) or \(n, 2\) and pixels \(n, 2\), got") as said:
-        Observations.of([(np.zeros(points), np.zeros(pixels))], ["a.png"])
-    assert f"got {points} and {pixels}" in str(said.value)
+def test_a_wrong_shape_is_rejected_with_both_shapes(points, pixels):
+    with pytest.raises(
+        ValueError, match=r"a\.png: needs points \(n, 3\) or \(n, 2\) and pixels \(n, 2\), got"
+    ) as error:
+        observations_of([(np.zeros(points), np.zeros(pixels))], ["a.png"])
+    assert f"got {points} and {pixels}" in str(error.value)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, None])
 @pytest.mark.parametrize("which", [0, 1])
-def test_nan_inf_int_float32_wrong_shape_arrays_tell_the_corner_that_is_no_number(views, bad, which):
-    spoiled = [[x.astype(object), p.astype(object)] for x, p in views]
-    spoiled[1][which][5, 0] = bad
-    with pytest.raises(ValueError, match=r"left\.png: a corner is not a finite number: row 5, point \[") as said:
-        Observations.of(spoiled, ["right.png", "left.png", "top.png", "bottom.png"])
-    assert str(float("nan" if bad is None else bad)) in str(said.value)
-    assert "leave out corners that were not seen" in str(said.value)
+def test_a_corner_that_is_not_finite_is_rejected_by_index(views, bad, which):
+    damaged = [[x.astype(object), p.astype(object)] for x, p in views]
+    damaged[1][which][5, 0] = bad
+    with pytest.raises(ValueError, match=r"left\.png: row 5 is not finite: point \[") as error:
+        observations_of(damaged, ["right.png", "left.png", "top.png", "bottom.png"])
+    assert str(float("nan" if bad is None else bad)) in str(error.value)
+    assert "leave out corners that were not observed" in str(error.value)
 
 
 @pytest.mark.parametrize("wrong", [[[1.0, 2.0], [2.0, 1.0]], [[-1.0, 0.0], [0.0, -1.0]], [[1.0, 0.5], [-0.5, 1.0]]])
-def test_nan_inf_int_float32_wrong_shape_arrays_of_no_covariance_are_refused_by_row(views, wrong):
+def test_an_invalid_covariance_is_rejected_by_row(views, wrong):
     points, pixels = views[0]
     certain = np.zeros((len(points), 2, 2))
-    assert Observations.of([(points, pixels, certain)], ["a.png"]).covariance.shape == certain.shape
+    assert observations_of([(points, pixels, certain)], ["a.png"]).covariance.shape == certain.shape
     certain[7] = wrong
-    with pytest.raises(ValueError, match=r"a\.png: row 7: .* is no covariance"):
-        Observations.of([(points, pixels, certain)], ["a.png"])
+    with pytest.raises(ValueError, match=r"a\.png: row 7: .* is not symmetric and positive semi-definite"):
+        observations_of([(points, pixels, certain)], ["a.png"])
 
 
 @pytest.mark.parametrize("values", [[[1, 2], [3]], [["a", "b"]], "text", [[1 + 2j, 0]]])
-def test_nan_inf_int_float32_wrong_shape_arrays_of_no_numbers_are_refused_by_name(values):
+def test_arrays_of_other_types_are_rejected_by_name(values):
     with pytest.raises(ValueError, match=r"a\.png: needs arrays of numbers"):
-        Observations.of([(np.zeros((2, 3)), values)], ["a.png"])
+        observations_of([(np.zeros((2, 3)), values)], ["a.png"])
 
 
 def test_points_outside_the_valid_cone_are_nan_masked_and_counted():

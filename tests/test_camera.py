@@ -21,19 +21,19 @@ every_model = pytest.mark.parametrize("camera", [pytest.param(example(n), id=n) 
 
 
 @pytest.mark.parametrize("size", [(640,), (640, 480, 3), (-1, 480), (640, -480)])
-def test_a_size_that_is_none_is_refused(size):
+def test_an_invalid_size_is_rejected(size):
     with pytest.raises(ValueError, match=re.escape(f"size must be (width, height), got {size}")):
         Camera(LENS.model, size)
 
 
-def test_a_camera_may_not_know_its_size():
+def test_the_size_may_be_unknown():
     camera = Camera(LENS.model, (0, 0))
     assert (camera.width, camera.height) == (0, 0)
     assert not camera.in_image([0.0, 0.0])
 
 
 @every_model
-def test_a_camera_projects_as_its_model(camera):
+def test_a_camera_projects_like_its_model(camera):
     points = direction(np.array([0.1, 0.4]), 1.0)
     for ours, theirs in zip(camera.project(points), camera.model.project(points), strict=True):
         np.testing.assert_array_equal(ours, theirs)
@@ -42,7 +42,7 @@ def test_a_camera_projects_as_its_model(camera):
     np.testing.assert_allclose(camera.angle_of(pixels), [0.1, 0.4], atol=1e-12)
 
 
-def test_the_picture_reaches_half_a_pixel_around_its_pixel_centres():
+def test_the_image_extends_half_a_pixel_beyond_the_outer_pixel_centres():
     inside = [(-0.5, -0.5), (0, 0), (639, 479), (639.49, 479.49), (300.2, 200.7)]
     outside = [(-0.51, 0), (639.5, 0), (0, 479.5), (0, -0.51), (640, 480), (np.nan, 3), (np.inf, 3)]
     assert LENS.in_image(inside).all()
@@ -50,12 +50,12 @@ def test_the_picture_reaches_half_a_pixel_around_its_pixel_centres():
     assert LENS.in_image(np.zeros((2, 3, 2))).shape == (2, 3)
 
 
-def test_the_angle_of_what_is_no_pixel_is_nan():
+def test_the_angle_of_an_invalid_pixel_is_nan():
     angles = LENS.angle_of([[LENS.model.cx + 281.0, LENS.model.cy], [1e4, 0], [np.nan, 0]])
     np.testing.assert_allclose(angles, [1.0, np.nan, np.nan])
 
 
-def test_the_border_goes_around_the_outermost_pixels():
+def test_the_border_follows_the_outermost_pixels():
     border = LENS.border(10)
     assert border.shape == (40, 2)
     assert LENS.in_image(border).all()
@@ -67,7 +67,7 @@ def test_the_border_goes_around_the_outermost_pixels():
     assert LENS.image_theta_max() == pytest.approx(corner)
 
 
-def test_a_picture_wider_than_the_lens_shows_all_of_the_lens():
+def test_image_theta_max_of_an_image_larger_than_the_lens_is_that_of_the_model():
     camera = Camera(Equidistant(fx=50.0, fy=50.0, cx=2000.0, cy=2000.0), (4001, 4001))
     assert camera.image_theta_max() == camera.model.theta_max
 
@@ -77,7 +77,7 @@ def test_a_picture_wider_than_the_lens_shows_all_of_the_lens():
 
 @every_model
 @pytest.mark.parametrize("factor", [0.5, 2.0, 0.37])
-def test_pixel_centres_scale_about_the_corner_of_the_picture(camera, factor):
+def test_pixel_centres_scale_about_the_corner_of_the_image(camera, factor):
     scaled = camera.scaled(factor)
     assert scaled.size == (round(1024 * factor), round(768 * factor))
     points = direction(np.linspace(0, 0.8, 9), np.linspace(-3, 3, 9))
@@ -86,13 +86,13 @@ def test_pixel_centres_scale_about_the_corner_of_the_picture(camera, factor):
 
 
 @every_model
-def test_scaling_there_and_back_is_the_same_camera(camera):
+def test_scaling_and_back_returns_the_camera(camera):
     again = camera.scaled(0.25).scaled(4.0)
     assert again.size == camera.size
     np.testing.assert_allclose(again.model.params, camera.model.params, rtol=1e-12)
 
 
-def test_scaling_is_what_resizing_a_picture_does():
+def test_scaling_agrees_with_resizing_an_image():
     # A bright spot drawn where a point is seen is, in the image at half the size, where the scaled camera sees it.
     camera = Camera(Pinhole(fx=300.0, fy=300.0, cx=160.0, cy=119.5), (320, 240))
     point = np.array([0.21, -0.13, 1.0])
@@ -105,7 +105,7 @@ def test_scaling_is_what_resizing_a_picture_does():
     np.testing.assert_allclose(centroid, camera.scaled(0.5).project(point)[0], atol=1e-3)
 
 
-def test_scaling_drops_what_held_for_the_old_parameters_alone():
+def test_scaling_drops_the_covariance_and_keeps_the_rest():
     camera = Camera(LENS.model, LENS.size, theta_max=1.1, covariance=np.eye(4), provenance={"file": "a.json"})
     scaled = camera.scaled(0.5)
     assert scaled.covariance is None
@@ -117,7 +117,7 @@ def test_scaling_drops_what_held_for_the_old_parameters_alone():
 
 
 @every_model
-def test_samples_are_pairs_of_the_camera_within_its_picture(camera):
+def test_samples_are_bearings_and_pixels_in_the_image(camera):
     bearings, pixels = camera.samples()
     assert len(bearings) == len(pixels) > 50
     assert camera.in_image(pixels).all()
@@ -125,7 +125,7 @@ def test_samples_are_pairs_of_the_camera_within_its_picture(camera):
     np.testing.assert_allclose(camera.project(bearings)[0], pixels, atol=1e-6)
 
 
-def test_samples_keep_to_the_angle_that_is_asked_for_or_calibrated():
+def test_samples_are_limited_to_the_given_or_calibrated_angle():
     whole = LENS.angle_of(LENS.samples()[1]).max()
     assert whole == pytest.approx(LENS.image_theta_max())
     calibrated = Camera(LENS.model, LENS.size, theta_max=0.9)

@@ -31,26 +31,26 @@ def test_hat_is_the_cross_product():
 
 
 @pytest.mark.parametrize("angle", [*ANGLES, np.pi, 4.0, 100.0])
-def test_exp_is_scipys(angle):
+def test_exp_agrees_with_scipy(angle):
     expected = Rotation.from_rotvec(angle * AXES).as_matrix()
     np.testing.assert_allclose(so3.exp(angle * AXES), expected, atol=1e-14 * (1 + angle))
 
 
 @pytest.mark.parametrize("angle", ANGLES)
-def test_log_undoes_exp(angle):
+def test_log_inverts_exp(angle):
     # A rotation matrix holds an angle near pi to about the root of its last digit.
     found = so3.log(so3.exp(angle * AXES))
     np.testing.assert_allclose(found, angle * AXES, rtol=1e-12, atol=1e-14 if angle < 3 else 1e-7)
     np.testing.assert_allclose(so3.exp(found), so3.exp(angle * AXES), atol=2e-14 if angle < 3 else 1e-7)
 
 
-def test_log_of_half_a_turn_is_either_axis():
+def test_log_of_a_half_turn_is_either_axis():
     found = so3.log(so3.exp(np.pi * AXES))
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), np.pi, atol=1e-7)
     np.testing.assert_allclose(np.abs((found * AXES).sum(1)), np.pi, atol=1e-7)
 
 
-def test_log_is_scipys_and_takes_any_leading_shape():
+def test_log_agrees_with_scipy_for_any_leading_shape():
     rotations = Rotation.random(24, random_state=1)
     found = so3.log(rotations.as_matrix().reshape(2, 3, 4, 3, 3))
     np.testing.assert_allclose(found.reshape(-1, 3), rotations.as_rotvec(), atol=1e-13)
@@ -59,7 +59,7 @@ def test_log_is_scipys_and_takes_any_leading_shape():
     assert so3.exp(np.zeros((0, 3))).shape == (0, 3, 3)
 
 
-def test_nearest_is_a_rotation_and_the_nearest():
+def test_nearest_returns_the_nearest_rotation():
     true = Rotation.random(20, random_state=2).as_matrix()
     noisy = true + 0.01 * RNG.normal(size=true.shape)
     found = so3.nearest(noisy)
@@ -75,7 +75,7 @@ def test_nearest_is_a_rotation_and_the_nearest():
 # -- poses ------------------------------------------------------------------------------------------------------
 
 
-def test_poses_compose_as_their_names_cancel():
+def test_poses_compose():
     c_from_b, b_from_a = pose(1), pose(2)
     x_a = RNG.normal(size=(4, 5, 3))
     np.testing.assert_allclose((c_from_b @ b_from_a) @ x_a, c_from_b @ (b_from_a @ x_a), atol=1e-14)
@@ -93,7 +93,7 @@ def test_poses_are_a_group():
     assert_same((a @ b).inverse(), b.inverse() @ a.inverse())
 
 
-def test_a_pose_moves_by_a_small_step():
+def test_a_pose_moves_by_a_step():
     b_from_a, step = pose(4), np.array([0.1, -0.2, 0.05, 1.0, 2.0, -3.0])
     moved, x = b_from_a.moved(step), RNG.normal(size=3)
     expected = so3.exp(step[:3]) @ b_from_a.rotation @ x + b_from_a.translation + step[3:]
@@ -125,27 +125,27 @@ FORWARD, RIGHT, LEFT, UP, DOWN, BACK = [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, -1,
         ((0, 0, 77), FORWARD),
     ],
 )
-def test_the_view_has_in_its_centre_what_it_looks_at(angles, centre):
+def test_the_view_centre_is_the_viewing_direction(angles, centre):
     np.testing.assert_allclose(seen(centre, *angles), FORWARD, atol=1e-15)
 
 
-def test_a_little_yaw_moves_the_picture_left_and_a_little_pitch_down():
+def test_positive_yaw_moves_the_image_left_and_positive_pitch_down():
     assert seen(FORWARD, 5)[0] < 0
     assert seen(FORWARD, 0, 5)[1] > 0
 
 
-def test_a_view_that_rolls_clockwise_sees_the_world_roll_the_other_way():
+def test_clockwise_roll_turns_the_image_counterclockwise():
     # What was above is to the left of a head that leans to the right.
     np.testing.assert_allclose(seen(UP, 0, 0, 90), LEFT, atol=1e-15)
     np.testing.assert_allclose(seen(RIGHT, 0, 0, 90), UP, atol=1e-15)
 
 
-def test_yaw_turns_about_the_worlds_vertical_however_the_view_is_pitched():
+def test_yaw_turns_about_the_vertical_of_the_world_at_any_pitch():
     for yaw in (0, 40, 200):
         assert seen(UP, yaw, 30) @ seen(UP, 0, 30) == pytest.approx(1)
 
 
-def test_up_at_the_back_makes_a_camera_that_looks_down_look_ahead():
+def test_up_back_levels_a_camera_that_looks_down():
     # The image's middle is the nadir, the image's top is ahead.
     np.testing.assert_allclose(seen(FORWARD, up="back"), DOWN, atol=1e-15)
     np.testing.assert_allclose(seen(UP, up="back"), FORWARD, atol=1e-15)
@@ -153,7 +153,7 @@ def test_up_at_the_back_makes_a_camera_that_looks_down_look_ahead():
     np.testing.assert_allclose(seen(FORWARD, 123, -90, up="back"), FORWARD, atol=1e-15)
 
 
-def test_up_in_front_makes_a_camera_that_looks_up_look_ahead():
+def test_up_front_levels_a_camera_that_looks_up():
     # The image's middle is the zenith; seen from below, left and right change places.
     np.testing.assert_allclose(seen(FORWARD, up="front"), UP, atol=1e-15)
     np.testing.assert_allclose(seen(UP, up="front"), FORWARD, atol=1e-15)
@@ -161,18 +161,18 @@ def test_up_in_front_makes_a_camera_that_looks_up_look_ahead():
 
 
 @pytest.mark.parametrize("up", ["top", "back", "front"])
-def test_only_a_flip_changes_handedness(up):
+def test_only_flip_changes_handedness(up):
     assert np.linalg.det(look(20, 30, 40, up=up)) == pytest.approx(1)
     flipped = look(20, 30, 40, up=up, flip=True)
     assert np.linalg.det(flipped) == pytest.approx(-1)
     np.testing.assert_allclose(flipped @ flipped.T, np.eye(3), atol=1e-15)
 
 
-def test_a_flip_exchanges_left_and_right():
+def test_flip_exchanges_left_and_right():
     np.testing.assert_allclose(seen(RIGHT, flip=True), LEFT, atol=1e-15)
     np.testing.assert_allclose(seen(UP, flip=True), UP, atol=1e-15)
 
 
-def test_an_unknown_up_is_refused_with_the_names():
+def test_an_unknown_up_is_rejected_with_the_names():
     with pytest.raises(ValueError, match="top, back, front, got 'left'"):
         look(up="left")

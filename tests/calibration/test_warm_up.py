@@ -8,7 +8,8 @@ from lenses import SIZE, lens, observe_boards
 from omnisight.calibration import _bundle_kernel, _resection_kernel
 from omnisight.calibration.warm_up import start_warm_up
 from omnisight.compiled import FolderCache
-from omnisight.pipeline.central import calibrate_camera
+from omnisight.calibration.bundle_adjustment import refine
+from omnisight.calibration.resection import resect
 from omnisight.targets.observations import Observations
 import numpy as np
 
@@ -19,7 +20,8 @@ assert thread.daemon
 thread.join()
 before = [list(loop.signatures) for loop in loops]
 points, pixels = zip(*observe_boards(lens(180), 180, np.random.default_rng(0)))
-calibrate_camera(Observations.from_arrays(points, pixels, size=SIZE), SIZE)
+observations = Observations.from_arrays(points, pixels, size=SIZE)
+refine(resect(lens(180), observations), observations)
 assert len(loops) == 5 and all(before), before
 assert [list(loop.signatures) for loop in loops] == before
 """

@@ -188,12 +188,12 @@ def exact(model, bearing):
     return affine(p, x, y)
 
 
-def test_every_model_has_its_equation_here():
+def test_every_model_has_an_independent_equation():
     assert tuple(sorted(PLANE)) == model_names()
 
 
 @pytest.mark.parametrize("model", CAMERAS)
-def test_pixels_are_those_of_the_equations(model):
+def test_pixels_agree_with_the_equations(model):
     which = [1, 9, 17]
     limit, phi = rim(model)[which], AZIMUTHS[which]
     theta = np.array([1e-6, 1e-3, 0.3, 0.8, 1.2, 1.5, 1.65, 2.0, 2.4, 2.8, 3.1])[:, None]
@@ -254,7 +254,7 @@ def assert_bearings(model, pixels, bearings):
 
 
 @pytest.mark.parametrize(("a", "c"), [(28.0, 38.5), (1.0, 1.2), (0.5, 2.0)])
-def test_a_hyperbolic_mirror_traced(a, c):
+def test_hyperbolic_mirror_agrees_with_ray_tracing(a, c):
     # One focus is the origin, the pinhole is in the other, (0, 0, 2c); the mirror is the sheet around the origin.
     model, b2 = Unified.from_hyperbola(a, c, focal=700.0, centre=(511.5, 383.5)), c * c - a * a
     bearings = BEARINGS[BEARINGS[:, 2] > -0.9 * a / c]
@@ -266,7 +266,7 @@ def test_a_hyperbolic_mirror_traced(a, c):
 
 
 @pytest.mark.parametrize(("a", "c"), [(30.0, 12.0), (1.0, 0.9)])
-def test_an_elliptical_mirror_traced(a, c):
+def test_elliptical_mirror_agrees_with_ray_tracing(a, c):
     # A concave mirror: light crosses the focus at the origin before it is reflected to the pinhole at (0, 0, 2c). The
     # image is upside down, u counts against x and v against y.
     model, b2 = Unified.from_ellipse(a, c, focal=700.0, centre=(511.5, 383.5)), a * a - c * c
@@ -279,7 +279,7 @@ def test_an_elliptical_mirror_traced(a, c):
 
 
 @pytest.mark.parametrize("p", [1.0, 23.0])
-def test_a_parabolic_mirror_traced(p):
+def test_parabolic_mirror_agrees_with_ray_tracing(p):
     # z = p - (x^2 + y^2)/(4 p) with its focus in the origin, under an orthographic camera far up the axis.
     model = Unified.from_parabola(4 * p, scale=8.5, centre=(511.5, 383.5))
     spots = []
@@ -290,7 +290,7 @@ def test_a_parabolic_mirror_traced(p):
     assert_bearings(model, 8.5 * np.array(spots) + (511.5, 383.5), BEARINGS)
 
 
-def test_the_chapters_table_with_the_latus_rectum_put_right():
+def test_table_of_the_chapter_with_the_corrected_latus_rectum():
     a, c = 28.0, 38.5
     xi = Unified.from_hyperbola(a, c, focal=1.0, centre=(0, 0)).xi
     foci, latus_rectum = 2 * c, 2 * (c * c - a * a) / a
@@ -310,6 +310,6 @@ def test_the_chapters_table_with_the_latus_rectum_put_right():
         (Unified.from_parabola, (0.0, 1.0), "latus_rectum must be positive"),
     ],
 )
-def test_a_mirror_that_is_none_is_refused(make, arguments, said):
+def test_an_invalid_mirror_is_rejected(make, arguments, said):
     with pytest.raises(ValueError, match=said):
         make(*arguments, centre=(0.0, 0.0))

@@ -16,7 +16,7 @@ CASES = [
 ]
 
 
-def test_every_source_is_there():
+def test_every_source_is_present():
     assert [file.stem for file in FILES] == ["colmap", "ocamcalib", "opencv", "scipy"]
     for file in FILES:
         frozen = json.loads(file.read_text())
@@ -25,7 +25,7 @@ def test_every_source_is_there():
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_pixels_are_those_of_the_other_implementation(case):
+def test_pixels_agree_with_the_other_implementation(case):
     model = model_class(case["model"]).from_dict(case["params"])
     points, expected = np.array(case["points"]), np.array(case["pixels"])
     pixels, valid = model.project(points)
@@ -34,7 +34,7 @@ def test_pixels_are_those_of_the_other_implementation(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_their_pixels_give_the_directions_back(case):
+def test_pixels_of_the_other_implementation_unproject_to_its_directions(case):
     model = model_class(case["model"]).from_dict(case["params"])
     points, pixels = np.array(case["points"]), np.array(case["pixels"])
     directions = points / np.linalg.norm(points, axis=1, keepdims=True)

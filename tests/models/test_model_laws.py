@@ -38,7 +38,7 @@ def test_round_trip_over_the_whole_valid_sphere(model):
 
 
 @every_camera
-def test_pixels_come_back_where_a_bearing_exists(model):
+def test_valid_pixels_are_projected_again(model):
     centre = model.project([0, 0, 1])[0]
     extent = np.nanmax(np.abs(model.project(inside(model))[0] - centre))
     u, v = np.meshgrid(*2 * [np.linspace(-1.5, 1.5, 41) * extent])
@@ -63,7 +63,7 @@ def test_valid_is_one_domain_around_the_axis(model):
 
 
 @every_camera
-def test_two_bearings_have_two_pixels(model):
+def test_distinct_bearings_have_distinct_pixels(model):
     # Along each azimuth the image never turns back: the pixels' path keeps going outward.
     share = np.linspace(0.001, 0.999, 300)[:, None]
     *_, d_point, _ = model.project_with_jacobians(direction(share * rim(model), AZIMUTHS))
@@ -88,7 +88,7 @@ def test_scale_of_a_point_does_not_matter(model):
 
 @every_model
 @pytest.mark.parametrize("lead", [(), (5,), (2, 3, 4), (0,), (3, 0, 2)])
-def test_any_leading_shape_comes_back(model, lead):
+def test_any_leading_shape_is_preserved(model, lead):
     count = int(np.prod(lead))
     points = inside(model, count=60)[:count].reshape(*lead, 3)
     pixels, valid = model.project(points)
@@ -109,7 +109,7 @@ def test_any_leading_shape_comes_back(model, lead):
 
 
 @every_model
-def test_any_real_type_comes_in_and_stays_as_it_is(model):
+def test_any_real_type_is_accepted_and_not_modified(model):
     points = np.array([[1, 2, 9], [-2, 1, 8], [0, 0, 3]])
     expected, _ = model.project(points.astype(float))
     for given in (points, points.astype(np.float32), points.astype(np.int16), points.tolist(), points[::-1][::-1]):
@@ -127,7 +127,7 @@ def test_any_real_type_comes_in_and_stays_as_it_is(model):
 @every_model
 @pytest.mark.parametrize("method", ["project", "project_with_jacobians", "unproject", "unproject_with_jacobians"])
 @pytest.mark.parametrize("given", [np.zeros((3, 4)), np.zeros(5), 1.0, None, "abc", [["a", "b", "c"]], [[1j, 0, 1]]])
-def test_what_is_no_array_of_points_is_refused_by_name(model, method, given):
+def test_invalid_arrays_are_rejected_by_name(model, method, given):
     what, width = ("points", 3) if method.startswith("project") else ("pixels", 2)
     received = re.escape(str(np.shape(given)))
     with pytest.raises(ValueError, match=rf"{what} .*\(\.\.\., {width}\).*{received}"):
@@ -135,7 +135,7 @@ def test_what_is_no_array_of_points_is_refused_by_name(model, method, given):
 
 
 @every_camera
-def test_no_direction_warns_and_what_is_not_valid_is_nan(model):
+def test_no_direction_warns_and_invalid_entries_are_nan(model):
     theta = np.radians([0, 1e-9, 45, 90 - 1e-6, 90 + 1e-6, 120, 179.99, 180 - 1e-6])[:, None]
     odd = [[0, 0, 0], [np.nan, 0, 1], [0, 0, np.inf], [-np.inf, 1, 1]]
     aside = [[1, 0, 0], [0, 1, 0], [-3, -4, 0], [0, 0, -1], [0.0, -0.0, -2]]
@@ -159,7 +159,7 @@ def test_no_direction_warns_and_what_is_not_valid_is_nan(model):
 
 
 @every_camera
-def test_compiled_and_plain_agree(model):
+def test_compiled_and_numpy_agree(model):
     bearings = to_the_rim(model)
     pixels, valid = model.project(bearings)
     plain, plain_valid = model.project_numpy(bearings)
@@ -175,7 +175,7 @@ def test_compiled_and_plain_agree(model):
     assert angle(back, plain_back).max() < 1e-9
 
 
-def test_a_rational_plane_ends_before_its_radius_runs_away():
+def test_the_rational_domain_ends_before_the_pole():
     """With d = 1/(1 - r^2/4) the radius of r = 2 is infinite."""
     focal = {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0}
     model = model_class("rational")

@@ -11,7 +11,7 @@ from omnisight.models import CameraModel, model_class, model_names
 
 
 @every_model
-def test_a_camera_is_a_frozen_value(model):
+def test_a_model_is_immutable(model):
     assert dataclasses.is_dataclass(model)
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(model, dataclasses.fields(model)[0].name, 1.0)
@@ -24,7 +24,7 @@ def test_a_camera_is_a_frozen_value(model):
 
 
 @every_model
-def test_dictionary_and_vector_bring_the_camera_back(model):
+def test_dictionary_and_vector_round_trip(model):
     assert type(model).from_dict(model.to_dict()) == model
     assert tuple(model.to_dict()) == model.param_names
     assert model.with_params(model.params) == model
@@ -36,7 +36,7 @@ def test_dictionary_and_vector_bring_the_camera_back(model):
 
 
 @every_model
-def test_a_wrong_dictionary_is_refused_by_name(model):
+def test_an_invalid_dictionary_is_rejected_by_name(model):
     cls, good = type(model), model.to_dict()
     first = model.param_names[0]
     with pytest.raises(ValueError, match=f"{cls.name}.*missing.*{first}"):
@@ -49,7 +49,7 @@ def test_a_wrong_dictionary_is_refused_by_name(model):
 
 
 @every_model
-def test_parameters_say_what_they_are(model):
+def test_parameters_are_documented(model):
     low, high = bounds(model)
     assert (low <= model.params).all()
     assert (model.params <= high).all()
@@ -60,7 +60,7 @@ def test_parameters_say_what_they_are(model):
 
 
 @every_model
-def test_the_docs_hold_equations(model):
+def test_docstrings_contain_equations(model):
     doc = type(model).__doc__
     assert re.search(r"\b\w+'? = ", doc)
     assert "alid" in doc
@@ -81,6 +81,6 @@ def test_fit_recovers_the_example(model):
     assert np.abs(again - pixels).max() < 1e-6
 
 
-def test_an_unknown_model_is_refused_with_the_names():
+def test_an_unknown_model_is_rejected_with_the_names():
     with pytest.raises(ValueError, match=r"unknown camera model 'pinhol'.*pinhole"):
         model_class("pinhol")
