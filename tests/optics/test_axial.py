@@ -180,7 +180,7 @@ def test_pupil_shift_is_the_range_of_pupil_positions():
         ({"lens": "nonsense"}, "unknown camera model 'nonsense'"),
         ({"fx": None}, "missing fx"),
         ({"fx": float("nan")}, "must be a finite number"),
-        ({"pupil0": None}, "none is pupil1"),
+        ({"pupil0": None}, "unknown pupil1; expected pupil0"),
         ({"pupil1": "0"}, "axial.pupil1 must be a finite number"),
         ({"other": 1.0}, "has no other"),
     ],

@@ -269,7 +269,7 @@ def test_foci_of_conics():
         (lambda: Conic.hyperbola(2.0, 1.0, 1.0), "c > a > 0, got a = 2.0, c = 1.0"),
         (lambda: Conic.ellipse(1.0, 2.0, 1.0), "a > c >= 0, got a = 1.0, c = 2.0"),
         (lambda: Asphere(20.0, 0.0, (), rim=0.06), "the profile of an asphere"),
-        (lambda: Conic(0.0, 1.0, 0.1), "must not be 0: positive is convex, negative concave"),
+        (lambda: Conic(0.0, 1.0, 0.1), "must not be 0: positive is convex, negative is concave"),
         (lambda: Conic(0.1, 1.0, 0.1, hole=0.1), "0 <= hole < rim, got hole 0.1 and rim 0.1"),
         (lambda: Conic.parabola(0.1, -0.1), "0 <= hole < rim, got hole 0.0 and rim -0.1"),
         (lambda: Plane(np.nan), "0 <= hole < rim"),

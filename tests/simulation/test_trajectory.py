@@ -116,10 +116,10 @@ def test_invalid_files_are_rejected_with_the_line(tmp_path, text, message):
 
 def test_too_large_files_are_rejected(tmp_path, monkeypatch):
     write_trajectory(tmp_path / "file", some(30))
-    monkeypatch.setattr(module, "LARGEST_POSES", 20)
+    monkeypatch.setattr(module, "MAX_POSES", 20)
     with pytest.raises(ValueError, match="more than 20 poses"):
         read_trajectory(tmp_path / "file")
-    monkeypatch.setattr(module, "LARGEST_FILE", 100)
+    monkeypatch.setattr(module, "MAX_FILE_BYTES", 100)
     with pytest.raises(ValueError, match="too large for a trajectory"):
         read_trajectory(tmp_path / "file")
 
