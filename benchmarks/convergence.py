@@ -19,22 +19,21 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from benchmarks.convergence_real import table as real_table
-from benchmarks.convergence_scenes import AXES, BOARDS, LENSES, SIZE, Array, Cell, Scene, scene
+from benchmarks.convergence_scenes import AXES, BOARDS, LENSES, Array, Cell, Scene, scene
 from omnisight.calibration.bundle_adjustment import Bundle, refine
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera
-from omnisight.calibration.model_starts import OCAM_DEGREES, model_starts
+from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel, model_class, model_names
-from omnisight.models._central import Central
-from omnisight.models.ocam import Ocam
+from omnisight.models._profile_camera import ProfileCamera
 from omnisight.targets.observations import Observations
 
 # Not the spline: its knots follow from the corners, so that two starts are two problems.
-MODELS = tuple(name for name in model_names() if issubclass(model_class(name), Central) and name != "spline")
+MODELS = tuple(name for name in model_names() if issubclass(model_class(name), ProfileCamera) and name != "spline")
 # A model can represent a lens that it follows this closely over the part of it where boards are, px (rms).
 ABLE = 1.0
 EXCESS = 1e-3
@@ -108,14 +107,11 @@ def from_truth(made: Scene, models: Sequence[str] = MODELS) -> dict[str, State]:
     found: dict[str, State] = {}
     for name in models:
         try:
-            model = model_class(name).fit(made.cone, seen, fixed=("skew",))
+            fits = model_class(name).variants(len(made.views.pixels)).items()
+            fitted = {label: fit(made.cone, seen, fixed=("skew",)) for label, fit in fits}
         except ValueError:
             continue
-        fitted = {name: model}
-        if name == "ocam":
-            fits = zip(OCAM_DEGREES, Ocam.starts_of_degrees(made.cone, seen, OCAM_DEGREES), strict=True)
-            fitted = {f"ocam degree {degree}": fit for degree, fit in fits}
-        if name == truth.model.name != "ocam":
+        if name == truth.model.name and list(fitted) == [name]:
             fitted = {name: truth.model}
         for key, model in fitted.items():
             away = np.linalg.norm(model.project_numpy(made.cone)[0] - seen, axis=1)
@@ -128,7 +124,7 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
     """Calibrate one cell as every model that can represent it."""
     made = scene(cell)
     begun = time.perf_counter()
-    start = estimate_initial_camera(made.views, SIZE)
+    start = estimate_initial_camera(made.views)
     shared = time.perf_counter() - begun
     runs: list[Run] = []
     for key, true_start in from_truth(made, models).items():

@@ -8,12 +8,13 @@ from benchmarks.solvers_corners import corner_sets
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera
-from omnisight.calibration.model_selection import AUTO
-from omnisight.calibration.model_starts import model_starts
+from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.resection import resect
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
+from omnisight.geometry.sphere import angle_from_axis
+from omnisight.models import auto_models
 from omnisight.targets.observations import Observations
 
 RESTARTS = 4
@@ -36,7 +37,7 @@ def restarts(found: State, views: Observations, size: tuple[int, int], rng: np.r
         moved = found.translations * (1 + rng.normal(0, 0.05, (len(views), 1)))
         yield State(found.model.with_params(params), shaken, moved)
     half = np.arange(len(views))[:: 2 if len(views) > 7 else 1]
-    start = resect(estimate_initial_camera(views.subset(half), size).model, views)
+    start = resect(estimate_initial_camera(views.subset(half)).model, views)
     yield from (state for name, state in model_starts(found.model.name, start, views))
 
 
@@ -45,19 +46,20 @@ def table() -> str:
     lines = ["| set | model | rms, px | restarts | better by, of the good corners' cost |", "|---|---|---|---|---|"]
     for name, views, size in ((corners.name, corners.views, corners.size) for corners in corner_sets()):
         rng = np.random.default_rng(0)
-        start = estimate_initial_camera(views, size)
-        for key, begun in (found for model in AUTO if model != "spline" for found in model_starts(model, start, views)):
+        start = estimate_initial_camera(views)
+        models = auto_models(float(angle_from_axis(start.points(views)[0]).max()))
+        for key, begun in (found for model in models for found in model_starts(model, start, views)):
             found = Candidate.fit(key, begun, views, FreeParameters.of(begun.model), loss="huber")
-            spread = ResidualWeights.of(found.state, views)
-            good = ~spread.outliers(found.state, views)
+            weights = ResidualWeights.estimate(found.state, views)
+            good = ~weights.outliers(found.state, views)
             unit = float((0.5 * found.state.lengths(views)[good] ** 2).sum())
             others = list[float]()
             for state in restarts(found.state, views, size, rng):
                 if state.model.params.shape == begun.model.params.shape:
                     other = Candidate.fit(key, state, views, FreeParameters.of(state.model), loss="huber").state
-                    others.append(_cost(other, views, spread.threshold))
-            better = (_cost(found.state, views, spread.threshold) - min(others)) / unit
-            equal = sum(o <= _cost(found.state, views, spread.threshold) + 1e-3 * unit for o in others)
+                    others.append(_cost(other, views, weights.threshold))
+            better = (_cost(found.state, views, weights.threshold) - min(others)) / unit
+            equal = sum(o <= _cost(found.state, views, weights.threshold) + 1e-3 * unit for o in others)
             lines.append(f"| {name} | {key} | {found.rms:.4f} | {equal}/{len(others)} reach it | {better:.2g} |")
             print(lines[-1], flush=True)
     return "\n" + "\n".join(lines)

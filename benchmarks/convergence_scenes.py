@@ -137,7 +137,7 @@ def camera(fov: int, name: str, centre: tuple[float, float]) -> CameraModel:
     model = model_class(base).from_dict({**plain, "fx": focal, "fy": focal, "cx": centre[0], "cy": centre[1]})
     if lens.model == "ocam":
         around = cone_of(np.radians(lens.blind_deg), half)
-        model = next(Ocam.starts_of_degrees(around, model.project_numpy(around)[0], [4]))
+        model = next(Ocam.initial_models_of_degrees(around, model.project_numpy(around)[0], [4]))
     return model
 
 
@@ -195,7 +195,8 @@ def scene(cell: Cell) -> Scene:
         views.append((points, np.where(good[:, None], pixels + rng.normal(0, 1, pixels.shape) * cell.noise, anywhere)))
         clean.append(good)
     state = State(model, np.array(rotations), np.array(translations))
-    return Scene(Observations.of(views), state, np.concatenate(clean), cone_of(reach[0], reach[1]))
+    observations = Observations.from_arrays(*zip(*views, strict=True), size=SIZE)
+    return Scene(observations, state, np.concatenate(clean), cone_of(reach[0], reach[1]))
 
 
 def _held(

@@ -7,7 +7,7 @@ import numpy as np
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.multistart import convert, low_discrepancy
-from omnisight.calibration.resection import MAX_COMPARED_PX, reresect, resect, resect_linear, resolve_flip
+from omnisight.calibration.resection import MAX_COMPARED_PX, reresect, resect, resect_linear
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.models import CameraModel, Projector, initial_models
@@ -15,14 +15,14 @@ from omnisight.targets.observations import Observations
 
 # Prior of the off-axis angle (radians) of the farthest corner, uniform: from a long lens to the widest fisheye.
 MIN_REACH_RAD, MAX_REACH_RAD = np.radians((12.0, 150.0))
-# Sampled cameras; those that remain after linear resection, and after a refinement of focal length and centre.
-SAMPLES, RESECTED, REFINED = 32, 6, 2
+# Sampled cameras, and the survivors of the rounds: linear resection; refinement of focal length and centre; of all.
+SAMPLES, SURVIVORS = 48, (8, 4, 2)
 # Samples whose magnifications differ by less (ratio, natural logarithm) lead to the same minimum.
 SAME_MAGNIFICATION = 0.45
 # Off-axis angle (radians) at which magnifications are compared: every model can show it.
 COMPARED_RAD = 0.3
-# Views and corners of the first rounds; views of the last one. The poses of all others follow from the camera.
-FIRST_VIEWS, FIRST_CORNERS, LAST_VIEWS = 10, 400, 40
+# Views of the rounds, and corners of the first two. The poses in all other views follow from the camera.
+VIEWS, CORNERS = (6, 10, 40), 400
 
 
 def estimate_initial_camera(observations: Observations) -> State:
@@ -42,22 +42,22 @@ def estimate_initial_camera(observations: Observations) -> State:
     ValueError
         If no camera explains the corners.
     """
-    if len(observations) > LAST_VIEWS:
-        return _resect_all(estimate_initial_camera(_subset(observations, LAST_VIEWS)), observations)
-    first = _subset(observations, FIRST_VIEWS).thinned(FIRST_CORNERS)
+    if len(observations) > VIEWS[-1]:
+        return _resect_all(estimate_initial_camera(_subset(observations, VIEWS[-1])), observations)
+    first, second = (_subset(observations, views).thinned(CORNERS) for views in VIEWS[:2])
     states = [resect_linear(model, first) for model in _sample_cameras(first)]
-    states = _distinct_magnifications(states, first)[:RESECTED]
-    states = [_refine(resolve_flip(state, first), first, 8, 1e-3, shape=False) for state in states]
-    states = sorted(states, key=lambda state: _error(state, first))[:REFINED]
-    states = [_refine_and_resect(state, first, 15, 1e-4) for state in states]
+    states = [_resect_all(state, second) for state in _distinct_magnifications(states, first)[: SURVIVORS[0]]]
+    states = [_refine(state, second, 8, 1e-3, shape=False) for state in states]
+    states = [_refine(state, second, 15, 1e-4) for state in _by_error(states, second)[: SURVIVORS[1]]]
+    states = [_refine(reresect(s, second), second, 15, 1e-4) for s in _by_error(states, second)[: SURVIVORS[2]]]
     if not states:
         raise ValueError("no camera explains these corners: are they corners of one flat board, in order?")
-    best = _resect_all(min(states, key=lambda state: _error(state, first)), observations)
-    best = _refine_and_resect(best, observations, 25, 1e-5)
+    best = _resect_all(_by_error(states, second)[0], observations)
+    best = _refine(reresect(_refine(best, observations, 25, 1e-5), observations), observations, 25, 1e-5)
     # Another model of the initial search may follow this lens more closely, now that the poses are known.
     others = [convert(best, cls, observations) for cls in initial_models() if cls is not type(best.model)]
     ends = [best, *(_refine(other, observations, 25, 1e-5) for other in others if other is not None)]
-    return min(ends, key=lambda state: _error(state, observations))
+    return _by_error(ends, observations)[0]
 
 
 def _sample_cameras(observations: Observations) -> Iterator[CameraModel]:
@@ -83,7 +83,7 @@ def _radius(model: Projector, theta: float) -> float:
 def _distinct_magnifications(states: list[State], observations: Observations) -> list[State]:
     """Return the states by error without those of nearly the magnification of a better one."""
     kept = list[tuple[float, State]]()
-    for state in sorted(states, key=lambda state: _error(state, observations)):
+    for state in _by_error(states, observations):
         magnification = np.log(_radius(state.model, COMPARED_RAD))
         if all(abs(magnification - other) > SAME_MAGNIFICATION for other, _ in kept):
             kept.append((magnification, state))
@@ -94,12 +94,6 @@ def _resect_all(state: State, observations: Observations) -> State:
     """Return the camera of a state with poses of all views."""
     assert isinstance(state.model, CameraModel)
     return resect(state.model, observations)
-
-
-def _refine_and_resect(state: State, observations: Observations, steps: int, tolerance: float) -> State:
-    """Refine, pose all boards anew where that is better, and refine again."""
-    refined = _refine(state, observations, steps, tolerance)
-    return _refine(reresect(refined, observations), observations, steps, tolerance)
 
 
 def _refine(state: State, observations: Observations, steps: int, tolerance: float, *, shape: bool = True) -> State:
@@ -117,6 +111,10 @@ def _subset(observations: Observations, count: int) -> Observations:
     if len(observations) <= count:
         return observations
     return observations.subset(np.linspace(0, len(observations) - 1, count).round().astype(np.intp))
+
+
+def _by_error(states: list[State], observations: Observations) -> list[State]:
+    return sorted(states, key=lambda state: _error(state, observations))
 
 
 def _error(state: State, observations: Observations) -> float:
