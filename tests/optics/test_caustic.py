@@ -224,7 +224,7 @@ class Axial:
 
 
 def test_caustic_of_an_entrance_pupil_shift():
-    """For a pupil at s(theta) the tangential sheet is s'(theta) sin(theta) along the ray, the sagittal one the pupil."""
+    """For a pupil s(theta) the tangential sheet is s'(theta) sin(theta) along the ray, the sagittal one the pupil."""
     found = caustic(Axial(0.004), PIXELS)
     theta = np.linalg.norm(PIXELS, axis=-1) / 300
     np.testing.assert_allclose(found.along[..., 0], 2 * 0.004 * theta * np.sin(theta), atol=1e-12)

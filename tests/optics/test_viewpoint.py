@@ -44,7 +44,7 @@ def off_focus(by=0.01):
 
 
 class Twisted:
-    """Rays at a constant distance from the z axis, horizontal at v = 0: focal px per radian of azimuth and elevation."""
+    """Rays at a constant distance from the z axis, horizontal at v = 0: px per radian of azimuth and elevation."""
 
     def __init__(self, distance, focal=500.0):
         self.distance, self.focal = distance, focal
