@@ -1,4 +1,4 @@
-"""Finding boards, beside OpenCV's two detectors: `python -m benchmarks.boards [rendered] [real] [times] [check]`.
+"""Board detection compared with OpenCV: `python -m benchmarks.boards [rendered] [real] [times] [check]`.
 
 Without names all parts run, some fifteen minutes on two cores. To try one thing: `rendered --only base,blur --quick`.
 """
@@ -18,12 +18,12 @@ ROOT = Path(__file__).resolve().parent.parent
 TITLES = {"rendered": "Rendered images", "real": "Real images", "times": "Times"}
 TABLES = {"rendered": boards_rendered.table, "real": boards_real.table, "times": boards_times.table}
 ABOUT = {
-    "rendered": "Recall and precision by corners within 2 px of a visible true one. An id of ours that is wrong counts"
-    " as wrong, except where it says itself that the place on a cut board is open. NEES is e^T C^-1 e / 2, its mean"
-    " and its median over that of chi-square: 1 is a covariance that keeps its word. Milliseconds are medians of one"
-    " thread. OpenCV is told the pattern and finds whole boards only.",
+    "rendered": "Recall and precision by corners within 2 px of a visible true one. A wrong id of ours counts"
+    " as wrong unless the detection reports an ambiguous position. NEES is e^T C^-1 e / 2, its mean"
+    " and its median over that of chi-square: 1 is a correct covariance. Milliseconds are medians of one"
+    " thread. OpenCV gets the pattern and detects complete boards only.",
     "real": "Wrong: more than 2 px from the fit of the image's pose by the camera that our corners calibrate. rms: of"
-    " a mei model by plain least squares on the corners that both found, their number in brackets. Ours is told no"
+    " a mei model by plain least squares on the corners that both found, their number in brackets. Ours gets no"
     " pattern.",
     "times": "Two threads, the process warm.",
 }

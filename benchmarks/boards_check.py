@@ -1,6 +1,6 @@
-"""Checks the renderer of the boards by areas alone: where light changes along a row is an integral, not a detection.
+"""Check the renderer of the boards by integrals of light along rows, without any detection.
 
-The light of a row that one edge crosses tells where the edge is, averaged over the row's height: no sampling, no fit.
+The integral of a row that one edge crosses gives the mean position of the edge in that row: no sampling, no fit.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ HALF = 4  # px on each side of the edge
 
 
 def run() -> str:
-    """Give the errors of edges of squares, px, over all lenses and a few poses."""
+    """Return the errors of edges of squares, px, over all lenses and a few poses."""
     errors = []
     for name, lens in LENSES.items():
         for place, tilt, square in SHOTS:
@@ -44,7 +44,7 @@ def _edges(light: np.ndarray, lens: Lens, pose: Pose, axis: int) -> np.ndarray:
 
 
 def _pieces(light: np.ndarray, edge: np.ndarray) -> list[float]:
-    """Give the error of each row that an edge, a dense line of pixels (N, 2), crosses steeply."""
+    """Return the error of each row that an edge, a dense line of pixels (N, 2), crosses steeply."""
     if np.ptp(edge[:, 0]) > 0.7 * np.ptp(edge[:, 1]):
         light, edge = light.T, edge[:, ::-1]
     if np.ptp(edge[:, 1]) < 2 or np.ptp(edge[:, 0]) > 0.7 * np.ptp(edge[:, 1]):

@@ -1,4 +1,4 @@
-"""The three detectors behind one interface, and how their corners are counted against true ones."""
+"""The three detectors behind one interface, and the score of their corners against the truth."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Gray = NDArray[np.uint8]
 
 NEAR = 2.0  # px: a corner this far from a true one is right
-MEDIAN_OF_TWO = 2 * np.log(2)  # of chi-square with two degrees of freedom
+MEDIAN_OF_TWO = 2 * np.log(2)  # of chi-square with two degrees of free_parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +85,9 @@ DETECTORS: dict[str, Callable[[Gray, Checkerboard], Found]] = {
 
 
 def timed(name: str, gray: Gray, board: Checkerboard) -> Found:
-    begun = time.perf_counter()
+    start = time.perf_counter()
     found = DETECTORS[name](gray, board)
-    return replace(found, seconds=time.perf_counter() - begun)
+    return replace(found, seconds=time.perf_counter() - start)
 
 
 def nothing() -> Found:
@@ -144,10 +144,10 @@ def score(
     Where not `strict`, a wrong id is no error.
     """
     total = int(visible.sum())
-    in_picture = np.isfinite(corners).all(1)
-    if not len(found) or not in_picture.any():
+    in_image = np.isfinite(corners).all(1)
+    if not len(found) or not in_image.any():
         return Score(total, len(found), np.zeros((0, 2)), np.zeros(0), 0, found.seconds)
-    true = np.flatnonzero(in_picture)
+    true = np.flatnonzero(in_image)
     distance, nearest = cKDTree(corners[true]).query(found.pixels)
     at = true[nearest]
     on_corner = distance < NEAR

@@ -1,8 +1,8 @@
-"""Boards in real images: what the detectors find in sets of the data folder, how fast, and how well it calibrates.
+"""Board detection in the real image sets: recall, speed, and accuracy of the calibration.
 
-The variable OMNISIGHT_DATA says where the sets are; those that are not there are left out. Ours is told nothing of the
-board. A calibration on our corners says which corners, of whichever detector, are wrong: more than 2 px from where the
-robust fit of their image predicts.
+The variable OMNISIGHT_DATA names the folder of the sets; missing sets are left out. Ours gets no
+pattern. A calibration on our corners judges the corners of every detector: those more than 2 px from where the robust
+fit of their image predicts are wrong.
 """
 
 import os
@@ -15,15 +15,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from omnisight.pipeline.central import calibrate_camera
 from scipy.spatial import cKDTree
 
 from benchmarks.boards_detectors import DETECTORS, NEAR, Found, classic, nothing, sector_based
-from omnisight.calibration.board_pose import linear_board_poses
 from omnisight.calibration.bundle_adjustment import State, refine
 from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.resection import linear_board_poses
 from omnisight.images import read_image, to_gray8
 from omnisight.models import CameraModel
-from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets import Checkerboard, detect_boards
 from omnisight.targets.observations import Observations
 
@@ -31,8 +31,8 @@ DATA = Path(os.environ.get("OMNISIGHT_DATA", Path(__file__).resolve().parent.par
 
 
 @dataclass(frozen=True)
-class PictureSet:
-    """Images of one camera; columns and rows of the board are told to OpenCV alone."""
+class ImageSet:
+    """Images of one camera; only OpenCV gets the columns and rows of the board."""
 
     files: str
     columns: int
@@ -45,14 +45,14 @@ class PictureSet:
 
 
 SETS = {
-    "kaidan": PictureSet("kaidan_catadioptric/*.jpg", 11, 7, redistributable=True),
-    "mei": PictureSet("mei_paracatadioptric/*.png", 8, 6),
-    "fisheye1": PictureSet("fisheye1_urban/*.jpg", 8, 6),
-    "camodocal": PictureSet("camodocal_fisheye/*.png", 9, 6),
-    "sourishg left": PictureSet("stereo_fisheye_sourishg/left*.jpg", 9, 6),
-    "sourishg right": PictureSet("stereo_fisheye_sourishg/right*.jpg", 9, 6),
-    "ai360": PictureSet("ai360_lens_a/*.jpg", 11, 8),
-    "gopro": PictureSet("gopro_derlunz_static_board/*.JPG", 15, 9),
+    "kaidan": ImageSet("kaidan_catadioptric/*.jpg", 11, 7, redistributable=True),
+    "mei": ImageSet("mei_paracatadioptric/*.png", 8, 6),
+    "fisheye1": ImageSet("fisheye1_urban/*.jpg", 8, 6),
+    "camodocal": ImageSet("camodocal_fisheye/*.png", 9, 6),
+    "sourishg left": ImageSet("stereo_fisheye_sourishg/left*.jpg", 9, 6),
+    "sourishg right": ImageSet("stereo_fisheye_sourishg/right*.jpg", 9, 6),
+    "ai360": ImageSet("ai360_lens_a/*.jpg", 11, 8),
+    "gopro": ImageSet("gopro_derlunz_static_board/*.JPG", 15, 9),
 }
 
 PEERS = {"OpenCV classic": classic, "OpenCV SB": sector_based}
@@ -79,16 +79,16 @@ def measure(only: Iterable[str] = ()) -> list[SetResult]:
         raise SystemExit(f"no set of images found in {DATA}; OMNISIGHT_DATA says where they are")
     first = next(iter(chosen.values()))
     detect_boards(first.paths[:2], Checkerboard(first.columns, first.rows), cache=False)  # compiled and warm
-    return [run_set(name, pictures) for name, pictures in chosen.items()]
+    return [run_set(name, image_set) for name, image_set in chosen.items()]
 
 
-def run_set(name: str, pictures: PictureSet) -> SetResult:
-    paths, board = pictures.paths, Checkerboard(pictures.columns, pictures.rows)
+def run_set(name: str, image_set: ImageSet) -> SetResult:
+    paths, board = image_set.paths, Checkerboard(image_set.columns, image_set.rows)
     found, seconds = {}, {}
     cv2.setNumThreads(2)
-    begun = time.perf_counter()
+    start = time.perf_counter()
     search = detect_boards(paths, None, cache=False)
-    seconds["omnisight"] = time.perf_counter() - begun
+    seconds["omnisight"] = time.perf_counter() - start
     notes = [] if search.hint is None else [search.hint]
     seen = search.board
     if not isinstance(seen, Checkerboard) or {seen.columns, seen.rows} != {board.columns, board.rows}:
@@ -103,10 +103,10 @@ def run_set(name: str, pictures: PictureSet) -> SetResult:
     if extra:
         notes.append(f"{extra} more boards seen in images that show one")
     for peer in PEERS:
-        found[peer], seconds[peer] = _timed(peer, paths, Checkerboard(pictures.columns, pictures.rows))
+        found[peer], seconds[peer] = _timed(peer, paths, Checkerboard(image_set.columns, image_set.rows))
     result = SetResult(name, paths, board, found, notes=notes)
     size = cv2.imread(str(paths[0]), 0).shape[::-1]
-    _judge(result, size, Checkerboard(pictures.columns, pictures.rows))
+    _judge(result, size, Checkerboard(image_set.columns, image_set.rows))
     for detector, each in found.items():
         result.figures[detector] = {
             "images": len(paths),
@@ -130,13 +130,13 @@ def _timed(peer: str, paths: list[Path], board: Checkerboard) -> tuple[list[Foun
     times = []
     for threads in (1, 2):
         cv2.setNumThreads(threads)
-        begun = time.perf_counter()
+        start = time.perf_counter()
         if threads == 1:
             with ThreadPoolExecutor(2) as pool:
                 found = list(pool.map(one, paths))
         else:
             found = [one(path) for path in paths]
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - start)
     return found, min(times)
 
 
@@ -166,11 +166,11 @@ def _misfits(model: CameraModel, points: NDArray[np.float64], pixels: NDArray[np
     if not np.isfinite(rotations).all():
         return np.ones(len(pixels), bool)
     state = State(model, rotations, translations)
-    return refine(state, view, freedom=FreeParameters.none(model)).state.lengths(view) > NEAR
+    return refine(state, view, free_parameters=FreeParameters.none(model)).state.lengths(view) > NEAR
 
 
 def _common(result: SetResult, peer: str, size: tuple[int, int]) -> tuple[float, float, int, int]:
-    """Give rms of one model calibrated on the corners that ours and a peer share, by each; then views and corners."""
+    """Return rms of one model calibrated on the corners that ours and a peer share, by each; then views and corners."""
     mine, theirs = [], []
     for a, b in zip(result.found["omnisight"], result.found[peer], strict=True):
         if not len(a) or not len(b):
@@ -193,7 +193,7 @@ def figures(results: list[SetResult]) -> dict[str, dict[str, object]]:
 
 
 def table(rows: dict[str, dict[str, object]]) -> str:
-    """Give the figures as a Markdown table."""
+    """Return the figures as a Markdown table."""
     lines = [
         f"| {' / '.join(DETECTORS)} | board | boards | corners | wrong | seconds"
         " | rms, ours / classic | rms, ours / SB |",
@@ -203,14 +203,14 @@ def table(rows: dict[str, dict[str, object]]) -> str:
         each = [row[detector] for detector in DETECTORS]
         rms = [f"{row[p]['our_rms']:.3f} / {row[p]['rms']:.3f} ({row[p]['common_corners']})" for p in PEERS]
         columns = [" / ".join(str(e[key]) for e in each) for key in ("boards", "corners", "wrong")]
-        columns[0] += f" of {each[0]['pictures']}"
+        columns[0] += f" of {each[0]['images']}"
         columns.append(" / ".join(f"{e['seconds']:.2f}" for e in each))
         lines.append(f"| {name} | {row['board']} | {' | '.join(columns)} | {' | '.join(rms)} |")
     return "\n".join(lines)
 
 
 def hardest(result: SetResult) -> int:
-    """Give the image that the peers find least of; among several the one whose board is least sharp."""
+    """Return the image that the peers find least of; among several the one whose board is least sharp."""
 
     def ease(i: int) -> tuple[int, float]:
         peers = sum(len(result.found[p][i]) - int(result.wrong[p][i].sum()) for p in PEERS)

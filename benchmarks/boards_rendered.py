@@ -46,7 +46,7 @@ class Result:
 
 
 def cells(only: Iterable[str] = (), *, quick: bool = False) -> dict[str, list[Shot]]:
-    """Give the images of each cell; `only` names factors, "base" and "mix"; quick takes two poses per camera."""
+    """Return the images of each cell; `only` names factors, "base" and "mix"; quick takes two poses per camera."""
     only = set(only)
     if unknown := only - {"base", "mix", *FACTORS}:
         raise ValueError(f"unknown cells {', '.join(sorted(unknown))}; there are base, mix, {', '.join(FACTORS)}")
@@ -115,7 +115,7 @@ def rate(name: str, found: Found, scene: Scene) -> Score:
 
 
 def true_ids(corners: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Give the ids (54,) that corners have in the order clockwise as seen: a mirror turns the rows around."""
+    """Return the ids (54,) that corners have in the order clockwise as seen: a mirror turns the rows around."""
     grid = corners.reshape(BOARD.rows, BOARD.columns, 2)
     right, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
     turn = np.nanmedian(right[..., 0] * down[..., 1] - right[..., 1] * down[..., 0])
@@ -138,7 +138,7 @@ def figures(results: list[Result]) -> dict[str, dict[str, dict[str, float]]]:
 
 
 def table(rows: dict[str, dict[str, dict[str, float]]]) -> str:
-    """Give the figures as a Markdown table, the detectors side by side in each cell."""
+    """Return the figures as a Markdown table, the detectors side by side in each cell."""
     names = list(next(iter(rows.values())))
     lines = [
         f"| {' / '.join(names)} | recall, % | precision, % | rms, px | 95 % below, px | NEES mean, median | ms |",
@@ -147,13 +147,13 @@ def table(rows: dict[str, dict[str, dict[str, float]]]) -> str:
     for row, by_name in rows.items():
         each = [by_name[name] for name in names]
         mine = by_name.get("omnisight", {"nees": np.nan, "nees_median": np.nan})
-        told = f"{mine['nees']:.2f}, {mine['nees_median']:.2f}" if np.isfinite(mine["nees"]) else "-"
+        nees = f"{mine['nees']:.2f}, {mine['nees_median']:.2f}" if np.isfinite(mine["nees"]) else "-"
         columns = [
             " / ".join(_number(100 * e["recall"], ".1f") for e in each),
             " / ".join(_number(100 * e["precision"], ".1f") for e in each),
             " / ".join(_number(e["rms"], ".3f") for e in each),
             " / ".join(_number(e["p95"], ".3f") for e in each),
-            told,
+            nees,
             " / ".join(_number(1e3 * e["seconds"], ".0f") for e in each),
         ]
         lines.append(f"| {row} | {' | '.join(columns)} |")
@@ -165,7 +165,7 @@ def _number(value: float, form: str) -> str:
 
 
 def worst(results: list[Result], name: str = "omnisight", count: int = 40) -> list[Result]:
-    """Give the images in which a detector misses or errs most, the worst first."""
+    """Return the images in which a detector misses or errs most, the worst first."""
 
     def loss(result: Result) -> float:
         s = result.scores[name]

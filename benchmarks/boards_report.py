@@ -1,4 +1,4 @@
-"""Shows what was found: crops with the corners drawn, a page that needs no network, and the table of the docs."""
+"""Report of detections: crops with corners, a self-contained HTML page, and the tables of the docs."""
 
 import base64
 import html
@@ -91,7 +91,7 @@ def counts(result: Result) -> str:
 def page(
     tables: Mapping[str, str], rendered: list[Result], real: list[SetResult], title: str = "Finding checkerboards"
 ) -> str:
-    """Give a page (HTML) with tables (Markdown, by title) and images; all it shows is within it."""
+    """Return a page (HTML) with tables (Markdown, by title) and images; all it shows is within it."""
     parts = [
         f"<h1>{title}</h1>",
         "<p>omnisight: green circles. OpenCV classic: red +. OpenCV SB: blue x. Truth: yellow.</p>",
@@ -121,8 +121,8 @@ def page(
     )
 
 
-def _figure(picture: Bytes, caption: str, width: int = WIDE) -> str:
-    coded = base64.b64encode(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()
+def _figure(image: Bytes, caption: str, width: int = WIDE) -> str:
+    coded = base64.b64encode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()).decode()
     return (
         f'<figure><img width="{width}" src="data:image/jpeg;base64,{coded}" alt="">'
         f"<figcaption>{html.escape(caption)}</figcaption></figure>"
@@ -160,9 +160,9 @@ def assets(folder: Path, redistributable: Mapping[str, Path]) -> None:
             _small(folder / f"detection-{name}.jpg", draw(gray, found, margin=12))
 
 
-def _small(path: Path, picture: Bytes) -> None:
+def _small(path: Path, image: Bytes) -> None:
     for quality in (88, 80, 70, 60):
-        data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
         if len(data) < 150_000:
             break
     path.write_bytes(data)

@@ -1,4 +1,4 @@
-"""Images of a 9x6 board whose corners are known, through cameras of all kinds, and how they are spoilt.
+"""Images of a 9x6 board whose corners are known, through cameras of all kinds, and how they are degraded.
 
 A pixel is the mean light over its square. Pixels that an edge crosses are sampled 6x6 times at exact intersections of
 ray and board, each sample being averaged over its own width, so that an edge along the pixel grid is right too.
@@ -40,7 +40,7 @@ class Lens:
 
 
 def lenses(scale: float = 1.0) -> dict[str, Lens]:
-    """Give the cameras, for images of 1000x800 px times a scale."""
+    """Return the cameras, for images of 1000x800 px times a scale."""
     s = scale
 
     def lens(name: str, near: float, far: float, *params: float) -> Lens:
@@ -130,7 +130,7 @@ def shoot(shot: Shot, lens: Lens | None = None) -> Scene:
 
 
 def hold(lens: Lens, shot: Shot, rng: np.random.Generator) -> Pose:
-    """Give cam_from_board: wholly visible, smaller or further in than wanted if need be; then moved out of view."""
+    """Return cam_from_board: wholly visible, smaller or further in than wanted if need be; then moved out of view."""
     spin, lean = rng.uniform(0, 2 * np.pi, 2)
     far = min(lens.far, float(np.nanmax(lens.camera.angle_of(lens.camera.border()))))
     middle = (lens.near + far) / 2
@@ -204,7 +204,7 @@ def paint(light: Array, lens: Lens, pose: Pose) -> None:
         near = (x > -reach - wide_x) & (x < BOARD.columns - 1 + reach + wide_x)
         near &= (y > -reach - wide_y) & (y < BOARD.rows - 1 + reach + wide_y)
         edge = near & ((_from_edge(x, BOARD.columns) < wide_x) | (_from_edge(y, BOARD.rows) < wide_y))
-    # Far from edges one ray tells a pixel.
+    # Far from edges one ray per pixel is enough.
     flat = near & ~edge
     share, paper = _shade(x[flat], y[flat], wide_x[flat], wide_y[flat])
     light[flat] = light[flat] * (1 - share) + paper
@@ -219,7 +219,7 @@ def paint(light: Array, lens: Lens, pose: Pose) -> None:
 
 
 def _meet(lens: Lens, pose: Pose, pixels: Array) -> tuple[Array, Array]:
-    """Give where on the board, in squares, the rays of pixels meet its plane; NaN where they do not."""
+    """Return where on the board, in squares, the rays of pixels meet its plane; NaN where they do not."""
     bearings, _ = lens.camera.unproject(pixels)
     eye = -pose.rotation.T @ pose.translation
     rays = bearings @ pose.rotation
@@ -230,19 +230,19 @@ def _meet(lens: Lens, pose: Pose, pixels: Array) -> tuple[Array, Array]:
 
 
 def _width(x: Array) -> Array:
-    """Give how much x changes over a pixel, both directions together; a little where that is not known."""
+    """Return how much x changes over a pixel, both directions together; a little where that is not known."""
     return np.nan_to_num(sum(np.abs(np.gradient(x, axis=axis)) for axis in (0, 1)), nan=1e-6, posinf=1e-6) + 1e-9
 
 
 def _from_edge(x: Array, count: int) -> Array:
-    """Give the distance from the nearest edge of squares or paper, in squares."""
+    """Return the distance from the nearest edge of squares or paper, in squares."""
     squares = np.abs(x - np.clip(np.rint(x), -1, count))
     paper = np.minimum(np.abs(x + 1 + PAPER_MARGIN), np.abs(x - count - PAPER_MARGIN))
     return np.minimum(squares, paper)
 
 
 def _shade(x: Array, y: Array, wide_x: Array, wide_y: Array) -> tuple[Array, Array]:
-    """Give the share that is paper, and that share times its light, each edge averaged over the given widths."""
+    """Return the share that is paper, and that share times its light, each edge averaged over the given widths."""
 
     def along(x: Array, wide: Array, count: int) -> tuple[Array, Array, Array]:
         beyond = np.abs(x - (count - 1) / 2) - (count + 1) / 2
@@ -261,7 +261,7 @@ def _shade(x: Array, y: Array, wide_x: Array, wide_y: Array) -> tuple[Array, Arr
 
 @lru_cache(8)
 def _field(lens: Lens) -> Array:
-    """Give 1 where the lens shows the world and 0 in the dark around, per pixel."""
+    """Return 1 where the lens shows the world and 0 in the dark around, per pixel."""
     v, u = np.mgrid[: lens.camera.height, : lens.camera.width].astype(float)
     theta = np.nan_to_num(lens.camera.angle_of(np.stack([u, v], -1)), nan=np.pi)
     rim = 1.5 / abs(lens.camera.model.params[0])
@@ -270,7 +270,7 @@ def _field(lens: Lens) -> Array:
 
 
 def _slope(size: tuple[int, int], factor: float, direction: float) -> Array:
-    """Give a linear ramp of light over the image, brightest 1.2 times."""
+    """Return a linear ramp of light over the image, brightest 1.2 times."""
     v, u = np.mgrid[: size[1], : size[0]].astype(float)
     along = (u - size[0] / 2) * np.cos(direction) + (v - size[1] / 2) * np.sin(direction)
     along = (along - along.min()) / np.ptp(along)

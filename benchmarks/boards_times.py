@@ -1,4 +1,4 @@
-"""How long the detectors take in large images, and in images that show no board at all."""
+"""Time of the detectors in large images, and in images without a board."""
 
 import multiprocessing as mp
 import time
@@ -17,7 +17,7 @@ PATIENCE = 60.0  # seconds
 
 
 def measure(sizes: tuple[int, ...] = tuple(SIZES)) -> dict[str, dict[str, float]]:
-    """Give seconds by image and detector; infinity past a minute."""
+    """Return seconds by image and detector; infinity past a minute."""
     rows: dict[str, dict[str, float]] = {}
     for megapixels in sizes:
         for kind in ("board", "black", "white", "noise"):
@@ -38,13 +38,13 @@ def _patiently(name: str, kind: str, megapixels: int) -> float:
 def _measure(name: str, kind: str, megapixels: int) -> float:
     cv2.setNumThreads(2)
     timed(name, shoot(Shot("fisheye 100", 0.0, 0.0, 40.0, 0)).image, BOARD)  # compiled and warm
-    picture = _picture(kind, megapixels)
-    begun = time.perf_counter()
-    timed(name, picture, BOARD)
-    return time.perf_counter() - begun
+    image = _test_image(kind, megapixels)
+    start = time.perf_counter()
+    timed(name, image, BOARD)
+    return time.perf_counter() - start
 
 
-def _picture(kind: str, megapixels: int) -> NDArray[np.uint8]:
+def _test_image(kind: str, megapixels: int) -> NDArray[np.uint8]:
     size = SIZES[megapixels]
     if kind == "noise":
         return np.random.default_rng(0).integers(0, 256, size[::-1], np.uint8)

@@ -1,4 +1,4 @@
-"""Images of checkerboards through an equidistant fisheye, drawn sample by sample, and where their corners are."""
+"""Rendered images of checkerboards through an equidistant fisheye, with the true corners."""
 
 from functools import cache
 
@@ -54,7 +54,7 @@ def rays():
 
 
 def scene(*shown, sees=np.pi):
-    """Give an image of boards, each (board, pose, whether its first square is dark), by a lens that `sees` so far."""
+    """Return an image of boards, each (board, pose, whether its first square is dark), by a lens that `sees` so far."""
     light = np.full((SIZE[1] * FINE, SIZE[0] * FINE), WALL, np.float32)
     for board, (rotation, position), dark in shown:
         edge = np.array([[x, y, 0] for x in np.linspace(-2, board.columns + 1, 20) for y in (-2, 2, board.rows + 1)])
@@ -81,7 +81,7 @@ def scene(*shown, sees=np.pi):
 
 @cache
 def shot(view, columns=9, rows=6, *, dark=True):
-    """Give an image of one board in one of the poses, read-only, and its true corners."""
+    """Return an image of one board in one of the poses, read-only, and its true corners."""
     board = Checkerboard(columns, rows)
     placed = pose(board, *view)
     image = scene((board, placed, dark))

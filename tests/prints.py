@@ -1,4 +1,4 @@
-"""Printed boards of all kinds before a fisheye and before a mirror, rendered, and where their points are."""
+"""Rendered images of printed boards of all kinds through a fisheye and a mirror, with the true points."""
 
 from functools import cache
 
@@ -69,7 +69,7 @@ def projector(lens, placed):
 
 
 def render(board, lens, placed, *, noise=0.02, mirrored=False, seed=0):
-    """Give the image and the true places of the board's points."""
+    """Return the image and the true places of the board's points."""
     paper, (left, top), scale = texture(board)
     rotation, position = (a.astype(np.float32) for a in placed)
     # Rays are only traced where the paper is seen.

@@ -1,4 +1,4 @@
-"""Boards that are not quite what was said of them: layout, columns and rows, a mirror."""
+"""Boards that differ from their description: layout, swapped columns and rows, a mirror."""
 
 import json
 
@@ -40,18 +40,18 @@ def detected(run, folder, target):
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"legacy": True}, "the print has the layout of OpenCV since 4.6 (legacy: false)"),
         ({"columns": 5, "rows": 8}, "the print has columns and rows swapped (8x5)"),
     ],
     ids=["charuco legacy layout", "swapped rows and columns of a charuco"],
 )
-def test_another_charuco_layout_is_detected_and_noted(run, charucos, target, changes, said):
+def test_another_charuco_layout_is_detected_and_noted(run, charucos, target, changes, message):
     found = detected(run, charucos, target(**changes))
     for picture in found["images"]:
         assert len(picture["boards"][0]["ids"]) > 30
-        assert picture["note"].endswith(said)
+        assert picture["note"].endswith(message)
     assert found["notes"] == []
 
 
@@ -70,10 +70,10 @@ def test_mirrored_charuco_is_noted(run, charucos, target, tmp_path):
 
 
 def test_missing_board_with_markers_is_reported_with_its_fields(refuses, charucos, target):
-    said = refuses("calibrate", charucos, "--target", target(dictionary="DICT_4X4_50"))
-    assert "the charuco 8x5 was found in 0 of 3 images: is it really this charuco" in said
-    assert "dictionary DICT_4X4_50" in said
-    assert "0.png: no 8x5 board detected" in said
+    message = refuses("calibrate", charucos, "--target", target(dictionary="DICT_4X4_50"))
+    assert "the charuco 8x5 was found in 0 of 3 images: is it really this charuco" in message
+    assert "dictionary DICT_4X4_50" in message
+    assert "0.png: no 8x5 board detected" in message
 
 
 def test_counted_squares_give_a_hint_with_the_right_pattern(run, shots, tmp_path):
@@ -96,6 +96,6 @@ def test_swapped_rows_and_columns_give_the_same_corners(run, shots):
 def test_mirrored_checkerboard_gives_no_note(run, shots, tmp_path):
     for i in (1, 2):
         write_image(tmp_path / f"{i}.png", cv2.flip(read_image(shots / f"{i}.png"), 1))
-    said = json.loads(run("detect", tmp_path / "*.png", "--pattern", "9x6", "--json")[1])
-    assert said["notes"] == []
-    assert [len(image["boards"]) for image in said["images"]] == [1, 1]
+    message = json.loads(run("detect", tmp_path / "*.png", "--pattern", "9x6", "--json")[1])
+    assert message["notes"] == []
+    assert [len(image["boards"]) for image in message["images"]] == [1, 1]

@@ -1,4 +1,4 @@
-"""omnisight detect, and boards that are told by a file."""
+"""omnisight detect, and boards from target files."""
 
 import json
 
@@ -97,13 +97,13 @@ def test_large_image_is_drawn_at_its_size(run, shots, tmp_path, elsewhere):
 def test_json_prints_one_object_and_draws_nothing(run, shots, elsewhere):
     status, out, err = run("detect", shots, "--json")
     assert (status, err) == (0, "")
-    said = json.loads(out)
+    message = json.loads(out)
     assert file_names(elsewhere) == []
-    assert said["pattern"] == "9x6"
-    assert said["target"] == {"target": "checkerboard", "columns": 9, "rows": 6} | said["target"]
-    assert said["hint"] is None
-    assert [p["name"] for p in said["images"]] == [f"{i}.png" for i in range(1, 7)]
-    for i, image in enumerate(said["images"]):
+    assert message["pattern"] == "9x6"
+    assert message["target"] == {"target": "checkerboard", "columns": 9, "rows": 6} | message["target"]
+    assert message["hint"] is None
+    assert [p["name"] for p in message["images"]] == [f"{i}.png" for i in range(1, 7)]
+    for i, image in enumerate(message["images"]):
         assert image["size"] == list(SIZE)
         assert image["sharpness"] > 0
         assert isinstance(image["note"], str)
@@ -134,8 +134,8 @@ def test_unreadable_images_are_listed_with_the_reason(run, folder, elsewhere):
     assert "empty file" in line_of(out, "3.png")
     assert "detected  9x6 in 4 of 6 images" in out
     assert file_names(elsewhere / "omnisight-detect") == ["1.png", "4.png", "5.png", "6.png"]
-    said = json.loads(run("detect", folder, "--json")[1])
-    bad = said["images"][1]
+    message = json.loads(run("detect", folder, "--json")[1])
+    bad = message["images"][1]
     assert (bad["size"], bad["boards"], bad["sharpness"], bad["exposure"]) == (None, [], None, None)
 
 
@@ -149,16 +149,16 @@ def test_images_without_a_board_are_no_error(run, tmp_path):
     status, out, _ = run("detect", tmp_path, "--pattern", "9x6")
     assert status == 0
     assert "detected  9x6 in 0 of 2 images, 0 corners" in out
-    said = json.loads(run("detect", tmp_path, "--json")[1])
-    assert said["pattern"] is None
-    assert [p["boards"] for p in said["images"]] == [[], []]
+    message = json.loads(run("detect", tmp_path, "--json")[1])
+    assert message["pattern"] is None
+    assert [p["boards"] for p in message["images"]] == [[], []]
 
 
 def test_only_unreadable_images_are_an_error_with_the_reason(refuses, tmp_path):
     (tmp_path / "a.png").write_text("no")
-    said = refuses("detect", tmp_path / "a.png")
-    assert "none of the images can be read" in said
-    assert "a.png: not an image" in said
+    message = refuses("detect", tmp_path / "a.png")
+    assert "none of the images can be read" in message
+    assert "a.png: not an image" in message
 
 
 def test_partial_board_is_noted(run, shots, tmp_path):
@@ -169,7 +169,7 @@ def test_partial_board_is_noted(run, shots, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (("--pattern", "9"), "cannot read the pattern '9'"),
         (("--pattern", "2x9"), "3x3 inner corners or more"),
@@ -178,8 +178,8 @@ def test_partial_board_is_noted(run, shots, tmp_path):
         (("--target", "none.json", "--pattern", "9x6"), "give --target, or --pattern and --square, not both"),
     ],
 )
-def test_an_option_that_cannot_be_is_refused(refuses, shots, elsewhere, options, said):
-    assert said in refuses("detect", shots, *options)
+def test_an_option_that_cannot_be_is_refused(refuses, shots, elsewhere, options, message):
+    assert message in refuses("detect", shots, *options)
     assert file_names(elsewhere) == []
 
 
@@ -188,15 +188,15 @@ def test_there_must_be_pictures_and_known_options(run, refuses, shots, tmp_path)
     refuses("detect", tmp_path / "empty")
     assert run("detect")[0] == 2
     assert run("detect", shots, "--colour")[0] == 2
-    said = refuses("detect", shots, "-o", shots)
-    assert "is one of the images and would be lost" in said
+    message = refuses("detect", shots, "-o", shots)
+    assert "is one of the images and would be lost" in message
 
 
 def test_a_target_that_was_made_is_the_board_that_is_found(run, refuses, shots, elsewhere):
     assert run("target", "make", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
-    said = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
-    assert said["target"]["square"] == "24mm"
-    assert [len(p["boards"]) for p in said["images"]] == [1] * 6
+    message = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
+    assert message["target"]["square"] == "24mm"
+    assert [len(p["boards"]) for p in message["images"]] == [1] * 6
     status, out, _ = run(
         "calibrate", shots, "--target", "board.json", "--model", "equidistant", "-o", "camera.json", "--json"
     )
@@ -216,9 +216,9 @@ def test_board_with_markers_is_detected_by_its_target_file(run, charucos):
     assert "detected  charuco 9x6 in 6 of 6 images" in out
     assert "no checkerboard" not in out
     status, out, _ = run("detect", charucos, "--target", "charuco.json", "--json")
-    said = json.loads(out)
-    assert (said["pattern"], said["target"]["target"]) == ("9x6", "charuco")
-    assert [p["boards"][0]["located"] for p in said["images"]] == [True] * 6
+    message = json.loads(out)
+    assert (message["pattern"], message["target"]["target"]) == ("9x6", "charuco")
+    assert [p["boards"][0]["located"] for p in message["images"]] == [True] * 6
 
 
 def test_images_of_a_board_with_markers_calibrate_a_camera(run, charucos, elsewhere):

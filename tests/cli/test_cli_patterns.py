@@ -1,4 +1,4 @@
-"""omnisight calibrate: the board that is asked for, and the one in the images."""
+"""omnisight calibrate: the requested board, and the one in the images."""
 
 import json
 
@@ -24,14 +24,16 @@ def test_columns_and_rows_may_be_swapped(run, shots):
     [("10x7", "10x7 squares have 9x6 inner corners"), ("7x5", "did you count squares?")],
 )
 def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, reason):
-    said = refuses("calibrate", shots, "--pattern", pattern)
-    assert f"the {pattern} board was found in 0 of 6 images" in said
-    assert f"found a 9x6 grid of inner corners in 6/6 images, but the requested board is {pattern} ({reason})" in said
-    assert "Use --pattern 9x6." in said
+    message = refuses("calibrate", shots, "--pattern", pattern)
+    assert f"the {pattern} board was found in 0 of 6 images" in message
+    assert (
+        f"found a 9x6 grid of inner corners in 6/6 images, but the requested board is {pattern} ({reason})" in message
+    )
+    assert "Use --pattern 9x6." in message
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (
             ("--pattern", "9"),
@@ -44,10 +46,12 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, 
         (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: auto, cylindrical"),
     ],
 )
-def test_invalid_option_is_reported_before_any_image_is_read(refuses, shots, monkeypatch, options, said):
+def test_invalid_option_is_reported_before_any_image_is_read(refuses, shots, monkeypatch, options, message):
     monkeypatch.setattr("omnisight.images.read.read_bytes", raises_error(AssertionError("an image was read")))
-    monkeypatch.setattr("omnisight.targets.raw_detections.read_bytes", raises_error(AssertionError("an image was read")))
-    assert said in refuses("calibrate", shots, *options)
+    monkeypatch.setattr(
+        "omnisight.targets.raw_detections.read_bytes", raises_error(AssertionError("an image was read"))
+    )
+    assert message in refuses("calibrate", shots, *options)
 
 
 def test_unknown_loss_is_reported_with_the_known_ones(run, shots):
@@ -61,9 +65,9 @@ def test_no_board_in_any_image_asks_for_the_pattern(refuses, tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
     assert "no checkerboard found in 3 images, so its size is unknown: give --pattern" in refuses("calibrate", tmp_path)
-    said = refuses("calibrate", tmp_path, "--pattern", "9x6")
-    assert "the 9x6 board was found in 0 of 3 images: does --pattern count inner corners" in said
-    assert "0.png: no 9x6 board detected" in said
+    message = refuses("calibrate", tmp_path, "--pattern", "9x6")
+    assert "the 9x6 board was found in 0 of 3 images: does --pattern count inner corners" in message
+    assert "0.png: no 9x6 board detected" in message
 
 
 def test_symmetric_board_is_noted(run, tmp_path):

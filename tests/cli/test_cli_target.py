@@ -51,8 +51,8 @@ def test_target_make_writes_three_files_and_prints_them(make, tmp_path, argument
     assert values.items() <= board.to_dict().items()
     assert (tmp_path / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     assert (tmp_path / f"{name}.svg").read_text().startswith("<svg")
-    for said in ("paper    A4, ", "print    at 100 %", "must measure 100 mm", f"--target {name}.json"):
-        assert said in out
+    for message in ("paper    A4, ", "print    at 100 %", "must measure 100 mm", f"--target {name}.json"):
+        assert message in out
     assert f"board    {kind} {pattern}, {board.size} points, " in out
     assert "note" not in out
 
@@ -85,7 +85,7 @@ def test_symmetric_board_gives_a_note_with_an_alternative(make, kind, pattern, o
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("dots", "9x6"), "unknown kind of target 'dots'; there are: aprilgrid, charuco, checkerboard, circles"),
         (
@@ -120,8 +120,8 @@ def test_symmetric_board_gives_a_note_with_an_alternative(make, kind, pattern, o
         (("checkerboard", "9x6", "--square", "24mm", "-o", "none/b.pdf"), "the folder none does not exist"),
     ],
 )
-def test_invalid_target_reports_the_reason_and_writes_nothing(cannot, tmp_path, arguments, said):
-    assert said in cannot(*arguments)
+def test_invalid_target_reports_the_reason_and_writes_nothing(cannot, tmp_path, arguments, message):
+    assert message in cannot(*arguments)
     assert file_names(tmp_path) == []
 
 

@@ -1,4 +1,4 @@
-"""Checkerboards in images of fisheyes and mirrors: their corners, their order, and how a pattern is written."""
+"""Checkerboards in images of fisheyes and mirrors: corners, their order, and patterns."""
 
 from pathlib import Path
 

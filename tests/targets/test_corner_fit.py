@@ -1,4 +1,4 @@
-"""Where two edges cross: the fit is as good as the image allows, knows how good, and says when there is nothing."""
+"""Corner fits: accuracy, covariance, and failure where there is no corner."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ class Corner:
 
 
 def draw(corner, blur=0.8):
-    """Give the tile of a corner: every pixel is the mean light over its square, edges sharper than a sample."""
+    """Return the tile of a corner: every pixel is the mean light over its square, edges sharper than a sample."""
     at = ((np.arange(TILE * FINE) + 0.5) / FINE - 0.5).astype(np.float32)
     x, y = at[None] - np.float32(corner.place[0]), at[:, None] - np.float32(corner.place[1])
     signs = []
@@ -54,7 +54,7 @@ def draw(corner, blur=0.8):
 
 
 def sheet(corners, *, blur=0.8, noise=0.0, seed=0, bends_known=True):
-    """Give the arguments of the fit for one image of many corners, and where they are; the start is a little off."""
+    """Return the arguments of the fit for one image of many corners, and where they are; the start is a little off."""
     rng = np.random.default_rng(seed)
     image = np.concatenate([draw(corner, blur) for corner in corners], axis=1)
     image = image + 255 * noise * rng.standard_normal(image.shape)
@@ -67,7 +67,7 @@ def sheet(corners, *, blur=0.8, noise=0.0, seed=0, bends_known=True):
 
 
 def corners(count, *, seed=0, oblique=True, bent=0.0):
-    """Give corners anywhere in a pixel, turned at random, of angles from 50 to 130 degrees."""
+    """Return corners anywhere in a pixel, turned at random, of angles from 50 to 130 degrees."""
     rng = np.random.default_rng(seed)
     made = []
     for _ in range(count):
@@ -127,7 +127,7 @@ def test_corner_errors_are_small_and_match_their_covariance(oblique, bent, blur,
 
 
 def test_covariance_is_largest_along_the_bisector_of_an_acute_angle():
-    """Two edges at 50 degrees leave most doubt along the line halfway between them."""
+    """Two edges at 50 degrees determine their crossing worst along their bisector."""
     arguments, _ = sheet([Corner((22, 22), (0.3, 0.3 + np.radians(50)))] * 3, noise=0.03)
     covariances = fit_corners(*arguments).covariance
     assert covariances.shape == (3, 2, 2)
@@ -163,7 +163,7 @@ def test_sigma_is_proportional_to_noise_over_contrast():
 
 @pytest.mark.parametrize(("over", "most"), [(0.5, 1.4), (1.0, 2.2)])
 def test_correlated_noise_inflates_the_covariance(over, most):
-    """What is left unsaid of noise blurred over a pixel is a factor of two, in place of more than ten."""
+    """The covariance of noise blurred over a pixel is too small by two at most, instead of by more than ten."""
     arguments, truth = sheet(corners(80), noise=0.0)
     rough = cv2.GaussianBlur(np.random.default_rng(5).standard_normal(arguments[0].shape), (0, 0), over)
     spoilt = np.clip(np.rint(arguments[0] + 5 * rough / rough.std()), 0, 255).astype(np.uint8)
@@ -182,7 +182,7 @@ def test_rough_fit_is_good_to_a_tenth_of_a_pixel():
 
 
 def nothing(found):
-    """Say for which corners nothing could be fitted; then every figure is missing."""
+    """Return which corners were not fitted; all their values must be NaN."""
     missing = np.isnan(found.pixels).any(axis=1)
     for array in found:
         assert np.isnan(array[missing]).all()

@@ -141,7 +141,7 @@ def test_miscounted_pattern_gives_a_hint_with_the_right_one(tmp_path, gray):
     )
     assert "10x7 squares have 9x6 inner corners" in detect_boards(paths, Checkerboard(10, 7)).hint
     assert detect_boards(paths, BOARD).hint is None
-    untold = detect_boards(paths, square=0.03)
-    assert untold.board == Checkerboard(9, 6, 0.03)
-    assert all(d.board == untold.board for p in untold.found for d in p.boards)
-    assert len(untold.found) == 2
+    inferred = detect_boards(paths, square=0.03)
+    assert inferred.board == Checkerboard(9, 6, 0.03)
+    assert all(d.board == inferred.board for p in inferred.found for d in p.boards)
+    assert len(inferred.found) == 2

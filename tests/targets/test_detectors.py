@@ -1,4 +1,4 @@
-"""Boards seen by lenses and mirrors that bend them: found points have the right ids, places and covariances."""
+"""Detection of distorted boards: ids, pixels and covariances match the truth."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from prints import APRIL, CHARUCO, CIRCLES, SIZE, pose, projector, render
 
 
 def middles(board, lens, placed, truth, *, mirrored=False):
-    """Give where the images of the discs have their middles."""
+    """Return where the images of the discs have their middles."""
     shift = disc_centroid_offset(projector(lens, placed), board.points, board.diameter / 2)
     return truth + shift * ([-1, 1] if mirrored else [1, 1])
 
@@ -24,7 +24,7 @@ def inside(pixels, margin):
 
 
 def errors(found, truth):
-    """Give the rms error in px, and the mean normalised squared error: 1 where the covariance is right."""
+    """Return the rms error in px, and the mean normalised squared error: 1 where the covariance is right."""
     error = found.pixels - truth[found.ids]
     normalised = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance), error) / 2
     return np.sqrt((error**2).sum(axis=1).mean()), normalised.mean()

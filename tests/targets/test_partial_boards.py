@@ -1,4 +1,4 @@
-"""Boards that an image shows in part, several at once, or not at all."""
+"""Detection of partial boards, several boards, and no board."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ HAND = 125
 
 
 def right(found, truth, board=BOARD):
-    """Check a detection of a board: places to a third of a pixel, and ids, or the steps between them, as they are."""
+    """Check that pixels are right to a third of a pixel, and ids, or at least the steps between them, are right."""
     away = np.linalg.norm(found.pixels[:, None] - truth, axis=2)
     true = away.argmin(axis=1)
     assert away.min(axis=1).max() < 0.35
@@ -34,7 +34,7 @@ VIEW, TILTED = (0, 0, 8, 8), (20, 10, 130, 6)
 
 
 def kept(truth, size):
-    """Say which corners are well inside an image."""
+    """Return which corners are well inside an image."""
     return ((truth > 6) & (truth < np.array(size) - 7)).all(axis=1)
 
 
@@ -79,7 +79,7 @@ def test_board_cut_by_the_image_circle_is_detected_up_to_it(view, sees):
 
 
 def covered(columns):
-    """Lay a hand over some columns of corners of the board, past its margin."""
+    """Cover some columns of the board, past its margin."""
     image, truth = shot(VIEW)
     grid = truth.reshape(6, 9, 2)
     low, high = columns
@@ -189,7 +189,7 @@ def test_boards_of_every_parity_and_colour_are_detected_completely(view, pattern
 
 
 def starts(pattern, quarters):
-    """Give which true corner each id is when the camera is turned, for an image seen upright by the detector."""
+    """Return which true corner each id is when the camera is turned, for an image seen upright by the detector."""
     image, truth = shot(VIEW, *pattern)
     found = detect_checkerboard(np.rot90(image, quarters), Checkerboard(*pattern))
     for _ in range(quarters):  # undo: u, v of the turned image in the one before
@@ -238,7 +238,7 @@ def test_most_common_pattern_is_that_of_most_complete_boards():
 
 
 def clutter(kind, rng, size=(640, 480)):
-    """Draw what stands around in a room, no board among it."""
+    """Draw an image of clutter without any board."""
     image = np.full(size[::-1], 120, np.uint8)
     v, u = np.mgrid[: size[1], : size[0]]
     match kind:

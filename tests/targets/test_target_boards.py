@@ -1,4 +1,4 @@
-"""Boards: laws for every kind, and prints read by OpenCV's own detectors, which know nothing of ours."""
+"""Laws of every kind of board, and prints that OpenCV's own detectors read."""
 
 import itertools
 
@@ -13,7 +13,7 @@ from omnisight.targets.printing.drawing import Disc, translated
 
 
 def printed(board):
-    """Give an image of the board with its white margin, and where its points are in it (N, 2), px."""
+    """Return an image of the board with its white margin, and where its points are in it (N, 2), px."""
     left, top, right, bottom = board.extent
     x, y = board.quiet_zone * 1.5 - left, board.quiet_zone * 1.5 - top
     image = rasterise(
@@ -28,7 +28,7 @@ def test_every_kind_has_examples():
     assert set(EXAMPLES) == set(board_kinds())
 
 
-def test_an_unknown_kind_is_told_with_those_there_are():
+def test_unknown_kind_raises_with_the_known_kinds():
     with pytest.raises(ValueError, match="unknown kind of target 'dots'; there are: aprilgrid, charuco, checkerboard"):
         board_class("dots")
 
@@ -169,7 +169,7 @@ def test_marker_shapes_reproduce_its_cells_even_nested_ones():
 
 
 @pytest.mark.parametrize(
-    ("kind", "values", "said"),
+    ("kind", "values", "message"),
     [
         ("checkerboard", {"columns": 9}, "the target checkerboard needs rows"),
         (
@@ -213,8 +213,8 @@ def test_marker_shapes_reproduce_its_cells_even_nested_ones():
         ("circles", {"columns": 4, "rows": 11, "spacing": "2cm", "diameter": "3cm"}, "28.28 mm apart"),
     ],
 )
-def test_invalid_board_raises_with_the_reason(kind, values, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_board_raises_with_the_reason(kind, values, message):
+    with pytest.raises(ValueError, match=message):
         board_class(kind).from_dict(values)
 
 

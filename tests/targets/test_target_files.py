@@ -1,4 +1,4 @@
-"""Files of targets: ours, Kalibr's, and what is neither."""
+"""Target files: omnisight's, Kalibr's, and invalid ones."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""What is printed: true to size in PDF and SVG, legible, and nothing over anything else."""
+"""Printed pages: true scale in PDF and SVG, legible, without overlaps."""
 
 import math
 import re
@@ -42,7 +42,7 @@ def width_of(text):
 
 
 def box(shape):
-    """Give left, top, right, bottom of a shape or text, m."""
+    """Return left, top, right, bottom of a shape or text, m."""
     if isinstance(shape, Disc):
         (x, y), r = shape.centre, shape.radius
         return x - r, y - r, x + r, y + r
@@ -63,7 +63,7 @@ def apart(a, b):
 
 
 def read_svg(text):
-    """Give paper size, board, ruler and texts of an SVG, in metres."""
+    """Return paper size, board, ruler and texts of an SVG, in metres."""
     root = ET.fromstring(text)
     sides = [float(re.fullmatch(r"([\d.]+)mm", root.get(name))[1]) for name in ("width", "height")]
     assert root.get("viewBox") == f"0 0 {sides[0]:g} {sides[1]:g}"
@@ -83,7 +83,7 @@ def svg_shape(element):
 
 
 def read_pdf(data):
-    """Give paper size (m), the outlines (N, 2) in m with their colour, and the texts of a PDF of one page."""
+    """Return paper size (m), the outlines (N, 2) in m with their colour, and the texts of a PDF of one page."""
     table = int(re.search(rb"startxref\n(\d+)\n%%EOF\n$", data)[1])
     head, count = re.match(rb"xref\n(\d+) (\d+)\n", data[table:]).groups()
     rows = re.findall(rb"(\d{10}) (\d{5}) ([nf]) \n", data[table:])
@@ -176,9 +176,9 @@ def test_ruler_has_a_tick_per_millimetre_and_the_stated_length(paper):
     length = middles[-1] - middles[0]
     np.testing.assert_allclose(np.diff(middles), 1e-3, atol=2e-9)
     assert base[2] - base[0] == pytest.approx(length, abs=2e-9)
-    said = re.search(r"this ruler must measure (\d+) mm", " ".join(texts))
-    assert int(said[1]) == pytest.approx(length * 1e3, abs=1e-5)
-    assert int(said[1]) == 100 or min(page.width, page.height) < 0.1
+    message = re.search(r"this ruler must measure (\d+) mm", " ".join(texts))
+    assert int(message[1]) == pytest.approx(length * 1e3, abs=1e-5)
+    assert int(message[1]) == 100 or min(page.width, page.height) < 0.1
     assert "Print at 100 %, do not fit to page" in " ".join(texts)
 
 
@@ -225,11 +225,11 @@ def test_large_sheet_leaves_a_square_of_margin_in_the_better_orientation():
 def test_board_that_does_not_fit_raises_with_what_would():
     with pytest.raises(ValueError, match=r"needs 330 x 25.*mm of paper") as caught:
         lay_out(checkerboard(9, 6, 0.03), "A4")
-    said = str(caught.value)
-    assert said.startswith("the 9x6 checkerboard with square 30mm is 300 x 210 mm and needs 330 x ")
-    assert "A4 offers 297 x 210 mm: the largest square that fits is 24" in said
-    assert said.endswith(", or use A3")
-    largest = float(re.search(r"fits is ([\d.]+)mm", said)[1]) / 1e3
+    message = str(caught.value)
+    assert message.startswith("the 9x6 checkerboard with square 30mm is 300 x 210 mm and needs 330 x ")
+    assert "A4 offers 297 x 210 mm: the largest square that fits is 24" in message
+    assert message.endswith(", or use A3")
+    largest = float(re.search(r"fits is ([\d.]+)mm", message)[1]) / 1e3
     lay_out(checkerboard(9, 6, largest), "A4")
     with pytest.raises(ValueError, match="or use A3"):
         lay_out(checkerboard(9, 6, largest + 2e-4), "A4")
