@@ -1,4 +1,4 @@
-"""Image files: what is written is read, what is bad is named, and what a set holds is found."""
+"""Reading, writing and collecting image files."""
 
 import contextlib
 import os
@@ -19,7 +19,7 @@ from omnisight.images import (
     write_bytes,
     write_image,
 )
-from omnisight.images.read import upright
+from omnisight.images.read import apply_orientation
 
 GRADIENT = np.arange(60, dtype=np.uint8).reshape(6, 10) * 4
 COLOURS = np.stack([GRADIENT, 255 - GRADIENT, GRADIENT // 2], axis=2)
@@ -27,7 +27,7 @@ COLOURS = np.stack([GRADIENT, 255 - GRADIENT, GRADIENT // 2], axis=2)
 
 @pytest.mark.parametrize("extension", ["png", "PNG", "tif", "TIFF", "bmp", "ppm", "webp"])
 @pytest.mark.parametrize("name", ["plain", "with space", "bild_äöü_写真"])
-def test_what_is_written_is_read(tmp_path, extension, name):
+def test_written_images_are_read_back(tmp_path, extension, name):
     path = tmp_path / f"{name}.{extension}"
     write_image(path, COLOURS)
     assert np.abs(read_image(path).astype(int) - COLOURS).max() <= (12 if extension == "webp" else 0)
@@ -37,7 +37,7 @@ def test_what_is_written_is_read(tmp_path, extension, name):
 @pytest.mark.parametrize("shape", [(6, 10), (6, 10, 3), (6, 10, 4)])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("extension", ["png", "tif"])
-def test_depth_and_channels_survive(tmp_path, shape, dtype, extension):
+def test_depth_and_channels_are_preserved(tmp_path, shape, dtype, extension):
     image = np.random.default_rng(0).integers(0, np.iinfo(dtype).max, shape).astype(dtype)
     write_image(tmp_path / f"x.{extension}", image)
     back = read_image(tmp_path / f"x.{extension}")
@@ -46,7 +46,7 @@ def test_depth_and_channels_survive(tmp_path, shape, dtype, extension):
 
 
 @pytest.mark.parametrize(
-    ("data", "found"),
+    ("data", "reason"),
     [
         (b"", "empty file"),
         (b"hello, this is text", r"not an image \(starts with b'hello'\)"),
@@ -58,15 +58,15 @@ def test_depth_and_channels_survive(tmp_path, shape, dtype, extension):
         (b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 2**31, 2**31), "pixels declared"),
     ],
 )
-def test_a_bad_file_is_named_with_its_reason_and_nothing_else_is_printed(tmp_path, capfd, data, found):
+def test_unreadable_file_error_has_name_and_reason_and_nothing_is_printed(tmp_path, capfd, data, reason):
     path = tmp_path / "img07.jpg"
     path.write_bytes(data)
-    with pytest.raises(UnreadableImage, match=r"^img07\.jpg: .*" + found):
+    with pytest.raises(UnreadableImage, match=r"^img07\.jpg: .*" + reason):
         read_image(path)
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_flipped_bit_in_a_png_is_found():
+def test_a_flipped_bit_in_a_png_is_detected():
     data = bytearray(cv2.imencode(".png", COLOURS)[1].tobytes())
     data[len(data) // 2] ^= 1
     with pytest.raises(UnreadableImage, match="damaged PNG"):
@@ -82,7 +82,7 @@ def test_missing_file_and_folder_are_unreadable(tmp_path):
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("good", [jpeg(COLOURS, orientation=6), cv2.imencode(".png", COLOURS)[1].tobytes()])
-def test_hostile_bytes_raise_unreadable_or_give_a_picture(seed, good):
+def test_corrupt_bytes_decode_or_raise_unreadable(seed, good):
     rng = np.random.default_rng(seed)
     for _ in range(50):
         data = bytearray(good)
@@ -96,7 +96,7 @@ def test_hostile_bytes_raise_unreadable_or_give_a_picture(seed, good):
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_exif_is_ignored_unless_asked_for(orientation, order):
+def test_exif_orientation_is_ignored_by_default(orientation, order):
     block = np.kron(np.array([[255, 0, 0], [128, 0, 64]], np.uint8), np.ones((16, 16), np.uint8))
     data = jpeg(block, orientation, order)
     assert exif_orientation(data) == orientation
@@ -104,10 +104,10 @@ def test_exif_is_ignored_unless_asked_for(orientation, order):
     assert plain.shape == (32, 48)
     turned = decode_image(data, "x", apply_exif=True)
     np.testing.assert_array_equal(turned, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE))
-    np.testing.assert_array_equal(turned, upright(plain, orientation))
+    np.testing.assert_array_equal(turned, apply_orientation(plain, orientation))
 
 
-def test_no_exif_is_upright():
+def test_missing_or_invalid_exif_orientation_is_upright():
     assert exif_orientation(jpeg(COLOURS)) == 1
     assert exif_orientation(b"") == 1
     assert exif_orientation(jpeg(COLOURS, orientation=77)) == 1
@@ -125,18 +125,18 @@ def test_no_exif_is_upright():
         ("x.png", np.zeros((4, 4, 2), np.uint8), r"got shape \(4, 4, 2\)"),
     ],
 )
-def test_what_cannot_be_written_is_said(tmp_path, name, image, message):
+def test_unsupported_writes_raise_value_error(tmp_path, name, image, message):
     with pytest.raises(ValueError, match=message):
         write_image(tmp_path / name, image)
     assert not os.listdir(tmp_path)
 
 
-def test_writing_into_a_missing_folder_names_it(tmp_path):
+def test_writing_to_a_missing_folder_names_the_folder(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"the folder .*nowhere does not exist"):
         write_image(tmp_path / "nowhere" / "x.png", GRADIENT)
 
 
-def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "x.txt"
     path.write_bytes(b"old")
 
@@ -150,11 +150,11 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["x.txt"]
 
 
-def test_collecting_takes_any_case_in_natural_order_once(tmp_path):
+def test_collected_images_are_unique_in_natural_order_with_any_case(tmp_path):
     for name in ["img10.JPG", "img2.jpg", "Img1.PNG", "notes.txt", "a[1].tif"]:
         (tmp_path / name).touch()
-    (tmp_path / "deeper").mkdir()
-    (tmp_path / "deeper" / "img3.jpg").touch()
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "img3.jpg").touch()
     names = ["a[1].tif", "Img1.PNG", "img2.jpg", "img10.JPG"]
     assert [p.name for p in collect_images([tmp_path])] == names
     assert [p.name for p in collect_images(tmp_path)] == names
@@ -162,27 +162,27 @@ def test_collecting_takes_any_case_in_natural_order_once(tmp_path):
         tmp_path,
         tmp_path / "img2.jpg",
         str(tmp_path / "*.JPG"),
-        tmp_path / "deeper" / ".." / "img2.jpg",
+        tmp_path / "sub" / ".." / "img2.jpg",
     ]
     assert [p.name for p in collect_images(twice)] == names
     assert [p.name for p in collect_images([tmp_path / "a[1].tif"])] == ["a[1].tif"]
     assert [p.name for p in collect_images([str(tmp_path / "*")])] == names
 
 
-def test_collecting_nothing_says_what_was_there(tmp_path):
+def test_collecting_no_image_lists_the_other_files(tmp_path):
     for i in range(3):
         (tmp_path / f"{i}.txt").touch()
     with pytest.raises(ValueError, match=r"no images in .* \(found 3 \.txt\)\. Supported: jpg .*, any case"):
         collect_images([tmp_path])
     with pytest.raises(FileNotFoundError, match="gone: no such file or folder"):
         collect_images([tmp_path / "gone"])
-    with pytest.raises(FileNotFoundError, match="matches nothing"):
+    with pytest.raises(FileNotFoundError, match="matches no file"):
         collect_images([str(tmp_path / "*.jpg")])
     with pytest.raises(ValueError, match="no images in an empty list"):
         collect_images([])
 
 
-def test_eight_bit_gray_is_left_alone_and_deep_pictures_are_stretched():
+def test_8_bit_gray_is_unchanged_and_deeper_images_are_stretched():
     np.testing.assert_array_equal(to_gray8(GRADIENT), GRADIENT)
     for deep in (GRADIENT.astype(np.uint16) * 3 + 1000, GRADIENT / 1e6, GRADIENT.astype(np.int32) - 500):
         gray = to_gray8(deep)
@@ -191,7 +191,7 @@ def test_eight_bit_gray_is_left_alone_and_deep_pictures_are_stretched():
         assert (np.diff(gray.astype(int), axis=1) >= 0).all()
 
 
-def test_colour_alpha_and_not_a_number():
+def test_gray_of_colour_alpha_and_nan():
     assert to_gray8(np.full((4, 4, 3), [255, 0, 0], np.uint8))[0, 0] == 76
     masked = np.dstack([COLOURS, np.where(GRADIENT > 100, 255, 0).astype(np.uint8)])
     assert (to_gray8(masked)[GRADIENT <= 100] == 0).all()
