@@ -1,14 +1,16 @@
-"""The hook that fills the documentation from the code, so that nothing is listed by hand.
+"""MkDocs hook that generates parts of the pages from the code.
 
-A line `{{ name argument | argument }}` of a page is replaced by what the function of that name here gives.
+A line `{{ name argument | argument }}` of a page is replaced by the return value of the function of that name below.
 """
 
 import importlib
 import inspect
 import itertools
+import math
 import pkgutil
 import re
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +22,17 @@ MARK = re.compile(r"^\{\{ *(\w+) *(.*?) *\}\}$", re.MULTILINE)
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the images that are drawn at every build."""
+    """Add the images that are drawn in every build."""
     from mkdocs.structure.files import File
 
-    for name, content in {**curves(), **view_pictures()}.items():
+    for name, content in {**curves(), **view_images()}.items():
         files.append(File.generated(config, name, content=content))
     PRESENT.update(file.src_uri for file in files)
     return files
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Fill the marks of a page."""
+    """Replace the `{{ ... }}` lines of a page."""
     up = "../" * page.file.src_uri.count("/")
 
     def fill(mark: re.Match[str]) -> str:
@@ -41,7 +43,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
 
 def models() -> str:
-    """Give one section per camera model."""
+    """Return one section per camera model."""
     return "\n".join(_model(name) for name in om.model_names())
 
 
@@ -49,22 +51,22 @@ def _model(name: str) -> str:
     cls = om.model_class(name)
     example = cls.example()
     lines = [f"## {name}", "", *_prose(inspect.getdoc(cls) or "")]
-    lines += ["| parameter | what it is | unit | bounds | estimated |", "|---|---|---|---|---|"]
+    lines += ["| parameter | description | unit | bounds | estimated |", "|---|---|---|---|---|"]
     # Coefficients of one kind share a row.
-    for (_, doc), alike in itertools.groupby(example.parameters, key=lambda p: (p.name.rstrip("0123456789"), p.doc)):
-        p, *rest = alike
+    for (_, doc), group in itertools.groupby(example.parameters, key=lambda p: (p.name.rstrip("0123456789"), p.doc)):
+        p, *rest = group
         bounds = f"{_bound(p.low)} to {_bound(p.high)}" if p.low > -float("inf") or p.high < float("inf") else ""
         named = f"`{p.name}`" + (f" ... `{rest[-1].name}`" if rest else "")
         lines.append(f"| {named} | {_plain(doc)} | {p.unit} | {bounds} | {'yes' if p.free else 'on request'} |")
-    held = [f"`{key}`" for key in _formats() if name in _formats()[key].MODELS]
-    lines += ["", f"Held by the formats {', '.join(held)}."]
+    supported = [f"`{key}`" for key in _formats() if name in _formats()[key].MODELS]
+    lines += ["", f"Supported by the formats {', '.join(supported)}."]
     if _is_central(cls):
         lines += ["", f"![r(theta) of the example of {name}](@/assets/models/{name}.svg){{ width=420 }}"]
     return "\n".join([*lines, ""])
 
 
 def ray_models() -> str:
-    """Give one section per non-central camera that can be calibrated."""
+    """Return one section per non-central camera model that can be calibrated."""
     from omnisight.optics.models import ray_model_class, ray_model_names
 
     sections: list[str] = []
@@ -73,38 +75,38 @@ def ray_models() -> str:
         own = [p for p in cls.example().parameters if p.unit != "px" and p.unit]
         rows = [f"| `{p.name}` | {_plain(p.doc)} | {p.unit} |" for p in own]
         prose = _prose((inspect.getdoc(cls) or "").partition("\n\nAttributes\n")[0])
-        sections += [f"### {name}", "", *prose, "| parameter | what it is | unit |", "|---|---|---|", *rows, ""]
+        sections += [f"### {name}", "", *prose, "| parameter | description | unit |", "|---|---|---|", *rows, ""]
     return "\n".join(sections)
 
 
 def formats() -> str:
-    """Give the table of formats."""
-    lines = ["| `--to` | what it is | file | models, the most usual first |", "|---|---|---|---|"]
+    """Return the table of calibration file formats."""
+    lines = ["| `--to` | format | file | models, the most common first |", "|---|---|---|---|"]
     for key, value in _formats().items():
-        held = "every model" if set(value.MODELS) == set(om.model_names()) else ", ".join(value.MODELS)
-        lines.append(f"| `{key}` | {_plain(value.TITLE)} | `{value.SUFFIX}` | {held} |")
+        supported = "every model" if set(value.MODELS) == set(om.model_names()) else ", ".join(value.MODELS)
+        lines.append(f"| `{key}` | {_plain(value.TITLE)} | `{value.SUFFIX}` | {supported} |")
     return "\n".join(lines)
 
 
 def conventions() -> str:
-    """Give what each format means by its numbers."""
-    lines = ["| format | its convention |", "|---|---|"]
+    """Return the table of the conventions of each format."""
+    lines = ["| format | convention |", "|---|---|"]
     lines += [f"| {_plain(value.TITLE)} | {_plain(value.CONVENTION)} |" for value in _formats().values()]
     return "\n".join(lines)
 
 
 def corner_formats() -> str:
-    """Give the table of formats of corners."""
+    """Return the table of corner file formats."""
     from omnisight.corners import get_corner_format, corner_format_names
 
-    lines = ["| | file | its convention |", "|---|---|---|"]
+    lines = ["| format | file | convention |", "|---|---|---|"]
     for value in map(get_corner_format, corner_format_names()):
         lines.append(f"| {_plain(value.TITLE)} | `{value.SUFFIX}` | {_plain(value.CONVENTION)} |")
     return "\n".join(lines)
 
 
 def matrix() -> str:
-    """Give which format holds which model exactly."""
+    """Return the table of formats and the models that each supports exactly."""
     found = _formats()
     lines = ["| | " + " | ".join(found) + " |", "|---" * (len(found) + 1) + "|"]
     for name in om.model_names():
@@ -114,82 +116,85 @@ def matrix() -> str:
 
 
 def candidates() -> str:
-    """Give the models that `--model auto` fits."""
-    from omnisight.calibration.model_selection import AUTO, NARROW_AUTO
+    """Return the models that `--model auto` fits."""
+    from omnisight.models import auto_models
 
-    def linked(names: tuple[str, ...]) -> str:
+    def linked(names: Sequence[str]) -> str:
         return ", ".join(f"[{name}](@/reference/models.md#{name})" for name in names)
 
-    return f"{linked(AUTO)}; for a narrow lens also {linked(NARROW_AUTO)}."
+    wide = auto_models(math.pi / 2)
+    narrow = [name for name in auto_models(0.0) if name not in wide]
+    limits = {name: round(math.degrees(om.model_class(name).auto_max_theta)) for name in narrow}
+    return f"{linked(wide)}; {', '.join(f'up to {limits[name]}° off-axis also {linked([name])}' for name in narrow)}."
 
 
 def commands() -> str:
-    """Give the command line's own help, command by command."""
+    """Return the help of every command."""
     from cyclopts import App
 
     from omnisight import cli
 
     app = App(name="omnisight", help_flags=(), version_flags=(), help_format="markdown")
-    for found in pkgutil.iter_modules(cli.__path__):
-        if not found.name.startswith("_"):
-            app.command(
-                getattr(importlib.import_module(f"omnisight.cli.{found.name}"), found.name),
-                name=found.name.replace("_", "-"),
-            )
+    for module in pkgutil.iter_modules(cli.__path__):
+        if not module.name.startswith("_"):
+            command = getattr(importlib.import_module(f"omnisight.cli.{module.name}"), module.name)
+            app.command(command, name=module.name.replace("_", "-"))
     text = app.generate_docs(output_format="markdown")
     return text[text.index("## omnisight ") :]
 
 
 def examples() -> str:
-    """Give every example with its code."""
+    """Return every example with its code."""
     sections: list[str] = []
     for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
         text = path.read_text()
         title = path.stem.partition("_")[2].replace("_", " ").capitalize()
-        lead = inspect.cleandoc(text.split('"""')[1]).splitlines()[0]
-        sections.append(f'## {title}\n\n{_plain(lead)}\n\n```python title="examples/{path.name}"\n{text.strip()}\n```')
+        summary = inspect.cleandoc(text.split('"""')[1]).splitlines()[0]
+        code = f'```python title="examples/{path.name}"\n{text.strip()}\n```'
+        sections.append(f"## {title}\n\n{_plain(summary)}\n\n{code}")
     return "\n\n".join(sections)
 
 
 def api() -> str:
-    """Give every public name, by the module it lives in."""
-    pages: list[str] = []
-    for module, names in om._HOME.items():
-        pages += [f"## omnisight.{module}", ""]
-        pages += [f"::: omnisight.{module}.{name}" for name in sorted(names)]
-    return "\n\n".join(pages)
+    """Return the documentation of every public name, grouped by module."""
+    sections: list[str] = []
+    names = sorted(om._MODULES, key=lambda name: (om._MODULES[name], name))
+    for module, group in itertools.groupby(names, om._MODULES.get):
+        sections += [f"## {module}", *(f"::: {module}.{name}" for name in group)]
+    return "\n\n".join(sections)
 
 
 def members(module: str) -> str:
-    """Give the public classes and functions of a module."""
-    found = importlib.import_module(module)
-    own = [name for name, value in vars(found).items() if getattr(value, "__module__", "") == module]
-    names = [name for name in getattr(found, "__all__", own) if name[0] != "_" and callable(getattr(found, name))]
+    """Return the documentation of the public classes and functions of a module."""
+    namespace = importlib.import_module(module)
+    own = [name for name, value in vars(namespace).items() if getattr(value, "__module__", "") == module]
+    names = [name for name in getattr(namespace, "__all__", own) if name[0] != "_"]
+    names = [name for name in names if callable(getattr(namespace, name))]
     return "\n\n".join(f"::: {module}.{name}" for name in names)
 
 
-def picture(path: str, said: str) -> str:
-    """Show an image of docs/, if it has been drawn, with what it shows below it."""
-    return f"![{said}](@/{path})\n*{said}*" if path in PRESENT else ""
+def image(path: str, caption: str) -> str:
+    """Return an image of docs/ with its caption, if the image exists."""
+    return f"![{caption}](@/{path})\n*{caption}*" if path in PRESENT else ""
 
 
-def file(name: str, instead: str = "") -> str:
-    """Give a file of the repository without its title; `instead` where there is none."""
+def file(name: str, fallback: str = "") -> str:
+    """Return a file of the repository without its title, or `fallback` if it does not exist."""
     path = ROOT / name
-    return path.read_text().partition("\n")[2] if path.exists() else instead
+    return path.read_text().partition("\n")[2] if path.exists() else fallback
 
 
 MARKS = {
     function.__name__: function
     for function in (
         *(models, ray_models, formats, corner_formats, conventions, matrix, candidates, commands),
-        *(examples, api, members, picture, file),
+        *(examples, api, members, image, file),
     )
 }
 
 
 def curves() -> dict[str, str]:
-    """Draw r(theta) of the example of every camera with an axis."""
+    """Draw the radial profile of the example of every model that has one."""
     from omnisight.report.drawings.radial_profile import radial_profile, profile_svg
 
     drawn: dict[str, str] = {}
@@ -203,39 +208,38 @@ def curves() -> dict[str, str]:
     return drawn
 
 
-def view_pictures() -> dict[str, bytes]:
-    """Draw every kind of view of a rendered room."""
+def view_images() -> dict[str, bytes]:
+    """Render every type of view of a room."""
     from omnisight.simulation import fisheye_setup, mirror_setup
     from omnisight.views.cube import CUBE_FACES, cube_rotation
 
     fisheye, mirror = fisheye_setup(), mirror_setup()
-    lens, room = fisheye.camera, fisheye.renderer()().image
-    bowl, bowl_room = mirror.camera, mirror.renderer()().image
+    room, mirror_room = fisheye.renderer()().image, mirror.renderer()().image
     level, upright = om.look(pitch=8), om.look(up="back")
-    drawn: dict[str, Any] = {"fisheye_image": room, "mirror_image": bowl_room}
+    drawn: dict[str, Any] = {"fisheye_image": room, "mirror_image": mirror_room}
     for name, target in {
         "perspective": om.perspective(100, (640, 400)),
         "panini": om.panini(165, (640, 360)),
         "sphere": om.sphere(720),
         "fisheye": om.fisheye(400, 180, "equisolid"),
     }.items():
-        drawn[name] = om.remap(room, lens, target, level, interpolation="bicubic")
+        drawn[name] = om.remap(room, fisheye.camera, target, level, interpolation="bicubic")
     for name, target, rotation in (
         ("cylinder", om.cylinder(960, (-50, 18)), upright),
         ("mercator", om.mercator(960, (-50, 18)), upright),
         ("planet", om.planet(400, 215), om.look(pitch=-90, up="back")),
         ("wrong_flip", om.cylinder(960, (-50, 18)), om.look(up="back", flip=True)),
     ):
-        drawn[name] = om.remap(bowl_room, bowl, target, rotation, interpolation="bicubic")
+        drawn[name] = om.remap(mirror_room, mirror.camera, target, rotation, interpolation="bicubic")
     for face in CUBE_FACES:
-        drawn[f"cube_{face}"] = om.remap(room, lens, om.cube_face(200), cube_rotation(face, level))
+        drawn[f"cube_{face}"] = om.remap(room, fisheye.camera, om.cube_face(200), cube_rotation(face, level))
     with tempfile.TemporaryDirectory() as folder:
-        pictures: dict[str, bytes] = {}
-        for name, image in drawn.items():
+        files: dict[str, bytes] = {}
+        for name, pixels in drawn.items():
             path = Path(folder) / f"{name}.jpg"
-            om.write_image(path, image)
-            pictures[f"assets/views/{name}.jpg"] = path.read_bytes()
-    return pictures
+            om.write_image(path, pixels)
+            files[f"assets/views/{name}.jpg"] = path.read_bytes()
+    return files
 
 
 def _formats() -> dict[str, Any]:
@@ -251,7 +255,7 @@ def _is_central(cls: type) -> bool:
 
 
 def _prose(text: str) -> list[str]:
-    """Give a docstring as Markdown: paragraphs that are formulas as code, the rest as they are."""
+    """Convert a docstring to Markdown; paragraphs that are formulas become code blocks."""
     lines: list[str] = []
     for paragraph in text.split("\n\n"):
         formula = "=" in paragraph and not paragraph.rstrip().endswith(".")
@@ -260,7 +264,7 @@ def _prose(text: str) -> list[str]:
 
 
 def _plain(text: str) -> str:
-    """Keep formulas in running text from being read as Markdown."""
+    """Escape characters of formulas that Markdown would interpret."""
     return re.sub(r"([*_|\[\]`])", r"\\\1", text).replace("<", "&lt;")
 
 
