@@ -15,7 +15,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from omnisight.pipeline.central import calibrate_camera
 from scipy.spatial import cKDTree
 
 from benchmarks.boards_detectors import DETECTORS, NEAR, Found, classic, nothing, sector_based
@@ -24,6 +23,8 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import linear_board_poses
 from omnisight.images import read_image, to_gray8
 from omnisight.models import CameraModel
+from omnisight.pipeline.calibrate import calibrate
+from omnisight.pipeline.options import CalibrateOptions
 from omnisight.targets import Checkerboard, detect_boards
 from omnisight.targets.observations import Observations
 
@@ -146,8 +147,8 @@ def _judge(result: SetResult, size: tuple[int, int], theirs: Checkerboard) -> No
     for name, each in result.found.items():
         result.wrong[name] = [np.zeros(len(f), bool) for f in each]
     try:
-        views = Observations.of([(result.board.points[f.ids], f.pixels) for _, f in mine])
-        camera = calibrate_camera(views, size)
+        points = [result.board.points[f.ids] for _, f in mine]
+        camera = calibrate(Observations.from_arrays(points, [f.pixels for _, f in mine], size=size))
     except ValueError as error:
         result.notes.append(f"no referee: {error}")
         return
@@ -160,8 +161,9 @@ def _judge(result: SetResult, size: tuple[int, int], theirs: Checkerboard) -> No
 
 
 def _misfits(model: CameraModel, points: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Say which corners lie more than 2 px from the robust fit of their board's pose, the camera being known."""
-    view = Observations.of([(points, pixels)])
+    """Return which corners lie more than 2 px from the robust fit of their board's pose, with a known camera."""
+    size = (int(pixels[:, 0].max()) + 1, int(pixels[:, 1].max()) + 1)  # any that holds them
+    view = Observations.from_arrays([points], [pixels], size=size)
     rotations, translations = linear_board_poses(view, model.unproject(pixels)[0])
     if not np.isfinite(rotations).all():
         return np.ones(len(pixels), bool)
@@ -182,7 +184,9 @@ def _common(result: SetResult, peer: str, size: tuple[int, int]) -> tuple[float,
             mine.append((points, a.pixels[near]))
             theirs.append((points, b.pixels[nearest[near]]))
     try:
-        fits = [calibrate_camera(Observations.of(v), size, model="mei", loss="squared").rms for v in (mine, theirs)]
+        options = CalibrateOptions(model="mei", loss="squared")
+        observations = (Observations.from_arrays(*zip(*views, strict=True), size=size) for views in (mine, theirs))
+        fits = [calibrate(views, options).rms for views in observations]
     except ValueError:
         return float("nan"), float("nan"), len(mine), sum(len(p) for p, _ in mine)
     return fits[0], fits[1], len(mine), sum(len(p) for p, _ in mine)

@@ -46,7 +46,7 @@ def test_detect_prints_a_row_per_image_and_the_result(run, shots):
         assert int(line_of(out, f"{i}.png").split()[2]) > 50
     assert "detected  9x6 in 6 of 6 images, " in out
     assert "corners\n" in out
-    assert out.rstrip().endswith("drawn: omnisight-detect")
+    assert out.rstrip().endswith("drawn     omnisight-detect")
 
 
 def test_pattern_is_determined_without_the_option(run, shots):
@@ -67,7 +67,7 @@ def test_detections_are_drawn_on_enlarged_images(run, shots, elsewhere, output):
     status, out, _ = run("detect", shots / "1.png", shots / "2.png", *(() if output is None else ("-o", output)))
     assert status == 0
     folder = elsewhere / (output or "omnisight-detect")
-    assert f"drawn: {output or 'omnisight-detect'}" in out
+    assert f"drawn     {output or 'omnisight-detect'}" in out
     assert file_names(folder) == ["1.png", "2.png"]
     for name in file_names(folder):
         drawn, given = read_image(folder / name), read_image(shots / name)
@@ -175,24 +175,24 @@ def test_partial_board_is_noted(run, shots, tmp_path):
         (("--pattern", "2x9"), "3x3 inner corners or more"),
         (("--square", "30"), "has no unit: write 30mm"),
         (("--target", "none.json"), "none.json"),
-        (("--target", "none.json", "--pattern", "9x6"), "give --target, or --pattern and --square, not both"),
+        (("--target", "none.json", "--pattern", "9x6"), "specify either --target or --pattern and --square"),
     ],
 )
-def test_an_option_that_cannot_be_is_refused(refuses, shots, elsewhere, options, message):
+def test_invalid_option_is_an_error(refuses, shots, elsewhere, options, message):
     assert message in refuses("detect", shots, *options)
     assert file_names(elsewhere) == []
 
 
-def test_there_must_be_pictures_and_known_options(run, refuses, shots, tmp_path):
+def test_images_and_known_options_are_required(run, refuses, shots, tmp_path):
     (tmp_path / "empty").mkdir()
     refuses("detect", tmp_path / "empty")
     assert run("detect")[0] == 2
     assert run("detect", shots, "--colour")[0] == 2
     message = refuses("detect", shots, "-o", shots)
-    assert "is one of the images and would be lost" in message
+    assert "is one of the images and would be overwritten" in message
 
 
-def test_a_target_that_was_made_is_the_board_that_is_found(run, refuses, shots, elsewhere):
+def test_target_file_that_was_made_is_used_by_detect_and_calibrate(run, refuses, shots, elsewhere):
     assert run("target", "make", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
     message = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
     assert message["target"]["square"] == "24mm"
