@@ -22,7 +22,7 @@ CHANCE_SIGMA = 2.0
 def camera_covariance(candidate: Candidate, observations: Observations, *, loss: Loss = "huber") -> Array:
     """Return the covariance (P, P) of the camera parameters; zero for constant ones.
 
-    The covariance due to corner noise is multiplied by the excess view_scatter between views, because errors of the corners
+    The covariance due to corner noise is multiplied by the excess scatter between views, because errors of the corners
     of one image are correlated: a flexing board, a change of focus, blur and the bias of the detector move many of them
     together. Corner noise alone would then underestimate the covariance several times.
     """
@@ -40,17 +40,17 @@ def variance_inflation(candidate: Candidate, observations: Observations) -> floa
 
 
 def view_scatter(candidate: Candidate, observations: Observations) -> float:
-    """Return the variance of the estimates according to the view_scatter between views, relative to that of corner noise.
+    """Return the variance of the estimates according to the scatter between views, relative to corner noise.
 
-    Each view is one independent sample, whatever the errors within it (a cluster-robust or sandwich estimator). With H the
-    normal equations after elimination of the poses, and H_k and g_k the parts of view k, the covariance is
+    Each view is one independent sample, whatever the errors within it (a cluster-robust or sandwich estimator). With H
+    the normal equations after elimination of the poses, and H_k and g_k the parts of view k, the covariance is
 
         H^-1 (sum_k A_k g_k g_k^T A_k^T) H^-1,    A_k = L (I - L^-1 H_k L^-T)^(-1/2) L^-1,    H = L L^T
 
     where A_k corrects for the leverage of view k (Bell and McCaffrey, Bias reduction in standard errors for linear
     regression with multi-stage samples, Survey Methodology 28, 2002). From 20 views this matrix is too uncertain to be
-    used directly; its mean over all directions gives the factor by which H^-1 is too small. Directions determined by one
-    view alone, and by priors, keep the variance of corner noise.
+    used directly; its mean over all directions gives the factor by which H^-1 is too small. Directions determined by
+    one view alone, and by priors, keep the variance of corner noise.
     """
     state, free_parameters = candidate.state, candidate.free_parameters
     weights = ResidualWeights.estimate(state, observations)
@@ -72,11 +72,10 @@ def view_scatter(candidate: Candidate, observations: Observations) -> float:
 
 
 def noise_covariance(candidate: Candidate, observations: Observations, *, loss: Loss = "huber") -> Array:
-    """Give the same as corner noise alone has it: what would be if nothing were wrong that corners share.
+    """Return the covariance (P, P) of the camera parameters due to independent corner noise.
 
-    The inverse of the normal equations, the poses and the bend of the board eliminated: whatever they take up is
-    uncertain in the camera. Residuals have the weights that they show, each pose and parameter having taken its part of
-    it (Triggs et al. 2000, sec. 9).
+    It is the inverse of the normal equations after elimination of poses and board warp, times the variance of the
+    residuals corrected for the number of estimated values (Triggs et al. 2000, sec. 9).
     """
     state, free_parameters = candidate.state, candidate.free_parameters
     weights = ResidualWeights.estimate(state, observations, loss)
@@ -92,7 +91,7 @@ def noise_covariance(candidate: Candidate, observations: Observations, *, loss: 
 
 
 def residual_variance(weights: ResidualWeights, observations: Observations, free_parameters: FreeParameters) -> float:
-    """Return the variance, px^2, of a corner coordinate: that of the residuals, corrected for the degrees of freedom."""
+    """Return the variance, px^2, of a corner coordinate: that of the residuals, corrected for degrees of freedom."""
     measured = observations.pixels.size
     degrees_of_freedom = measured - free_parameters.count - 6 * len(observations)
     return weights.sigma**2 * measured / max(degrees_of_freedom, 1)

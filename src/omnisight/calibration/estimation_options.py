@@ -13,7 +13,7 @@ class EstimationOptions:
     Attributes
     ----------
     loss
-        huber; or squared for plain least squares.
+        Loss of the residuals: huber, or squared for plain least squares.
     fix
         Name of a parameter that keeps its initial value (0 for a skew); may be repeated.
     free
@@ -21,7 +21,7 @@ class EstimationOptions:
     square_pixels
         Estimate one focal length for both directions.
     flat
-        Take the board as flat. Otherwise its warp is estimated too, and kept if it lowers the held-out error.
+        Assume a flat board. Otherwise its warp is estimated too, and kept if it lowers the held-out error.
     """
 
     loss: Loss = "huber"

@@ -30,8 +30,8 @@ ROLLING_SHUTTER_SHARE, STATIC_SIGMA_PX = 0.1, 0.1
 def select_informative_views(observations: Observations, motion: Array) -> list[int]:
     """Select views one after another, each the one that adds most information to the previous ones.
 
-    With J the Jacobian of a view's corners by the camera parameters, and Q an orthonormal basis of the derivatives by its
-    pose, its information is J^T (I - Q Q^T) J. The view that maximizes the determinant of the sum is selected next
+    With J the Jacobian of a view's corners by the camera parameters, and Q an orthonormal basis of the derivatives by
+    its pose, its information is J^T (I - Q Q^T) J. The view that maximizes the determinant of the sum is selected next
     (Fedorov, Theory of optimal experiments, 1972; for calibration Richardson, Strom and Olson, AprilCal, IROS 2013, and
     Rojtberg and Kuijper, ISMAR 2018, with other criteria).
 
@@ -51,7 +51,7 @@ def select_informative_views(observations: Observations, motion: Array) -> list[
     displacement, threshold = _displacements(observations), MIN_DISPLACEMENT * observations.size[0]
     distinct = _distinct_views(displacement, threshold)
     try:
-        preliminary = estimate_initial_camera(observations.subset(distinct[:MAX_PRELIMINARY_VIEWS])).model
+        preliminary = estimate_initial_camera(observations.subset(distinct[:MAX_PRELIMINARY_VIEWS])).central_model
     except ValueError:  # the calibration will report the reason
         return distinct[:MAX_SELECTED]
     state = refine(resect(preliminary, observations), observations, iterations=10, tolerance=1e-4).state

@@ -27,8 +27,8 @@ MIN_VIEWS = 3
 MAX_RMS_RATIO = 1.5
 # Relative reduction of the held-out error that matters: below, the model with fewer parameters is taken.
 MIN_RELATIVE_GAIN = 0.01
-# Factor by which the injective domain of a model must exceed the angle that corners cover.
-MIN_DOMAIN_MARGIN = 1.03
+# Factor by which the injective domain of a model must exceed the angle that corners cover, so that it extrapolates.
+MIN_DOMAIN_MARGIN = 1.1
 
 
 @dataclass(frozen=True)

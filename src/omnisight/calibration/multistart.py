@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 
 # Starts drawn from the priors: a whole level (2^4 - 1) of the low-discrepancy sequence.
 SAMPLES = 15
-# The first primes.
-HALTON_BASES = (2, 3, 5, 7, 11)
+# The first primes, one for each drawn parameter of a model.
+HALTON_BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 # (corners, Levenberg-Marquardt steps) of the rounds, after each of which half of the starts remain.
 ROUNDS = ((300, 10), (1000, 40))
 # Distinct local minima that are refined on all corners.
@@ -180,7 +180,8 @@ def _sample_starts(
     constant = (*(p.name for p in parameters if not p.free), *zero)
     bearings, pixels = _thinned(*sample_camera(initial, observations), FIT_PAIRS)
     try:
-        first = initial.model if type(initial.model) is cls else fit(bearings, pixels, fixed=constant)
+        known = type(initial.model) is cls and fit == cls.fit  # a variant is another model: refit it
+        first = initial.model if known else fit(bearings, pixels, fixed=constant)
     except (ValueError, np.linalg.LinAlgError):
         return
     yield Start(replace(initial, model=first))
@@ -224,7 +225,8 @@ def _draw(model: CameraModel, fixed: Sequence[str]) -> Iterator[tuple[CameraMode
 
 
 def low_discrepancy(count: int, dimensions: int) -> Array:
-    """Return the first points (count, dimensions) of the Halton sequence after the origin; up to five dimensions."""
+    """Return the first points (count, dimensions) of the Halton sequence after the origin; up to eight dimensions."""
+    assert dimensions <= len(HALTON_BASES)
     points = np.zeros((count, dimensions))
     for column, base in enumerate(HALTON_BASES[:dimensions]):
         index, place = np.arange(1, count + 1), 1.0

@@ -16,7 +16,6 @@ from omnisight.calibration.prescription import (
     with_designed_aperture,
     with_wide_aperture,
 )
-from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
 from omnisight.optics.ray_model import RayModel
 from omnisight.targets.observations import Observations
@@ -51,9 +50,7 @@ def fit_axial(central: Candidate, observations: Observations, coefficients: int,
 
     What the central candidate estimates of the lens is estimated too, under the same constraints.
     """
-    lens = central.state.model
-    assert isinstance(lens, CameraModel)
-    start = replace(central.state, model=Axial(lens, (0.0,) * coefficients))
+    start = replace(central.state, model=Axial(central.state.central_model, (0.0,) * coefficients))
     directions = block_diag(central.free_parameters.directions, np.eye(coefficients))
     free_parameters = FreeParameters(np.asarray(directions, float), central.free_parameters.warp)
     name = f"axial {central.name}, {coefficients}"
@@ -118,7 +115,7 @@ def select_prescription(
     if not best.rms <= MAX_RMS_RATIO * central.best.rms:
         raise ValueError(
             f"{model.name}: refined from the given design, the rms is {best.rms:.2f} px, that of a central"
-            f" {central.best.name} {central.best.rms:.2f} px: its mirror, distance or focal length differ from the design"
+            f" {central.best.name} {central.best.rms:.2f} px: mirror, distance or focal length differ from the design"
         )
     if central.best.held_out_lengths is not None:
         best = best.cross_validated(observations, inliers, loss=options.loss)

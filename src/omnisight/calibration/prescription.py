@@ -58,8 +58,8 @@ def resect_prescription(model: RayModel, observations: Observations) -> State:
     origins, bearings, valid = model.rays(observations.pixels)
     if valid.mean() < MIN_VISIBLE_SHARE:
         raise ValueError(
-            f"{model.name}: the given design has rays for {valid.mean():.0%} of the corners: its focal length, image size"
-            " or mirror distance does not match these images"
+            f"{model.name}: the given design has rays for {valid.mean():.0%} of the corners: its focal length, image"
+            " size or mirror distance does not match these images"
         )
     centre = origins[valid].mean(0)
     rotations, translations = linear_board_poses(observations, bearings)

@@ -1,4 +1,4 @@
-"""Re-detection: corners are measured again where a first camera predicts them, and missed corners are searched there."""
+"""Re-detection: measure corners again where a first camera predicts them, and search for missed ones there."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -147,10 +147,9 @@ class _ImageSearch:
     """Re-detection in one image after the other; counts the images in which perspective views did not help."""
 
     def __init__(self, detections: Detections, initial: State, gate: float, apply_exif: bool) -> None:
-        assert isinstance(initial.model, CameraModel)
         assert isinstance(detections.board, Board)
         self.detections, self.initial, self.gate, self.apply_exif = detections, initial, gate, apply_exif
-        self.board, self.camera = detections.board, Camera(initial.model, detections.size)
+        self.board, self.camera = detections.board, Camera(initial.central_model, detections.size)
         self.first_view = np.concatenate([[0], np.cumsum([len(image.boards) for image in detections.images])])
         self.failures = 0
 
@@ -232,8 +231,7 @@ def _locate_and_measure(
     The position is unique if it alone reaches all four borders of the board.
     """
     board = predicted.board
-    ambiguous = isinstance(board, Checkerboard) and not detection.located
-    if not ambiguous or _position_count(detection, board) > MAX_POSITIONS:
+    if not isinstance(board, Checkerboard) or detection.located or _position_count(detection, board) > MAX_POSITIONS:
         return _measure(gray, predicted, detection)
     tries = [
         _measure(gray, replace(predicted, rotation=rotation, translation=translation), moved)
@@ -254,14 +252,14 @@ def _positions(
     rotation, translation = predicted.rotation, predicted.translation
     diagonal, last = board.points[board.columns + 1], board.points[-1]
     poses = [(detection.ids, rotation, translation)]
-    if not board.symmetric:  # half a turn is another position
+    if not board.is_symmetric:  # half a turn is another position
         poses.append((board.size - 1 - detection.ids, rotation * (-1, -1, 1), translation + rotation @ last))
     for half_turn, (ids, turned, origin) in enumerate(poses):
         order = np.argsort(ids)
         j, i = np.divmod(ids, board.columns)
         for down in range(-int(j.min()), board.rows - int(j.max())):
             for right in range(-int(i.min()), board.columns - int(i.max())):
-                if board.symmetric or (down + right) % 2 == half_turn:
+                if board.is_symmetric or (down + right) % 2 == half_turn:
                     moved = replace(
                         detection,
                         ids=ids[order] + down * board.columns + right,

@@ -53,15 +53,13 @@ def resect_linear(model: CameraModel, observations: Observations) -> State:
 
 def resolve_flip(state: State, observations: Observations) -> State:
     """Refine every pose and its mirror image about the line of sight on the sphere, and keep the better one."""
-    assert isinstance(state.model, CameraModel)
-    bearings, _ = state.model.unproject_numpy(observations.pixels)
+    bearings, _ = state.central_model.unproject_numpy(observations.pixels)
     return State(state.model, *refine_board_poses(observations, bearings, state.rotations, state.translations))
 
 
 def reresect(state: State, observations: Observations) -> State:
     """Estimate every pose anew and keep the better one: corrects boards behind the camera or flipped."""
-    assert isinstance(state.model, CameraModel)
-    fresh = resect(state.model, observations)
+    fresh = resect(state.central_model, observations)
     starts = [group.start for group in observations.groups]
     old, new = (np.add.reduceat(np.minimum(s.lengths(observations), MAX_COMPARED_PX), starts) for s in (state, fresh))
     better = new < old

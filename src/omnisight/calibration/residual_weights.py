@@ -88,7 +88,7 @@ def _whitening(lengths: Array, covariance: Array) -> Array:
     shared = max(float(np.median(lengths**2 / (2 * np.log(2)) - middle)), MIN_SIGMA_PX**2)
     a, d = a + shared, d + shared
     scale = np.median(middle) + shared
-    # U of scale C^-1 = U^T U, upper triangular. The determinant of a corner uncertain along one line only may round to < 0.
+    # U of scale C^-1 = U^T U, upper triangular. The determinant of a corner uncertain along a line may round to < 0.
     over, side = np.sqrt(scale / d), np.sqrt(np.maximum(a * d - b * b, ROUNDING * a * d))
     whitening = np.zeros((len(covariance), 2, 2))
     whitening[:, 0, 0], whitening[:, 0, 1], whitening[:, 1, 1] = over * d / side, -over * b / side, over

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration._bundle_kernel import transform_points, whitened_lengths
-from omnisight.models import Projector
+from omnisight.models import CameraModel, Projector
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -26,14 +26,27 @@ class State:
     rotations, translations
         cam_from_board, (V, 3, 3) and (V, 3).
     warp
-        (2,) height of the board's middle above the plane of its edges, along x and along y: z = warp_basis . warp in the
-        unit of the board, positive away from the printed side (`Observations.warp_basis`).
+        (2,) height of the board's middle above the plane of its edges, along x and along y: z = warp_basis . warp in
+        the unit of the board, positive away from the printed side (`Observations.warp_basis`).
     """
 
     model: Projector
     rotations: Array
     translations: Array
     warp: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def central_model(self) -> CameraModel:
+        """The camera model of a central camera.
+
+        Raises
+        ------
+        TypeError
+            If the camera is not central.
+        """
+        if not isinstance(self.model, CameraModel):
+            raise TypeError(f"{self.model.name} is not a central camera model")
+        return self.model
 
     def points(self, observations: Observations) -> tuple[Array, Array]:
         """Return the board points in the camera frame (N, 3), and rotated but not translated (N, 3)."""

@@ -82,7 +82,7 @@ def calibrate(
     initial = estimate_initial_camera(observations)
     observations, redetection = redetect(observations, initial, apply_exif=options.apply_exif, progress=report)
     redetected = time.perf_counter()
-    initial = resect(initial.model, observations)
+    initial = resect(initial.central_model, observations)
     subset = observations.at(rows := observations.thinned_rows(MAX_COMPARED_CORNERS))
     candidates = fit_candidates(candidate_models(options, initial, observations), initial, subset, options, report)
     inliers = find_inliers(candidates, subset, observations)
@@ -111,8 +111,8 @@ def read_design(path: Path | None) -> RayCamera | None:
     camera = None if path is None else load(path)
     if isinstance(camera, Camera):
         raise ValueError(
-            f"{path}: a central camera ({camera.model.name}), which needs no initial values: leave out --start. It is for"
-            " non-central systems of a lens and a mirror"
+            f"{path}: a central camera ({camera.model.name}), which needs no initial values: leave out --start. It is"
+            " for non-central systems of a lens and a mirror"
         )
     return camera
 

@@ -50,14 +50,15 @@ class Calibration:
     selection: Selection
     outliers: NDArray[np.bool_]
     quality: QualityReport
-    redetection: RedetectionStats = RedetectionStats()
+    redetection: RedetectionStats = field(default_factory=RedetectionStats)
     ocamcalib: OcamCalibResult | None = None
     seconds: dict[str, float] = field(default_factory=dict[str, float])
 
     def __repr__(self) -> str:
         """Summarize the calibration in one line."""
         held_out = "" if self.held_out_rms is None else f", held-out error {self.held_out_rms:.3f} px"
-        return f"Calibration({self.best.name}, {len(self.observations)} views, rms {self.rms:.3f} px{held_out}, {self.verdict})"
+        views = len(self.observations)
+        return f"Calibration({self.best.name}, {views} views, rms {self.rms:.3f} px{held_out}, {self.verdict})"
 
     @property
     def verdict(self) -> Verdict:

@@ -100,8 +100,8 @@ def load_observations(
         return source
     if isinstance(source, Detections):
         return Observations.from_detections(source, image_labels([image.path for image in source.images]))
-    if _is_list_of_arrays(source):
-        return _from_views(source, options)
+    if (views := _list_of_arrays(source)) is not None:
+        return _from_views(views, options)
     paths = _paths(source)
     if is_corner_source(paths):
         files = list(dict.fromkeys(path for item in paths for path in expand_path(item)))
@@ -152,10 +152,13 @@ def _paths(source: Any) -> list[str]:
     return [str(item) for item in items]
 
 
-def _is_list_of_arrays(source: Any) -> bool:
+def _list_of_arrays(source: Any) -> list[Sequence[Any]] | None:
+    """Return the views of a source that is a list of tuples of arrays, or None."""
     if isinstance(source, str | PathLike) or not isinstance(source, Sequence) or not source:
-        return False
-    return all(isinstance(view, Sequence) and not isinstance(view, str) and len(view) in (2, 3) for view in source)
+        return None
+    views = list(source)
+    is_arrays = all(isinstance(view, Sequence) and not isinstance(view, str) and len(view) in (2, 3) for view in views)
+    return views if is_arrays else None
 
 
 def _from_views(views: Sequence[Sequence[Any]], options: SourceOptions) -> Observations:

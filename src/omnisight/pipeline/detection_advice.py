@@ -79,7 +79,7 @@ def explain_no_detection(detections: Detections) -> str:
 
 
 def describe_image_outliers(observations: Observations, rms: Sequence[float | None]) -> str | None:
-    """Return the images whose rms (px, one per image) stands out and what differs about them; None if there are none."""
+    """Describe the images whose rms (px, one per image) stands out; None if there are none."""
     detections, known = observations.detections, [value for value in rms if value is not None]
     if detections is None or not known:
         return None
@@ -94,8 +94,8 @@ def describe_image_outliers(observations: Observations, rms: Sequence[float | No
     if not described:
         return None
     return (
-        f"images with an rms far above the median of {median:.2f} px: {', '.join(described)}; look at them with --draw, or"
-        f" leave them out: {' '.join(drops)}"
+        f"images with an rms far above the median of {median:.2f} px: {', '.join(described)}; look at them with --draw,"
+        f" or leave them out: {' '.join(drops)}"
     )
 
 

@@ -63,8 +63,8 @@ def _check_camera(camera: Camera | RayCamera, name: str, observations: Observati
     size = observations.size
     if all(camera.size) and all(size) and camera.size != size:
         raise ValueError(
-            f"{name}: for images of {camera.width}x{camera.height} px, but these are {size[0]}x{size[1]} px: specify images"
-            " as the camera recorded them"
+            f"{name}: for images of {camera.width}x{camera.height} px, but these are {size[0]}x{size[1]} px: specify"
+            " images as the camera recorded them"
         )
     if isinstance(camera, RayCamera) and camera.unit != observations.unit:
         action = "specify --square, such as --square 30mm" if camera.unit == "m" else "leave out --square"

@@ -1,6 +1,6 @@
 """Proposal of the next calibration image: the counterpart of `omnisight next`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 
 from omnisight.camera import Camera
@@ -8,46 +8,11 @@ from omnisight.next_view.board_choice import choose_board
 from omnisight.next_view.information_prior import InformationPrior
 from omnisight.next_view.proposal import Proposal, propose_views
 from omnisight.pipeline.central_camera import central_camera
-from omnisight.pipeline.detect import Progress, Source, SourceOptions, load_observations
+from omnisight.pipeline.detect import Progress, Source, load_observations
+from omnisight.pipeline.options import NextViewOptions
 from omnisight.targets import Board, Detections, PointTarget
 from omnisight.targets.boards import board_class
 from omnisight.targets.observations import Observations
-
-# Each proposal assumes that all earlier ones were taken as planned.
-MAX_PROPOSALS = 20
-
-
-@dataclass(frozen=True, kw_only=True)
-class NextViewOptions(SourceOptions):
-    """Options of `next_view`; without a pattern or target, the board is that of the camera's calibration.
-
-    Attributes
-    ----------
-    count
-        Number of images to propose, 1 to 20.
-    name
-        Camera to use from a file with several cameras, such as a rig.
-    default_board
-        Board to detect and to hold if none is specified; by default that of the camera's calibration.
-    """
-
-    count: int = 3
-    name: str | None = None
-    default_board: Board | None = None
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.count <= MAX_PROPOSALS:
-            raise ValueError(f"count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")
-
-    @property
-    def specified_board(self) -> Board | None:
-        """The board of pattern and square, or of target."""
-        return super().board
-
-    @property
-    def board(self) -> Board | None:
-        """The board to detect: the specified or the default one."""
-        return self.specified_board or (self.default_board if self.square is None else None)
 
 
 def next_view(
@@ -83,17 +48,33 @@ def next_view(
     label = "" if isinstance(camera, Camera) else f"{camera}: "
     if not isinstance(camera, Camera):
         camera = central_camera(str(camera), name=options.name, accepts_distance=False)
-    default_board = options.default_board or calibration_board(camera, label)
-    options = replace(options, default_board=default_board)
-    observations = load_observations(source, options, progress=progress)
+    default_board = calibration_board(camera, label)
+    observations = load_observations(source, _with_default_board(options, default_board), progress=progress)
     check_detections(observations)
     camera = with_image_size(camera, observations, label)
-    observations, board = choose_board(observations, options.specified_board, default_board)
+    observations, board = choose_board(observations, options.board, default_board)
     report("propose", 0, 1)
     prior = InformationPrior.estimate(camera, observations)
     proposal = propose_views(prior, board, observations.field, options.count)
     report("propose", 1, 1)
     return proposal
+
+
+@dataclass(frozen=True, kw_only=True)
+class _DefaultBoardOptions(NextViewOptions):
+    """Options with a board to detect if none is specified."""
+
+    default_board: Board | None = None
+
+    @property
+    def board(self) -> Board | None:
+        return super().board or (self.default_board if self.square is None else None)
+
+
+def _with_default_board(options: NextViewOptions, board: Board | None) -> NextViewOptions:
+    """Return options that detect a board if they specify none."""
+    values = {field.name: getattr(options, field.name) for field in fields(options)}
+    return _DefaultBoardOptions(**values, default_board=board)
 
 
 def calibration_board(camera: Camera, label: str = "") -> Board | None:

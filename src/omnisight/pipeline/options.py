@@ -12,6 +12,9 @@ from omnisight.calibration.estimation_options import EstimationOptions
 if TYPE_CHECKING:
     from omnisight.targets import Board
 
+# Each proposal assumes that all earlier ones were taken as planned.
+MAX_PROPOSALS = 20
+
 
 @dataclass(frozen=True, kw_only=True)
 class DetectOptions:
@@ -20,17 +23,17 @@ class DetectOptions:
     Attributes
     ----------
     pattern
-        Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. By default the size that most
-        images agree on.
+        Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. By default the size detected in
+        most images.
     square
-        Side of a square with its unit: 32.5mm. Without it lengths are in squares; the camera is the same.
+        Side of a square with its unit: 32.5mm. Without it lengths are in squares, which does not change the camera.
     target
         File that describes the board, instead of pattern and square: written by `omnisight target make`, or a target
         file of Kalibr (YAML).
     apply_exif
         Rotate images by their EXIF orientation; a calibration needs them as the sensor recorded them.
     cache
-        Reuse detections of earlier runs, by the content of the images.
+        Reuse detections of earlier runs for unchanged images.
     """
 
     pattern: str | None = None
@@ -74,7 +77,7 @@ class SourceOptions(DetectOptions):
     Attributes
     ----------
     image_size
-        Width and height of the images that corners are from, such as 1280x800, if their file does not contain them.
+        Width and height of the images of a corner file, such as 1280x800, if the file does not contain them.
     which
         Name of the camera, if a corner file holds several.
     """
@@ -100,13 +103,14 @@ class CalibrateOptions(SourceOptions, EstimationOptions):
     Attributes
     ----------
     model
-        A camera model (ocam, mei, kannala_brandt, double_sphere, eucm, unified ...); auto: fit several and select by
-        held-out error; or axial: a non-central camera whose entrance pupil shifts along the axis.
+        Camera model: ocam, mei, kannala_brandt, double_sphere, eucm, unified ...; auto fits several and selects the one
+        with the lowest held-out error; axial is a non-central camera whose entrance pupil shifts along the axis.
     start
         Camera file of a lens and mirror as designed, such as `omnisight design mirror --camera` writes for a
         non-central system; its pose and parameters are refined. Needs the size of the board's squares.
     method
-        omnisight; or ocamcalib: Scaramuzza's original method, for comparison. The errors of both are printed.
+        Calibration method: omnisight, or ocamcalib, Scaramuzza's original method, for comparison. The errors of both are
+        printed.
     drop
         Name of an image to leave out, as in the table; may be repeated.
     force
@@ -151,8 +155,28 @@ class EvaluateOptions(SourceOptions):
     threshold
         Huber threshold, px: longer residuals have less weight in the poses and in wRMS.
     flat
-        Take the board as flat. Otherwise its warp is estimated with the poses, the same in all images.
+        Assume a flat board. Otherwise its warp is estimated with the poses, the same in all images.
     """
 
     threshold: float = 1.5
     flat: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextViewOptions(SourceOptions):
+    """Options of `next_view`; without a pattern or target, the board is that of the camera's calibration.
+
+    Attributes
+    ----------
+    count
+        Number of images to propose, 1 to 20.
+    name
+        Name of the camera, if its file holds several, such as a rig.
+    """
+
+    count: int = 3
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.count <= MAX_PROPOSALS:
+            raise ValueError(f"count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")

@@ -115,7 +115,7 @@ def align_central(central: CameraModel, axial: Axial, points: Array) -> Pose:
     def linearize(pose: Pose) -> tuple[Array, Array]:
         rotated = points @ pose.rotation.T
         pixels, _, d_point, _ = central.project_with_jacobians(rotated + pose.translation)
-        use = np.isfinite(pixels).all(1) & np.isfinite(d_point).all((1, 2))
+        use = np.asarray(np.isfinite(pixels).all(1) & np.isfinite(d_point).all((1, 2)))
         jacobian = np.concatenate([-d_point @ so3.hat(rotated), d_point], -1)
         residuals = np.where(use[:, None], pixels - observed, 0.0)
         return residuals.ravel(), np.where(use[:, None, None], jacobian, 0.0).reshape(-1, 6)
@@ -124,7 +124,7 @@ def align_central(central: CameraModel, axial: Axial, points: Array) -> Pose:
 
 
 def _rms(values: Array, weight: Array, axes: tuple[int, ...]) -> Array:
-    known = np.isfinite(values)
+    known = np.asarray(np.isfinite(values))
     total = np.where(known, weight, 0.0).sum(axes)
     squares = np.where(known, weight * values**2, 0.0).sum(axes)
     return np.where(total > 0, np.sqrt(squares / np.where(total > 0, total, 1.0)), np.nan)

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 RING_DEG, SECTORS = 20.0, 8
 # Samples per cell and direction, and share of them inside the image that makes a cell visible.
 SAMPLES, MIN_VISIBLE_SHARE = 4, 0.5
-# Least angle of the corners (radians) above which, without an image field, the centre counts as the blind spot of a mirror.
+# Least angle of the corners (radians) above which, without an image field, the centre is the blind spot of a mirror.
 MIN_BLIND_SPOT_RAD = np.radians(30.0)
 # Corners that cover a cell.
 MIN_CORNERS = 3

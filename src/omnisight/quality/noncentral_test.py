@@ -12,7 +12,6 @@ from omnisight.calibration.model_selection import is_better
 from omnisight.calibration.noncentral import PUPIL_COEFFICIENTS, fit_axial
 from omnisight.calibration.residual_weights import OUTLIER_SIGMA
 from omnisight.camera import Camera
-from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.central_error import DISTANCES_BOARD_WIDTHS, DISTANCES_M, CentralApproximationError
 from omnisight.quality.pupil_shift import PupilShift
@@ -166,9 +165,8 @@ def compare_central(
     baseline
         The spline baseline, if there is one.
     """
-    model, lens = camera.model, central.state.model
+    model, lens = camera.model, central.state.central_model
     assert isinstance(model, Axial)
-    assert isinstance(lens, CameraModel)
     assert camera.covariance is not None
     better = is_better(axial, central, observations, inliers)
     spline_rms = None if baseline is None else baseline.candidate.held_out_rms

@@ -71,8 +71,8 @@ class RollingShutterTest:
 def run_rolling_shutter_test(state: State, observations: Observations) -> RollingShutterTest | None:
     """Fit each board a constant motion during the readout and test how much it explains.
 
-    Row v is read at a time t proportional to v. With the pose exp(t xi) and a small residual r, r = J (d + t xi), where J
-    is the derivative of the pixel by the pose (6), d a change of the pose and xi the motion. Whether xi explains more
+    Row v is read at a time t proportional to v. With the pose exp(t xi) and a small residual r, r = J (d + t xi), where
+    J is the derivative of the pixel by the pose (6), d a change of the pose and xi the motion. Whether xi explains more
     than noise does is the F test of two nested linear models (Draper and Smith, Applied Regression Analysis, 1998, ch.
     6). Most of a motion is equivalent to another pose, and the rest may be an error of the camera model, which does not
     depend on rows; so the same is done for columns, and rows must explain more.

@@ -119,7 +119,7 @@ def rotation_aligned_difference(model: Projector, bearings: Array, pixels: Array
 
     def linearize(rotation: Array) -> tuple[Array, Array]:
         residuals, jacobian = difference(rotation)
-        use = np.isfinite(residuals).all(1) & np.isfinite(jacobian).all((1, 2))
+        use = np.asarray(np.isfinite(residuals).all(1) & np.isfinite(jacobian).all((1, 2)))
         return np.where(use[:, None], residuals, 0.0).ravel(), np.where(use[:, None, None], jacobian, 0.0).reshape(
             -1, 3
         )

@@ -69,7 +69,7 @@ class Uncertainty:
         return self._propagate(d_params + d_rotation @ self.best_rotation if aligned else d_params)
 
     def bearing(self, bearings: Array, *, aligned: bool = True) -> Array:
-        """Return the root mean square error (N,), radians, of the bearing of the pixel at each bearing, see `projection`."""
+        """Return the root mean square error (N,), radians, of the bearing of each pixel, see `projection`."""
         covariance = self.projection(bearings, aligned=aligned)
         _, _, d_point, _ = self.camera.model.project_with_jacobians(bearings)
         d_pixel = np.linalg.pinv(np.where(np.isfinite(d_point), d_point, 0.0))  # derivative of the bearing
@@ -89,7 +89,7 @@ class Uncertainty:
         return np.asarray(rotation, float)
 
     def _derivatives(self, bearings: Array) -> tuple[Array, Array]:
-        """Return d pixel/d params (N, 2, P) and d pixel/d rotation (N, 2, 3): the scene, rotated by w, is at b + w x b."""
+        """Return d pixel/d params (N, 2, P) and d pixel/d rotation (N, 2, 3); a rotation w moves b to b + w x b."""
         _, _, d_point, d_params = self.camera.model.project_with_jacobians(bearings)
         return d_params, -d_point @ so3.hat(bearings)
 

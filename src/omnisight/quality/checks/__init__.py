@@ -1,7 +1,7 @@
 """Quality checks: each file of this folder that does not begin with an underscore holds one.
 
-A check is a function `check(evidence) -> Check | None` (None if it does not apply) and a `PRIORITY`: reasons of the same
-level are listed by ascending priority, causes before their effects. Adding a file adds the check.
+A check is a function `check(evidence) -> Check | None` (None if it does not apply) and a `PRIORITY`: reasons of the
+same level are listed by ascending priority, causes before their effects. Adding a file adds the check.
 
 Unless stated otherwise, limits are from `python -m benchmarks verdict`, which calibrates known cameras; the table is in
 docs/guide/calibrate.md. Limits in px are for an image 1000 px wide and scale with the width.

@@ -38,8 +38,8 @@ def check(evidence: Evidence) -> Check:
     return Check(
         "board tilt",
         Level.DO_NOT_USE if tilt < PARALLEL_DEG and not determined else Level.USABLE,
-        f"The boards are tilted by only {tilt:.0f}° against each other, {consequence}: take images with the board tilted"
-        " by 30° to 45° in both directions.",
+        f"The boards are tilted by only {tilt:.0f}° against each other, {consequence}: take images with the board"
+        " tilted by 30° to 45° in both directions.",
     )
 
 

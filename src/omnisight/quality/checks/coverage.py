@@ -6,8 +6,8 @@ from omnisight.quality.evidence import Check, Evidence, Level
 
 PRIORITY = 8
 
-# Share of the visible field of view in which there should be corners. Cameras below were off by little all the same, but
-# nothing verifies them there.
+# Share of the visible field of view in which there should be corners. Cameras below were off by little all the same,
+# but nothing verifies them there.
 MIN_SHARE = 0.6
 # Range of azimuths (radians) that may lack corners.
 MAX_GAP_RAD = np.radians(150)

@@ -5,8 +5,8 @@ from omnisight.quality.evidence import Check, Evidence, Level
 
 PRIORITY = 6
 
-# Held-out error (px) of a good and of a usable camera: 0.7 px is corner noise of 0.5 px per coordinate, 2 px is an error
-# that noise does not explain.
+# Held-out error (px) of a good and of a usable camera: 0.7 px is corner noise of 0.5 px per coordinate, 2 px is an
+# error that noise does not explain.
 MAX_HELD_OUT_PX = (0.7, 2.0)
 # Error (px) below which no ratio of errors matters.
 NEGLIGIBLE_PX = 0.1
@@ -22,8 +22,8 @@ def check(evidence: Evidence) -> Check:
         action = (
             f"{evidence.camera.model.name} does not describe this camera; use {evidence.alternative}."
             if evidence.is_model_too_simple
-            else "look at the images with the largest residuals (--draw), and drop those that are blurred or whose board is"
-            " not flat (--drop)."
+            else "look at the images with the largest residuals (--draw), and drop those that are blurred or whose"
+            " board is not flat (--drop)."
         )
         return Check("held-out error", level, f"The held-out error is {error:.2f} px: {action}")
     if error > MAX_RMS_RATIO * rms and error > NEGLIGIBLE_PX * evidence.px_scale:

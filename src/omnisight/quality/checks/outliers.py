@@ -30,6 +30,6 @@ def check(evidence: Evidence) -> Check:
     return Check(
         "outliers",
         level,
-        f"{subject} outliers of the common camera: another camera or focus, or blur. Leave those images out (--drop) and"
-        " calibrate again.",
+        f"{subject} outliers of the common camera: another camera or focus, or blur. Leave those images out (--drop)"
+        " and calibrate again.",
     )

@@ -25,8 +25,8 @@ def check(evidence: Evidence) -> Check | None:
         cause = f"the model does not fit this lens: use {evidence.alternative}."
     else:
         cause = (
-            "a board that is not flat or not to scale, a lens that refocused, or blur; the stated uncertainty includes it."
-            " Find those images with --draw and leave them out (--drop)."
+            "a board that is not flat or not to scale, a lens that refocused, or blur; the stated uncertainty includes"
+            " it. Find those images with --draw and leave them out (--drop)."
         )
     return Check(
         "split-half test",

@@ -26,8 +26,8 @@ def check(evidence: Evidence) -> Check:
         "uncertainty",
         level,
         f"The projection uncertainty is {evidence.uncertainty.rms():.2g} px (1σ), at most {pixels:.2g} px"
-        f" ({np.degrees(angle):.2g}°) {np.degrees(theta):.0f}° off-axis {side_name(theta, phi)}: put the board there, tilted"
-        " by 30° to 45°.",
+        f" ({np.degrees(angle):.2g}°) {np.degrees(theta):.0f}° off-axis {side_name(theta, phi)}: put the board there,"
+        " tilted by 30° to 45°.",
     )
 
 
