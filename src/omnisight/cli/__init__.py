@@ -1,7 +1,7 @@
-"""The command line: each file of this folder that does not begin with an underscore holds one command.
+"""Command line: each module of this package whose name has no leading underscore is one command.
 
-A command is the function named as its file; its signature makes its options, its docstring the help. What is slow to
-import, a command imports inside.
+A command is the function named like its module; its signature defines the options, its docstring the help. Commands
+import slow modules inside the function, so that `--help` is fast.
 """
 
 import importlib
@@ -11,15 +11,15 @@ import sys
 
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
-HELP = """Calibrate any camera that sees more than a pinhole can, and turn its images into views.
+HELP = """Calibrate fisheye, mirror and other omnidirectional cameras, and turn their images into views.
 
-Exit status: 0 done, 1 a fault in omnisight, 2 something to mend in what it was given, 130 interrupted.
+Exit status: 0 success, 1 internal error, 2 invalid input or option, 130 interrupted.
 """
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and leave with its exit status."""
-    from cyclopts import App, CycloptsError
+    """Run the command line; raise `SystemExit` with an exit status other than 0."""
+    from cyclopts import App, CycloptsError, Parameter
 
     import omnisight
 
@@ -31,39 +31,43 @@ def main(arguments: list[str] | None = None) -> None:
         help=HELP,
         version=omnisight.__version__,
         help_format="markdown",
+        # No --empty-fix, and neither "[default: ()]" nor "[default: False]" in the help.
+        default_parameter=Parameter(
+            negative_iterable=(),
+            show_default=lambda value: None if value is False or value == () else str(value),
+        ),
         suppress_keyboard_interrupt=False,
     )
-    for found in pkgutil.iter_modules(__path__):
-        if not found.name.startswith("_"):
-            app.command(
-                getattr(importlib.import_module(f"{__name__}.{found.name}"), found.name),
-                name=found.name.replace("_", "-"),
-            )
+    for module in pkgutil.iter_modules(__path__):
+        if not module.name.startswith("_"):
+            command = getattr(importlib.import_module(f"{__name__}.{module.name}"), module.name)
+            app.command(command, name=module.name.replace("_", "-"))
     try:
         os.getcwd()
-    except FileNotFoundError:  # deleted; compilers and others ask where they are
+    except FileNotFoundError:  # numba needs an existing working directory
         os.chdir(os.sep)
     try:
         app(tokens, exit_on_error=False)
-    except CycloptsError:  # said already
+    except CycloptsError:  # cyclopts has printed the message
         sys.exit(EXIT_INPUT)
-    except BrokenPipeError:  # whoever read the output has enough
+    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except KeyboardInterrupt:
-        _say("interrupted")
+        _print_error("interrupted")
         sys.exit(EXIT_INTERRUPTED)
     except (ValueError, OSError) as error:
         if debug:
             raise
-        _say(f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else str(error))
+        is_file_error = isinstance(error, OSError) and error.filename
+        _print_error(f"{error.filename}: {error.strerror}" if is_file_error else str(error))
         sys.exit(EXIT_INPUT)
     except Exception as error:
         if debug:
             raise
-        _say(f"a fault in omnisight: {type(error).__name__}: {error} (--debug shows where)")
+        _print_error(f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)")
         sys.exit(EXIT_FAILED)
 
 
-def _say(message: str) -> None:
+def _print_error(message: str) -> None:
     print(f"omnisight: {message}", file=sys.stderr)

@@ -136,8 +136,8 @@ def _camera_summary(calibration: Calibration) -> str:
     used = len(observations.detections.found) if observations.detections else len(observations)
     return (
         f"{calibration.best.name}, {camera.width}x{camera.height}, calibrated to"
-        f" {np.degrees(camera.theta_max or 0):.0f}° off-axis, {used} of {total} images, {len(observations.pixels)} corners,"
-        f" {int(calibration.outliers.sum())} outliers"
+        f" {np.degrees(camera.theta_max or 0):.0f}° off-axis, {used} of {total} images,"
+        f" {len(observations.pixels)} corners, {int(calibration.outliers.sum())} outliers"
     )
 
 
@@ -213,7 +213,7 @@ def _remarks(calibration: Calibration, rows: list[dict[str, Any]]) -> Iterator[s
             f" {board.columns}x{board.rows - 1} board is not"
         )
     if ambiguous := sum(not d.located for image in detections.images for d in image.boards):
-        yield f"{ambiguous} boards are partly visible and their position on the board is ambiguous; the camera is unaffected"
+        yield f"{ambiguous} boards are only partly visible, so their corner numbers are ambiguous; the camera is unaffected"
     if board.unit == "squares":
         yield "lengths are in squares (no --square given); the camera is unaffected"
 

@@ -74,7 +74,8 @@ def print_report(evaluations: Mapping[str, Evaluation]) -> None:
     if others:
         _print_comparison(out, evaluations)
     total = evaluation.statistics()
-    _print_row(out, "camera", f"{name} ({evaluation.camera.model.name}), unchanged; {len(evaluation.observations)} poses")
+    poses = len(evaluation.observations)
+    _print_row(out, "camera", f"{name} ({evaluation.camera.model.name}), unchanged; {poses} poses estimated")
     for sentence in _domain_sentences(evaluation):
         _print_row(out, "field", sentence)
     for note in _notes(evaluation):
@@ -120,7 +121,7 @@ def _print_comparison(out: Any, evaluations: Mapping[str, Evaluation]) -> None:
         table.add_row(name, *cells, evaluation.camera.model.name, str(beyond or ""), str(outside or ""))
     out.print(table)
     if not common.all():
-        out.print(f"compared on the {common.sum()} of {len(common)} corners in the domain of all cameras", soft_wrap=True)
+        out.print(f"compared on {common.sum()} of {len(common)} corners, in the domain of all cameras", soft_wrap=True)
     out.print()
 
 
@@ -138,8 +139,8 @@ def _domain_sentences(evaluation: Evaluation) -> list[str]:
         )
     if outside := int((~evaluation.in_domain).sum()):
         sentences.append(
-            f"{outside} corners are outside the domain of the model, which ends {np.degrees(camera.model.theta_max):.0f}°"
-            " off-axis; they are not part of the statistics"
+            f"{outside} corners are outside the domain of the model, which ends"
+            f" {np.degrees(camera.model.theta_max):.0f}° off-axis; they are not part of the statistics"
         )
     if evaluation.state.warp.any():
         across, down = evaluation.state.warp

@@ -24,20 +24,20 @@ def calibrate(
 ) -> None:
     """Calibrate a camera from images of a board, or from corners that another program detected.
 
-    No initial guess of focal length, field of view or centre is needed: lenses and mirrors from 60 to 280 degrees work.
+    No initial guess of focal length, field of view or centre is needed. Fields of view from 60 to 280 degrees work.
 
     Parameters
     ----------
     images
-        Folders, files or patterns such as 'left*.jpg', of images and video clips; of a clip the most informative frames
+        Images and video clips: folders, files or patterns such as 'left*.jpg'. Of a clip the most informative frames
         are used. Or corner files: .mat of BabelCalib, MATLAB or OCamCalib, .orpc of Deltille, .vnl of mrcal, points in
-        OpenCV's YAML or XML or in .npz, the output of `omnisight detect --json`.
+        OpenCV's YAML or XML or in .npz, or the output of `omnisight detect --json`.
     output
         Camera file to write (JSON).
     draw
         Folder for copies of the images with corners and residuals drawn.
     report
-        HTML page to write, with verdict, residuals of every image, uncertainty and the camera in every format.
+        HTML report to write: verdict, residuals of every image, uncertainty, and the camera in every format.
     json
         Print one JSON object and nothing else.
     quiet

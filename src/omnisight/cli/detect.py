@@ -22,16 +22,16 @@ def detect(
 ) -> None:
     """Detect the board in images and draw the detections, without calibrating.
 
-    Writes copies of the images with the corners drawn: their order, an ellipse for the uncertainty of each one
-    (magnified), and the border of the image field.
+    Copies of the images are written with the corners drawn, their order, the magnified uncertainty ellipse of each
+    corner, and the border of the image field.
 
     Parameters
     ----------
     images
-        Folders, files or patterns such as 'left*.jpg', of images and clips; of a clip the most informative frames are
-        used.
+        Images and video clips: folders, files or patterns such as 'left*.jpg'. Of a clip the most informative frames
+        are used.
     output
-        Folder for the drawings: omnisight-detect by default; with --json nothing is drawn by default.
+        Folder for the drawings; omnisight-detect by default, or no drawings with --json.
     json
         Print one JSON object and nothing else.
     quiet

@@ -23,15 +23,15 @@ def evaluate(
 ) -> None:
     """Evaluate a calibrated camera on other images of a board, or on other corners.
 
-    The camera is unchanged; only the board poses and the board warp are estimated. Corners are used as first detected or
-    given, without re-detection by the camera.
+    The camera is unchanged; only the board poses and the board warp are estimated. Corners are used as first detected
+    or read, without a re-detection pass.
 
     Parameters
     ----------
     camera
         Camera file of any format.
     images
-        Folders, files or patterns of images and clips that the camera was not calibrated on, or corner files, as for
+        Images and clips that the camera was not calibrated from: folders, files or patterns; or corner files, as for
         `omnisight calibrate`.
     name
         Name of the camera, if its file holds several.

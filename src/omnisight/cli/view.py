@@ -67,10 +67,12 @@ def view(
     fov
         Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
         (180).
-    yaw, roll
-        View direction.
+    yaw
+        View direction, positive right.
     pitch
-        View direction; 0, and -90 for a planet.
+        View direction, positive up; 0 by default, and -90 for a planet.
+    roll
+        Rotation about the view direction, positive clockwise.
     up
         Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
         front, for one that looks up.
@@ -78,8 +80,10 @@ def view(
         Exchange left and right, for a camera that looks into one mirror.
     size
         WIDTHxHEIGHT, px; cylinder, mercator and sphere use only the width.
-    elevation, azimuth
-        LOW:HIGH in degrees, field of view of a cylinder, mercator or sphere.
+    elevation
+        Vertical field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
+    azimuth
+        Horizontal field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
     projection
         Projection of a fisheye.
     interpolation

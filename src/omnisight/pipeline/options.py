@@ -23,8 +23,8 @@ class DetectOptions:
     Attributes
     ----------
     pattern
-        Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. By default the size detected in
-        most images.
+        Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. By default the size that is
+        detected in most images.
     square
         Side of a square with its unit: 32.5mm. Without it lengths are in squares, which does not change the camera.
     target
@@ -109,8 +109,8 @@ class CalibrateOptions(SourceOptions, EstimationOptions):
         Camera file of a lens and mirror as designed, such as `omnisight design mirror --camera` writes for a
         non-central system; its pose and parameters are refined. Needs the size of the board's squares.
     method
-        Calibration method: omnisight, or ocamcalib, Scaramuzza's original method, for comparison. The errors of both are
-        printed.
+        Calibration method: omnisight, or ocamcalib, Scaramuzza's original method, for comparison. The errors of both
+        are printed.
     drop
         Name of an image to leave out, as in the table; may be repeated.
     force
