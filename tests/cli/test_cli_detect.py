@@ -50,7 +50,7 @@ def test_detect_prints_a_row_per_image_and_the_result(run, shots):
 
 
 def test_pattern_is_determined_without_the_option(run, shots):
-    told, untold = (json.loads(run("detect", shots, "--json", *more)[1]) for more in (("--size", "9x6"), ()))
+    told, untold = (json.loads(run("detect", shots, "--json", *more)[1]) for more in (("--pattern", "9x6"), ()))
     assert untold == told
 
 

@@ -44,7 +44,7 @@ def new_board(kind: str, pattern: str, values: dict[str, Any]) -> Board:
         For an unknown kind or field, an unreadable value, or a missing length.
     """
     cls = board_class(kind)
-    fields = {**parse_pattern(pattern), **values}
+    fields: dict[str, Any] = {**parse_pattern(pattern), **values}
     if "dictionary" in fields:
         fields["dictionary"] = full_name(fields["dictionary"])
     for field in dataclasses.fields(cls):
