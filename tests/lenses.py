@@ -4,15 +4,12 @@ from functools import cache
 
 import numpy as np
 
+from calibrating import SIZE, calibrate, observe
 from omnisight.geometry import rotation as so3
 from omnisight.models import model_class
-from omnisight.pipeline.calibrate import calibrate
-from omnisight.pipeline.options import CalibrateOptions
 from omnisight.targets import Checkerboard
-from omnisight.targets.observations import Observations
 
 BOARD = Checkerboard(9, 6)
-SIZE = (960, 960)
 CENTRE = (481.3, 476.2)
 RIM = 470.0  # radius of the image circle, px
 NOISE = 0.2  # of each coordinate (1 sigma), px
@@ -94,21 +91,15 @@ def bearing_error(camera, truth, theta_max):
     return float(np.degrees(np.linalg.norm(aligned - true, axis=1).max()))
 
 
-def observations_of(views, **options):
-    """Return the observations of (board points, pixels) per view."""
-    points, pixels = zip(*views, strict=True)
-    return Observations.from_arrays(points, pixels, **{"size": SIZE, **options})
-
-
 @cache
 def calibrate_lens(fov, seed=0, count=8, noise=NOISE, **options):
     """Return the true model and its calibration; every result is computed once per process."""
     truth = lens(fov)
     views = observe_boards(truth, fov, np.random.default_rng(seed), count, noise)
-    return truth, calibrate(observations_of(views), CalibrateOptions(**options))
+    return truth, calibrate(observe(views), **options)
 
 
 def calibrate_first_views(count, **options):
     """Calibrate a fisheye of 180 degrees with its first views."""
     views = observe_boards(lens(180), 180, np.random.default_rng(0))[:count]
-    return calibrate(observations_of(views), CalibrateOptions(**options))
+    return calibrate(observe(views), **options)

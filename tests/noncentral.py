@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import omnisight as om
+from calibrating import observe
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import polar
 from omnisight.models.equisolid import Equisolid
@@ -111,7 +112,7 @@ def observe_boards(camera, count, *, seed=0, noise=0.1, reach=(0.15, 1.6), dista
             views.append((BOARD.points[use], seen))
             points.append(there[use])
     assert len(views) == count
-    return om.Observations.of(views), np.concatenate(points)
+    return observe(views, SIZE, unit="m"), np.concatenate(points)
 
 
 def _facing(away, rng):

@@ -3,14 +3,9 @@
 import numpy as np
 import pytest
 
+from calibrating import observe
 from lenses import SIZE, lens, observe_boards
 from omnisight.camera import Camera
-from omnisight.targets.observations import Observations
-
-
-def observations_of(views, names=None, size=SIZE):
-    """Return the observations of (points, pixels[, covariance]) per view."""
-    return Observations.from_arrays(*zip(*views, strict=True), size=size, names=names)
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +25,8 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_any_usual_array_shape_is_accepted(views, shape):
-    expected = observations_of(views)
-    found = observations_of([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
+    expected = observe(views)
+    found = observe([(SHAPES[shape](x), SHAPES[shape](p)) for x, p in views])
     assert np.array_equal(found.points, expected.points)
     assert np.array_equal(found.pixels, expected.pixels)
     assert found.groups == expected.groups
@@ -40,21 +35,21 @@ def test_any_usual_array_shape_is_accepted(views, shape):
 @pytest.mark.parametrize("dtype", [np.float32, np.float16, np.int16, np.int64, np.uint16, object])
 def test_any_real_array_type_is_accepted(views, dtype):
     x, p = (a.round().astype(dtype) for a in views[0])
-    found = observations_of([(x, p)])
+    found = observe([(x, p)])
     assert found.points.dtype == found.pixels.dtype == np.float64
     assert np.array_equal(found.pixels, p.astype(float))
 
 
 def test_planar_points_need_no_z(views):
-    flat = observations_of([(x[:, :2], p) for x, p in views])
-    assert np.array_equal(flat.points, observations_of(views).points)
-    assert np.array_equal(observations_of([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
+    flat = observe([(x[:, :2], p) for x, p in views])
+    assert np.array_equal(flat.points, observe(views).points)
+    assert np.array_equal(observe([(x[:, None, :2], p[None]) for x, p in views]).points, flat.points)
 
 
 def test_opencv_arrays_give_the_same_observations(views):
     # Equal observations calibrate to equal cameras.
-    plain = observations_of([(x.astype(np.float32), p) for x, p in views])
-    opencv = observations_of([(x[:, None].astype(np.float32), p[:, None]) for x, p in views])
+    plain = observe([(x.astype(np.float32), p) for x, p in views])
+    opencv = observe([(x[:, None].astype(np.float32), p[:, None]) for x, p in views])
     assert np.array_equal(opencv.points, plain.points)
     assert np.array_equal(opencv.pixels, plain.pixels)
     assert opencv.groups == plain.groups
@@ -68,7 +63,7 @@ def test_a_wrong_shape_is_rejected_with_both_shapes(points, pixels):
     with pytest.raises(
         ValueError, match=r"a\.png: needs points \(n, 3\) or \(n, 2\) and pixels \(n, 2\), got"
     ) as error:
-        observations_of([(np.zeros(points), np.zeros(pixels))], ["a.png"])
+        observe([(np.zeros(points), np.zeros(pixels))], names=["a.png"])
     assert f"got {points} and {pixels}" in str(error.value)
 
 
@@ -78,7 +73,7 @@ def test_a_corner_that_is_not_finite_is_rejected_by_index(views, bad, which):
     damaged = [[x.astype(object), p.astype(object)] for x, p in views]
     damaged[1][which][5, 0] = bad
     with pytest.raises(ValueError, match=r"left\.png: row 5 is not finite: point \[") as error:
-        observations_of(damaged, ["right.png", "left.png", "top.png", "bottom.png"])
+        observe(damaged, names=["right.png", "left.png", "top.png", "bottom.png"])
     assert str(float("nan" if bad is None else bad)) in str(error.value)
     assert "leave out corners that were not observed" in str(error.value)
 
@@ -87,16 +82,16 @@ def test_a_corner_that_is_not_finite_is_rejected_by_index(views, bad, which):
 def test_an_invalid_covariance_is_rejected_by_row(views, wrong):
     points, pixels = views[0]
     certain = np.zeros((len(points), 2, 2))
-    assert observations_of([(points, pixels, certain)], ["a.png"]).covariance.shape == certain.shape
+    assert observe([(points, pixels, certain)], names=["a.png"]).covariance.shape == certain.shape
     certain[7] = wrong
     with pytest.raises(ValueError, match=r"a\.png: row 7: .* is not symmetric and positive semi-definite"):
-        observations_of([(points, pixels, certain)], ["a.png"])
+        observe([(points, pixels, certain)], names=["a.png"])
 
 
 @pytest.mark.parametrize("values", [[[1, 2], [3]], [["a", "b"]], "text", [[1 + 2j, 0]]])
 def test_arrays_of_other_types_are_rejected_by_name(values):
     with pytest.raises(ValueError, match=r"a\.png: needs arrays of numbers"):
-        observations_of([(np.zeros((2, 3)), values)], ["a.png"])
+        observe([(np.zeros((2, 3)), values)], names=["a.png"])
 
 
 def test_points_outside_the_valid_cone_are_nan_masked_and_counted():

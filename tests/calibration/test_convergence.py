@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibrating import calibrate
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.multistart import low_discrepancy
 from omnisight.calibration.resection import linear_board_poses, refine_board_poses

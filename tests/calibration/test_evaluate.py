@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from calibrating import calibrate, observe
 from lenses import NOISE, NOISE_RMS, SIZE, lens, observe_boards
 from omnisight.calibration.evaluation import Figures, evaluate_camera
 from omnisight.camera import Camera
@@ -13,7 +14,6 @@ from omnisight.corners import read_corners
 from omnisight.geometry import rotation as so3
 from omnisight.models import model_class
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.central import calibrate_camera
 from omnisight.ray_camera import RayCamera
 from omnisight.targets.observations import Observations
 
@@ -23,7 +23,7 @@ COUNT = 6
 def seen(fov, seed=0, **options):
     """Give a lens and images of it."""
     truth = lens(fov)
-    return truth, Observations.of(observe_boards(truth, fov, np.random.default_rng(seed), COUNT, **options))
+    return truth, observe(observe_boards(truth, fov, np.random.default_rng(seed), COUNT, **options))
 
 
 @pytest.mark.parametrize("fov", [100, 180, 280])
@@ -118,7 +118,7 @@ def test_a_bent_board_is_let_bend():
     for k, rows in enumerate(views.groups):
         pixels = truth.project(bent[rows] @ pose.rotations[k].T + pose.translations[k])[0]
         pictures.append((views.points[rows], pixels))
-    curved = Observations.of(pictures)
+    curved = observe(pictures)
     camera = Camera(truth, SIZE)
     flat, free = (evaluate_camera(camera, curved, flat=flat) for flat in (True, False))
     np.testing.assert_allclose(free.state.warp, [0.03, -0.02], atol=2e-4)
@@ -135,7 +135,7 @@ def test_a_camera_of_rays_is_judged_too():
 def test_what_cannot_be_judged_is_refused():
     truth, views = seen(180)
     with pytest.raises(ValueError, match="no corners to judge a camera on"):
-        evaluate_camera(Camera(truth, SIZE), Observations.of([]))
+        evaluate_camera(Camera(truth, SIZE), observe([]))
     with pytest.raises(ValueError, match="threshold must be a positive length in px, got 0"):
         evaluate_camera(Camera(truth, SIZE), views, threshold=0)
 
@@ -149,9 +149,9 @@ def test_a_board_far_from_the_first_guess_finds_its_pose():
 
 def test_babelcalib_train_is_as_well_explained_as_its_own_calibration(data):
     search = read_corners([data("babelcalib_ov_plane") / "train.mat"])
-    views = Observations.of_search(search)
+    views = Observations.from_detections(search)
     even, odd = (views.subset(range(k, 18, 2)) for k in (0, 1))
-    camera = calibrate_camera(even, search.size, model="kannala_brandt", flat=True).camera
+    camera = calibrate(even, model="kannala_brandt", flat=True).camera
     held_out = evaluate_camera(camera, odd).figures()
     # anchors: 0.4815 px over all of them, 0.475 px on the official test split.
     assert held_out.rms < 0.50

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from noncentral import SIZE, TURN, in_focus, pupil_shift_fisheye, projection_errors, off_focus, observe_boards, sphere
+from calibrating import calibrate, observe
+from noncentral import SIZE, TURN, in_focus, observe_boards, off_focus, projection_errors, pupil_shift_fisheye, sphere
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.residual_weights import ResidualWeights
@@ -15,10 +16,8 @@ from omnisight.geometry import rotation as so3
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.unified import Unified
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.noncentral import calibrate_rays
 from omnisight.quality.central_error import aligned
 from omnisight.quality.noncentral_test import evaluate_noncentrality
-from omnisight.targets.observations import Observations
 
 NOISE = 0.1
 # Length of a corner's residual, px, where nothing but noise is left.
@@ -41,7 +40,7 @@ class Case:
 
 def without_spline(calibration):
     """Leave out the lens that takes longest to try."""
-    return dataclasses.replace(calibration, trust=dataclasses.replace(calibration.trust, ceiling=None))
+    return dataclasses.replace(calibration, trust=dataclasses.replace(calibration.quality, ceiling=None))
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -49,7 +48,7 @@ def case(request):
     make, model = CASES[request.param]
     truth = make()
     views, points = observe_boards(truth, 14, noise=NOISE)
-    central = om.calibrate_camera(views, SIZE, model=model, flat=True)
+    central = calibrate(views, model=model, flat=True)
     return Case(truth, views, points, central, calibrate_rays(without_spline(central), unit="m"))
 
 
@@ -66,7 +65,9 @@ def test_the_rays_are_the_true_ones(case, distance):
     about = case.truth, case.views
     found = case.rays.state.points(case.views)[0]
     off = projection_errors(case.rays.camera, *about, found, case.points, distance)
-    central = projection_errors(case.central.camera, *about, case.central.state.points(case.views)[0], case.points, distance)
+    central = projection_errors(
+        case.central.camera, *about, case.central.state.points(case.views)[0], case.points, distance
+    )
     assert np.sqrt((off**2).mean()) < 2.5 * NOISE
     assert np.sqrt((off**2).mean()) < 0.3 * np.sqrt((central**2).mean())
 
@@ -100,8 +101,8 @@ def test_the_verdict_of_the_central_camera_names_the_axial_one_and_that_of_the_a
 
 def test_two_halves_of_the_pictures_agree_about_what_is_far_as_noise_has_it(case):
     assert "halves" in {check.name for check in case.rays.verdict.checks}
-    assert 0.3 < case.rays.trust.split_half.ratio < 2.0
-    assert case.rays.trust.split_half.difference < 0.5 * case.central.trust.split_half.difference
+    assert 0.3 < case.rays.quality.split_half.ratio < 2.0
+    assert case.rays.quality.split_half.difference < 0.5 * case.central.quality.split_half.difference
 
 
 def test_a_camera_of_rays_knows_what_it_is(case):
@@ -119,7 +120,7 @@ def test_a_camera_of_rays_knows_what_it_is(case):
 
 def test_a_camera_whose_rays_meet_stays_central():
     views, points = observe_boards(in_focus(), 10, noise=0.2)
-    central = om.calibrate_camera(views, SIZE, model="unified", flat=True)
+    central = calibrate(views, model="unified", flat=True)
     asked = evaluate_noncentrality(central, unit="m")
     assert not asked.needed
     assert asked.travel < 4 * asked.travel_sigma + 1e-4
@@ -134,7 +135,7 @@ def test_a_camera_whose_rays_meet_stays_central():
 def test_few_pictures_leave_a_large_travel_open():
     lens = KannalaBrandt(fx=380, fy=380, cx=641, cy=510, k1=-0.02, k2=0.004, k3=-0.001, k4=0.0)
     views, _ = observe_boards(om.RayCamera(Axial(lens, (0.008,)), SIZE), 6, noise=0.2, seed=2)
-    asked = evaluate_noncentrality(om.calibrate_camera(views, SIZE, model="double_sphere", flat=True), unit="m")
+    asked = evaluate_noncentrality(calibrate(views, model="double_sphere", flat=True), unit="m")
     assert asked.axial_rms > asked.central_rms
     assert asked.travel > 5 * asked.travel_sigma
     assert (asked.needed, asked.open) == (False, True)
@@ -145,7 +146,7 @@ def test_few_pictures_leave_a_large_travel_open():
 def test_a_lens_that_is_too_poor_is_no_moving_viewpoint():
     lens = KannalaBrandt(fx=330, fy=330, cx=640, cy=512, k1=-0.06, k2=0.02, k3=-0.006, k4=0.0004)
     views, _ = observe_boards(om.Camera(lens, SIZE), 9, noise=0.2, reach=(0.0, 1.35), distance=(0.2, 0.6))
-    asked = evaluate_noncentrality(om.calibrate_camera(views, SIZE, model="unified", flat=True), unit="m")
+    asked = evaluate_noncentrality(calibrate(views, model="unified", flat=True), unit="m")
     assert not asked.needed
 
 
@@ -156,7 +157,7 @@ def test_a_mirror_from_its_drawing_is_refined_where_it_stands():
     system = type(truth.system).from_dict(values)
     truth = dataclasses.replace(truth, system=system)
     views, points = observe_boards(truth, 10, noise=NOISE)
-    central = om.calibrate_camera(views, SIZE, model="double_sphere", flat=True)
+    central = calibrate(views, model="double_sphere", flat=True)
     drawing = type(system).from_dict(
         off_focus().system.to_dict() | {"mirror_tz": system.to_dict()["mirror_tz"] + 0.002}
     )
@@ -176,7 +177,7 @@ def test_a_ball_is_found_from_boards_at_its_rim_although_it_is_drawn_elsewhere()
     """Corners beyond the drawn rim lead on, and turns of a ball, which change nothing, stay as drawn."""
     truth, drawn = sphere(), sphere().system.to_dict()
     views, points = observe_boards(truth, 8, noise=NOISE, reach=(0.6, 2.2), seed=4)
-    central = om.calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
+    central = calibrate(views, model="kannala_brandt", flat=True)
     moved = {"mirror_tz": 0.103, "mirror_tx": 0.001, "fx": 1545.0, "fy": 1545.0, "mirror_tilt_x": 0.02}
     found = calibrate_rays(central, type(truth.system).from_dict(drawn | moved), unit="m")
     assert found.rms < 1.03 * EXPECTED
@@ -198,7 +199,7 @@ def test_lengths_follow_the_board():
     views, _ = observe_boards(pupil_shift_fisheye(), 7, noise=NOISE)
     squares = dataclasses.replace(views, points=views.points / 0.03, extent=views.extent / 0.03)
     metres, boards = (
-        evaluate_noncentrality(om.calibrate_camera(v, SIZE, model="kannala_brandt", flat=True), unit=unit)
+        evaluate_noncentrality(calibrate(v, model="kannala_brandt", flat=True), unit=unit)
         for v, unit in ((views, "m"), (squares, "squares"))
     )
     assert boards.travel == pytest.approx(metres.travel / 0.03, rel=0.01)
@@ -240,8 +241,8 @@ def test_a_corner_that_a_mirror_does_not_show_costs_the_same_wherever_it_is():
     for x in (0.0, 0.1, 0.2):
         # Before the mirror, in front of which nothing is seen.
         state = State(system, np.eye(3)[None], np.array([[x, 0.4, 0.9]]))
-        assert not system.project(state.points(Observations.of([(board, board[:, :2])]))[0])[1].any()
-        views = Observations.of([(board, np.tile([640.0, 512.0], (6, 1)))])
+        assert not system.project(state.points(observe([(board, board[:, :2])]))[0])[1].any()
+        views = observe([(board, np.tile([640.0, 512.0], (6, 1)))])
         bundle = Bundle(views, FreeParameters.none(system), ResidualWeights(np.tile(np.eye(2), (6, 1, 1)), 1.0, 5.0))
         costs.append(bundle.cost(state))
         assert not bundle.linearize(state).local_gradient.any()

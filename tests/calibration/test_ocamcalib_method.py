@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from calibrating import observe
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.ocamcalib import (
-    Reprojection,
+    ReprojectionError,
     calibrate_ocamcalib,
     extrinsics_up_to_scale,
     linear_steps,
@@ -17,7 +18,6 @@ from omnisight.calibration.ocamcalib import (
 from omnisight.geometry import rotation as so3
 from omnisight.models.ocam import Ocam
 from omnisight.targets import Checkerboard
-from omnisight.targets.observations import Observations
 
 BOARD = Checkerboard(9, 6)
 SIZE = (960, 720)
@@ -50,7 +50,7 @@ def shoot(model, fov, count=7, noise=0.0, ring=False, seed=0):
         if valid.all() and angles.max() < half and (np.abs(pixels - MIDDLE) < (479, 359)).all():
             views.append((BOARD.points, pixels + rng.normal(0, noise, pixels.shape)))
             poses.append((turn, shift))
-    return Observations.of(views), poses
+    return observe(views), poses
 
 
 # -- the steps, one by one ---------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def test_two_equations_give_polynomial_depths_and_sign_also_past_90_degrees(fov,
 def test_exact_corners_about_the_true_centre_are_explained_exactly_by_the_linear_steps(fov):
     views, poses = shoot(camera(fov), fov)
     state = linear_steps(views, np.array(MIDDLE), 4)
-    assert Reprojection.of(state, views).rms < 1e-5
+    assert ReprojectionError.of(state, views).rms < 1e-5
     np.testing.assert_allclose(state.rotations, [turn for turn, _ in poses], atol=1e-6)
 
 
@@ -105,7 +105,7 @@ def test_the_search_finds_the_centre(fov, shift):
     views, _ = shoot(camera(fov, tuple(centre)), fov)
     found = search_centre(None, views, SIZE, 4, lambda *_: None)
     assert np.hypot(found.model.cx - centre[0], found.model.cy - centre[1]) < 0.3
-    assert Reprojection.of(found, views).rms < 0.1
+    assert ReprojectionError.of(found, views).rms < 0.1
 
 
 # -- the whole ---------------------------------------------------------------------------------------------------
@@ -119,10 +119,10 @@ def test_every_step_lowers_the_error_to_the_noise(fov):
     assert found.linear.rms > found.centred.rms > found.refined.rms
     assert found.refined.rms == pytest.approx(NOISE * np.sqrt(2), rel=0.12)
     assert found.refined.mean < found.refined.rms
-    assert found.refined == Reprojection.of(found.state, views)
+    assert found.refined == ReprojectionError.of(found.state, views)
     # By turns never ends below both at once, and here not far above.
-    least = refine(found.state, views, freedom=FreeParameters.of(found.model), loss="squared").state
-    assert -1e-6 < found.refined.rms - Reprojection.of(least, views).rms < 0.01
+    least = refine(found.state, views, free_parameters=FreeParameters.of(found.model), loss="squared").state
+    assert -1e-6 < found.refined.rms - ReprojectionError.of(least, views).rms < 0.01
     assert list(dict.fromkeys(stage for stage, _, _ in told)) == ["search centre", "refine by turns"]
     assert all(0 <= done <= total for _, done, total in told)
 
@@ -143,7 +143,7 @@ def test_parts_of_boards_and_mirrored_pictures_do_as_well():
     for rows in views.groups:
         seen = np.sort(rng.choice(BOARD.size, rng.integers(20, BOARD.size), replace=False))
         parts.append((views.points[rows][seen], views.pixels[rows][seen] * (-1, 1) + (SIZE[0] - 1, 0)))
-    found = calibrate_ocamcalib(Observations.of(parts), SIZE)
+    found = calibrate_ocamcalib(observe(parts), SIZE)
     assert found.refined.rms < 1.1 * NOISE * np.sqrt(2)
     assert np.linalg.det(found.state.rotations) == pytest.approx(np.ones(len(parts)))
 
@@ -159,18 +159,18 @@ def test_other_degrees(degree):
 
 def test_what_cannot_be_calibrated_says_so():
     views, _ = shoot(camera(190), 190, count=3)
-    short = Observations.of([(BOARD.points[:5], views.pixels[:5])], ["a.png"])
+    short = observe([(BOARD.points[:5], views.pixels[:5])], ["a.png"])
     with pytest.raises(ValueError, match=r"a\.png: 5 corners, the linear steps need 6"):
         calibrate_ocamcalib(short, SIZE)
     with pytest.raises(ValueError, match="degree 2 or more, got 1"):
         calibrate_ocamcalib(views, SIZE, degree=1)
     with pytest.raises(ValueError, match="no image"):
-        calibrate_ocamcalib(Observations.of([]), SIZE)
+        calibrate_ocamcalib(observe([]), SIZE)
 
 
 def test_corners_that_mean_nothing_are_no_good_calibration():
     rng = np.random.default_rng(0)
-    noise = Observations.of([(BOARD.points, rng.uniform(0, 700, (BOARD.size, 2))) for _ in range(4)])
+    noise = observe([(BOARD.points, rng.uniform(0, 700, (BOARD.size, 2))) for _ in range(4)])
     assert calibrate_ocamcalib(noise, SIZE).refined.rms > 20
 
 
@@ -187,10 +187,10 @@ def test_real_corners_are_explained_almost_as_well_as_by_moving_all_at_once(data
     size, reach, some = REAL[name]
     with np.load(data("corners") / f"{name}.npz") as stored:
         board = Checkerboard(*(int(n) for n in stored["pattern"]))
-        views = Observations.of([(board.points, pixels) for pixels in stored["corners"][some].astype(float)])
+        views = observe([(board.points, pixels) for pixels in stored["corners"][some].astype(float)])
     found = calibrate_ocamcalib(views, size)
     assert found.linear.rms > found.centred.rms > found.refined.rms
-    least = Reprojection.of(refine(found.state, views, loss="squared").state, views)
+    least = ReprojectionError.of(refine(found.state, views, loss="squared").state, views)
     assert least.rms <= found.refined.rms < 1.1 * least.rms
     points, _ = found.state.points(views)
     assert np.degrees(np.arccos(points[:, 2] / np.linalg.norm(points, axis=1))).max() > reach

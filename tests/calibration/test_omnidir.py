@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from calibrating import calibrate, observe
 from omnisight.calibration.border import focal_from_line, start_from_border
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera
-from omnisight.calibration.multistart import multistart_refit
+from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.resection import resect
 from omnisight.camera import Camera
 from omnisight.formats import load, save
@@ -16,9 +17,7 @@ from omnisight.images.ellipse import Ellipse
 from omnisight.models import model_class
 from omnisight.models.mei import Mei
 from omnisight.models.unified import Unified
-from omnisight.pipeline.central import calibrate_camera
 from omnisight.targets import Checkerboard
-from omnisight.targets.observations import Observations
 
 CAMERAS = {
     "lens": Mei(478.0, 476.0, 512.3, 383.1, 1.07, -0.11, 0.03, 3e-4, -2e-4, 0.4),
@@ -117,13 +116,13 @@ SIZES = {
 def corners(data, name):
     with np.load(data("corners") / f"{name}.npz") as stored:
         board = Checkerboard(*(int(n) for n in stored["pattern"]))
-        return Observations.of([(board.points, pixels) for pixels in stored["corners"].astype(float)])
+        return observe([(board.points, pixels) for pixels in stored["corners"].astype(float)])
 
 
 def least_squares(begun, views):
     """Refine as OpenCV does: every corner alike, and the skew estimated."""
-    start = multistart_refit(begun, model_class("mei"), views)
-    state = refine(start, views, freedom=FreeParameters.of(start.model, free=("skew",)), loss="squared").state
+    ((_, start),) = model_starts("mei", begun, views)
+    state = refine(start, views, free_parameters=FreeParameters.of(start.model, free=("skew",)), loss="squared").state
     return state, float(np.sqrt((state.lengths(views) ** 2).mean()))
 
 
@@ -136,11 +135,11 @@ def test_our_least_squares_are_not_above_omnidirs_on_the_views_it_keeps(cv2, dat
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
     rms, *_, kept = cv2.omnidir.calibrate(objects, images, size, None, None, None, 0, criteria)
     if kept.size == len(views):
-        state, ours = least_squares(estimate_initial_camera(views, size), views)
+        state, ours = least_squares(estimate_initial_camera(views), views)
         assert len(state.rotations) == len(views)
     else:
         some = views.subset(kept.ravel())
-        _, ours = least_squares(estimate_initial_camera(some, size), some)
+        _, ours = least_squares(estimate_initial_camera(some), some)
     # Both stop once nothing falls by more than about 1e-8.
     assert ours <= rms * (1 + 1e-5)
 
@@ -208,11 +207,11 @@ def test_calibration_from_a_mirrors_border_ends_where_ours_does(data, name):
     field = estimate_image_field(to_gray8(read_image(path)) for path in pictures)
     views, size = corners(data, name), SIZES[name]
     start = start_from_border(field, size)
-    _, least = least_squares(estimate_initial_camera(views, size), views)
+    _, least = least_squares(estimate_initial_camera(views), views)
     state, rms = least_squares(resect(start, views), views)
     assert rms == pytest.approx(least, rel=1e-6)
     assert np.hypot(start.cx - state.model.cx, start.cy - state.model.cy) < 3
-    whole = calibrate_camera(views, size, model="mei", loss="squared", free=("skew",), flat=True, start=start)
+    whole = calibrate(views, model="mei", loss="squared", free=("skew",), flat=True, start=start)
     assert whole.rms == pytest.approx(least, rel=1e-6)
 
 
@@ -232,7 +231,7 @@ def test_a_spherical_mirror_is_calibrated_from_its_border():
         pixels, valid = sphere.project((board.points[:, :2] - (3.5, 2.5)) @ turn + 9 * towards)
         assert valid.all()
         seen.append((board.points, pixels + rng.normal(0, 0.1, pixels.shape)))
-    views = Observations.of(seen)
+    views = observe(seen)
     rim = float(seen_at(sphere, np.radians(115), 0.0)[0] - 641.0)
     field = ImageField((1280, 1024), Ellipse((641.0, 519.0), (rim, rim)), Ellipse((641.0, 519.0), (20.0, 20.0)))
     state, rms = least_squares(resect(start_from_border(field, (1280, 1024)), views), views)

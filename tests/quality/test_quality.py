@@ -5,32 +5,30 @@ import dataclasses
 import numpy as np
 import pytest
 
+from calibrating import calibrate, observe
 from lenses import NOISE, SIZE, calibrate_lens, lens, observe_boards
 from omnisight.calibration.candidate import Candidate
-from omnisight.calibration.covariance import camera_covariance, noise_covariance, scatter
+from omnisight.calibration.covariance import camera_covariance, noise_covariance, view_scatter
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import resect
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, cap, polar
 from omnisight.models import model_class
-from omnisight.pipeline.central import calibrate_camera
-from omnisight.quality.aligned_difference import rotation_aligned_difference
-from omnisight.quality.split_half import run_split_half_test
+from omnisight.quality.split_half import rotation_aligned_difference, run_split_half_test
 from omnisight.quality.uncertainty import Uncertainty, UncertaintyMap
-from omnisight.targets.observations import Observations
 
 SIMULATED = 200
 
 
 def noisy(exact, seed, noise=NOISE):
     rng = np.random.default_rng(seed)
-    return Observations.of([(x, p + rng.normal(0, noise, p.shape)) for x, p in exact])
+    return observe([(x, p + rng.normal(0, noise, p.shape)) for x, p in exact])
 
 
-def one(model, truth, views, **freedom):
+def one(model, truth, views, **free_parameters):
     """Calibrate one model from the truth, and give its candidate and its camera with covariance."""
     start = resect(truth, views)
-    best = Candidate.fit(model, start, views, FreeParameters.of(start.model, **freedom), loss="huber")
+    best = Candidate.fit(model, start, views, FreeParameters.of(start.model, **free_parameters), loss="huber")
     reach = angle_from_axis(best.state.points(views)[0]).max()
     covariance = camera_covariance(best, views)
     return best, Camera(best.state.model, SIZE, theta_max=float(reach), covariance=covariance)
@@ -52,10 +50,10 @@ def test_simulated_calibrations_scatter_as_each_of_them_predicts(fov, warp):
         _, camera = one(truth.name, truth, noisy(exact, seed), warp=warp)
         uncertainty = Uncertainty.of(camera)
         for free in (True, False):
-            said[free].append(np.trace(uncertainty.projection(bearings, turned=free), axis1=1, axis2=2))
+            said[free].append(np.trace(uncertainty.projection(bearings, aligned=free), axis1=1, axis2=2))
         true[True].append((rotation_aligned_difference(camera.model, bearings, pixels) ** 2).sum(1))
         true[False].append(((camera.project(bearings)[0] - pixels) ** 2).sum(1))
-        angles.append(uncertainty.bearing(bearings, turned=False) ** 2)
+        angles.append(uncertainty.bearing(bearings, aligned=False) ** 2)
         turned.append(np.arccos(np.clip((camera.unproject(pixels)[0] * bearings).sum(1), -1, 1)) ** 2)
     for free in (True, False):
         ratio = np.sqrt(np.mean(said[free], 0) / np.mean(true[free], 0))
@@ -75,7 +73,7 @@ def shared(exact, seed):
         across, down = ((x - x.mean(0)) / np.ptp(x, axis=0).max())[:, :2].T
         bend = np.stack([across**2, across * down, down**2], 1) @ rng.normal(0, 1.0, (3, 2))
         views.append((x, p + bend + rng.normal(0, 0.1, p.shape)))
-    return Observations.of(views)
+    return observe(views)
 
 
 @pytest.mark.parametrize("count", [6, 14])
@@ -92,7 +90,7 @@ def test_errors_that_the_corners_of_a_picture_share_are_in_what_a_camera_says_of
         said.append(np.trace(Uncertainty.of(camera).projection(bearings), axis1=1, axis2=2))
         plain = dataclasses.replace(camera, covariance=noise_covariance(best, views))
         noise.append(np.trace(Uncertainty.of(plain).projection(bearings), axis1=1, axis2=2))
-        times.append(scatter(best, views))
+        times.append(view_scatter(best, views))
     assert np.sqrt(np.mean(said) / np.mean(true)) == pytest.approx(1, abs=0.2)
     assert np.sqrt(np.mean(noise) / np.mean(true)) < 0.5
     assert np.median(times) > 4
@@ -101,7 +99,9 @@ def test_errors_that_the_corners_of_a_picture_share_are_in_what_a_camera_says_of
 def test_pictures_that_differ_by_noise_alone_scatter_as_noise():
     truth = lens(180)
     exact = observe_boards(truth, 180, np.random.default_rng(0), count=14, noise=0.0)
-    times = [scatter(one(truth.name, truth, views)[0], views) for views in (noisy(exact, seed) for seed in range(20))]
+    times = [
+        view_scatter(one(truth.name, truth, views)[0], views) for views in (noisy(exact, seed) for seed in range(20))
+    ]
     assert np.mean(times) == pytest.approx(1, abs=0.25)
 
 
@@ -117,8 +117,8 @@ def test_a_bearing_is_as_sure_as_its_pixel_over_the_focal_length():
     covariance = np.diag([0.0, 0.0, 0.25, 0.0])  # the centre, half a pixel to the side
     uncertainty = Uncertainty.of(Camera(model, SIZE, theta_max=1.2, covariance=covariance))
     bearings = polar(np.array([0.0, 0.4, 1.1]), np.zeros(3))
-    np.testing.assert_allclose(np.sqrt(uncertainty.projection(bearings, turned=False)[:, 0, 0]), 0.5)
-    np.testing.assert_allclose(uncertainty.bearing(bearings, turned=False), 0.5 / 300)
+    np.testing.assert_allclose(np.sqrt(uncertainty.projection(bearings, aligned=False)[:, 0, 0]), 0.5)
+    np.testing.assert_allclose(uncertainty.bearing(bearings, aligned=False), 0.5 / 300)
     # A centre beside its place is a turn of the camera, and on the axis nothing else.
     turned = np.sqrt(np.trace(uncertainty.projection(bearings), axis1=1, axis2=2))
     assert (turned < 0.25).all()
@@ -178,7 +178,7 @@ def test_halves_of_very_many_corners_are_calibrated_too():
     exact = observe_boards(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
     shaken = np.random.default_rng(1)
     views = [(np.tile(x, (60, 1)), np.tile(p, (60, 1))) for x, p in exact]
-    views = Observations.of([(x, p + shaken.normal(0, NOISE, p.shape)) for x, p in views])
+    views = observe([(x, p + shaken.normal(0, NOISE, p.shape)) for x, p in views])
     assert len(views.pixels) > 30_000
     best, camera = one("equisolid", truth, views)
     assert 0.3 < run_split_half_test(best, views, of_model(camera), loss="huber").ratio < 3
@@ -187,19 +187,19 @@ def test_halves_of_very_many_corners_are_calibrated_too():
 def test_halves_betray_a_model_that_is_too_poor_and_the_covariance_makes_up_for_it():
     truth = lens(200)
     views = noisy(observe_boards(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
-    found = calibrate_camera(views, SIZE, model="stereographic", flat=True)
-    halves = found.trust.split_half
+    found = calibrate(views, model="stereographic", flat=True)
+    halves = found.quality.split_half
     assert halves is not None
     assert halves.ratio > 3
     assert any("Two halves of the images give cameras" in reason for reason in found.verdict.reasons)
     assert any("the model is too poor for this lens: try --model auto" in r for r in found.verdict.reasons)
     # Each half has half of the images, and both are off: twice what the camera of all is.
-    assert found.trust.uncertainty.rms() > 0.25 * halves.difference
+    assert found.quality.uncertainty.rms() > 0.25 * halves.difference
 
 
 def test_few_pictures_have_no_halves():
     _, found = calibrate_lens(180, 0, 7, model="equisolid")
-    assert found.trust.split_half is None
+    assert found.quality.split_half is None
 
 
 # -- what the model leaves ---------------------------------------------------------------------------------------
@@ -208,16 +208,16 @@ def test_few_pictures_have_no_halves():
 def test_the_spline_shows_what_a_poor_model_leaves_and_where():
     truth = lens(200)
     views = noisy(observe_boards(truth, 200, np.random.default_rng(0), count=16, noise=0.0), 0, 0.05)
-    poor = calibrate_camera(views, SIZE, model="equidistant", flat=True)
-    fine = calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
-    left, none = poor.trust.spline_baseline, fine.trust.spline_baseline
+    poor = calibrate(views, model="equidistant", flat=True)
+    fine = calibrate(views, model="kannala_brandt", flat=True)
+    left, none = poor.quality.spline_baseline, fine.quality.spline_baseline
     assert left is not None
     assert none is not None
     assert left.left > 0.8 * poor.held_out_rms
     assert f"the model leaves {left.left:.3f} px" in str(left)
     assert none.left < 0.3 * fine.held_out_rms
     assert left.spline_rms.max() < 0.2
-    held_out = poor.chosen.held_out_lengths[~poor.outliers]
+    held_out = poor.best.held_out_lengths[~poor.outliers]
     angles = angle_from_axis(poor.state.points(views)[0])[~poor.outliers]
     ring = (angles >= left.edges[left.where]) & (angles <= left.edges[left.where + 1])
     assert np.sqrt((held_out[ring] ** 2).mean()) == pytest.approx(left.model_rms[left.where], rel=0.05)
@@ -225,9 +225,11 @@ def test_the_spline_shows_what_a_poor_model_leaves_and_where():
 
 def test_a_spline_that_pictures_do_not_tell_says_nothing_about_the_model():
     found = calibrate_camera(
-        noisy(observe_boards(lens(180), 180, np.random.default_rng(0), count=4, noise=0.0), 0, 0.1), SIZE, model="equisolid"
+        noisy(observe_boards(lens(180), 180, np.random.default_rng(0), count=4, noise=0.0), 0, 0.1),
+        SIZE,
+        model="equisolid",
     )
-    ceiling = found.trust.spline_baseline
+    ceiling = found.quality.spline_baseline
     assert ceiling.candidate.held_out_rms > 1.5 * found.held_out_rms
     assert "so few images tell no spline" in str(ceiling)
     assert "what the model leaves is open" in str(ceiling)
@@ -239,20 +241,20 @@ def test_a_spline_that_pictures_do_not_tell_says_nothing_about_the_model():
 def bent(exact_warp, seed=0, noise=0.1, fov=180, count=12):
     """See boards whose middle stands off the plane of their edges."""
     truth = lens(fov)
-    flat = Observations.of(observe_boards(truth, fov, np.random.default_rng(seed), count=count, noise=0.0))
+    flat = observe(observe_boards(truth, fov, np.random.default_rng(seed), count=count, noise=0.0))
     state = dataclasses.replace(resect(truth, flat), warp=np.array(exact_warp, float))
     pixels, _ = truth.project(state.points(flat)[0])
     rng = np.random.default_rng(seed)
-    return Observations.of([(flat.points[g], pixels[g] + rng.normal(0, noise, pixels[g].shape)) for g in flat.groups])
+    return observe([(flat.points[g], pixels[g] + rng.normal(0, noise, pixels[g].shape)) for g in flat.groups])
 
 
 def test_a_bent_board_is_found_bent_and_the_camera_is_better_for_it():
     views = bent((0.08, -0.05))
-    found = calibrate_camera(views, SIZE, model="equisolid")
+    found = calibrate(views, model="equisolid")
     np.testing.assert_allclose(found.state.warp, (0.08, -0.05), atol=0.012)
     np.testing.assert_allclose(found.camera.calibration["board_warp"], found.state.warp)
     assert found.rms == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
-    flat = calibrate_camera(views, SIZE, model="equisolid", flat=True)
+    flat = calibrate(views, model="equisolid", flat=True)
     assert not flat.state.warp.any()
     assert flat.held_out_rms > 1.2 * found.held_out_rms
 
@@ -266,7 +268,7 @@ def test_a_bent_board_is_found_bent_and_the_camera_is_better_for_it():
 
 def test_a_flat_board_is_left_flat():
     for seed in range(3):
-        found = calibrate_camera(bent((0.0, 0.0), seed), SIZE, model="equisolid")
+        found = calibrate(bent((0.0, 0.0), seed), model="equisolid")
         assert not found.state.warp.any()
         assert "board_warp" not in found.camera.calibration
 
@@ -276,7 +278,7 @@ def test_a_flat_board_is_left_flat():
 
 @pytest.mark.parametrize("model", ["equisolid", "mei", "kannala_brandt", "ocam"])
 def test_square_pixels_have_one_focal_length(model):
-    _, found = calibrate_lens(180, 0, model=model, square=True)
+    _, found = calibrate_lens(180, 0, model=model, square_pixels=True)
     values = found.camera.model.to_dict()
     if model == "ocam":
         assert (values["c"], values["d"], values["e"]) == (1.0, 0.0, 0.0)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from lenses import SIZE, rotation_to, lens
-from omnisight.calibration.board_pose import linear_board_poses, refine_board_poses
+from calibrating import calibrate, observe
+from lenses import SIZE, lens, rotation_to
 from omnisight.calibration.bundle_adjustment import refine
+from omnisight.calibration.resection import linear_board_poses, refine_board_poses
 from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.central import calibrate_camera
-from omnisight.targets.observations import Observations
 
 SIDE = 5.0
 FACES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # axes along it, and across it
@@ -51,7 +50,7 @@ def cubes(model, fov, rng, count, *, inside, noise=0.2):
         if valid.sum() >= 12:
             views.append((points[valid], (pixels + rng.normal(0, noise, pixels.shape))[valid]))
             poses.append((turn, shift))
-    return Observations.of(views), poses
+    return observe(views), poses
 
 
 def from_truth(model, poses, views):
@@ -66,7 +65,7 @@ def from_truth(model, poses, views):
 def test_a_cube_calibrates_as_from_a_start_at_the_truth(fov, inside, count):
     truth = lens(fov)
     views, poses = cubes(truth, fov, np.random.default_rng(fov + count), count, inside=inside)
-    found = calibrate_camera(views, SIZE, model=truth.name)
+    found = calibrate(views, model=truth.name)
     assert found.rms == pytest.approx(from_truth(truth, poses, views), abs=1e-4)
     assert not found.state.warp.any()
     assert "The boards tilt only" not in " ".join(found.verdict.reasons)
@@ -78,7 +77,7 @@ def test_many_wrong_corners_are_outvoted():
     views, _ = cubes(truth, 180, rng, 8, inside=True)
     wrong = rng.random(len(views.pixels)) < 0.1
     views.pixels[wrong] += rng.uniform(-60, 60, (wrong.sum(), 2))
-    found = calibrate_camera(views, SIZE, model=truth.name)
+    found = calibrate(views, model=truth.name)
     assert np.median(found.residual_lengths[~wrong]) < 0.3
     assert found.outliers[wrong].mean() > 0.9
     assert found.outliers[~wrong].mean() < 0.02
@@ -100,7 +99,7 @@ def test_a_pose_needs_no_start(shape):
         bearings.append(seen / np.linalg.norm(seen, axis=1, keepdims=True) + rng.normal(0, 5e-4, seen.shape))
         views.append((points, np.zeros((len(points), 2))))
         poses.append((turn, shift - turn @ points.mean(0)))
-    flat = Observations.of(views)
+    flat = observe(views)
     unit = np.concatenate(bearings)
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     rotations, translations = refine_board_poses(flat, unit, *linear_board_poses(flat, unit))
@@ -114,7 +113,7 @@ def test_a_board_stands_on_any_plane():
     """A board told in the plane x-z is the board of the plane x-y, turned."""
     truth = lens(180)
     views, _ = cubes(truth, 180, np.random.default_rng(4), 6, inside=True)
-    upright = Observations.of([(views.points[g][:, [2, 0, 1]], views.pixels[g]) for g in views.groups])
-    one, other = (calibrate_camera(v, SIZE, model=truth.name) for v in (views, upright))
+    upright = observe([(views.points[g][:, [2, 0, 1]], views.pixels[g]) for g in views.groups])
+    one, other = (calibrate(v, model=truth.name) for v in (views, upright))
     np.testing.assert_allclose(one.camera.model.params, other.camera.model.params, atol=1e-3)
     assert one.rms == pytest.approx(other.rms, abs=1e-5)

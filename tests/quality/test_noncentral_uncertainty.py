@@ -4,19 +4,19 @@ import dataclasses
 
 import numpy as np
 import pytest
+from omnisight.calibration.axial import fit
 
 import omnisight as om
-from noncentral import SIZE, pupil_shift_fisheye, off_focus, observe_boards, sphere
-from omnisight.calibration.axial import fit
+from calibrating import calibrate
+from noncentral import SIZE, observe_boards, off_focus, pupil_shift_fisheye, sphere
 from omnisight.calibration.covariance import camera_covariance
 from omnisight.calibration.prescription import placed
 from omnisight.geometry.sphere import cap, polar
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.noncentral import calibrate_rays
-from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.central_limit import CentralLimit, central_limit, in_central_frame
 from omnisight.quality.pupil_shift import PupilShift
+from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.uncertainty import Uncertainty
 
 LENS = KannalaBrandt(fx=380, fy=381, cx=641, cy=510, k1=-0.02, k2=0.004, k3=-0.001, k4=0.0)
@@ -79,8 +79,8 @@ def test_boards_stand_around_the_point_nearest_to_all_rays():
 def drawn_again():
     """Give a camera whose viewpoint moves, and what 80 calibrations of it found, each from other noise."""
     views, _ = observe_boards(om.RayCamera(MOVING, SIZE), 14, noise=0.0)
-    central = om.calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
-    trust = dataclasses.replace(central.trust, ceiling=None)
+    central = calibrate(views, model="kannala_brandt", flat=True)
+    trust = dataclasses.replace(central.quality, ceiling=None)
     tried = calibrate_rays(dataclasses.replace(central, trust=trust), unit="m").candidates
     start = next(c for c in tried if c.name == "axial kannala_brandt, 2")
     assert start.rms < 1e-6
@@ -133,28 +133,28 @@ def test_the_way_between_two_places_does_not_depend_on_where_they_count_from():
 def test_a_better_lens_is_no_moving_viewpoint():
     """It is compared with the same lens, its viewpoint standing still, where that is better than what was chosen."""
     views, _ = observe_boards(om.Camera(LENS, SIZE), 12, noise=0.2, distance=(0.15, 0.6))
-    central = om.calibrate_camera(views, SIZE, model="equidistant", flat=True)
+    central = calibrate(views, model="equidistant", flat=True)
     found = calibrate_rays(central, unit="m")
     assert found.held_out_rms < 0.8 * central.held_out_rms
     assert found.central.name != "equidistant"
     assert found.central.held_out_rms < 0.8 * central.held_out_rms
     assert not found.needed
-    assert not found.trust.viewpoint.needed
+    assert not found.quality.noncentrality.needed
     # Of the same corners, wherever it is said.
-    assert found.trust.viewpoint.central_rms == pytest.approx(found.central.held_out_rms)
+    assert found.quality.noncentrality.central_rms == pytest.approx(found.central.held_out_rms)
     assert f"The central {found.central.name} has" in found.reason
 
 
 def test_it_says_of_itself_what_it_says_of_a_central_camera():
     views, _ = observe_boards(pupil_shift_fisheye(), 9, noise=0.1)
-    central = om.calibrate_camera(views, SIZE, model="kannala_brandt", flat=True)
-    trust = dataclasses.replace(central.trust, ceiling=None)
+    central = calibrate(views, model="kannala_brandt", flat=True)
+    trust = dataclasses.replace(central.quality, ceiling=None)
     found = calibrate_rays(dataclasses.replace(central, trust=trust), unit="m")
-    assert found.verdict is found.trust.verdict
+    assert found.verdict is found.quality.verdict
     assert found.mean < found.rms < central.rms
     assert np.sqrt((found.residual_lengths**2).mean()) == pytest.approx(found.rms)
-    assert found.trust.viewpoint.axial is found.candidates[0]
-    assert found.trust.viewpoint.travel == pytest.approx(found.camera.calibration["travel"])
-    assert found.trust.viewpoint.unit == "m"
-    assert found.camera.calibration["uncertainty_px"] == found.trust.uncertainty.worst()[0]
-    assert found.trust.coverage.corners[1:].sum() + found.trust.coverage.corners[0, 0] == len(views.pixels)
+    assert found.quality.noncentrality.axial is found.candidates[0]
+    assert found.quality.noncentrality.travel == pytest.approx(found.camera.calibration["travel"])
+    assert found.quality.noncentrality.unit == "m"
+    assert found.camera.calibration["uncertainty_px"] == found.quality.uncertainty.worst()[0]
+    assert found.quality.coverage.corners[1:].sum() + found.quality.coverage.corners[0, 0] == len(views.pixels)
