@@ -97,7 +97,7 @@ def conventions() -> str:
 
 def corner_formats() -> str:
     """Return the table of corner file formats."""
-    from omnisight.corners import get_corner_format, corner_format_names
+    from omnisight.corners import corner_format_names, get_corner_format
 
     lines = ["| format | file | convention |", "|---|---|---|"]
     for value in map(get_corner_format, corner_format_names()):
@@ -195,7 +195,7 @@ MARKS = {
 
 def curves() -> dict[str, str]:
     """Draw the radial profile of the example of every model that has one."""
-    from omnisight.report.drawings.radial_profile import radial_profile, profile_svg
+    from omnisight.report.drawings.radial_profile import profile_svg, radial_profile
 
     drawn: dict[str, str] = {}
     for name in om.model_names():
@@ -243,7 +243,7 @@ def view_images() -> dict[str, bytes]:
 
 
 def _formats() -> dict[str, Any]:
-    from omnisight.formats import get_format, format_names
+    from omnisight.formats import format_names, get_format
 
     return {name: get_format(name) for name in format_names()}
 
