@@ -19,14 +19,11 @@ from omnisight.models import Projector
 from omnisight.optim.levenberg_marquardt import Solution, blocked_by_bounds, minimize
 from omnisight.optim.loss import Huber
 from omnisight.optim.schur import GroupedNormal
+from omnisight.optim.tolerances import COMPARISON_TOLERANCE, FINAL_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# Relative decrease of the cost per step until the residual weights have converged; a coarse minimum suffices there.
-PRELIMINARY_TOLERANCE = 1e-5
-# Relative decrease of the cost per step at a final minimum.
-FINAL_TOLERANCE = 1e-9
 # Along nearly unobservable directions the cost falls slowly: a camera of 16 parameters and four images took 600 steps.
 MAX_ITERATIONS = 400
 
@@ -172,7 +169,7 @@ def refine(
     if weights is not None:
         problem = Bundle(observations, free_parameters, weights)
         return minimize(problem, state, iterations=iterations, tolerance=tolerance, scale=problem.scale, watch=watch)
-    used, current = 0, max(tolerance, PRELIMINARY_TOLERANCE)
+    used, current = 0, max(tolerance, COMPARISON_TOLERANCE)
     weights = ResidualWeights.estimate(state, observations, loss)
     while True:
         problem = Bundle(observations, free_parameters, weights)
@@ -183,4 +180,4 @@ def refine(
         converged = weights.is_close(previous)
         if (converged and current <= tolerance) or used >= 4 * iterations:
             return replace(solution, iterations=used)
-        current = tolerance if converged else max(tolerance, PRELIMINARY_TOLERANCE)
+        current = tolerance if converged else max(tolerance, COMPARISON_TOLERANCE)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.bundle_adjustment import FINAL_TOLERANCE, Bundle, refine
+from omnisight.calibration.bundle_adjustment import Bundle, refine
 from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import has_pose_outlier, reresect
@@ -15,6 +15,7 @@ from omnisight.calibration.state import State
 from omnisight.models import CameraModel
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.schur import GroupedNormal
+from omnisight.optim.tolerances import COARSE_TOLERANCE, COMPARISON_TOLERANCE, FINAL_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -26,8 +27,6 @@ MAX_COMPARED_CORNERS = 1500
 MAX_COMPARED_VIEWS = 60
 # Folds of the cross-validation: each model is fitted to four fifths of the views.
 FOLDS = 5
-# Relative decrease of the cost at which a fit for comparison stops, and a pose of a held-out view.
-COMPARISON_TOLERANCE, POSE_TOLERANCE = 1e-5, 1e-3
 # Decrease of the cost per parameter, in variances, at which the refit to a fold stops: leaving out a fold lowers the
 # cost by about a tenth of a variance or more, whatever the number of corners.
 FOLD_TOLERANCE = 0.005
@@ -178,7 +177,7 @@ class Candidate:
 def _pose_residuals(start: State, observations: Observations, weights: ResidualWeights) -> Array:
     """Pose held-out views with a given camera and warp, and return the residual lengths (N,), px."""
     fixed = FreeParameters.none(start.model)
-    posed = refine(start, observations, free_parameters=fixed, weights=weights, tolerance=POSE_TOLERANCE).state
+    posed = refine(start, observations, free_parameters=fixed, weights=weights, tolerance=COARSE_TOLERANCE).state
     return posed.lengths(observations)
 
 

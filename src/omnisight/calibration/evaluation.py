@@ -25,8 +25,6 @@ Bools = NDArray[np.bool_]
 
 # Huber threshold, px: that of BabelCalib.
 HUBER_THRESHOLD_PX = 1.5
-# Relative decrease of the cost at which the poses have converged.
-TOLERANCE = 1e-10
 # Margin (radians) of the calibrated cone.
 CONE_MARGIN_RAD = np.radians(0.5)
 # Width of a ring of angles, and of one if the corners reach less than `NARROW_DEG`.
@@ -184,5 +182,5 @@ def evaluate_camera(
     weights = ResidualWeights(identity_whitening(len(observations.pixels)), 1.0, threshold)
     is_central = isinstance(camera, Camera)
     start = resect(camera.model, observations) if is_central else resect_prescription(camera.model, observations)
-    solution = refine(start, observations, free_parameters=free_parameters, weights=weights, tolerance=TOLERANCE)
+    solution = refine(start, observations, free_parameters=free_parameters, weights=weights)
     return Evaluation(camera, solution.state, observations, threshold)

@@ -7,6 +7,7 @@ from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.resection import resect
 from omnisight.calibration.state import State
+from omnisight.optim.tolerances import COMPARISON_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ def select_informative_views(observations: Observations, motion: Array) -> list[
         preliminary = estimate_initial_camera(observations.subset(distinct[:MAX_PRELIMINARY_VIEWS])).central_model
     except ValueError:  # the calibration will report the reason
         return distinct[:MAX_SELECTED]
-    state = refine(resect(preliminary, observations), observations, iterations=10, tolerance=1e-4).state
+    state = refine(resect(preliminary, observations), observations, iterations=10, tolerance=COMPARISON_TOLERANCE).state
     lengths = state.lengths(observations)
     residual = np.array([np.median(lengths[rows]) for rows in observations.groups])
     information = _information(state, observations)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.candidate import COMPARISON_TOLERANCE, Candidate
+from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.estimation_options import EstimationOptions
 from omnisight.calibration.free_parameters import FreeParameters, with_square_pixels
 from omnisight.calibration.multistart import model_starts
@@ -15,6 +15,7 @@ from omnisight.calibration.state import MIN_OUTSIDE_COST_PX, State
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
 from omnisight.optim.loss import robust_sigma
+from omnisight.optim.tolerances import COMPARISON_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -27,8 +28,8 @@ MIN_VIEWS = 3
 MAX_RMS_RATIO = 1.5
 # Relative reduction of the held-out error that matters: below, the model with fewer parameters is taken.
 MIN_RELATIVE_GAIN = 0.01
-# Factor by which the injective domain of a model must exceed the angle that corners cover, so that it extrapolates.
-MIN_DOMAIN_MARGIN = 1.1
+# Factor by which the injective domain of a model must exceed the angle that corners cover. A spline ends at 1.05.
+MIN_DOMAIN_MARGIN = 1.03
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ SAMPLES = 15
 # The first primes, one for each drawn parameter of a model.
 HALTON_BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 # (corners, Levenberg-Marquardt steps) of the rounds, after each of which half of the starts remain.
-ROUNDS = ((300, 10), (1000, 40))
+ROUNDS = ((300, 10), (600, 12), (1000, 40))
 # Distinct local minima that are refined on all corners.
 SURVIVORS = 3
 # Relative decrease of the cost per step. Outliers can be nearly all of the cost, so local minima differ by little.
@@ -127,6 +127,8 @@ def _halve(
         refined = [_refine(s, subset, f, steps) for s, f in zip(states, free, strict=True)]
         states = _distinct_minima(refined, subset)[: max(-(-len(states) // 2), SURVIVORS)]
         held = [()] * len(states)
+        if len(states) <= SURVIVORS:
+            break
     states = [reresect(s, observations) if has_pose_outlier(s, observations) else s for s in states[:SURVIVORS]]
     # Outliers among the corners of a subset can lead all survivors astray.
     return [*states, best_start] if cost(best_start) < min(map(cost, states)) else states

@@ -22,8 +22,6 @@ from omnisight.targets.observations import Observations
 
 Bools = NDArray[np.bool_]
 
-# Relative decrease of the cost at which a fit stops: the pupil shift is nearly degenerate with the board distances.
-TOLERANCE = 1e-6
 # Coefficients of the entrance pupil shift: one describes most fisheyes, mirrors need the second.
 PUPIL_COEFFICIENTS = 2
 # Numbers of coefficients that the best lens is also fitted with.
@@ -54,7 +52,7 @@ def fit_axial(central: Candidate, observations: Observations, coefficients: int,
     directions = block_diag(central.free_parameters.directions, np.eye(coefficients))
     free_parameters = FreeParameters(np.asarray(directions, float), central.free_parameters.warp)
     name = f"axial {central.name}, {coefficients}"
-    return Candidate.fit(name, start, observations, free_parameters, loss=loss, tolerance=TOLERANCE)
+    return Candidate.fit(name, start, observations, free_parameters, loss=loss)
 
 
 def select_axial(
@@ -111,7 +109,7 @@ def select_prescription(
     fixed = (*options.fix, *(name for name in unobservable_parameters(model) if name not in options.free))
     warp = central.best.free_parameters.warp
     free_parameters = FreeParameters.of(start.model, fixed=fixed, free=options.free, warp=warp)
-    best = Candidate.fit(model.name, start, observations, free_parameters, loss=options.loss, tolerance=TOLERANCE)
+    best = Candidate.fit(model.name, start, observations, free_parameters, loss=options.loss)
     if not best.rms <= MAX_RMS_RATIO * central.best.rms:
         raise ValueError(
             f"{model.name}: refined from the given design, the rms is {best.rms:.2f} px, that of a central"

@@ -10,6 +10,7 @@ from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
 from omnisight.optim.gauss_newton import NormalEquations, gauss_newton_batch
+from omnisight.optim.tolerances import COARSE_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -27,8 +28,6 @@ LINEAR_ROUNDS = 2
 MIN_RELATIVE_THICKNESS = 0.03
 # Iterations of the refinement while the robust scale is re-estimated once, and with the final scale.
 REFINEMENT_ITERATIONS = 3, 5
-# Relative decrease of the cost at which a refinement stops; the bundle adjustment follows.
-REFINEMENT_TOLERANCE = 1e-3
 # Distance (in board units) of a board that cannot be posed yet.
 UNKNOWN_DISTANCE = 1e3
 # Median residual relative to that of the other views above which a pose may be a wrong local minimum.
@@ -154,7 +153,7 @@ def _refined(groups: "_Groups", poses: Poses) -> Poses:
             return so3.exp(steps[:, :3]) @ states[0], states[1] + steps[:, 3:]
 
         poses = gauss_newton_batch(
-            linearize, poses, retract=retract, max_iterations=iterations, tolerance=REFINEMENT_TOLERANCE
+            linearize, poses, retract=retract, max_iterations=iterations, tolerance=COARSE_TOLERANCE
         ).state
     return poses
 

@@ -10,6 +10,7 @@ from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.images import ImageField
+from omnisight.quality.wording import MAX_NAMED
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -22,8 +23,6 @@ SAMPLES, MIN_VISIBLE_SHARE = 4, 0.5
 MIN_BLIND_SPOT_RAD = np.radians(30.0)
 # Corners that cover a cell.
 MIN_CORNERS = 3
-# Empty regions named in a message.
-MAX_NAMED = 3
 SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
 
 

@@ -4,13 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from omnisight.quality.wording import list_first
 from omnisight.targets.observations import Observations
 
 # Median distance (px) of corresponding corners below which two views are the same up to noise: with a static camera it
 # is 1.7 times the standard deviation of a corner.
 MAX_REPEATED_PX = 0.5
-# Pairs named in a message.
-MAX_NAMED = 3
 
 
 def find_repeated_views(observations: Observations) -> list[tuple[str, str]]:
@@ -27,4 +26,4 @@ def find_repeated_views(observations: Observations) -> list[tuple[str, str]]:
 
 def list_pairs(pairs: Sequence[tuple[str, str]]) -> str:
     """Format the first pairs for a message."""
-    return ", ".join(f"{a} = {b}" for a, b in pairs[:MAX_NAMED]) + (", ..." if len(pairs) > MAX_NAMED else "")
+    return list_first([f"{a} = {b}" for a, b in pairs])

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.candidate import COMPARISON_TOLERANCE, Candidate
+from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.model_selection import MAX_RMS_RATIO, is_better
 from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.state import State
 from omnisight.geometry.sphere import angle_from_axis
+from omnisight.optim.tolerances import COMPARISON_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]

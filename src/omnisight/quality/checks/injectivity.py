@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from omnisight.calibration.model_selection import MIN_DOMAIN_MARGIN
 from omnisight.quality.evidence import Check, Evidence, Level
 
 PRIORITY = 9
 
+# Factor by which the fold angle must exceed the angle of the outermost corners.
+MIN_FOLD_MARGIN = 1.1
 # Angles (radians) this close to pi are the whole sphere.
 WHOLE_SPHERE_RAD = 1e-6
 
@@ -16,7 +17,7 @@ def check(evidence: Evidence) -> Check:
     camera = evidence.camera
     fold, reach = camera.model.fold_angle, camera.theta_max or 0.0
     covers_image = np.isfinite(camera.angle_of(camera.border())).all()
-    if fold >= MIN_DOMAIN_MARGIN * reach or fold >= np.pi - WHOLE_SPHERE_RAD or covers_image:
+    if fold >= MIN_FOLD_MARGIN * reach or fold >= np.pi - WHOLE_SPHERE_RAD or covers_image:
         return Check("injectivity")
     return Check(
         "injectivity",

@@ -1,6 +1,7 @@
 """Check that all images are of one camera in one state."""
 
 from omnisight.quality.evidence import Check, Evidence, Level
+from omnisight.quality.wording import list_first
 
 PRIORITY = 5
 
@@ -11,8 +12,6 @@ MAX_IMAGE_SHARE = 0.5
 MAX_SHARE = (0.15, 0.3)
 # Share of images that do not belong above which it is open which ones do.
 MAX_SHARE_OF_IMAGES = 1 / 3
-# Images named in a message.
-MAX_NAMED = 5
 
 
 def check(evidence: Evidence) -> Check:
@@ -25,8 +24,7 @@ def check(evidence: Evidence) -> Check:
         level = Level.DO_NOT_USE
     if not level:
         return Check("outliers")
-    listed = ", ".join(names[:MAX_NAMED]) + (", ..." if len(names) > MAX_NAMED else "")
-    subject = f"Most corners of {listed} are" if names else f"{share:.0%} of the corners are"
+    subject = f"Most corners of {list_first(names)} are" if names else f"{share:.0%} of the corners are"
     return Check(
         "outliers",
         level,
