@@ -13,6 +13,7 @@ from omnisight.models.pinhole import Pinhole
 from omnisight.optics import Catadioptric
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.placed_mirror import PlacedMirror
+from omnisight.pipeline.calibrate import assess, select_noncentral
 
 SIZE = (1280, 1024)
 BOARD = om.Checkerboard(9, 6, 0.03)
@@ -141,3 +142,11 @@ def projection_errors(camera, truth, views, found, points, distance):
     origins, bearings, _ = truth.rays(pixels)
     there = (origins + distance * bearings) @ rotation.T + translation
     return np.linalg.norm(camera.project(there)[0] - pixels, axis=1)
+
+
+def calibrate_noncentral(central, *, design=None, spline=None):
+    """Calibrate a non-central camera as `om.calibrate` does, from one central calibration instead of several models."""
+    options = om.CalibrateOptions(flat=True)
+    design = None if design is None else om.RayCamera(design, SIZE)
+    selection = select_noncentral(central.selection, design, spline, central.observations, options)
+    return assess(selection, central.observations, ~central.outliers, None, options)

@@ -11,7 +11,6 @@ from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.multistart import low_discrepancy
 from omnisight.calibration.resection import linear_board_poses, refine_board_poses
 from omnisight.models import initial_models, model_class, model_names
-from omnisight.pipeline.calibrate import CalibrateOptions, calibrate
 from omnisight.targets.observations import Observations
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -102,7 +101,7 @@ def test_hard_cells_reach_the_optimum(convergence, text, model):
 def test_benchmark_runs_what_calibrate_runs(convergence):
     cell = convergence.Cell.parse("240/double_sphere/aside/usual/0.2/0.1/10")
     made = convergence.scene(cell)
-    found = calibrate(made.views, CalibrateOptions(model="double_sphere", flat=True))
+    found = calibrate(made.views, model="double_sphere", flat=True)
     best = convergence.fitted("double_sphere", made.state, made.views)
     assert convergence.bearing_error(found.camera.model, made) < 0.5
     np.testing.assert_allclose(found.selection.best.state.lengths(made.views), best.lengths(made.views), atol=1e-2)

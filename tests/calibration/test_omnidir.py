@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from omnisight.calibration.border import focal_from_line, start_from_border
 
 from calibrating import calibrate, observe
-from omnisight.calibration.border import focal_from_line, start_from_border
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera

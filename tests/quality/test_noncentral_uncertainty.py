@@ -1,16 +1,17 @@
-"""How sure a camera of rays is of itself, and what it is compared with."""
+"""Uncertainty of non-central cameras, and the central model they are compared with."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from omnisight.calibration.axial import fit
 
 import omnisight as om
 from calibrating import calibrate
-from noncentral import SIZE, observe_boards, off_focus, pupil_shift_fisheye, sphere
+from noncentral import SIZE, calibrate_noncentral, observe_boards, off_focus, pupil_shift_fisheye, sphere
+from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance
-from omnisight.calibration.prescription import placed
+from omnisight.calibration.noncentral import TOLERANCE
+from omnisight.calibration.prescription import resect_prescription
 from omnisight.geometry.sphere import cap, polar
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.models.axial import Axial
@@ -20,97 +21,97 @@ from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.uncertainty import Uncertainty
 
 LENS = KannalaBrandt(fx=380, fy=381, cx=641, cy=510, k1=-0.02, k2=0.004, k3=-0.001, k4=0.0)
-MOVING = Axial(LENS, (0.008, 0.001))
+AXIAL = Axial(LENS, (0.008, 0.001))
 REACH = 1.5
 NOISE = 0.3  # px
 
 
-def around(first, last):
+def bearings_between(first, last):
+    """Return bearings between two angles from the axis (radians), at all azimuths."""
     return polar(np.linspace(first, last, 40), np.linspace(0.1, 6.2, 40))
 
 
-def test_what_is_far_is_seen_by_the_lens_of_an_axial_camera():
-    bearings = around(0.0, REACH)
-    pixels, valid, d_point, d_params = CentralLimit(MOVING).project_with_jacobians(bearings)
+def test_central_limit_of_an_axial_camera_is_its_lens():
+    bearings = bearings_between(0.0, REACH)
+    pixels, valid, d_point, d_params = CentralLimit(AXIAL).project_with_jacobians(bearings)
     truth = LENS.project_with_jacobians(bearings)
     assert valid.all()
     np.testing.assert_allclose(pixels, truth[0], atol=1e-6)
     np.testing.assert_allclose(d_point, truth[2], atol=1e-5)
     np.testing.assert_allclose(d_params[..., :-2], truth[3], atol=1e-5)
     np.testing.assert_allclose(d_params[..., -2:], 0.0, atol=1e-5)
-    assert CentralLimit(MOVING).param_names == MOVING.param_names
+    assert CentralLimit(AXIAL).param_names == AXIAL.param_names
 
 
 @pytest.mark.parametrize("make", [off_focus, sphere])
-def test_what_is_far_is_seen_over_a_mirror_as_its_rays_go(make):
-    far, bearings = CentralLimit(make().system), around(0.3, 1.8)
+def test_central_limit_of_a_mirror_follows_its_rays(make):
+    far, bearings = CentralLimit(make().system), bearings_between(0.3, 1.8)
     pixels, valid, d_point, _ = far.project_with_jacobians(bearings)
     assert valid.all()
-    back, seen = far.unproject(pixels)
-    assert seen.all()
-    np.testing.assert_allclose(back, bearings, atol=1e-8)
+    unprojected, valid = far.unproject(pixels)
+    assert valid.all()
+    np.testing.assert_allclose(unprojected, bearings, atol=1e-8)
     step = 1e-5
     moved = [(far.project(bearings + e)[0] - far.project(bearings - e)[0]) / (2 * step) for e in step * np.eye(3)]
     np.testing.assert_allclose(d_point, np.stack(moved, -1), atol=1e-4)
-    # Angles grow outwards in the image, as those of a lens do.
+    # The angle grows with the radius in the image, as for a lens.
     middle = make().system.lens.project([0.0, 0.0, 1.0])[0]
     assert (np.diff(np.linalg.norm(pixels - middle, axis=1)) > 0).all()
 
 
-def test_the_cone_behind_a_mirror_counts_from_its_axis():
+def test_calibrated_cone_of_a_mirror_is_about_its_reversed_axis():
     camera = om.RayCamera(off_focus().system, SIZE, theta_max=2.9, theta_min=1.2)
     far = central_limit(camera)
     assert (far.theta_min, far.theta_max) == (pytest.approx(np.pi - 2.9), pytest.approx(np.pi - 1.2))
-    lens = central_limit(om.RayCamera(MOVING, SIZE, theta_max=REACH))
+    lens = central_limit(om.RayCamera(AXIAL, SIZE, theta_max=REACH))
     assert (lens.theta_min, lens.theta_max) == (0.0, REACH)
 
 
-def test_boards_stand_around_the_point_nearest_to_all_rays():
-    """Those behind a mirror where the image shows them, with left and right exchanged."""
+def test_central_limit_has_its_origin_at_the_point_nearest_to_all_rays():
     system = off_focus().system
     views, _ = observe_boards(off_focus(), 6, noise=0.0, distance=(0.3, 0.8))
-    found = in_central_frame(placed(system, views), system, views.pixels).points(views)[0]
-    seen, _ = CentralLimit(system).unproject(views.pixels)
-    along = (found * seen).sum(1) / np.linalg.norm(found, axis=1)
-    assert np.degrees(np.arccos(along.min())) < 2.0
+    estimated = in_central_frame(resect_prescription(system, views), system, views.pixels).points(views)[0]
+    bearings, _ = CentralLimit(system).unproject(views.pixels)
+    cosine = (estimated * bearings).sum(1) / np.linalg.norm(estimated, axis=1)
+    assert np.degrees(np.arccos(cosine.min())) < 2.0
 
 
 @pytest.fixture(scope="module")
-def drawn_again():
-    """Give a camera whose viewpoint moves, and what 80 calibrations of it found, each from other noise."""
-    views, _ = observe_boards(om.RayCamera(MOVING, SIZE), 14, noise=0.0)
+def repeated_fits():
+    """Return 80 axial fits to the same boards with different noise, and their observations."""
+    views, _ = observe_boards(om.RayCamera(AXIAL, SIZE), 14, noise=0.0)
     central = calibrate(views, model="kannala_brandt", flat=True)
-    trust = dataclasses.replace(central.quality, ceiling=None)
-    tried = calibrate_rays(dataclasses.replace(central, trust=trust), unit="m").candidates
-    start = next(c for c in tried if c.name == "axial kannala_brandt, 2")
+    candidates = calibrate_noncentral(central).candidates
+    start = next(c for c in candidates if c.name == "axial kannala_brandt, 2")
     assert start.rms < 1e-6
-    noise, found = np.random.default_rng(5), []
+    rng, fits = np.random.default_rng(5), []
     for _ in range(80):
-        seen = dataclasses.replace(views, pixels=views.pixels + NOISE * noise.standard_normal(views.pixels.shape))
-        found.append((fit("again", start.state, seen, start.free_parameters, loss="huber"), seen))
-    return found
+        noisy = dataclasses.replace(views, pixels=views.pixels + NOISE * rng.standard_normal(views.pixels.shape))
+        fitted = Candidate.fit("axial", start.state, noisy, start.free_parameters, loss="huber", tolerance=TOLERANCE)
+        fits.append((fitted, noisy))
+    return fits
 
 
-def test_it_is_as_sure_of_what_is_far_as_calibrations_of_other_noise_agree(drawn_again):
+def test_projection_uncertainty_at_infinity_matches_repeated_fits(repeated_fits):
     bearings = cap(REACH, 12)
     pixels, _ = LENS.project(bearings)
     inside = ((pixels > 0) & (pixels < SIZE)).all(1)
     bearings, pixels = bearings[inside], pixels[inside]
-    off = [rotation_aligned_difference(CentralLimit(c.state.model), bearings, pixels) for c, _ in drawn_again]
-    observed = np.sqrt((np.array(off) ** 2).sum(-1).mean())
-    predicted = [Uncertainty.of(central_limit(ray_camera(*of))).projection(bearings) for of in drawn_again[:10]]
+    errors = [rotation_aligned_difference(CentralLimit(c.state.model), bearings, pixels) for c, _ in repeated_fits]
+    observed = np.sqrt((np.array(errors) ** 2).sum(-1).mean())
+    predicted = [Uncertainty.of(central_limit(ray_camera(*of))).projection(bearings) for of in repeated_fits[:10]]
     stated = np.sqrt(np.trace(np.array(predicted), axis1=2, axis2=3).mean())
     assert stated / observed == pytest.approx(1.0, abs=0.15)
 
 
-def test_it_is_as_sure_of_its_travel_as_calibrations_of_other_noise_agree(drawn_again):
+def test_uncertainty_of_the_pupil_shift_matches_repeated_fits(repeated_fits):
     cone = 0.0, REACH
-    lengths = [c.state.model.pupil_shift(*cone) for c, _ in drawn_again]
-    cameras = [ray_camera(*of) for of in drawn_again[:10]]
+    lengths = [c.state.model.pupil_shift(*cone) for c, _ in repeated_fits]
+    cameras = [ray_camera(*of) for of in repeated_fits[:10]]
     stated = [PupilShift.between(camera.model, camera.covariance, cone) for camera in cameras]
     assert stated[0].length == pytest.approx(lengths[0])
-    assert np.mean([one.length_sigma for one in stated]) / np.std(lengths, ddof=1) == pytest.approx(1.0, abs=0.2)
-    # Away from where places count from, none is surer than nearer to it.
+    assert np.mean([shift.length_sigma for shift in stated]) / np.std(lengths, ddof=1) == pytest.approx(1.0, abs=0.2)
+    # The uncertainty grows with the distance from the reference angle.
     assert stated[0].sigma[0] == 0.0
     assert (np.diff(stated[0].sigma) > 0).all()
 
@@ -120,41 +121,41 @@ def ray_camera(candidate, views):
     return om.RayCamera(candidate.state.model, SIZE, "m", theta_max=REACH, covariance=covariance)
 
 
-def test_the_way_between_two_places_does_not_depend_on_where_they_count_from():
+def test_pupil_shift_between_two_angles_does_not_depend_on_the_reference():
     covariance = np.diag([*np.zeros(8), 4e-8, 1e-8])
     theta = np.linspace(0.6, 1.4, 9)
-    ways = [PupilShift.of(MOVING, covariance, theta, first) for first in (0.0, 0.6, 1.0)]
-    for one in ways:
-        assert one.length == pytest.approx(np.ptp(MOVING.start(theta)))
-        assert one.length_sigma == pytest.approx(ways[0].length_sigma)
-    np.testing.assert_allclose(ways[1].place, MOVING.start(theta) - MOVING.start(0.6), atol=1e-15)
+    shifts = [PupilShift.of(AXIAL, covariance, theta, first) for first in (0.0, 0.6, 1.0)]
+    for shift in shifts:
+        assert shift.length == pytest.approx(np.ptp(AXIAL.pupil_z(theta)))
+        assert shift.length_sigma == pytest.approx(shifts[0].length_sigma)
+    np.testing.assert_allclose(shifts[1].position, AXIAL.pupil_z(theta) - AXIAL.pupil_z(0.6), atol=1e-15)
 
 
-def test_a_better_lens_is_no_moving_viewpoint():
-    """It is compared with the same lens, its viewpoint standing still, where that is better than what was chosen."""
+def test_axial_camera_is_compared_with_the_same_lens_without_pupil_shift():
+    """If that lens is better than the selected central model."""
     views, _ = observe_boards(om.Camera(LENS, SIZE), 12, noise=0.2, distance=(0.15, 0.6))
     central = calibrate(views, model="equidistant", flat=True)
-    found = calibrate_rays(central, unit="m")
-    assert found.held_out_rms < 0.8 * central.held_out_rms
-    assert found.central.name != "equidistant"
-    assert found.central.held_out_rms < 0.8 * central.held_out_rms
-    assert not found.needed
-    assert not found.quality.noncentrality.needed
-    # Of the same corners, wherever it is said.
-    assert found.quality.noncentrality.central_rms == pytest.approx(found.central.held_out_rms)
-    assert f"The central {found.central.name} has" in found.reason
+    calibration = calibrate_noncentral(central, spline=central.quality.spline_baseline.candidate)
+    assert calibration.held_out_rms < 0.8 * central.held_out_rms
+    assert calibration.central.name != "equidistant"
+    assert calibration.central.held_out_rms < 0.8 * central.held_out_rms
+    assert not calibration.quality.noncentrality.is_noncentral
+    assert calibration.quality.noncentrality.central_rms == pytest.approx(calibration.central.held_out_rms)
+    assert calibration.camera.calibration["central"] == calibration.central.name
 
 
-def test_it_says_of_itself_what_it_says_of_a_central_camera():
+def test_noncentral_calibration_reports_what_a_central_one_does():
     views, _ = observe_boards(pupil_shift_fisheye(), 9, noise=0.1)
     central = calibrate(views, model="kannala_brandt", flat=True)
-    trust = dataclasses.replace(central.quality, ceiling=None)
-    found = calibrate_rays(dataclasses.replace(central, trust=trust), unit="m")
-    assert found.verdict is found.quality.verdict
-    assert found.mean < found.rms < central.rms
-    assert np.sqrt((found.residual_lengths**2).mean()) == pytest.approx(found.rms)
-    assert found.quality.noncentrality.axial is found.candidates[0]
-    assert found.quality.noncentrality.travel == pytest.approx(found.camera.calibration["travel"])
-    assert found.quality.noncentrality.unit == "m"
-    assert found.camera.calibration["uncertainty_px"] == found.quality.uncertainty.worst()[0]
-    assert found.quality.coverage.corners[1:].sum() + found.quality.coverage.corners[0, 0] == len(views.pixels)
+    calibration = calibrate_noncentral(central)
+    assert calibration.verdict is calibration.quality.verdict
+    assert calibration.mean < calibration.rms < central.rms
+    assert np.sqrt((calibration.residual_lengths**2).mean()) == pytest.approx(calibration.rms)
+    assert calibration.best is calibration.candidates[0]
+    assert calibration.quality.noncentrality.axial_rms == calibration.held_out_rms
+    assert calibration.quality.noncentrality.shift == pytest.approx(calibration.camera.calibration["pupil_shift"])
+    assert calibration.quality.noncentrality.unit == "m"
+    assert calibration.camera.calibration["uncertainty_px"] == calibration.quality.uncertainty.worst()[0]
+    assert calibration.quality.coverage.corners[1:].sum() + calibration.quality.coverage.corners[0, 0] == len(
+        views.pixels
+    )
