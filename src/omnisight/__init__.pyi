@@ -1,6 +1,8 @@
 # The public names of omnisight, listed once: `__init__.py` imports each at its first use, from the module given here.
 from omnisight.calibration.candidate import Candidate as Candidate
 from omnisight.calibration.evaluation import Evaluation as Evaluation
+from omnisight.calibration.lines.observations import LineObservations as LineObservations
+from omnisight.calibration.lines.pixel_chains import PixelChains as PixelChains
 from omnisight.calibration.lines.result import LinesCalibration as LinesCalibration
 from omnisight.camera import Camera as Camera
 from omnisight.corners import read_corners as read_corners
@@ -13,6 +15,7 @@ from omnisight.geometry.rotation import look as look
 from omnisight.images import read_image as read_image
 from omnisight.images import write_image as write_image
 from omnisight.models import CameraModel as CameraModel
+from omnisight.models import Projector as Projector
 from omnisight.models import model_class as model_class
 from omnisight.models import model_names as model_names
 from omnisight.pipeline.calibrate import calibrate as calibrate
@@ -25,6 +28,7 @@ from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect
 from omnisight.pipeline.evaluate import evaluate as evaluate
+from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
@@ -36,6 +40,8 @@ from omnisight.pipeline.simulate import simulate as simulate
 from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
 from omnisight.ray_camera import RayCamera as RayCamera
+from omnisight.report import ReportOptions as ReportOptions
+from omnisight.report import write_report as write_report
 from omnisight.rig import Rig as Rig
 from omnisight.targets import Checkerboard as Checkerboard
 from omnisight.targets import Detection as Detection
