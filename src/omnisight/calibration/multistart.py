@@ -93,7 +93,8 @@ def model_starts(
             continue
         first = starts[0].state.model
         starts += [Start(start) for state in simpler if (start := _nested(state, first)) is not None]
-        starts = [start._replace(state=_with_fixed(start.state, fixed, first)) for start in starts]
+        reference = initial.model if isinstance(initial.model, cls) else first
+        starts = [start._replace(state=_with_fixed(start.state, fixed, reference)) for start in starts]
         weights = ResidualWeights.estimate(initial, observations)
         best = starts[0].state if len(starts) == 1 else _search(starts, observations, fixed, weights)
         found.append((label, best))
