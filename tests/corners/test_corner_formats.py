@@ -18,7 +18,7 @@ NAMES = [f"shot-{k}.png" for k in range(4)]
 
 
 def structs(**fields):
-    """Give an array of structs, as MATLAB has it."""
+    """Return an array of MATLAB structs."""
     made = np.empty((1, len(next(iter(fields.values())))), [(name, object) for name in fields])
     for name, values in fields.items():
         made[name][0] = [*values]
@@ -62,11 +62,11 @@ def mrcal(folder):
 
 
 def native(folder):
-    pictures = [
+    images = [
         {"name": n, "size": SIZE, "boards": [{"ids": [*range(54)], "pixels": p.tolist()}]}
         for n, (_, p) in zip(NAMES, VIEWS, strict=True)
     ]
-    data = {"format": "omnisight-corners", "target": BOARD.to_dict(), "images": pictures}
+    data = {"format": "omnisight-corners", "target": BOARD.to_dict(), "images": images}
     (folder / "corners.json").write_text(json.dumps(data))
     return [folder / "corners.json"], {}
 
@@ -110,13 +110,13 @@ WRITERS = {writer.__name__: writer for writer in (babelcalib, deltille, matlab, 
 WRITERS |= {"ocamcalib": ocamcalib, "opencv": opencv}
 
 
-def same(search):
+def same(detections):
     """Hold what was read to what was written."""
-    assert search.size == SIZE
-    assert len(search.found) == len(VIEWS)
-    points = search.board.points
-    unit = 1.0 if search.board.unit == "squares" else STEP
-    for image, (whole, pixels) in zip(search.found, VIEWS, strict=True):
+    assert detections.size == SIZE
+    assert len(detections.found) == len(VIEWS)
+    points = detections.board.points
+    unit = 1.0 if detections.board.unit == "squares" else STEP
+    for image, (whole, pixels) in zip(detections.found, VIEWS, strict=True):
         (seen,) = image.boards
         np.testing.assert_allclose(seen.pixels, pixels, atol=1e-9)
         apart = points[seen.ids] - points[seen.ids[:1]]
@@ -126,9 +126,9 @@ def same(search):
 @pytest.mark.parametrize("name", corner_format_names())
 def test_format_reads_corners_of_its_tool(name, tmp_path):
     files, options = WRITERS[name](tmp_path)
-    search = read_corners(files, **options)
-    same(search)
-    assert search.board.unit == ("m" if name == "deltille" else "squares")
+    detections = read_corners(files, **options)
+    same(detections)
+    assert detections.board.unit == ("m" if name == "deltille" else "squares")
     # Whatever unit a file has, or none, --square says how far neighbours are apart.
     metric = read_corners(files, square=STEP, **options)
     assert metric.board.unit == "m"
@@ -170,7 +170,7 @@ def test_opencv_yaml_xml_and_json(suffix, tmp_path):
     same(read_corners(opencv(tmp_path, suffix)[0]))
 
 
-def test_opencv_calibration_sample_keeps_a_row_per_picture(tmp_path):
+def test_opencv_calibration_sample_keeps_a_row_per_image(tmp_path):
     storage = cv2.FileStorage(str(tmp_path / "c.yml"), cv2.FILE_STORAGE_WRITE)
     for name, value in {"image_width": SIZE[0], "image_height": SIZE[1], "board_width": 9, "board_height": 6}.items():
         storage.write(name, value)
@@ -201,12 +201,12 @@ def test_several_boards_form_one_target(tmp_path):
         tmp_path / "cube.mat",
         {"boards": both, "corners": structs(x=[pixels.T + 1], cspond=[which]), "imgsize": SIZE[::-1]},
     )
-    search = read_corners([tmp_path / "cube.mat"])
+    detections = read_corners([tmp_path / "cube.mat"])
     expected = np.concatenate([BOARD.points, BOARD.points @ side[:, :3].T + side[:, 3]])
-    (seen,) = search.images[0].boards
+    (seen,) = detections.images[0].boards
     order = np.argsort(seen.ids)
-    np.testing.assert_allclose(search.board.points[seen.ids[order]], expected, atol=1e-9)
-    assert str(search.board) == "108 points of a solid body"
+    np.testing.assert_allclose(detections.board.points[seen.ids[order]], expected, atol=1e-9)
+    assert str(detections.board) == "108 points of a rigid body"
     (tmp_path / "t.dsc").write_text(
         "".join(f"{k},7,10,10.0\nt,2\n" + "".join(f"-1,0,0,{x},{y},0\n" for x, y, _ in BOARD.points) for k in (0, 4))
     )
@@ -223,9 +223,9 @@ def test_mrcal_levels_determine_covariance(tmp_path):
     levels = ["0", "1", "2", "-"] * 14
     rows = [f"a.png {x!r} {y!r} {level}" for (x, y), level in zip(VIEWS[0][1].tolist(), levels, strict=False)]
     (tmp_path / "c.vnl").write_text("\n".join(["# filename x y level", *rows]))
-    search = read_corners([tmp_path / "c.vnl"], board=BOARD, size=SIZE)
-    (seen,) = search.images[0].boards
-    assert search.notes == ("corners that are not finite, or at (0, 0), left out: 13",)
+    detections = read_corners([tmp_path / "c.vnl"], board=BOARD, size=SIZE)
+    (seen,) = detections.images[0].boards
+    assert detections.notes == ("corners that are not finite, or at (0, 0), left out: 13",)
     sigma = np.sqrt(seen.covariance[:, 0, 0])
     np.testing.assert_allclose(sigma / sigma[0], np.array([1, 2, 4, 0] * 14)[seen.ids])
     weights = {" 0": " 1", " 1": " 0.5", " 2": " 0.25", " -": " -1"}
@@ -293,22 +293,22 @@ def test_error_message_has_remedy(write, message, tmp_path):
 
 def test_babelcalib_files_are_read_as_scipy_reads_them(data):
     folder = data("babelcalib_ov_plane")
-    search = read_corners([folder / "train.mat"])
-    assert search.size == (1280, 800)
+    detections = read_corners([folder / "train.mat"])
+    assert detections.size == (1280, 800)
     truth = scipy.io.loadmat(folder / "train.mat", squeeze_me=True, struct_as_record=False)
     step = 0.75  # cm
-    for image, corners in zip(search.images, truth["corners"], strict=True):
+    for image, corners in zip(detections.images, truth["corners"], strict=True):
         (seen,) = image.boards
         order = np.lexsort(seen.pixels.T)
         theirs = corners.x.T - 1
         np.testing.assert_allclose(seen.pixels[order], theirs[np.lexsort(theirs.T)], atol=1e-9)
         points = truth["boards"].X.T[corners.cspond[0].astype(int) - 1][np.lexsort(theirs.T)] / step
-        np.testing.assert_allclose(search.board.points[seen.ids[order], :2], points, atol=1e-9)
+        np.testing.assert_allclose(detections.board.points[seen.ids[order], :2], points, atol=1e-9)
     # The same corners as the detector wrote them, image by image, from 0, with the points in metres.
     files = sorted(folder.glob("*.orpc"))
     metric = read_corners(files)
     assert [image.path.suffix for image in metric.images] == [".png"] * len(files)
-    theirs = {len(d): (search.board.points[d.ids], d.pixels) for p in search.images for d in p.boards}
+    theirs = {len(d): (detections.board.points[d.ids], d.pixels) for p in detections.images for d in p.boards}
     for image in metric.images:
         (seen,) = image.boards
         points, pixels = theirs[len(seen)]
@@ -320,10 +320,10 @@ def test_babelcalib_files_are_read_as_scipy_reads_them(data):
 
 def test_opencv_contrib_corners_are_read_as_opencv_reads_them(data):
     file = data("detected_corners_opencv_contrib") / "contrib_omni_stereocalib_data.xml"
-    search = read_corners([file], which="imagePoints2", size=(704, 576))
+    detections = read_corners([file], which="imagePoints2", size=(704, 576))
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
     node = storage.getNode("imagePoints2")
-    assert len(search.found) == node.size() == 39
-    for k, image in enumerate(search.images):
+    assert len(detections.found) == node.size() == 39
+    for k, image in enumerate(detections.images):
         theirs = node.at(k).mat().reshape(-1, 2)
         np.testing.assert_allclose(image.boards[0].pixels, theirs, atol=1e-6)

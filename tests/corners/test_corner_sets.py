@@ -1,18 +1,16 @@
-"""Corners as users have them: shuffled, repeated, missing, exchanged; each is used, or left out and message so."""
+"""Unusual corner files: shuffled, repeated, missing or exchanged corners are used, or left out with a note."""
 
 import re
 
 import numpy as np
 import pytest
-from omnisight.pipeline.central import calibrate_camera
-from omnisight.pipeline.pictures import calibrate_pictures
 
+from calibrating import calibrate, observe
 from lenses import BOARD, bearing_error, lens, observe_boards
 from omnisight.corners import read_corners
 from omnisight.formats import FormatError
 from omnisight.images import write_image
 from omnisight.targets import Checkerboard
-from omnisight.targets.observations import Observations
 
 SIZE = (960, 962)
 TRUTH = lens(180)
@@ -20,16 +18,16 @@ TRUTH = lens(180)
 
 @pytest.fixture
 def views():
-    """Give what a test may spoil: points and pixels of eight images."""
-    made = observe_boards(TRUTH, 180, np.random.default_rng(5), count=8, noise=0.02)
-    return [[points.copy(), pixels.copy()] for points, pixels in made]
+    """Return points and pixels of eight images, for a test to change."""
+    simulated = observe_boards(TRUTH, 180, np.random.default_rng(5), count=8, noise=0.02)
+    return [[points.copy(), pixels.copy()] for points, pixels in simulated]
 
 
 @pytest.fixture
 def read(tmp_path):
-    """Give a function that reads views from a file, as `read_corners` does."""
+    """Return a function that writes views to a file and reads them by `read_corners`."""
 
-    def search(views, size=SIZE, **options):
+    def read_views(views, size=SIZE, **options):
         longest = max(len(points) for points, _ in views)
         points, pixels = np.zeros((len(views), longest, 3)), np.full((len(views), longest, 2), np.nan)
         for k, (x, p) in enumerate(views):
@@ -38,22 +36,22 @@ def read(tmp_path):
         np.savez(tmp_path / "v.npz", imgpoints=pixels, objpoints=points, **extra)
         return read_corners([tmp_path / "v.npz"], **options)
 
-    return search
+    return read_views
 
 
-def fitted(search):
-    """Calibrate, and give how far the camera is from the true one, degrees."""
-    found = calibrate_pictures(search, model="equisolid", flat=True).calibration.camera
-    return bearing_error(found, TRUTH, np.radians(80))
+def calibration_error(detections):
+    """Calibrate, and return the angle between the estimated and the true camera, degrees."""
+    camera = calibrate(detections, model="equisolid", flat=True).camera
+    return bearing_error(camera, TRUTH, np.radians(80))
 
 
-def test_whole_views_are_calibrated_as_in_python(views, read):
-    search = read(views)
-    assert (len(search.found), search.notes) == (8, ())
-    ours = calibrate_pictures(search, model="equisolid", flat=True).calibration
-    plain = calibrate_camera(Observations.of(views), SIZE, model="equisolid", flat=True)
-    assert ours.rms == pytest.approx(plain.rms, abs=1e-6)
-    np.testing.assert_allclose(ours.camera.model.params, plain.camera.model.params, atol=1e-3)
+def test_complete_views_from_a_file_calibrate_like_arrays(views, read):
+    detections = read(views)
+    assert (len(detections.found), detections.notes) == (8, ())
+    from_file = calibrate(detections, model="equisolid", flat=True)
+    from_arrays = calibrate(observe(views, SIZE), model="equisolid", flat=True)
+    assert from_file.rms == pytest.approx(from_arrays.rms, abs=1e-6)
+    np.testing.assert_allclose(from_file.camera.model.params, from_arrays.camera.model.params, atol=1e-3)
 
 
 def shuffled(views, rng):
@@ -74,11 +72,11 @@ def missing(views, rng):
 
 
 def marked(mark):
-    def spoil(views, rng):
+    def change(views, rng):
         for view in views:
             view[1][rng.random(54) < 0.1] = mark
 
-    return spoil
+    return change
 
 
 def few(views, rng):
@@ -111,7 +109,7 @@ def in_microns(views, rng):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "kept", "message"),
+    ("change", "kept", "message"),
     [
         (shuffled, 8, ""),
         (repeated, 8, "duplicate corners, left out: 160"),
@@ -126,15 +124,15 @@ def in_microns(views, rng):
         (in_microns, 8, ""),
     ],
 )
-def test_unusual_corners_are_used_or_left_out_with_note(spoil, kept, message, views, read):
-    spoil(views, np.random.default_rng(0))
-    search = read(views)
-    assert len(search.found) == kept
+def test_unusual_corners_are_used_or_left_out_with_note(change, kept, message, views, read):
+    change(views, np.random.default_rng(0))
+    detections = read(views)
+    assert len(detections.found) == kept
     if message:
-        (note,) = search.notes
+        (note,) = detections.notes
         assert re.search(message, note)
     # A pixel is 0.17 degrees.
-    assert fitted(search) < 0.05
+    assert calibration_error(detections) < 0.05
 
 
 def test_left_out_image_has_reason(views, read):
@@ -149,10 +147,10 @@ def test_left_out_image_has_reason(views, read):
 
 
 def test_pixels_counted_from_one_shift_only_the_principal_point(views, read):
-    before = calibrate_pictures(read(views), model="equisolid", flat=True).calibration
+    before = calibrate(read(views), model="equisolid", flat=True)
     for view in views:
         view[1] += 1
-    after = calibrate_pictures(read(views), model="equisolid", flat=True).calibration
+    after = calibrate(read(views), model="equisolid", flat=True)
     assert after.rms == pytest.approx(before.rms, abs=1e-6)
     moved = after.camera.model.params - before.camera.model.params
     np.testing.assert_allclose(moved, [0, 0, 1, 1], atol=1e-3)
@@ -177,17 +175,17 @@ def test_exchanged_width_and_height_are_detected(views, read):
         read(views, size=(962, 480))
 
 
-def test_size_is_read_from_images_beside_the_file(views, tmp_path):
+def test_size_is_read_from_images_next_to_the_file(views, tmp_path):
     names = [f"{k}.png" for k in range(8)]
     for name in names:
         write_image(tmp_path / name, np.zeros((4, 6), np.uint8) if name == "7.png" else np.zeros(SIZE[::-1], np.uint8))
     np.savez(tmp_path / "v.npz", corners=[p for _, p in views], pattern=(9, 6), files=[f"/old/{n}" for n in names])
-    search = read_corners([tmp_path / "v.npz"])
-    assert search.size == SIZE
-    assert len(search.found) == 7
-    assert "images have 2 sizes" in search.notes[0]
-    assert search.images[7].note.startswith("6x4 where others have 960x962")
-    assert search.images[0].path == tmp_path / "0.png"
+    detections = read_corners([tmp_path / "v.npz"])
+    assert detections.size == SIZE
+    assert len(detections.found) == 7
+    assert "images have 2 sizes" in detections.notes[0]
+    assert detections.images[7].note.startswith("6x4 where others have 960x962")
+    assert detections.images[0].path == tmp_path / "0.png"
 
 
 def test_image_name_cannot_leave_the_folder(views, tmp_path):
@@ -195,15 +193,15 @@ def test_image_name_cannot_leave_the_folder(views, tmp_path):
     write_image(tmp_path / "a.png", np.zeros(SIZE[::-1], np.uint8))
     names = ["../a.png", "/etc/hosts", "x\x1b[2Jy", *"abcde"]
     np.savez(tmp_path / "in" / "v.npz", corners=[p for _, p in views], pattern=(9, 6), files=names)
-    search = read_corners([tmp_path / "in" / "v.npz"], size=SIZE)
-    assert [p.path.parent for p in search.images] == [tmp_path / "in"] * 8
-    assert search.images[2].path.name == "x?[2Jy"
+    detections = read_corners([tmp_path / "in" / "v.npz"], size=SIZE)
+    assert [p.path.parent for p in detections.images] == [tmp_path / "in"] * 8
+    assert detections.images[2].path.name == "x?[2Jy"
 
 
 def test_several_files_of_one_camera_are_merged(views, tmp_path):
     for k in range(2):
         pixels = [p for _, p in views[4 * k : 4 * k + 4]]
         np.savez(tmp_path / f"part{k}.npz", corners=pixels, pattern=(9, 6), image_size=SIZE)
-    search = read_corners([tmp_path / "part0.npz", tmp_path / "part1.npz"])
-    assert [p.path.name for p in search.images][3:5] == ["part0-4", "part1-1"]
-    assert len(search.board.points) == len(Checkerboard(9, 6).points) == len(BOARD.points)
+    detections = read_corners([tmp_path / "part0.npz", tmp_path / "part1.npz"])
+    assert [p.path.name for p in detections.images][3:5] == ["part0-4", "part1-1"]
+    assert len(detections.board.points) == len(Checkerboard(9, 6).points) == len(BOARD.points)

@@ -37,11 +37,11 @@ def test_corners_match_the_detector(setup):
     renderer = setup.renderer()
     errors = []
     for i, board in enumerate(setup.boards(6)):
-        picture = renderer([board], np.random.default_rng(i), noise=0.5)
-        found = detect_checkerboard(to_gray8(picture.image), DEMO_BOARD)
+        rendered = renderer([board], np.random.default_rng(i), noise=0.5)
+        found = detect_checkerboard(to_gray8(rendered.image), DEMO_BOARD)
         assert found is not None
         assert len(found) == DEMO_BOARD.size
-        true = picture.corners[0].reshape(DEMO_BOARD.rows, DEMO_BOARD.columns, 2)
+        true = rendered.corners[0].reshape(DEMO_BOARD.rows, DEMO_BOARD.columns, 2)
         # A mirrored image of a board may be read from either end: nothing printed on it tells.
         readings = (true.reshape(-1, 2), true[:, ::-1].reshape(-1, 2))
         errors.append(min((found.pixels - reading[found.ids] for reading in readings), key=np.linalg.norm))
@@ -57,10 +57,10 @@ def test_pinhole_corners_are_sharp():
     """A board that fills the image: what is left is the detector's own, with the place of an edge in its pixel."""
     camera = om.perspective(60, (480, 360))
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.45))))
-    picture = render(camera, [board], scene=PLAIN, samples=3, noise=0, vignette=0)
-    found = detect_checkerboard(to_gray8(picture.image), DEMO_BOARD)
+    rendered = render(camera, [board], scene=PLAIN, samples=3, noise=0, vignette=0)
+    found = detect_checkerboard(to_gray8(rendered.image), DEMO_BOARD)
     assert found is not None
-    errors = found.pixels - picture.corners[0][found.ids]
+    errors = found.pixels - rendered.corners[0][found.ids]
     assert np.sqrt((errors**2).sum(1).mean()) < 0.015
     assert np.linalg.norm(errors, axis=1).max() < 0.03
 
@@ -78,10 +78,10 @@ def test_every_board_type_can_be_rendered(kind, fields):
     left, top, right, bottom = board.extent
     middle = np.array(((left + right) / 2, (top + bottom) / 2, 0))
     pose = om.Pose(om.look(12, 8).T, np.array((0, 0, 0.6)) - om.look(12, 8).T @ middle)
-    picture = render(om.perspective(70, (640, 480)), [BoardInScene(board, pose)], scene=PLAIN, noise=0.5)
-    found = detect(to_gray8(picture.image), board)[0]
+    rendered = render(om.perspective(70, (640, 480)), [BoardInScene(board, pose)], scene=PLAIN, noise=0.5)
+    found = detect(to_gray8(rendered.image), board)[0]
     assert len(found) == board.size
-    true = picture.corners[0]
+    true = rendered.corners[0]
     if kind == "circles":
         true = true + board.measurement_offset(lambda x: om.perspective(70, (640, 480)).project(pose @ x)[0])
     errors = np.linalg.norm(found.pixels - true[found.ids], axis=1)
@@ -90,10 +90,10 @@ def test_every_board_type_can_be_rendered(kind, fields):
 
 def test_board_without_square_size_has_unit_squares():
     board = BoardInScene(Checkerboard(6, 5), om.Pose(translation=np.array((-2.5, -2.0, 8.0))))
-    picture = render(om.perspective(60, (320, 240)), [board], scene=Scene(()), noise=0)
-    found = detect_checkerboard(to_gray8(picture.image), board.board)
+    rendered = render(om.perspective(60, (320, 240)), [board], scene=Scene(()), noise=0)
+    found = detect_checkerboard(to_gray8(rendered.image), board.board)
     assert found is not None
-    assert np.abs(found.pixels - picture.corners[0][found.ids]).max() < 0.05
+    assert np.abs(found.pixels - rendered.corners[0][found.ids]).max() < 0.05
 
 
 def test_back_of_a_board_is_white():
@@ -105,13 +105,13 @@ def test_back_of_a_board_is_white():
 
 def test_same_seed_renders_the_same_image():
     setup = fisheye_setup(320)
-    pictures = [
+    images = [
         setup.renderer()(setup.boards(1, seed=seed), np.random.default_rng(noise)).image
         for seed, noise in ((3, 1), (3, 1), (3, 2), (4, 1))
     ]
-    assert (pictures[0] == pictures[1]).all()
-    assert (pictures[0] != pictures[2]).any()
-    assert (pictures[0] != pictures[3]).any()
+    assert (images[0] == images[1]).all()
+    assert (images[0] != images[2]).any()
+    assert (images[0] != images[3]).any()
 
 
 def test_negative_focal_length_mirrors_the_image():
@@ -130,11 +130,11 @@ def test_negative_focal_length_mirrors_the_image():
 def test_calibrated_mirror_camera_unrolls_the_room_correctly():
     """The calibrated camera has fx > 0; with flip its panorama is the true one's, not its mirror image."""
     setup = mirror_setup()
-    picture = setup.renderer()(noise=0).image
+    rendered = setup.renderer()(noise=0).image
     model = setup.camera.model
     calibrated = dataclasses.replace(setup.camera, model=dataclasses.replace(model, fx=-model.fx))
     target = om.cylinder(400, (-30, 15))
-    around = om.remap(picture, calibrated, target, om.look(up="back", flip=True))
+    around = om.remap(rendered, calibrated, target, om.look(up="back", flip=True))
     room = render(target, samples=2, noise=0, vignette=0, blur=0).image
     # The window's wall, to the right, against the same wall and against the left one.
     right, left = around[:, 250:330].astype(int), around[:, 70:150].astype(int)

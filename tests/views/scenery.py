@@ -21,7 +21,7 @@ SPHERE = om.sphere(256)
 
 
 def colour(bearings):
-    """Give three smooth channels (..., 3) in 0 to 1 of bearings (..., 3); where they are NaN, 0."""
+    """Return three smooth channels (..., 3) in 0 to 1 of bearings (..., 3); where they are NaN, 0."""
     x, y, z = np.moveaxis(bearings, -1, 0)
     waves = np.stack([np.sin(2 * x + y - 0.3), np.cos(2 * z - x + 0.2), np.sin(y * 2 + z * x + 1)], -1)
     return np.nan_to_num(0.5 + 0.45 * waves)
@@ -31,20 +31,20 @@ def grid(size):
     return np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), -1).astype(float)
 
 
-def picture(of, function=colour, turn=None):
+def image_of(of, function=colour, turn=None):
     """Evaluate a function of the bearing through a camera; `turn` is target_from_source, the function the source's."""
     bearings, _ = of.unproject(grid(of.size))
     return function(bearings if turn is None else bearings @ turn).astype(np.float32)
 
 
 def spot(azimuth, elevation, width=0.05):
-    """Give a bright spot in a direction (degrees: right, up)."""
+    """Return a bright spot in a direction (degrees: right, up)."""
     a, e = np.radians([azimuth, elevation])
     towards = np.array([np.cos(e) * np.sin(a), -np.sin(e), np.cos(e) * np.cos(a)])
     return lambda bearings: np.exp((np.nan_to_num(bearings) @ towards - 1) / width**2)
 
 
 def brightest(image):
-    """Give the (column, row) of the brightest pixel."""
+    """Return the (column, row) of the brightest pixel."""
     row, column = np.unravel_index(np.argmax(image), image.shape)
     return int(column), int(row)

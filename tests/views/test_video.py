@@ -8,17 +8,17 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from omnisight.pipeline.pictures import calibrate_pictures
 
+from calibrating import calibrate, observe
 from clips import BOARD, FRAMES_AT_REST, FRAMES_IN_MOTION, POSE_COUNT, SETUP, rendered_clip, write_clip
 from lenses import bearing_error
-from omnisight.calibration import frame_selection as choosing
-from omnisight.calibration.frame_information import select_informative_frames
+from omnisight.calibration import frame_selection
+from omnisight.calibration.frame_information import select_informative_views
+from omnisight.calibration.frame_selection import select_frames
 from omnisight.images import Clip, UnreadableImage, collect_images, read_image, to_gray8
 from omnisight.simulation import fisheye_setup
-from omnisight.targets import Checkerboard, detect_boards
-from omnisight.targets import clip as looking
-from omnisight.targets.observations import Observations
+from omnisight.targets import Checkerboard, clip_detection, detect_boards
+from omnisight.targets.clip_detection import detect_in_clip
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -26,21 +26,21 @@ def cache(tmp_path_factory):
     """Keep detections and frames out of the user's cache; compiled code stays in the shared cache."""
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("targets.cache", "calibrate.clip"):
+        for module in ("targets.cache", "calibration.frame_selection"):
             patch.setattr(f"omnisight.{module}.cache_folder", lambda: folder)
         yield
 
 
 @pytest.fixture(scope="module")
-def shot(tmp_path_factory):
-    """A clip of a board held at poses and rendered_clip between them, and what each of its frames shows."""
+def labelled_clip(tmp_path_factory):
+    """Return a clip of a board that rests at poses and moves between them, and the label of every frame."""
     frames, labels = rendered_clip()
     return write_clip(tmp_path_factory.mktemp("clip") / "clip.avi", frames), labels
 
 
 @pytest.fixture(scope="module")
-def seen(shot):
-    return looking.look_through(Clip.open(shot[0]))
+def detections(labelled_clip):
+    return detect_in_clip(Clip.open(labelled_clip[0]))
 
 
 def steps(count=10, size=(96, 64)):
@@ -154,104 +154,102 @@ def test_videos_are_collected_if_requested(tmp_path, short):
     assert [path.name for path in collect_images([tmp_path, short], videos=True)] == ["a.png", "short.avi"]
 
 
-def test_video_detection_finds_the_board_and_its_motion(shot, seen):
-    labels = shot[1]
-    assert (str(seen.board), seen.count) == ("9x6", len(labels))
-    assert len(seen.frames) == -(-len(labels) // 3)  # eight a second of 24
-    still = [frame.motion for frame in seen.found if labels[frame.index] == labels[frame.index - 1] != "moving"]
-    moving = [frame.motion for frame in seen.found if labels[frame.index] == "moving"]
+def test_video_detection_finds_the_board_and_its_motion(labelled_clip, detections):
+    labels = labelled_clip[1]
+    assert (str(detections.board), detections.count) == ("9x6", len(labels))
+    assert len(detections.frames) == -(-len(labels) // 3)  # eight a second of 24
+    still = [frame.motion for frame in detections.found if labels[frame.index] == labels[frame.index - 1] != "moving"]
+    moving = [frame.motion for frame in detections.found if labels[frame.index] == "moving"]
     assert max(still) < 0.5
     assert min(moving) > 3
     # Of three consecutive frames, the one that is searched is one without motion, if there is one.
-    for i, frame in enumerate(seen.frames):
+    for i, frame in enumerate(detections.frames):
         three = range(max(3 * i, 1), min(3 * i + 3, len(labels)))
         standing = [labels[k - 1] == labels[k] != "moving" for k in three]
         assert frame.index // 3 == i
         assert labels[frame.index] != "moving" or not any(standing)
 
 
-def test_number_of_searched_frames_is_bounded_for_any_declared_length(shot, monkeypatch):
-    clip = Clip.open(shot[0])
-    monkeypatch.setattr(looking, "MOST_LOOKS", 7)
+def test_number_of_searched_frames_is_bounded_for_any_declared_length(labelled_clip, monkeypatch):
+    clip = Clip.open(labelled_clip[0])
+    monkeypatch.setattr(clip_detection, "MAX_FRAMES_SEARCHED", 7)
     calls = []
     for declared in (None, 1, clip.declared_frames, 10**8):
-        found = looking.look_through(
-            replace(clip, declared_frames=declared), BOARD, progress=lambda *c: calls.append(c)
-        )
-        assert 1 <= len(found.frames) <= 7
+        result = detect_in_clip(replace(clip, declared_frames=declared), BOARD, progress=lambda *c: calls.append(c))
+        assert 1 <= len(result.frames) <= 7
     assert len(calls) >= 4
     assert all(0 < done <= total for done, total in calls)
 
 
-def test_corners_of_downsampled_frames_are_in_original_pixels(shot, seen, monkeypatch):
-    monkeypatch.setattr(looking, "LOOK_PIXELS", 200_000)
-    clip = Clip.open(shot[0])
-    small = looking.look_through(clip, BOARD)
-    exact = {frame.index: frame.boards[0] for frame in seen.found}
+def test_corners_of_downsampled_frames_are_in_original_pixels(labelled_clip, detections, monkeypatch):
+    monkeypatch.setattr(clip_detection, "MAX_SEARCH_PIXELS", 200_000)
+    clip = Clip.open(labelled_clip[0])
+    small = detect_in_clip(clip, BOARD)
+    exact = {frame.index: frame.boards[0] for frame in detections.found}
     off = [
         np.linalg.norm(
             board.pixels[np.isin(board.ids, known.ids)] - known.pixels[np.isin(known.ids, board.ids)], axis=1
         )
         for frame in small.found
         for board, known in [(frame.boards[0], exact.get(frame.index))]
-        if known is not None and shot[1][frame.index] != "moving"
+        if known is not None and labelled_clip[1][frame.index] != "moving"
     ]
     assert len(off) > 15
     assert np.median(np.concatenate(off)) < 0.15
 
 
-def test_one_frame_without_motion_is_selected_per_pose(shot):
-    path, labels = shot
-    chosen = choosing.choose_frames(path)
-    indices = [int(p.stem.rsplit("-")[-1]) for p in chosen.paths]
+def test_one_frame_without_motion_is_selected_per_pose(labelled_clip):
+    path, labels = labelled_clip
+    selected = select_frames(path)
+    indices = [int(p.stem.rsplit("-")[-1]) for p in selected.paths]
     assert indices == sorted(indices)
     poses = [labels[i] for i in indices]
     assert "moving" not in poses
     assert "empty" not in poses
     assert len(set(poses)) == len(poses) >= POSE_COUNT - 1
-    counts = f"{len(labels)} frames, {chosen.looked} looked at, {chosen.found} with a board, {len(poses)} chosen"
-    assert chosen.note == f"clip.avi: {counts}"
-    assert POSE_COUNT * (FRAMES_AT_REST + FRAMES_IN_MOTION) / 3 * 0.8 < chosen.found <= chosen.looked - 3
-    gray = read_image(chosen.paths[0])
+    counts = f"{len(labels)} frames, {selected.searched} searched, {selected.found} with a board, {len(poses)} selected"
+    assert selected.note == f"clip.avi: {counts}"
+    assert POSE_COUNT * (FRAMES_AT_REST + FRAMES_IN_MOTION) / 3 * 0.8 < selected.found <= selected.searched - 3
+    gray = read_image(selected.paths[0])
     (frame,) = Clip.open(path).frames({indices[0]})
     assert (gray == to_gray8(frame.image)).all()
 
 
-def test_a_camera_is_calibrated_from_a_video(shot):
-    chosen = choosing.choose_frames(shot[0])
-    result = calibrate_pictures(detect_boards(chosen.paths, cache=False), model="kannala_brandt")
-    assert result.calibration.rms < 0.2
-    assert bearing_error(result.calibration.camera, SETUP.camera, np.radians(80)) < 0.05
+def test_a_camera_is_calibrated_from_a_video(labelled_clip):
+    selected = select_frames(labelled_clip[0])
+    calibration = calibrate(detect_boards(selected.paths, cache=False), model="kannala_brandt")
+    assert calibration.rms < 0.2
+    assert bearing_error(calibration.camera, SETUP.camera, np.radians(80)) < 0.05
 
 
-def test_a_second_run_reads_no_frame(shot, monkeypatch):
-    first = choosing.choose_frames(shot[0])
+def test_a_second_run_reads_no_frame(labelled_clip, monkeypatch):
+    first = select_frames(labelled_clip[0])
     monkeypatch.setattr(Clip, "frames", None)
-    assert choosing.choose_frames(shot[0]) == first
+    assert select_frames(labelled_clip[0]) == first
 
 
-def test_deleted_frames_are_written_again(shot, monkeypatch):
-    first = choosing.choose_frames(shot[0])
+def test_deleted_frames_are_written_again(labelled_clip, monkeypatch):
+    first = select_frames(labelled_clip[0])
     first.paths[1].unlink()
-    monkeypatch.setattr(choosing, "look_through", None)
-    assert choosing.choose_frames(shot[0]) == first
+    monkeypatch.setattr(frame_selection, "detect_in_clip", None)
+    assert select_frames(labelled_clip[0]) == first
     assert first.paths[1].is_file()
 
 
-def test_a_truncated_video_is_used_up_to_its_end_with_a_note(shot, tmp_path):
-    data = shot[0].read_bytes()
+def test_a_truncated_video_is_used_up_to_its_end_with_a_note(labelled_clip, tmp_path):
+    data = labelled_clip[0].read_bytes()
     (tmp_path / "cut.avi").write_bytes(data[: len(data) // 2])
-    chosen = choosing.choose_frames(tmp_path / "cut.avi", BOARD)
-    assert len(chosen.paths) >= 3
-    assert f"ends after {chosen.count} of {len(shot[1])} frames: was the copy cut short?" in chosen.note
-    assert 0.4 < chosen.count / len(shot[1]) < 0.6
+    selected = select_frames(tmp_path / "cut.avi", BOARD)
+    assert len(selected.paths) >= 3
+    assert f"ends after {selected.count} of {len(labelled_clip[1])} frames: is the copy truncated?" in selected.note
+    assert 0.4 < selected.count / len(labelled_clip[1]) < 0.6
 
 
-def test_frames_without_board_are_returned_if_no_frame_shows_it(shot):
-    chosen = choosing.choose_frames(shot[0], Checkerboard(5, 3))
-    assert (len(chosen.paths), chosen.found) == (3, 0)
-    assert chosen.note.endswith("0 with a board, 0 chosen")
-    assert "but one of 9x6" in detect_boards(chosen.paths, Checkerboard(5, 3), cache=False).images[0].note
+def test_frames_without_board_are_returned_if_no_frame_shows_it(labelled_clip):
+    selected = select_frames(labelled_clip[0], Checkerboard(5, 3))
+    assert (len(selected.paths), selected.found) == (3, 0)
+    assert selected.note.endswith("0 with a board, 0 selected")
+    assert "but one of 9x6" in detect_boards(selected.paths, Checkerboard(5, 3), cache=False).images[0].note
 
 
 def boards(count=24, noise=0.1):
@@ -261,37 +259,35 @@ def boards(count=24, noise=0.1):
     return setup, [pixels + rng.normal(0, noise, pixels.shape) for pixels in corners]
 
 
-def views_of(pixels):
-    return Observations.of([(BOARD.points, p) for p in pixels])
+def views_of(pixels, setup):
+    return observe([(BOARD.points, p) for p in pixels], setup.camera.size)
 
 
 def test_of_repeated_poses_the_one_with_least_motion_is_selected():
     setup, pixels = boards(8)
     motion = np.concatenate([np.full(8, 3.0), np.zeros(8), np.full(8, 1.0)])
-    chosen = select_informative_frames(
-        views_of([p + shift for shift in (0, 2, 4) for p in pixels]), setup.camera.size, motion
-    )
-    assert sorted(i % 8 for i in chosen) == list(range(8))
-    assert set(chosen) == set(range(8, 16))
+    selected = select_informative_views(views_of([p + shift for shift in (0, 2, 4) for p in pixels], setup), motion)
+    assert sorted(i % 8 for i in selected) == list(range(8))
+    assert set(selected) == set(range(8, 16))
 
 
 def test_a_board_with_wrong_corners_is_not_selected():
     setup, pixels = boards(10)
     pixels[4] = pixels[4] @ [[1, 0.3], [0, 0.8]] + 6 * np.random.default_rng(2).standard_normal((BOARD.size, 2))
-    assert 4 not in select_informative_frames(views_of(pixels), setup.camera.size, np.zeros(10))
+    assert 4 not in select_informative_views(views_of(pixels, setup), np.zeros(10))
 
 
 def test_selected_boards_are_as_informative_as_evenly_spaced_ones():
     setup, pixels = boards(60)
-    views = views_of(pixels)
-    chosen = select_informative_frames(views, setup.camera.size, np.zeros(60))
-    assert 20 <= len(chosen) <= 40
+    views = views_of(pixels, setup)
+    selected = select_informative_views(views, np.zeros(60))
+    assert 20 <= len(selected) <= 40
 
     def predicted_error(indices):
         return predicted_bearing_error(views.subset(indices), setup)
 
-    evenly = np.linspace(0, 59, len(chosen)).round().astype(int)
-    assert predicted_error(chosen) < 1.2 * predicted_error(evenly)
+    evenly = np.linspace(0, 59, len(selected)).round().astype(int)
+    assert predicted_error(selected) < 1.2 * predicted_error(evenly)
 
 
 def predicted_bearing_error(views, setup):

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scenery import FISHEYE, INTERPOLATIONS, SPHERE, grid, picture
+from scenery import FISHEYE, INTERPOLATIONS, SPHERE, grid, image_of
 
 import omnisight as om
 from omnisight.camera import Camera
@@ -78,7 +78,7 @@ def test_camera_without_a_size_is_rejected():
 def test_scaled_camera_fits_a_resized_image(factor):
     scaled = FISHEYE.scaled(factor)
     target, turn = om.perspective(80, (80, 60)), om.look(yaw=15)
-    first, second = (om.remap(picture(of), of, target, turn, interpolation="bicubic") for of in (FISHEYE, scaled))
+    first, second = (om.remap(image_of(of), of, target, turn, interpolation="bicubic") for of in (FISHEYE, scaled))
     assert np.abs(first - second).max() < 0.01
 
 
@@ -145,8 +145,8 @@ def test_reduced_view_has_no_offset(factor):
     source = om.perspective(90, (660, 660))
     side = round(660 / factor)
     target = om.perspective(90, (side, side))
-    view = om.remap(picture(source), source, target)
-    assert np.abs(view - picture(target))[2:-2, 2:-2].max() < 0.004
+    view = om.remap(image_of(source), source, target)
+    assert np.abs(view - image_of(target))[2:-2, 2:-2].max() < 0.004
 
 
 def test_only_reduced_areas_are_averaged():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenery import FISHEYE, INTERPOLATIONS, MIRROR, SPHERE, brightest, grid, picture, spot
+from scenery import FISHEYE, INTERPOLATIONS, MIRROR, SPHERE, brightest, grid, image_of, spot
 
 import omnisight as om
 from omnisight.views.cube import CUBE_FACES, cube_rotation
@@ -34,13 +34,13 @@ def test_seam_of_a_360_image_is_invisible(interpolation, shift):
     source = om.sphere(512)
     turn = om.look(yaw=(256 + shift) * 360 / 512)  # the seam lands near the middle of the view
     remapper = om.Remapper(source, source, turn, interpolation=interpolation)
-    view = remapper(picture(source)).astype(float)
+    view = remapper(image_of(source)).astype(float)
     assert remapper.mask.all()
-    assert np.abs(view - picture(source, turn=turn)).max() < 2e-3
+    assert np.abs(view - image_of(source, turn=turn)).max() < 2e-3
     steps = np.abs(np.diff(view, axis=1, append=view[:, :1])).max((0, 2))
     seam = [256, 255, 254, 511 - 100, 511, 0]
     assert steps[seam].max() <= 1.05 * steps.max()
-    rolled = np.abs(np.diff(view - picture(source, turn=turn), axis=1)).max((0, 2))
+    rolled = np.abs(np.diff(view - image_of(source, turn=turn), axis=1)).max((0, 2))
     assert rolled.max() < 3 * np.median(rolled) + 1e-4
 
 
@@ -48,8 +48,8 @@ def test_seam_of_a_360_image_is_invisible(interpolation, shift):
 def test_seam_of_a_reduced_360_image_is_invisible(width):
     source, target = om.sphere(1024), om.sphere(width)
     turn = om.look(yaw=180.0)
-    view = om.remap(picture(source), source, target, turn)
-    error = np.abs(view - picture(target, turn=turn)).max(2)
+    view = om.remap(image_of(source), source, target, turn)
+    error = np.abs(view - image_of(target, turn=turn)).max(2)
     rows = slice(width // 8, -width // 8)  # at the poles a pixel of the view spans all longitudes
     seam = error[rows, width // 2 - 1 : width // 2 + 1]
     assert seam.max() < error[rows].max() * 1.01
@@ -70,12 +70,12 @@ def test_seam_of_a_reduced_360_image_is_invisible(width):
 )
 def test_view_has_the_requested_direction(source, angles, place):
     target, turn = om.perspective(60, (121, 91)), om.look(**angles)
-    view = om.remap(picture(source, spot(*place, 0.1)), source, target, turn, interpolation="lanczos")
+    view = om.remap(image_of(source, spot(*place, 0.1)), source, target, turn, interpolation="lanczos")
     assert brightest(view) == (60, 45)
 
 
 def test_yaw_of_90_degrees_centres_the_right_of_a_360_image():
-    view = om.remap(picture(SPHERE, spot(90, 0)), SPHERE, om.perspective(90, (101, 101)), om.look(yaw=90))
+    view = om.remap(image_of(SPHERE, spot(90, 0)), SPHERE, om.perspective(90, (101, 101)), om.look(yaw=90))
     assert brightest(view) == (50, 50)
 
 
@@ -92,7 +92,7 @@ def test_yaw_of_90_degrees_centres_the_right_of_a_360_image():
     ],
 )
 def test_positive_yaw_is_right_and_positive_pitch_is_up(angles, place, side):
-    view = om.remap(picture(SPHERE, spot(*place)), SPHERE, om.perspective(90, (101, 101)), om.look(**angles))
+    view = om.remap(image_of(SPHERE, spot(*place)), SPHERE, om.perspective(90, (101, 101)), om.look(**angles))
     column, row = brightest(view)
     off = round(50 * np.tan(np.radians(20)))
     at = {"right": (50 + off, 50), "left": (50 - off, 50), "above": (50, 50 - off), "below": (50, 50 + off)}[side]
@@ -102,7 +102,7 @@ def test_positive_yaw_is_right_and_positive_pitch_is_up(angles, place, side):
 
 @pytest.mark.parametrize(("up", "axis"), [("back", (0, -90)), ("front", (0, 90))])
 def test_axis_of_a_camera_looking_down_or_up_is_at_the_edge_of_a_panorama(up, axis):
-    view = om.remap(picture(FISHEYE, spot(0, 0, 0.2)), FISHEYE, om.sphere(200), om.look(up=up))
+    view = om.remap(image_of(FISHEYE, spot(0, 0, 0.2)), FISHEYE, om.sphere(200), om.look(up=up))
     low = view[-3:] if axis[1] < 0 else view[:3]
     assert low.mean() > 0.9
     assert view[45:55].max() < 0.01
@@ -126,10 +126,10 @@ VIEWS = {
 def test_view_of_a_fisheye_matches_its_bearings(name):
     target, turn = VIEWS[name]
     remapper = om.Remapper(FISHEYE, target, turn, interpolation="bicubic", antialias=False)
-    view = remapper(picture(FISHEYE))
+    view = remapper(image_of(FISHEYE))
     inside = remapper.mask.copy()
     inside[1:-1, 1:-1] &= inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
-    error = np.abs(view - picture(target, turn=turn)).max(2)
+    error = np.abs(view - image_of(target, turn=turn)).max(2)
     assert np.median(error[inside]) < 1e-3
     assert np.quantile(error[inside], 0.99) < 5e-3
     assert inside.mean() > 0.5
@@ -180,7 +180,7 @@ EDGES = {
 @pytest.mark.parametrize("edge", EDGES, ids="-".join)
 def test_adjacent_cube_faces_agree_along_their_edge(edge):
     source = om.sphere(1024)
-    image, face = picture(source), om.cube_face(128)
+    image, face = image_of(source), om.cube_face(128)
     one, other = (om.remap(image, source, face, cube_rotation(name, np.eye(3))) for name in edge)
     along = EDGES[edge]
     assert np.abs(one[along[0]] - other[along[1]]).max() < 0.035  # a pixel apart
@@ -189,7 +189,7 @@ def test_adjacent_cube_faces_agree_along_their_edge(edge):
 
 def test_360_image_to_cube_and_back():
     source, face = om.sphere(512), om.cube_face(256)
-    image = picture(source)
+    image = image_of(source)
     back, seen = np.zeros_like(image), np.zeros(image.shape[:2], int)
     for name in CUBE_FACES:
         turn = cube_rotation(name, np.eye(3))
