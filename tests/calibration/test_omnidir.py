@@ -1,4 +1,4 @@
-"""Mei's way: our `mei` is OpenCV's omnidir to the last digit, solves no worse, and starts from a mirror's border."""
+"""The model of Mei against cv2.omnidir: projection, optimum, and the start from the border of a mirror."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def cv2():
 
 
 def directions(model, seed=0, count=500):
-    """Give points all over what the model sees, and their pixels."""
+    """Return points over the domain of the model, and their pixels."""
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(20 * count, 3)) * rng.uniform(0.3, 30, (20 * count, 1))
     pixels, valid = model.project(points)
@@ -49,27 +49,26 @@ def as_opencv(model):
     return k, model.xi, np.array([model.k1, model.k2, model.p1, model.p2])
 
 
-def theirs(cv2, points, k, xi, d):
+def project_opencv(cv2, points, k, xi, d):
     pixels, _ = cv2.omnidir.projectPoints(points[:, None], np.zeros(3), np.zeros(3), k, float(xi), d)
     return pixels[:, 0]
 
 
-# -- one model ---------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.peer
 @pytest.mark.parametrize("name", CAMERAS)
-def test_mei_projects_as_omnidir_does(cv2, name):
+def test_mei_projects_as_omnidir(cv2, name):
     model = CAMERAS[name]
     points, pixels = directions(model)
     assert name == "pinhole" or (points[:, 2] < 0).any()
-    np.testing.assert_allclose(pixels, theirs(cv2, points, *as_opencv(model)), rtol=0, atol=1e-9 * np.abs(pixels).max())
+    np.testing.assert_allclose(
+        pixels, project_opencv(cv2, points, *as_opencv(model)), rtol=0, atol=1e-9 * np.abs(pixels).max()
+    )
 
 
 @pytest.mark.peer
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("suffix", ["yml", "xml", "json"])
-def test_a_file_of_opencvs_gives_the_same_rays(cv2, tmp_path, name, suffix):
+def test_file_of_opencv_gives_the_same_rays(cv2, tmp_path, name, suffix):
     model = CAMERAS[name]
     k, xi, d = as_opencv(model)
     path = tmp_path / f"omnidir.{suffix}"
@@ -91,18 +90,16 @@ def test_a_file_of_opencvs_gives_the_same_rays(cv2, tmp_path, name, suffix):
 
 @pytest.mark.peer
 @pytest.mark.parametrize("name", CAMERAS)
-def test_opencv_reads_our_file_and_projects_the_same(cv2, tmp_path, name):
+def test_opencv_reads_our_file_and_projects_equally(cv2, tmp_path, name):
     model = CAMERAS[name]
     path = tmp_path / "camera.yml"
     save(Camera(model, (1280, 1024)), path, format="opencv")
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     k, d = (storage.getNode(key).mat() for key in ("camera_matrix", "distortion_coefficients"))
     points, pixels = directions(model)
-    found = theirs(cv2, points, k, storage.getNode("xi").real(), d.ravel())
+    found = project_opencv(cv2, points, k, storage.getNode("xi").real(), d.ravel())
     np.testing.assert_allclose(found, pixels, rtol=0, atol=1e-9 * np.abs(pixels).max())
 
-
-# -- one optimum -------------------------------------------------------------------------------------------------
 
 SIZES = {
     "kaidan": (640, 480),
@@ -116,7 +113,7 @@ SIZES = {
 def corners(data, name):
     with np.load(data("corners") / f"{name}.npz") as stored:
         board = Checkerboard(*(int(n) for n in stored["pattern"]))
-        return observe([(board.points, pixels) for pixels in stored["corners"].astype(float)])
+        return observe([(board.points, pixels) for pixels in stored["corners"].astype(float)], SIZES[name])
 
 
 def least_squares(begun, views):
@@ -129,7 +126,7 @@ def least_squares(begun, views):
 @pytest.mark.peer
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SIZES)
-def test_our_least_squares_are_not_above_omnidirs_on_the_views_it_keeps(cv2, data, name):
+def test_least_squares_optimum_is_not_above_that_of_omnidir(cv2, data, name):
     views, size = corners(data, name), SIZES[name]
     objects, images = ([x[g][None] for g in views.groups] for x in (views.points, views.pixels))
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
@@ -138,45 +135,43 @@ def test_our_least_squares_are_not_above_omnidirs_on_the_views_it_keeps(cv2, dat
         state, ours = least_squares(estimate_initial_camera(views), views)
         assert len(state.rotations) == len(views)
     else:
-        some = views.subset(kept.ravel())
-        _, ours = least_squares(estimate_initial_camera(some), some)
-    # Both stop once nothing falls by more than about 1e-8.
+        used = views.subset(kept.ravel())
+        _, ours = least_squares(estimate_initial_camera(used), used)
+    # Both stop at a relative decrease of about 1e-8.
     assert ours <= rms * (1 + 1e-5)
 
-
-# -- one start ---------------------------------------------------------------------------------------------------
 
 PARABOLA = Unified(fx=300.0, fy=300.0, cx=640.0, cy=520.0, xi=1.0)
 
 
-def seen_at(model, theta, phi):
+def project_at(model, theta, phi):
     pixels, valid = model.project(np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)]).T)
     assert np.all(valid)
     return pixels
 
 
 def field_of(model, theta, inner=False):
-    rim = seen_at(model, theta, 0.0)
+    rim = project_at(model, theta, 0.0)
     radius = float(rim[0] - model.cx)
     hole = Ellipse((model.cx, model.cy), (40.0, 40.0)) if inner else None
     return ImageField((1280, 1024), Ellipse((model.cx, model.cy), (radius, radius)), hole)
 
 
 @pytest.mark.parametrize(("inner", "degrees"), [(True, 105.0), (False, 95.0)])
-def test_the_border_gives_centre_and_focal_length(inner, degrees):
-    usual = start_from_border(field_of(PARABOLA, np.radians(degrees), inner), (1280, 1024))
-    np.testing.assert_allclose(usual.params[:5], [300, 300, 640, 520, 1], rtol=1e-9)
-    told = start_from_border(field_of(PARABOLA, np.radians(80), inner), (1280, 1024), angle=np.radians(80))
-    np.testing.assert_allclose(told.params, usual.params, rtol=1e-9)
+def test_border_gives_centre_and_focal_length(inner, degrees):
+    assumed = start_from_border(field_of(PARABOLA, np.radians(degrees), inner), (1280, 1024))
+    np.testing.assert_allclose(assumed.params[:5], [300, 300, 640, 520, 1], rtol=1e-9)
+    specified = start_from_border(field_of(PARABOLA, np.radians(80), inner), (1280, 1024), angle=np.radians(80))
+    np.testing.assert_allclose(specified.params, assumed.params, rtol=1e-9)
 
 
-def test_the_border_of_smaller_copies_is_scaled():
+def test_border_of_reduced_images_is_scaled():
     start = start_from_border(field_of(PARABOLA, np.radians(95)), (2560, 2048))
     np.testing.assert_allclose(start.params[:4], [600, 600, 1280.5, 1040.5], rtol=1e-9)
 
 
 @pytest.mark.parametrize("count", [3, 40])
-def test_a_line_gives_the_focal_length_of_a_parabolic_mirror(count):
+def test_line_gives_the_focal_length_of_a_parabolic_mirror(count):
     along = np.linspace(-4, 6, count)[:, None]
     pixels, valid = PARABOLA.project(np.array([2.0, -1.0, -0.3]) + along * [0.3, 1.0, 0.4])
     assert valid.all()
@@ -185,8 +180,8 @@ def test_a_line_gives_the_focal_length_of_a_parabolic_mirror(count):
     assert start.fx == pytest.approx(300.0, rel=1e-9)
 
 
-def test_what_tells_nothing_is_refused():
-    with pytest.raises(ValueError, match="no border of a mirror or lens is seen"):
+def test_insufficient_border_and_line_are_errors():
+    with pytest.raises(ValueError, match="no border of a mirror or lens is visible"):
         start_from_border(ImageField((640, 480)), (640, 480))
     with pytest.raises(ValueError, match="between 0 and pi"):
         start_from_border(field_of(PARABOLA, 1.5), (1280, 1024), angle=4.0)
@@ -202,37 +197,37 @@ MIRRORS = {"mei": "mei_paracatadioptric", "kaidan": "kaidan_catadioptric"}
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MIRRORS)
-def test_calibration_from_a_mirrors_border_ends_where_ours_does(data, name):
-    pictures = collect_images([data(MIRRORS[name])])
-    field = estimate_image_field(to_gray8(read_image(path)) for path in pictures)
+def test_start_from_the_border_of_a_mirror_reaches_the_same_optimum(data, name):
+    paths = collect_images([data(MIRRORS[name])])
+    field = estimate_image_field(to_gray8(read_image(path)) for path in paths)
     views, size = corners(data, name), SIZES[name]
     start = start_from_border(field, size)
     _, least = least_squares(estimate_initial_camera(views), views)
     state, rms = least_squares(resect(start, views), views)
     assert rms == pytest.approx(least, rel=1e-6)
     assert np.hypot(start.cx - state.model.cx, start.cy - state.model.cy) < 3
-    whole = calibrate(views, model="mei", loss="squared", free=("skew",), flat=True, start=start)
-    assert whole.rms == pytest.approx(least, rel=1e-6)
+    calibration = calibrate(views, model="mei", loss="squared", free=("skew",), flat=True)
+    assert calibration.rms == pytest.approx(least, rel=1e-6)
 
 
-def test_a_spherical_mirror_is_calibrated_from_its_border():
-    # A sphere under an orthographic camera: the ray at theta leaves where the normal is at theta/2, r = R sin(theta/2).
-    # Its scene is far away, so that it is as good as central; none of the conics, and xi and distortion take it up.
+def test_spherical_mirror_is_calibrated_from_its_border():
+    # A sphere under an orthographic camera: the ray at theta is reflected where the normal is at theta/2, so r = R
+    # sin(theta/2). The scene is distant, so the camera is nearly central; xi and the distortion approximate it.
     sphere = model_class("equisolid").from_dict({"fx": 225.0, "fy": 225.0, "cx": 641.0, "cy": 519.0})
     board, rng = Checkerboard(8, 6), np.random.default_rng(0)
-    seen = []
+    boards = []
     for i in range(12):
         theta, phi = np.radians(10 + 7 * i), 2.4 * i
         towards = np.array([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)])
         side = np.cross([0.0, 0.6, 0.8], towards)
         side /= np.linalg.norm(side)
         tilted = np.cross(towards, side) + 0.5 * towards
-        turn = np.stack([side, tilted / np.linalg.norm(tilted)])
-        pixels, valid = sphere.project((board.points[:, :2] - (3.5, 2.5)) @ turn + 9 * towards)
+        rotation = np.stack([side, tilted / np.linalg.norm(tilted)])
+        pixels, valid = sphere.project((board.points[:, :2] - (3.5, 2.5)) @ rotation + 9 * towards)
         assert valid.all()
-        seen.append((board.points, pixels + rng.normal(0, 0.1, pixels.shape)))
-    views = observe(seen)
-    rim = float(seen_at(sphere, np.radians(115), 0.0)[0] - 641.0)
+        boards.append((board.points, pixels + rng.normal(0, 0.1, pixels.shape)))
+    views = observe(boards, (1280, 1024))
+    rim = float(project_at(sphere, np.radians(115), 0.0)[0] - 641.0)
     field = ImageField((1280, 1024), Ellipse((641.0, 519.0), (rim, rim)), Ellipse((641.0, 519.0), (20.0, 20.0)))
     state, rms = least_squares(resect(start_from_border(field, (1280, 1024)), views), views)
     assert rms < 1.1 * 0.1 * np.sqrt(2)
