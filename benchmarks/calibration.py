@@ -28,7 +28,8 @@ def boards(count: int = 15) -> tuple[om.Observations, om.CameraModel, np.ndarray
             views.append((points, pixels + 0.2 * rng.normal(size=pixels.shape)))
             rotations.append(rotation)
             translations.append(translation)
-    return om.Observations.of(views), camera, np.array(rotations), np.array(translations)
+    observations = om.Observations.from_arrays(*zip(*views, strict=True), size=SIZE)
+    return observations, camera, np.array(rotations), np.array(translations)
 
 
 def run() -> list[Race]:

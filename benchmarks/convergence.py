@@ -133,7 +133,7 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
         weights = ResidualWeights.estimate(best, made.views)
         best, threshold = compared(best, made.views, weights), weights.threshold
         unit = float(cost(best, made.views, threshold)[made.clean].sum())
-        # What calibrate_camera does with a model's name; a polynomial's other degrees are left out.
+        # As `fit_candidates` does for one model; other degrees of a polynomial are left out.
         begun = time.perf_counter()
         started = dict(model_starts(key.split()[0], start, made.views))
         if key not in started:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from omnisight.pipeline.central import Calibration, calibrate_camera
 
 from omnisight.calibration.lines import LineObservations, LinesCalibration, PixelChains, bearing_sigma, detect_lines
 from omnisight.calibration.lines.focal_scale import scale_ambiguity
@@ -18,7 +17,10 @@ from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.geometry import rotation as so3
 from omnisight.images import read_image
+from omnisight.pipeline.calibrate import calibrate
 from omnisight.pipeline.calibrate_lines import calibrate_lines
+from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.options import CalibrateOptions
 from omnisight.targets import Checkerboard, Detection, detect_boards
 from omnisight.targets.observations import Observations
 
@@ -161,8 +163,10 @@ def on_boards(name: str, model: str) -> tuple[Calibration, list[tuple[int, Detec
     pattern, board = SETS[name]
     paths = sorted(DATA.glob(pattern))
     seen = [(i, p.detection) for i, p in enumerate(detect_boards(paths, board).images) if p.detection is not None]
-    views = Observations.of([(board.points[d.ids], d.pixels) for _, d in seen])
-    return calibrate_camera(views, read_image(paths[0]).shape[1::-1], model=model), seen, paths
+    points, pixels = [board.points[d.ids] for _, d in seen], [d.pixels for _, d in seen]
+    height, width = read_image(paths[0]).shape[:2]
+    observations = Observations.from_arrays(points, pixels, size=(width, height))
+    return calibrate(observations, CalibrateOptions(model=model)), seen, paths
 
 
 def report(only: list[str]) -> None:

@@ -172,8 +172,8 @@ def test_random_corners_have_a_large_rms():
     assert calibrate_ocamcalib(noise, SIZE).refined.rms > 20
 
 
-# Image size, largest off-axis angle of the corners (degrees), and the views: with those of fstereo_right, the best centre
-# is between two points of the grid, and a wrong one far away has a lower error than either.
+# Image size, largest off-axis angle of the corners (degrees), and the views: with those of fstereo_right, the best
+# centre is between two points of the grid, and a wrong one far away has a lower error than either.
 REAL = {"kaidan": ((640, 480), 115, slice(None)), "fstereo_right": ((960, 600), 60, slice(None, None, 2))}
 
 

@@ -116,9 +116,9 @@ def corners(data, name):
         return observe([(board.points, pixels) for pixels in stored["corners"].astype(float)], SIZES[name])
 
 
-def least_squares(begun, views):
-    """Refine as OpenCV does: every corner alike, and the skew estimated."""
-    ((_, start),) = model_starts("mei", begun, views)
+def least_squares(initial, views):
+    """Minimize what OpenCV minimizes: equal weights, and the skew is free."""
+    ((_, start),) = model_starts("mei", initial, views)
     state = refine(start, views, free_parameters=FreeParameters.of(start.model, free=("skew",)), loss="squared").state
     return state, float(np.sqrt((state.lengths(views) ** 2).mean()))
 
