@@ -40,7 +40,7 @@ EDGES = {
 
 
 def cameras(name):
-    """Give the example, three cameras near it, and those of `EDGES`."""
+    """Return the example, three cameras near it, and those of `EDGES`."""
     example = model_class(name).example()
     rng = np.random.default_rng(sum(name.encode()))
     yield example
@@ -65,13 +65,13 @@ AZIMUTHS = np.linspace(-np.pi, np.pi, 24, endpoint=False) + 0.05
 
 
 def direction(theta, phi):
-    """Give bearings (..., 3) from angles off the axis and azimuths."""
+    """Return bearings (..., 3) from angles off the axis and azimuths."""
     theta, phi = np.broadcast_arrays(theta, phi)
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
 
 
 def rim(model):
-    """Give the angle where the valid domain ends, by azimuth: halved down between the axis and its opposite."""
+    """Return the angle at which the valid domain ends for every azimuth, by bisection."""
     low, high = np.zeros_like(AZIMUTHS), np.full_like(AZIMUTHS, np.pi)
     low[model.project(direction(high, AZIMUTHS))[1]] = np.pi
     for _ in range(60):
@@ -82,10 +82,10 @@ def rim(model):
 
 
 def inside(model, share=0.9, count=60):
-    """Give bearings (count, 3) well inside the valid domain, near the axis and far from it."""
+    """Return bearings (count, 3) inside the valid domain, near the axis and far from it."""
     rng = np.random.default_rng(7)
     which = rng.integers(len(AZIMUTHS), size=count)
     bearings = direction(rng.uniform(0, share, count) * rim(model)[which], AZIMUTHS[which])
-    # On the axis, but where r(theta) is bent there and has no second derivative.
+    # On the axis, unless r(theta) has no second derivative there.
     bearings[0] = direction(0.01 if model.name == "radial_polynomial" else 0.0, 0.3)
     return bearings

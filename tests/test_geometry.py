@@ -101,11 +101,11 @@ def test_a_pose_moves_by_a_step():
     assert_same(b_from_a.moved(np.zeros(6)), b_from_a)
 
 
-# -- where a view looks -----------------------------------------------------------------------------------------
+# -- view directions --------------------------------------------------------------------------------------------
 
 
-def seen(direction, *angles, **options):
-    """Give a direction of the camera (x right, y down, z forward) as the view sees it."""
+def in_view(direction, *angles, **options):
+    """Return a direction of the camera (x right, y down, z forward) in the frame of the view."""
     return look(*angles, **options) @ np.asarray(direction, float)
 
 
@@ -126,38 +126,38 @@ FORWARD, RIGHT, LEFT, UP, DOWN, BACK = [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, -1,
     ],
 )
 def test_the_view_centre_is_the_viewing_direction(angles, centre):
-    np.testing.assert_allclose(seen(centre, *angles), FORWARD, atol=1e-15)
+    np.testing.assert_allclose(in_view(centre, *angles), FORWARD, atol=1e-15)
 
 
 def test_positive_yaw_moves_the_image_left_and_positive_pitch_down():
-    assert seen(FORWARD, 5)[0] < 0
-    assert seen(FORWARD, 0, 5)[1] > 0
+    assert in_view(FORWARD, 5)[0] < 0
+    assert in_view(FORWARD, 0, 5)[1] > 0
 
 
 def test_clockwise_roll_turns_the_image_counterclockwise():
     # What was above is to the left of a head that leans to the right.
-    np.testing.assert_allclose(seen(UP, 0, 0, 90), LEFT, atol=1e-15)
-    np.testing.assert_allclose(seen(RIGHT, 0, 0, 90), UP, atol=1e-15)
+    np.testing.assert_allclose(in_view(UP, 0, 0, 90), LEFT, atol=1e-15)
+    np.testing.assert_allclose(in_view(RIGHT, 0, 0, 90), UP, atol=1e-15)
 
 
 def test_yaw_turns_about_the_vertical_of_the_world_at_any_pitch():
     for yaw in (0, 40, 200):
-        assert seen(UP, yaw, 30) @ seen(UP, 0, 30) == pytest.approx(1)
+        assert in_view(UP, yaw, 30) @ in_view(UP, 0, 30) == pytest.approx(1)
 
 
 def test_up_back_levels_a_camera_that_looks_down():
     # The image's middle is the nadir, the image's top is ahead.
-    np.testing.assert_allclose(seen(FORWARD, up="back"), DOWN, atol=1e-15)
-    np.testing.assert_allclose(seen(UP, up="back"), FORWARD, atol=1e-15)
-    np.testing.assert_allclose(seen(RIGHT, up="back"), RIGHT, atol=1e-15)
-    np.testing.assert_allclose(seen(FORWARD, 123, -90, up="back"), FORWARD, atol=1e-15)
+    np.testing.assert_allclose(in_view(FORWARD, up="back"), DOWN, atol=1e-15)
+    np.testing.assert_allclose(in_view(UP, up="back"), FORWARD, atol=1e-15)
+    np.testing.assert_allclose(in_view(RIGHT, up="back"), RIGHT, atol=1e-15)
+    np.testing.assert_allclose(in_view(FORWARD, 123, -90, up="back"), FORWARD, atol=1e-15)
 
 
 def test_up_front_levels_a_camera_that_looks_up():
     # The image's middle is the zenith; seen from below, left and right change places.
-    np.testing.assert_allclose(seen(FORWARD, up="front"), UP, atol=1e-15)
-    np.testing.assert_allclose(seen(UP, up="front"), FORWARD, atol=1e-15)
-    np.testing.assert_allclose(seen(RIGHT, up="front"), LEFT, atol=1e-15)
+    np.testing.assert_allclose(in_view(FORWARD, up="front"), UP, atol=1e-15)
+    np.testing.assert_allclose(in_view(UP, up="front"), FORWARD, atol=1e-15)
+    np.testing.assert_allclose(in_view(RIGHT, up="front"), LEFT, atol=1e-15)
 
 
 @pytest.mark.parametrize("up", ["top", "back", "front"])
@@ -169,8 +169,8 @@ def test_only_flip_changes_handedness(up):
 
 
 def test_flip_exchanges_left_and_right():
-    np.testing.assert_allclose(seen(RIGHT, flip=True), LEFT, atol=1e-15)
-    np.testing.assert_allclose(seen(UP, flip=True), UP, atol=1e-15)
+    np.testing.assert_allclose(in_view(RIGHT, flip=True), LEFT, atol=1e-15)
+    np.testing.assert_allclose(in_view(UP, flip=True), UP, atol=1e-15)
 
 
 def test_an_unknown_up_is_rejected_with_the_names():

@@ -22,7 +22,7 @@ LENS = om.Camera(om.model_class("kannala_brandt").example(), (960, 962))
 
 
 def pair():
-    """Give a central camera and one of rays, the second turned to the right and a metre away."""
+    """Return a rig of a central and a non-central camera; the second is rotated to the right and 1 m away."""
     rays = om.RayCamera(Axial.example(), (960, 962), theta_max=1.2)
     return Rig.from_sensors(
         {"left": (LENS, Pose()), "right": (rays, Pose(om.look(yaw=90), np.array([0.0, 0.0, -1.0])))}

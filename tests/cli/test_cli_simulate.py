@@ -96,14 +96,14 @@ def test_exact_ground_truth_is_float32(run, small, tmp_path):
 
 
 def test_same_seed_writes_the_same_bytes_and_replaces_an_older_set(run, small, tmp_path):
-    def pictures(folder, *options):
+    def simulated_images(folder, *options):
         status, _, err = run("simulate", "lines", "--camera", small, "--rays", 1, *options, "-o", folder)
         assert (status, err) == (0, "")
         return [path.read_bytes() for path in sorted((folder / "images").iterdir())]
 
-    first = pictures(tmp_path / "a", "--frames", 2)
-    assert pictures(tmp_path / "b", "--frames", 2) == first
-    assert pictures(tmp_path / "b", "--frames", 1, "--seed", 4) != first[:1]
+    first = simulated_images(tmp_path / "a", "--frames", 2)
+    assert simulated_images(tmp_path / "b", "--frames", 2) == first
+    assert simulated_images(tmp_path / "b", "--frames", 1, "--seed", 4) != first[:1]
     assert len(list((tmp_path / "b" / "depth").iterdir())) == 1
 
 

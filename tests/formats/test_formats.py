@@ -25,7 +25,7 @@ SIZE_UNKNOWN = {"opencv", "native", "numpy_arrays"}
 
 
 def example(name, model):
-    """Give a camera that the format holds exactly."""
+    """Return a camera that the format holds exactly."""
     made = model_class(model).example()
     values = made.to_dict()
     if "skew" in values and name not in KEEPS_SKEW:
@@ -73,7 +73,7 @@ def test_saved_camera_reads_back_identically(name, model, tmp_path):
     assert written.error_px < 1e-9
     assert again.size == camera.size
     assert again.provenance == {"file": "camera", "format": name}
-    assert not any("refitted" in note or "not written" in note for note in written.notes)
+    assert not any("refitted" in note or note.startswith("not written:") for note in written.notes)
 
 
 @pytest.mark.parametrize(("name", "model"), PAIRS)

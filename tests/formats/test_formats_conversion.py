@@ -15,12 +15,12 @@ NEAR_PX = 1.0
 
 
 FISHEYES = ("kannala_brandt", "ocam", "fisheye624", "thin_prism_fisheye", "mei", "eucm", "double_sphere")
-SLOW = ("rational", "spline")  # a fit takes a second or more: made from one of the fisheyes
+SLOW = ("rational", "spline")  # a fit takes a second or more: fitted to one fisheye only
 
 
 @cache
 def narrow(model):
-    """Give a model's example, calibrated over a narrow cone."""
+    """Return the example of a model, calibrated over a narrow cone."""
     return Camera(model_class(model).example(), (960, 720), theta_max=CONE)
 
 
@@ -41,10 +41,10 @@ def test_reported_conversion_error_holds_for_every_model_pair(source):
             continue
         assert 0 <= found.rms_px <= found.max_px, target
         assert found.camera.model.name == target
-        # Over the very samples nothing is farther off, and between them not by much.
-        seen, valid = found.camera.model.project_numpy(bearings)
-        apart = np.linalg.norm(seen - pixels, axis=1)
-        assert np.max(np.where(valid, apart, np.inf)) == pytest.approx(found.max_px, abs=1e-9), target
+        # The reported maximum holds at the samples, and approximately between them.
+        projected, valid = found.camera.model.project_numpy(bearings)
+        errors = np.linalg.norm(projected - pixels, axis=1)
+        assert np.max(np.where(valid, errors, np.inf)) == pytest.approx(found.max_px, abs=1e-9), target
         if found.max_px > NEAR_PX:
             assert found.worst_theta <= CONE + 1e-9, target
             continue
@@ -52,9 +52,9 @@ def test_reported_conversion_error_holds_for_every_model_pair(source):
         between = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
         expected, valid = camera.project(between)
         use = valid & camera.in_image(expected)
-        seen, valid = found.camera.project(between[use])
+        projected, valid = found.camera.project(between[use])
         assert valid.all(), target
-        assert np.linalg.norm(seen - expected[use], axis=1).max() < 2 * found.max_px + 1e-3, target
+        assert np.linalg.norm(projected - expected[use], axis=1).max() < 2 * found.max_px + 1e-3, target
     assert all(f"{target} cannot be fitted to" in message for target, message in refused.items()), refused
     assert len(refused) < 3
 

@@ -196,9 +196,9 @@ def test_gyroflow_is_opencvs_fisheye(load_text):
     camera, given = load_text(json.dumps(GYROFLOW)), GYROFLOW["fisheye_params"]
     ahead = POINTS * (0.4, 0.4, 1)
     points, pixels = opencv_fisheye(given["camera_matrix"], given["distortion_coeffs"], ahead)
-    seen, valid = camera.project(points)
+    projected, valid = camera.project(points)
     assert valid.sum() > 20
-    assert seen[valid] == pytest.approx(pixels[valid], abs=1e-9)
+    assert projected[valid] == pytest.approx(pixels[valid], abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ COLMAP_VALUES = {
     "s1": 4e-4, "s2": -3e-5, "s3": -2e-4, "s4": 2e-5, "width": 640.0, "height": 480.0,
 }  # fmt: skip
 # In a process of its own: pycolmap and numba in one crash here.
-ASK_COLMAP = """
+PROJECT_BY_PYCOLMAP = """
 import json, sys, numpy, pycolmap
 points, cameras = json.load(sys.stdin)
 def ask(name, params):
@@ -36,19 +36,19 @@ def test_colmap_every_model_projects_as_pycolmap_does(tmp_path):
     if importlib.util.find_spec("pycolmap") is None:
         pytest.skip("needs pycolmap")
     cameras = [(name, [COLMAP_VALUES[key] for key in keys]) for name, (_, keys) in LENSES.items()]
-    asked = subprocess.run(
-        [sys.executable, "-c", ASK_COLMAP],
+    completed = subprocess.run(
+        [sys.executable, "-c", PROJECT_BY_PYCOLMAP],
         input=json.dumps([POINTS.tolist(), cameras]),
         capture_output=True,
         text=True,
         check=True,
         timeout=60,
     )
-    for (name, values), theirs in zip(cameras, json.loads(asked.stdout), strict=True):
+    for (name, values), expected in zip(cameras, json.loads(completed.stdout), strict=True):
         (tmp_path / "cameras.txt").write_text(f"1 {name} 640 480 {' '.join(map(repr, values))}\n")
-        ours, valid = load(tmp_path / "cameras.txt").project(POINTS)
+        projected, valid = load(tmp_path / "cameras.txt").project(POINTS)
         assert valid.all(), name
-        assert ours + 0.5 == pytest.approx(np.array(theirs), abs=1e-9), name
+        assert projected + 0.5 == pytest.approx(np.array(expected), abs=1e-9), name
 
 
 def opencv_pixels(camera):
@@ -100,8 +100,8 @@ def test_opencv_reads_what_opencv_writes(model, kind, tmp_path):
     assert again.model == camera.model
     assert again.extra["calibration_time"].startswith("Mon")
     assert len(again.extra["image_points"]["data"]) == 48
-    seen, valid = again.project(POINTS)
-    assert seen[valid] == pytest.approx(pixels[:, 0][valid], abs=1e-6)
+    projected, valid = again.project(POINTS)
+    assert projected[valid] == pytest.approx(pixels[:, 0][valid], abs=1e-6)
     assert valid.sum() > 30
 
 
@@ -120,7 +120,7 @@ def test_opencv_itself_reads_what_we_write(model, tmp_path):
 
 
 def inverse_error(path):
-    """Give the largest distance (px) of an OCamCalib file's own inverse polynomial from our projection."""
+    """Return the largest distance (px) between an OCamCalib file's inverse polynomial and the camera's projection."""
     rows = [line.split() for line in path.read_text().splitlines() if line.strip() and line[0] != "#"]
     camera = load(path)
     m = camera.model
@@ -129,8 +129,8 @@ def inverse_error(path):
     norm = np.maximum(np.hypot(x, y), 1e-300)
     rho = np.polynomial.polynomial.polyval(np.arctan2(z, norm), [float(word) for word in rows[1][1:]])
     x, y = x / norm * rho, y / norm * rho
-    seen = np.stack([x * m.e + y + m.cx, x * m.c + y * m.d + m.cy], -1)
-    return np.linalg.norm(seen - pixels, axis=1).max()
+    projected = np.stack([x * m.e + y + m.cx, x * m.c + y * m.d + m.cy], -1)
+    return np.linalg.norm(projected - pixels, axis=1).max()
 
 
 REAL = {
@@ -171,7 +171,7 @@ def test_the_files_of_fisheye_calib_adapter_describe_one_camera(data):
     theta = np.arctan2(-bearings[:, 2], norm)
     rho = np.polynomial.polynomial.polyval(theta, projection)
     x, y = bearings[:, 0] / norm * rho, bearings[:, 1] / norm * rho
-    theirs = np.stack([0.998870 * x - 0.000169 * y + 359.829671, 0.000110 * x + y + 243.611488], -1)
-    assert np.linalg.norm(theirs - pixels, axis=1).max() < 0.3
+    expected = np.stack([0.998870 * x - 0.000169 * y + 359.829671, 0.000110 * x + y + 243.611488], -1)
+    assert np.linalg.norm(expected - pixels, axis=1).max() < 0.3
     with pytest.raises(ValueError, match=r"alpha.*below 1, got 1\.01674"):
         load(folder / "UCM.yml")

@@ -91,13 +91,13 @@ def test_alicevision_older_versions(load_text):
 def test_alicevision_equidistant_projects_as_its_source(load_text):
     text = sfm("1.2.13", type="equidistant", distortionType="radialk3", distortionParams=["0.1", "0.02", "-0.003"],
                fisheyeCircleRadius="1480", pixelRatio="1", sensorHeight="6.2")  # fmt: skip
-    seen = load_text(text).project(POINTS)[0]
+    projected = load_text(text).project(POINTS)[0]
     focal_mm = 2000 * 8 / 4000
     theta, phi = np.arctan2(np.hypot(*POINTS.T[:2]), POINTS[:, 2]), np.arctan2(POINTS[:, 1], POINTS[:, 0])
     r = theta / (0.5 * (6.2 / focal_mm))
     r = r * (1 + 0.1 * r**2 + 0.02 * r**4 - 0.003 * r**6) * 1480
-    theirs = np.stack([r * np.cos(phi) + 2000 + 10.5, r * np.sin(phi) + 1500 - 20], -1)
-    assert seen + 0.5 == pytest.approx(theirs, abs=1e-9)
+    expected = np.stack([r * np.cos(phi) + 2000 + 10.5, r * np.sin(phi) + 1500 - 20], -1)
+    assert projected + 0.5 == pytest.approx(expected, abs=1e-9)
 
 
 def test_alicevision_refuses_unsupported_cameras(load_text):
@@ -130,7 +130,7 @@ METASHAPE = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def metashape(x, y, p1=-0.00148237, p2=0.0018401):
-    """Give pixels by the user manual's appendix on camera models, from the plane."""
+    """Return pixels by the user manual's appendix on camera models, from the plane."""
     r2 = x * x + y * y
     radial = 1 + 0.052014 * r2 - 0.0689641 * r2**2 + 0.017671 * r2**3
     xd = x * radial + p1 * (r2 + 2 * x * x) + 2 * p2 * x * y
@@ -194,8 +194,8 @@ def test_hugin_distortion_matches_panotools(load_text):
     theta, phi = np.arctan2(np.hypot(*POINTS.T[:2]), POINTS[:, 2]), np.arctan2(POINTS[:, 1], POINTS[:, 0])
     r = focal * theta / radius
     r = (0.01 * r**3 - 0.05 * r**2 + 0.02 * r + 1 - (0.01 - 0.05 + 0.02)) * r * radius
-    theirs = np.stack([r * np.cos(phi) + 999.5 + 12.5, r * np.sin(phi) + 1499.5 - 7.25], -1)
-    assert camera.project(POINTS)[0] == pytest.approx(theirs, abs=1e-9)
+    expected = np.stack([r * np.cos(phi) + 999.5 + 12.5, r * np.sin(phi) + 1499.5 - 7.25], -1)
+    assert camera.project(POINTS)[0] == pytest.approx(expected, abs=1e-9)
     assert (camera.extra["y"], camera.extra["r"], camera.extra["S"]) == (20.0, 1.5, "100,1900,200,2800")
 
 

@@ -19,7 +19,7 @@ C, D, E = 1.000305, -0.000277, -0.000925
 
 
 def lifted(pixel, centre, direct, stretch):
-    """Give the bearing of a pixel: [x, y] = inverse([c d; e 1]) (pixel - centre), z = f(r) with z forward."""
+    """Return the bearing of a pixel: [x, y] = inverse([c d; e 1]) (pixel - centre), z = f(r) with z forward."""
     x, y = np.linalg.solve(stretch, np.subtract(pixel, centre))
     bearing = np.array([x, y, np.polynomial.polynomial.polyval(np.hypot(x, y), direct)])
     return bearing / np.linalg.norm(bearing)
@@ -95,8 +95,8 @@ def test_the_inverse_polynomial_that_is_written_projects(name, tmp_path):
         names = ("ac", "ad", "ae", "cx", "cy") if name == "camodocal" else ("c", "d", "e", "u0", "v0")
         c, d, e, *centre = (float(words[key]) for key in names)
     x, y = rho * bearings[:, 0] / flat, rho * bearings[:, 1] / flat
-    seen = np.stack([c * x + d * y + centre[0], e * x + y + centre[1]], -1)
-    assert np.linalg.norm(seen - pixels, axis=1).max() < 0.02
+    projected = np.stack([c * x + d * y + centre[0], e * x + y + centre[1]], -1)
+    assert np.linalg.norm(projected - pixels, axis=1).max() < 0.02
 
 
 def test_py_ocamcalib_real_file_agrees_with_its_own_inverse(data):
@@ -109,8 +109,8 @@ def test_py_ocamcalib_real_file_agrees_with_its_own_inverse(data):
     flat = np.hypot(bearings[:, 0], bearings[:, 1])
     rho = np.polyval(given["inverse_poly"], np.arctan2(flat, bearings[:, 2]))
     plane = np.stack([rho * bearings[:, 0] / flat, rho * bearings[:, 1] / flat])
-    seen = (np.array(given["stretch_matrix"]) @ plane).T + given["distortion_center"]
-    assert np.linalg.norm(seen - pixels, axis=1).max() < 0.2
+    projected = (np.array(given["stretch_matrix"]) @ plane).T + given["distortion_center"]
+    assert np.linalg.norm(projected - pixels, axis=1).max() < 0.2
     assert len(camera.extra["extrinsics_t"]) == len(given["extrinsics_t"])
 
 
@@ -187,8 +187,8 @@ FIELDS = {
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("place", ["top", "struct", "params"])
 def test_matlab_mat_files(place, compressed, tmp_path):
-    held = {"top": FIELDS, "struct": {"s": FIELDS}, "params": {"p": {"Intrinsics": FIELDS, "n": "x"}}}[place]
-    scipy.io.savemat(tmp_path / "c.mat", held, do_compression=compressed)
+    content = {"top": FIELDS, "struct": {"s": FIELDS}, "params": {"p": {"Intrinsics": FIELDS, "n": "x"}}}[place]
+    scipy.io.savemat(tmp_path / "c.mat", content, do_compression=compressed)
     camera = load(tmp_path / "c.mat")
     assert camera.size == (800, 600)
     assert camera.unproject(PIXEL)[0] == pytest.approx(BEARING, abs=1e-12)
@@ -217,11 +217,11 @@ def test_matlab_refuses_hostile_and_empty_mat_files(tmp_path):
         path.write_bytes(whole[:end])
         with pytest.raises(FormatError):
             load(path)
-    chance = np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     for _ in range(200):
-        spoiled = bytearray(whole)
-        spoiled[chance.integers(128, len(whole))] = chance.integers(256)
-        path.write_bytes(spoiled)
+        corrupted = bytearray(whole)
+        corrupted[rng.integers(128, len(whole))] = rng.integers(256)
+        path.write_bytes(corrupted)
         with contextlib.suppress(FormatError):
             assert np.isfinite(load(path).model.params).all()
 
@@ -273,8 +273,8 @@ def test_matlab_hdf5_error_has_save_command(head, tmp_path):
             read(tmp_path / "c.mat")
 
 
-def with_many(count):
-    """Give files of every format that has the model, with that many coefficients of f(r)."""
+def files_with_coefficients(count):
+    """Return files of every format that has the model, with that many coefficients of f(r)."""
     more = [1e11] * (count - 5)
     native = json.loads(get_format("native").serialize(Camera(model_class("ocam").example(), (800, 600)))[0])
     native["params"] |= {f"a{i}": 1e11 for i in range(5, count + 1)}
@@ -294,7 +294,7 @@ def with_many(count):
 
 @pytest.mark.parametrize("count", [30, 99, 1500])
 def test_long_polynomial_is_refused_before_compilation(count, tmp_path):
-    for name, text in with_many(count):
+    for name, text in files_with_coefficients(count):
         if name == "ocamcalib" and count > 99:  # no count of a file of OCamCalib: another text
             continue
         assert get_format(name).matches(text), name

@@ -25,7 +25,7 @@ def affine(p, x, y):
 
 
 def fisheye(r_of_theta):
-    """Give the plane point of a lens described by its radius as a function of theta."""
+    """Return the plane point of a lens described by its radius as a function of theta."""
 
     def plane(p, x, y, z):
         rho = norm(x, y)
@@ -112,7 +112,7 @@ def ocam(p, x, y, z):
 
 
 def cardinal(controls, place):
-    """Give the cubic spline of unit knots: control value i weighs M(place - i + 3), M by truncated powers."""
+    """Return the cubic spline of unit knots: control value i has weight M(place - i + 3), M in truncated powers."""
 
     def m(t):
         return mp.fsum((-1) ** k * mp.binomial(4, k) * max(t - k, mp.mpf(0)) ** 3 for k in range(5)) / 6
@@ -215,8 +215,8 @@ def test_pixels_agree_with_the_equations(model):
 # -- mirrors: rays traced with nothing but the surface and the law of reflection -------------------------------------
 
 
-def meet(bearing, quadric, centre, side):
-    """Give where the line of a bearing through the origin meets a mirror, and the mirror's normal there.
+def intersect(bearing, quadric, centre, side):
+    """Return the intersection of a mirror with the line of a bearing through the origin, and the normal there.
 
     The surface is q0 (x^2 + y^2) + q1 (z - centre)^2 + q2 (z - centre) = 1; `side` chooses the points that are mirror.
     """
@@ -239,8 +239,8 @@ def reflect(ray, normal):
 BEARINGS = direction(np.linspace(0.05, 1.9, 12)[:, None], np.array([0.3, 2.0, -1.1])).reshape(-1, 3)
 
 
-def seen_from(point, ray, eye):
-    """Give the slopes (x, y) at which the eye on the axis, looking back at the mirror, sees the ray arrive."""
+def slopes_at(point, ray, eye):
+    """Return the slopes (x, y) of a reflected ray as seen by a pinhole on the axis that faces the mirror."""
     # The ray goes through the eye: the mirror has a single viewpoint.
     miss = np.cross(point - eye, ray)
     assert np.linalg.norm(miss) < 1e-12 * np.linalg.norm(point - eye)
@@ -260,8 +260,10 @@ def test_hyperbolic_mirror_agrees_with_ray_tracing(a, c):
     bearings = BEARINGS[BEARINGS[:, 2] > -0.9 * a / c]
     slopes = []
     for bearing in bearings:
-        point, normal = meet(bearing, (-1 / b2, 1 / a**2, 0.0), c, lambda p, d: p @ d > 0 and p[2] <= c - a + 1e-12)
-        slopes.append(seen_from(point, reflect(-bearing, normal), np.array([0, 0, 2 * c])))
+        point, normal = intersect(
+            bearing, (-1 / b2, 1 / a**2, 0.0), c, lambda p, d: p @ d > 0 and p[2] <= c - a + 1e-12
+        )
+        slopes.append(slopes_at(point, reflect(-bearing, normal), np.array([0, 0, 2 * c])))
     assert_bearings(model, 700.0 * np.array(slopes) + (511.5, 383.5), bearings)
 
 
@@ -273,8 +275,8 @@ def test_elliptical_mirror_agrees_with_ray_tracing(a, c):
     slopes = []
     bearings = BEARINGS[BEARINGS[:, 2] + model.xi > 0.05]
     for bearing in bearings:
-        point, normal = meet(bearing, (1 / b2, 1 / a**2, 0.0), c, lambda p, d: p @ d < 0)
-        slopes.append(seen_from(point, reflect(-bearing, normal), np.array([0, 0, 2 * c])))
+        point, normal = intersect(bearing, (1 / b2, 1 / a**2, 0.0), c, lambda p, d: p @ d < 0)
+        slopes.append(slopes_at(point, reflect(-bearing, normal), np.array([0, 0, 2 * c])))
     assert_bearings(model, -700.0 * np.array(slopes) + (511.5, 383.5), bearings)
 
 
@@ -284,7 +286,7 @@ def test_parabolic_mirror_agrees_with_ray_tracing(p):
     model = Unified.from_parabola(4 * p, scale=8.5, centre=(511.5, 383.5))
     spots = []
     for bearing in BEARINGS:
-        point, normal = meet(bearing, (1 / (4 * p * p), 0.0, 1 / p), 0.0, lambda q, d: q @ d > 0)
+        point, normal = intersect(bearing, (1 / (4 * p * p), 0.0, 1 / p), 0.0, lambda q, d: q @ d > 0)
         np.testing.assert_allclose(reflect(-bearing, normal), [0, 0, 1], atol=1e-12)
         spots.append(point[:2])
     assert_bearings(model, 8.5 * np.array(spots) + (511.5, 383.5), BEARINGS)
@@ -302,7 +304,7 @@ def test_table_of_the_chapter_with_the_corrected_latus_rectum():
 
 
 @pytest.mark.parametrize(
-    ("make", "arguments", "said"),
+    ("make", "arguments", "message"),
     [
         (Unified.from_hyperbola, (2.0, 1.0, 500.0), "c > a"),
         (Unified.from_ellipse, (1.0, 2.0, 500.0), "c < a"),
@@ -310,6 +312,6 @@ def test_table_of_the_chapter_with_the_corrected_latus_rectum():
         (Unified.from_parabola, (0.0, 1.0), "latus_rectum must be positive"),
     ],
 )
-def test_an_invalid_mirror_is_rejected(make, arguments, said):
-    with pytest.raises(ValueError, match=said):
+def test_an_invalid_mirror_is_rejected(make, arguments, message):
+    with pytest.raises(ValueError, match=message):
         make(*arguments, centre=(0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Our cameras against values that other implementations gave; `frozen/make_frozen.py` says how they were made."""
+"""Cameras compared with values of other implementations, which `frozen/make_frozen.py` computed."""
 
 import json
 from pathlib import Path

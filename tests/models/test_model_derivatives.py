@@ -12,7 +12,7 @@ def central_difference(function, step):
 
 
 def param_steps(model):
-    """Give a step for each parameter: a share of it, or where it is 0 of what it is in the example."""
+    """Return a step for each parameter, relative to its value, or to that of the example if it is 0."""
     typical = np.where(model.params == 0, type(model).example().params, model.params)
     return 1e-4 * np.abs(typical)
 

@@ -1,4 +1,4 @@
-"""What every camera model must do. A new model is tested by existing: nothing here lists them."""
+"""Laws that hold for every registered camera model; a new model needs no change here."""
 
 import re
 
@@ -9,8 +9,8 @@ from every_model import AZIMUTHS, direction, every_camera, every_model, inside, 
 from omnisight.models import model_class
 
 
-def to_the_rim(model):
-    """Give bearings (N, 3) over the valid domain but its last millionth, dense towards its rim and its axis."""
+def bearings_to_the_rim(model):
+    """Return bearings (N, 3) over the valid domain except its last millionth, dense near its rim and its axis."""
     share = np.concatenate(
         [np.linspace(0, 1, 90, endpoint=False), np.geomspace(1e-9, 1e-2, 15), 1 - np.geomspace(1e-6, 1e-2, 15)]
     )
@@ -18,21 +18,21 @@ def to_the_rim(model):
 
 
 def angle(a, b):
-    """Give the angles between bearings, exact for small ones."""
+    """Return the angles between bearings, accurate for small angles too."""
     return 2 * np.arcsin(np.minimum(np.linalg.norm(a - b, axis=-1) / 2, 1))
 
 
-# -- there and back ---------------------------------------------------------------------------------------------
+# -- round trips -----------------------------------------------------------------------------------------------
 
 
 @every_camera
 def test_round_trip_over_the_whole_valid_sphere(model):
-    bearings = to_the_rim(model)
+    bearings = bearings_to_the_rim(model)
     pixels, valid = model.project(bearings)
     assert valid.all()
     assert np.isfinite(pixels).all()
-    back, seen = model.unproject(pixels)
-    assert seen.all()
+    back, back_valid = model.unproject(pixels)
+    assert back_valid.all()
     np.testing.assert_allclose(np.linalg.norm(back, axis=-1), 1, atol=1e-14)
     assert angle(back, bearings).max() < 1e-9
 
@@ -45,10 +45,10 @@ def test_valid_pixels_are_projected_again(model):
     pixels = np.stack([u, v], -1) + centre
     bearings, valid = model.unproject(pixels)
     assert valid.any()
-    back, seen = model.project(bearings[valid])
+    back, back_valid = model.project(bearings[valid])
     # A pixel on the very rim may fall to either side of it.
-    assert seen.mean() > 0.999
-    np.testing.assert_allclose(back[seen], pixels[valid][seen], rtol=1e-12, atol=1e-8)
+    assert back_valid.mean() > 0.999
+    np.testing.assert_allclose(back[back_valid], pixels[valid][back_valid], rtol=1e-12, atol=1e-8)
 
 
 @every_camera
@@ -96,9 +96,9 @@ def test_any_leading_shape_is_preserved(model, lead):
     assert valid.shape == lead
     assert pixels.dtype == float
     assert valid.dtype == bool
-    bearings, seen = model.unproject(pixels)
+    bearings, back_valid = model.unproject(pixels)
     assert bearings.shape == (*lead, 3)
-    assert seen.shape == lead
+    assert back_valid.shape == lead
     shapes = [a.shape for a in model.project_with_jacobians(points)]
     assert shapes == [(*lead, 2), lead, (*lead, 2, 3), (*lead, 2, model.params.size)]
     shapes = [a.shape for a in model.unproject_with_jacobians(pixels)]
@@ -144,23 +144,23 @@ def test_no_direction_warns_and_invalid_entries_are_nan(model):
     with np.errstate(all="raise", under="ignore"):
         pixels, valid, *jacobians = model.project_with_jacobians(points)
         assert not valid[-len(odd) :].any()
-        back, seen, *derivatives = model.unproject_with_jacobians(far)
+        back, back_valid, *derivatives = model.unproject_with_jacobians(far)
         for answer in (model.project(points), model.project_numpy(points)):
             np.testing.assert_array_equal(answer[1], valid)
         for answer in (model.unproject(far), model.unproject_numpy(far)):
-            np.testing.assert_array_equal(answer[1], seen)
+            np.testing.assert_array_equal(answer[1], back_valid)
     # Straight up and down a panorama has a pixel, but no derivative.
     smooth = valid & (np.hypot(points[:, 0], points[:, 2]) > 0)
     for array in (pixels, *jacobians):
         assert np.isnan(array[~valid]).all()
         assert np.isfinite(array[smooth]).all()
     for array in (back, *derivatives):
-        assert np.isnan(array[~seen]).all()
+        assert np.isnan(array[~back_valid]).all()
 
 
 @every_camera
 def test_compiled_and_numpy_agree(model):
-    bearings = to_the_rim(model)
+    bearings = bearings_to_the_rim(model)
     pixels, valid = model.project(bearings)
     plain, plain_valid = model.project_numpy(bearings)
     np.testing.assert_array_equal(valid, plain_valid)
@@ -169,9 +169,9 @@ def test_compiled_and_numpy_agree(model):
     rounding = 1e-10 + 1e-10 * np.abs(d_point).max(axis=2)
     assert (np.abs(pixels - plain) < rounding).all()
     assert (np.abs(pixels - differentiated) < rounding).all()
-    back, seen = model.unproject(pixels)
+    back, back_valid = model.unproject(pixels)
     plain_back, plain_seen = model.unproject_numpy(pixels)
-    np.testing.assert_array_equal(seen, plain_seen)
+    np.testing.assert_array_equal(back_valid, plain_seen)
     assert angle(back, plain_back).max() < 1e-9
 
 

@@ -76,8 +76,8 @@ def test_fit_recovers_the_example(model):
     pixels, valid = model.project(bearings)
     assert valid.all()
     fitted = type(model).fit(bearings, pixels)
-    again, seen = fitted.project(bearings)
-    assert seen.all()
+    again, valid_again = fitted.project(bearings)
+    assert valid_again.all()
     assert np.abs(again - pixels).max() < 1e-6
 
 

@@ -74,7 +74,7 @@ few_systems = pytest.mark.parametrize(
 )
 
 
-def seen(system, near=0.02, far=50.0, count=60, seed=1):
+def visible_points(system, near=0.02, far=50.0, count=60, seed=1):
     """Return visible scene points (N, 3) between two distances from the mirror, and their pixels (N, 2)."""
     u, v = np.meshgrid(np.linspace(0, 1279, count), np.linspace(0, 959, count * 3 // 4))
     pixels = np.stack([u, v], -1).reshape(-1, 2)

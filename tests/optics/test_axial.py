@@ -24,7 +24,7 @@ def pixels(count=40):
     return np.random.default_rng(3).uniform(0, 960, (count, 2))
 
 
-def seen(model, distance=0.4, count=40):
+def points_and_pixels(model, distance=0.4, count=40):
     """Return the points at distances along the rays of pixels."""
     origins, bearings, valid = model.rays(pixels(count))
     assert valid.any()
@@ -34,7 +34,7 @@ def seen(model, distance=0.4, count=40):
 @every_model
 @pytest.mark.parametrize("distance", [0.15, 1.0, 40.0, 1e6])
 def test_points_on_a_ray_project_to_its_pixel(model, distance):
-    points, at = seen(model, distance)
+    points, at = points_and_pixels(model, distance)
     again, valid = model.project(points)
     assert valid.all()
     np.testing.assert_allclose(again, at, atol=1e-8)
@@ -48,8 +48,8 @@ def test_any_leading_shape_is_kept(model, shape):
     assert (origins.shape, bearings.shape, valid.shape) == ((*shape, 3), (*shape, 3), shape)
     points = origins + bearings
     assert model.project(points)[0].shape == (*shape, 2)
-    made, fine, d_point, d_params = model.project_with_jacobians(points)
-    assert (made.shape, fine.shape) == ((*shape, 2), shape)
+    projected, fine, d_point, d_params = model.project_with_jacobians(points)
+    assert (projected.shape, fine.shape) == ((*shape, 2), shape)
     assert (d_point.shape, d_params.shape) == ((*shape, 2, 3), (*shape, 2, model.params.size))
 
 
@@ -63,9 +63,9 @@ def test_wrong_shapes_are_rejected(model):
 
 @every_model
 def test_invalid_entries_are_nan(model):
-    made, valid = model.project([[np.nan, 0.0, 1.0]])
+    projected, valid = model.project([[np.nan, 0.0, 1.0]])
     assert not valid.any()
-    assert np.isnan(made).all()
+    assert np.isnan(projected).all()
     origins, bearings, valid = model.rays([[1e7, 0.0]])
     assert not valid.any()
     assert np.isnan(origins).all()
@@ -74,10 +74,10 @@ def test_invalid_entries_are_nan(model):
 
 @every_model
 def test_jacobians_match_finite_differences(model):
-    points, _ = seen(model)
-    made, valid, d_point, d_params = model.project_with_jacobians(points)
+    points, _ = points_and_pixels(model)
+    projected, valid, d_point, d_params = model.project_with_jacobians(points)
     assert valid.all()
-    np.testing.assert_allclose(made, model.project_numpy(points)[0], atol=1e-10)
+    np.testing.assert_allclose(projected, model.project_numpy(points)[0], atol=1e-10)
     step = 1e-6
     for k in range(3):
         ahead, back = (model.project(points + sign * step * np.eye(3)[k])[0] for sign in (1, -1))
@@ -105,7 +105,7 @@ def test_rays_start_on_the_axis_and_project_back(pupil):
     np.testing.assert_array_equal(origins[..., :2][valid], 0.0)
     np.testing.assert_allclose(np.linalg.norm(bearings[valid], axis=-1), 1, atol=1e-14)
     np.testing.assert_array_equal(bearings[valid], LENS.unproject(pixels())[0][valid])
-    points, at = seen(model, 0.3)
+    points, at = points_and_pixels(model, 0.3)
     np.testing.assert_allclose(model.project(points)[0], at, atol=1e-8)
 
 
@@ -145,9 +145,9 @@ def test_projection_is_accurate_to_rounding():
     rng = np.random.default_rng(0)
     points = rng.normal(size=(2000, 3))
     points *= (rng.uniform(0.2, 3.0, 2000) / np.linalg.norm(points, axis=1))[:, None]
-    made, valid = model.project(points)
+    projected, valid = model.project(points)
     assert valid[(angle_from_axis(points) < 2.3) & (np.linalg.norm(points, axis=1) > 0.6)].all()
-    origins, bearings, _ = model.rays(made[valid])
+    origins, bearings, _ = model.rays(projected[valid])
     off = np.linalg.norm(np.cross(points[valid] - origins, bearings), axis=1)
     assert off.max() < 1e-12
 

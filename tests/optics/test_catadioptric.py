@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import BALL, FISHEYE, HYPERBOLA, PINHOLE, SYSTEMS, every_system, seen, within
+from systems import BALL, FISHEYE, HYPERBOLA, PINHOLE, SYSTEMS, every_system, visible_points, within
 
 from omnisight.optics import Catadioptric, PlacedMirror, Telecentric
 from omnisight.optics.mirrors.conic import Conic
@@ -16,7 +16,7 @@ from omnisight.optics.mirrors.plane import Plane
 def test_projection_inverts_the_rays_of_all_pixels(system, near, far):
     if isinstance(system.lens, Telecentric):
         far = min(far, 1e4)  # of parallel rays a pixel is a place: rounding of the point alone moves it
-    points, pixels = seen(system, near, far)
+    points, pixels = visible_points(system, near, far)
     assert len(points) > 80
     found, valid = system.project(points)
     assert valid.all()
@@ -25,7 +25,7 @@ def test_projection_inverts_the_rays_of_all_pixels(system, near, far):
 
 @every_system
 def test_ray_of_a_projected_point_passes_through_it(system):
-    points, _ = seen(system)
+    points, _ = visible_points(system)
     pixels, _ = system.project(points)
     rays = system.rays(pixels)
     assert rays.valid.all()
@@ -38,7 +38,7 @@ def test_every_mirror_type_projects_whether_convex_or_not():
     # Concave mirrors may show a point more than once; what is found is a place where it is shown.
     for mirror in (Conic.sphere(-0.3, 0.05), Conic.parabola(-0.2, 0.05), Conic.ellipse(0.1, 0.06, 0.05)):
         system = Catadioptric(PINHOLE, (PlacedMirror(mirror, 0.1, -0.05, 0.002, 0.001, 0.12),))
-        points, _ = seen(system, 0.1, 10.0)
+        points, _ = visible_points(system, 0.1, 10.0)
         pixels, valid = system.project(points)
         assert valid.all()
         rays = system.rays(pixels)
@@ -52,7 +52,7 @@ def test_every_mirror_type_projects_whether_convex_or_not():
 
 @every_system
 def test_paths_obey_the_law_of_reflection(system):
-    points, _ = seen(system)
+    points, _ = visible_points(system)
     corners, valid = system.reflection_points(points)
     assert valid.all()
     assert corners.shape == (len(points), len(system.mirrors), 3)
@@ -75,7 +75,7 @@ def test_paths_obey_the_law_of_reflection(system):
 @every_system
 def test_path_length_is_stationary(system):
     # Moved by h along the mirrors, a path changes as h^2 and not as h (Fermat).
-    points, _ = seen(system, 0.1, 3.0, count=24)
+    points, _ = visible_points(system, 0.1, 3.0, count=24)
     corners, _ = system.reflection_points(points)
     inside = within(system, corners)
     points, corners = points[inside], corners[inside]
@@ -103,7 +103,7 @@ def test_path_length_is_stationary(system):
 def test_plane_mirror_is_equivalent_to_a_lens_behind_it(lens):
     placed = PlacedMirror(Plane(rim=0.3), 0.3, -0.2, 0.01, 0.02, 0.4)
     system = Catadioptric(lens, (placed,))
-    points, _ = seen(system, 0.01, 10.0)
+    points, _ = visible_points(system, 0.01, 10.0)
     mirrored = (placed.lens_from_mirror.inverse() @ points) * [1, 1, -1]
     expected, valid = lens.project(placed.lens_from_mirror @ mirrored)
     assert valid.all()
@@ -114,7 +114,7 @@ def test_sphere_solves_alhazens_problem():
     # In the plane of the centre, the lens a and the point b (as complex numbers, in radii), z on the circle with
     # conj(ab) z^4 - (conj(a) + conj(b)) z^3 + (a + b) z - ab = 0 sees both at the same angle from its normal.
     system = SYSTEMS["ball-decentred"]
-    points, _ = seen(system, 0.01, 20.0, count=24)
+    points, _ = visible_points(system, 0.01, 20.0, count=24)
     corners, _ = system.reflection_points(points)
     radius = BALL.radius
     centre = system.mirrors[0].lens_from_mirror @ np.array([0, 0, radius])

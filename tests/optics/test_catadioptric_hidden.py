@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import BALL, FISHEYE, FLAT, HYPERBOLA, PINHOLE, SYSTEMS, seen
+from systems import BALL, FISHEYE, FLAT, HYPERBOLA, PINHOLE, SYSTEMS, visible_points
 
 from omnisight.optics import Catadioptric, PlacedMirror
 from omnisight.optics.mirrors.conic import Conic
@@ -70,7 +70,7 @@ def test_smaller_rim_only_removes_points():
     narrow = Catadioptric(
         PINHOLE, (PlacedMirror(Conic(HYPERBOLA.radius, HYPERBOLA.eccentricity, 0.02, 0.005), tz=0.09),)
     )
-    points, pixels = seen(wide)
+    points, pixels = visible_points(wide)
     corners, _ = wide.reflection_points(points)
     rho = np.hypot(corners[:, 0, 0], corners[:, 0, 1])
     _, valid = narrow.project(points)
@@ -84,7 +84,7 @@ def test_lens_behind_a_mirror_without_a_hole_has_no_valid_rays():
     solid = Catadioptric(
         PINHOLE, (small, PlacedMirror(Conic(FLAT.radius, FLAT.eccentricity, FLAT.rim), np.pi, tz=0.01))
     )
-    points, pixels = seen(pierced)
+    points, pixels = visible_points(pierced)
     assert not solid.project(points)[1].any()
     assert not solid.rays(pixels).valid.any()
 
@@ -108,10 +108,10 @@ def test_wall_of_a_concave_mirror_blocks_rays():
     # Of a deep bowl: light that would leave through its wall does not.
     deep = Catadioptric(FISHEYE, (PlacedMirror(Conic.sphere(-0.1, 0.0999), tx=0.05, tz=0.06),))
     shallow = Catadioptric(FISHEYE, (PlacedMirror(Conic.sphere(-0.1, 0.05), tx=0.05, tz=0.06),))
-    points, pixels = seen(shallow, 1.0, 2.0)
-    held = deep.rays(pixels).valid
-    assert 0 < held.sum() < len(held)
-    assert deep.project(points[held])[1].all()
+    points, pixels = visible_points(shallow, 1.0, 2.0)
+    inside = deep.rays(pixels).valid
+    assert 0 < inside.sum() < len(inside)
+    assert deep.project(points[inside])[1].all()
     # Where the deep one shows such a point after all, it is elsewhere in the image.
-    found, valid = deep.project(points[~held])
-    assert (np.abs(found - pixels[~held])[valid].max(-1) > 100).all()
+    found, valid = deep.project(points[~inside])
+    assert (np.abs(found - pixels[~inside])[valid].max(-1) > 100).all()

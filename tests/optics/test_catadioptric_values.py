@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from systems import BALL, PINHOLE, SYSTEMS, every_system, few_systems, seen, within
+from systems import BALL, PINHOLE, SYSTEMS, every_system, few_systems, visible_points, within
 
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
@@ -21,7 +21,7 @@ def differences(function, step):
 
 def well_inside(system, **options):
     """Return visible points (N, 3) whose neighbours are visible."""
-    points, _ = seen(system, **options)
+    points, _ = visible_points(system, **options)
     corners, _ = system.reflection_points(points)
     keep = within(system, corners)
     moved = [system.project(points[keep] + h * np.eye(3)[k])[1] for h in (-1e-3, 1e-3) for k in range(3)]
@@ -127,10 +127,11 @@ def test_dictionary_without_a_mirror_is_rejected():
 def test_placed_mirror_from_a_pose():
     pose = Pose(so3.exp([0.4, -0.7, 0.3]), np.array([0.1, 0.2, 0.3]))
     placed = PlacedMirror.at(BALL, pose)
-    ours = placed.lens_from_mirror
-    np.testing.assert_allclose(ours.rotation[:, 2], pose.rotation[:, 2], atol=1e-15)  # the axis; its turn is nothing
-    np.testing.assert_allclose(ours.rotation @ ours.rotation.T, np.eye(3), atol=1e-15)
-    np.testing.assert_array_equal(ours.translation, pose.translation)
+    turned = placed.lens_from_mirror
+    # The rotation about the axis has no effect.
+    np.testing.assert_allclose(turned.rotation[:, 2], pose.rotation[:, 2], atol=1e-15)
+    np.testing.assert_allclose(turned.rotation @ turned.rotation.T, np.eye(3), atol=1e-15)
+    np.testing.assert_array_equal(turned.translation, pose.translation)
     np.testing.assert_allclose(
         so3.exp([0.4, 0, 0]) @ so3.exp([0, 0.3, 0]), PlacedMirror(BALL, 0.4, 0.3).lens_from_mirror.rotation
     )
@@ -139,7 +140,7 @@ def test_placed_mirror_from_a_pose():
 @pytest.mark.parametrize("lead", [(), (5,), (2, 3, 4), (0,)])
 def test_any_leading_shape_is_kept(lead):
     system = SYSTEMS["folded"]
-    points = np.broadcast_to(seen(system)[0][7], (*lead, 3))
+    points = np.broadcast_to(visible_points(system)[0][7], (*lead, 3))
     pixels, valid = system.project(points)
     assert (pixels.shape, valid.shape) == ((*lead, 2), lead)
     rays = system.rays(pixels)

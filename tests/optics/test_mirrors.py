@@ -177,8 +177,8 @@ def test_asphere_without_coefficients_is_a_conic_section():
     conic = Conic(0.05, 1.3, 0.03)
     asphere = Asphere(1 / conic.radius, -(conic.eccentricity**2), rim=0.03)
     rays = rays_at(conic)
-    for ours, theirs in zip(asphere.intersect(*rays), conic.intersect(*rays), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-13)
+    for actual, expected in zip(asphere.intersect(*rays), conic.intersect(*rays), strict=True):
+        np.testing.assert_allclose(actual, expected, rtol=1e-13)
 
 
 def test_rays_pass_through_a_hole():

@@ -209,7 +209,7 @@ def test_file_names_cannot_inject_markup(opened, central, tmp_path):
     assert shown[:3] == names[:3]
     assert "<b>&amp;" in page.locator("footer").inner_text()
     data = json.loads(page.locator("#calibration").text_content())
-    assert [picture["name"] for picture in data["images"]][:5] == names[:5]
+    assert [image["name"] for image in data["images"]][:5] == names[:5]
     page.locator(".card .drop").nth(4).click()
     assert page.locator("#dropped-command").text_content().endswith(" --drop=-rf.png")
 

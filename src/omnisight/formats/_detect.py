@@ -1,4 +1,4 @@
-"""Tell formats apart by their keys."""
+"""Distinguish formats by their keys."""
 
 import re
 

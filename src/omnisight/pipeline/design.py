@@ -108,5 +108,10 @@ def _camera(mirror_design: MirrorDesign, performance: Performance) -> Camera | R
         model = mirror_design.model()
         return Camera(model, specification.size, theta_min=near, theta_max=far, provenance=provenance)
     # In the lens frame, whose z points up into the mirror.
-    limits = {"theta_min": math.pi - far, "theta_max": math.pi - near}
-    return RayCamera(mirror_design.system(), specification.size, provenance=provenance, **limits)
+    return RayCamera(
+        mirror_design.system(),
+        specification.size,
+        theta_min=math.pi - far,
+        theta_max=math.pi - near,
+        provenance=provenance,
+    )
