@@ -10,11 +10,11 @@ from calibrating import calibrate
 from noncentral import SIZE, calibrate_noncentral, observe_boards, off_focus, pupil_shift_fisheye, sphere
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance
-from omnisight.calibration.noncentral import TOLERANCE
 from omnisight.calibration.prescription import resect_prescription
 from omnisight.geometry.sphere import cap, polar
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.models.axial import Axial
+from omnisight.optim.tolerances import FINAL_TOLERANCE
 from omnisight.quality.central_limit import CentralLimit, central_limit, in_central_frame
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.quality.split_half import rotation_aligned_difference
@@ -87,7 +87,9 @@ def repeated_fits():
     rng, fits = np.random.default_rng(5), []
     for _ in range(80):
         noisy = dataclasses.replace(views, pixels=views.pixels + NOISE * rng.standard_normal(views.pixels.shape))
-        fitted = Candidate.fit("axial", start.state, noisy, start.free_parameters, loss="huber", tolerance=TOLERANCE)
+        fitted = Candidate.fit(
+            "axial", start.state, noisy, start.free_parameters, loss="huber", tolerance=FINAL_TOLERANCE
+        )
         fits.append((fitted, noisy))
     return fits
 
