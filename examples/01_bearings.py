@@ -1,4 +1,4 @@
-"""A camera maps pixels to bearings, unit vectors in its frame, and back; also for what lies beside or behind it."""
+"""Convert pixels to bearings, unit vectors in the camera frame, and back, also beside and behind the camera."""
 
 import sys
 import tempfile
@@ -12,23 +12,22 @@ from omnisight.simulation import fisheye_setup
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 om.save(fisheye_setup().camera, folder / "fisheye.json")
 
-camera = om.load(folder / "fisheye.json")  # omnisight's own JSON, or any other format that it reads
+camera = om.load(folder / "fisheye.json")  # reads calibration files of any format
 print(f"{camera.model.name}, {camera.width}x{camera.height} px")
 
-pixels = [[480, 360], [700, 360], [835, 360], [2000, 360]]
+pixels = np.array([[480, 360], [700, 360], [835, 360], [2000, 360]])
 bearings, valid = camera.unproject(pixels)
-for pixel, bearing, angle, known in zip(pixels, bearings, np.degrees(camera.angle_of(pixels)), valid, strict=True):
-    seen = f"bearing {bearing.round(4)}, {angle:.2f} degrees from the axis" if known else "outside of the lens"
-    print(f"pixel {pixel}: {seen}")
+for pixel, bearing, angle, ok in zip(pixels, bearings, np.degrees(camera.angle_of(pixels)), valid, strict=True):
+    text = f"bearing {bearing.round(4)}, {angle:.2f} degrees off-axis" if ok else "outside the domain of the model"
+    print(f"pixel {pixel}: {text}")
 
-back, _ = camera.project(bearings[valid])
-print(f"there and back: {np.abs(back - np.array(pixels)[valid]).max():.1e} px")
+reprojected, _ = camera.project(bearings[valid])
+print(f"round trip error: {np.abs(reprojected - pixels[valid]).max():.1e} px")
 
-# The distance of a point does not matter, and one at z <= 0 is seen as any other, as far as the lens goes.
+# Only the direction of a point matters. Points with z <= 0 are valid up to the edge of the domain.
 points = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 0.0], [1.0, 0.0, -0.05], [0.0, 0.0, -1.0]])
-seen, valid = camera.project(points)
-for point, pixel, known in zip(points, seen, valid, strict=True):
-    print(f"point {point} is seen at {pixel.round(2)}, in the image: {camera.in_image(pixel)}, valid: {known}")
+projected, valid = camera.project(points)
+for point, pixel, ok in zip(points, projected, valid, strict=True):
+    print(f"point {point}: pixel {pixel.round(2)}, in the image: {camera.in_image(pixel)}, valid: {ok}")
 
-one, other = bearings[0], bearings[1]
-print(f"angle between the first two: {np.degrees(np.arccos(one @ other)):.2f} degrees")
+print(f"angle between the first two bearings: {np.degrees(np.arccos(bearings[0] @ bearings[1])):.2f} degrees")

@@ -1,4 +1,4 @@
-"""Calibrates a fisheye from images of a checkerboard: no guess of focal length, field of view or centre."""
+"""Calibrate a fisheye from images of a checkerboard, without an initial guess."""
 
 import sys
 import tempfile
@@ -10,19 +10,18 @@ import omnisight as om
 from omnisight.simulation import fisheye_setup
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-board = om.Checkerboard.parse("8x5", "40mm")  # inner corners, and the side of a square
 
-setup = fisheye_setup(640)  # stands for your camera: put your own images into the folder instead
+setup = fisheye_setup(640)  # replace by your own images in the folder
 renderer = setup.renderer()
-for i, held in enumerate(setup.boards(8, board)):
-    om.write_image(folder / f"shot{i}.png", renderer([held], np.random.default_rng(i)).image)
+for i, board in enumerate(setup.boards(8, om.Checkerboard.parse("8x5", "40mm"))):
+    om.write_image(folder / f"image{i}.png", renderer([board], np.random.default_rng(i)).image)
 
-search = om.detect_boards(sorted(folder.glob("shot*.png")), board)
-result = om.calibrate_pictures(search).calibration
-om.save(result.camera, folder / "camera.json")
+calibration = om.calibrate(folder, om.CalibrateOptions(square="40mm"))
+om.save(calibration.camera, folder / "camera.json")
 
-print(f"{len(search.found)} of {len(search.images)} images, {len(result.views.pixels)} corners")
-print(f"rms {result.rms:.3f} px")
-print(result.reason)
-print(f"corners reach {np.degrees(result.camera.theta_max or 0):.0f} degrees from the axis")
+observations = calibration.observations
+print(f"{len(observations)} of {len(observations.image_names)} images, {len(observations.pixels)} corners")
+print(f"rms {calibration.rms:.3f} px, held-out error {calibration.held_out_rms:.3f} px")
+print(f"calibrated to {np.degrees(calibration.camera.theta_max):.0f} degrees off-axis")
+print(f"verdict: {calibration.verdict}", *calibration.reasons, sep="\n- ")
 print(f"written: {folder / 'camera.json'}")

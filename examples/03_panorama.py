@@ -1,4 +1,4 @@
-"""Turn a fisheye image into views: each view is a camera, and one call renders them all."""
+"""Render perspective, panoramic and fisheye views of a fisheye image."""
 
 import sys
 import tempfile
@@ -12,7 +12,7 @@ setup = fisheye_setup()
 camera, image = setup.camera, setup.renderer()().image  # or om.load("camera.json"), om.read_image("image.jpg")
 om.write_image(folder / "image.jpg", image)
 
-# Cameras of the views, and their directions: degrees to the right and up.
+# The camera of each view, and its direction in degrees (yaw right, pitch up).
 views = {
     "ahead": (om.perspective(100, (960, 640)), om.look()),
     "window": (om.perspective(70, (960, 640)), om.look(yaw=50, pitch=5)),
