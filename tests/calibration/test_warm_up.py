@@ -1,4 +1,4 @@
-"""The loops of a calibration are compiled before they are needed."""
+"""Calibration loops are compiled before they are needed."""
 
 import subprocess
 import sys

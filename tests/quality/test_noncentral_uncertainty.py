@@ -85,10 +85,11 @@ def repeated_fits():
     start = next(c for c in candidates if c.name == "axial kannala_brandt, 2")
     assert start.rms < 1e-6
     rng, fits = np.random.default_rng(5), []
+    free = start.free_parameters
     for _ in range(80):
         noisy = dataclasses.replace(views, pixels=views.pixels + NOISE * rng.standard_normal(views.pixels.shape))
         fitted = Candidate.fit(
-            "axial", start.state, noisy, start.free_parameters, loss="huber", tolerance=FINAL_TOLERANCE
+            "axial", start.state, noisy, free, loss="huber", tolerance=FINAL_TOLERANCE
         )
         fits.append((fitted, noisy))
     return fits
