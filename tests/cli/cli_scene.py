@@ -30,13 +30,21 @@ def project_boards(count, seed=0):
 
 
 def image_rows(out):
-    """Return the rows of the table by image name."""
-    lines = [line for line in out.splitlines() if line.split()[1:2] in (["yes"], ["no"])]
-    return {line.split()[0]: line for line in lines}
+    """Return the rows of the table of images by image name."""
+    lines = out.splitlines()
+    assert lines[0].split() == ["image", "corners", "rms", "px", "max", "px", "note"]
+    rows = lines[1 : lines.index("")]
+    assert rows
+    return {line.split()[0]: line for line in rows}
 
 
 def file_names(folder):
     return sorted(path.name for path in folder.iterdir())
+
+
+def remarks(out):
+    """Return the remarks that `omnisight calibrate --verbose` prints."""
+    return [line.removeprefix("remark").strip() for line in out.splitlines() if line.startswith("remark ")]
 
 
 def raises_error(error):
@@ -52,7 +60,7 @@ def damage_image(path, damage):
     path.unlink()
     match damage:
         case "text":
-            path.with_suffix(".jpg").write_text("I am no image")
+            path.with_suffix(".jpg").write_text("no image data")
         case "empty":
             path.with_suffix(".jpg").write_bytes(b"")
         case "truncated":

@@ -205,7 +205,7 @@ def test_target_file_that_was_made_is_used_by_detect_and_calibrate(run, refuses,
     camera = load(elsewhere / "camera.json")
     assert camera.provenance["target"]["square"] == "24mm"
     assert camera.model.params[0] == pytest.approx(190, rel=2e-3)
-    assert "not both" in refuses("calibrate", shots, "--target", "board.json", "--square", "24mm")
+    assert "specify either --target or" in refuses("calibrate", shots, "--target", "board.json", "--square", "24mm")
 
 
 def test_board_with_markers_is_detected_by_its_target_file(run, charucos):

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from cli_scene import raises_error
+from cli_scene import raises_error, remarks
 
 from drawn import POSES, shot
 from omnisight.images import write_image
@@ -25,7 +25,7 @@ def test_columns_and_rows_may_be_swapped(run, shots):
 )
 def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, reason):
     message = refuses("calibrate", shots, "--pattern", pattern)
-    assert f"the {pattern} board was found in 0 of 6 images" in message
+    assert f"{pattern} board detected in 0 of 6 images" in message
     assert (
         f"found a 9x6 grid of inner corners in 6/6 images, but the requested board is {pattern} ({reason})" in message
     )
@@ -64,15 +64,18 @@ def test_unknown_loss_is_reported_with_the_known_ones(run, shots):
 def test_no_board_in_any_image_asks_for_the_pattern(refuses, tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
-    assert "no checkerboard found in 3 images, so its size is unknown: give --pattern" in refuses("calibrate", tmp_path)
+    message = refuses("calibrate", tmp_path)
+    assert "no checkerboard detected in 3 images, so its size is unknown: specify --pattern" in message
     message = refuses("calibrate", tmp_path, "--pattern", "9x6")
-    assert "the 9x6 board was found in 0 of 3 images: does --pattern count inner corners" in message
+    assert "9x6 board detected in 0 of 3 images: does --pattern count inner corners" in message
     assert "0.png: no 9x6 board detected" in message
 
 
 def test_symmetric_board_is_noted(run, tmp_path):
     for i, view in enumerate(POSES[:4]):
         write_image(tmp_path / f"{i}.png", shot(view, 8, 6)[0])
-    status, out, _ = run("calibrate", tmp_path, "--model", "equidistant")
+    status, out, _ = run("calibrate", tmp_path, "--model", "equidistant", "--verbose")
     assert status == 0
-    assert "note: a 8x6 board looks the same upside-down: fine for one camera, unsafe for several; 8x5 would not" in out
+    (remark,) = [remark for remark in remarks(out) if "upside-down" in remark]
+    assert remark.startswith("a 8x6 board looks the same upside-down, which is unambiguous for one camera but not for")
+    assert remark.endswith("use a 8x5 board for those")

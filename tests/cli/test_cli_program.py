@@ -1,5 +1,6 @@
 """The program itself: help, exit status, faults."""
 
+import pkgutil
 import subprocess
 import sys
 
@@ -7,22 +8,27 @@ import pytest
 from cli_scene import raises_error
 
 import omnisight
+from omnisight import cli
 
-COMMANDS = ["calibrate", "convert", "inspect", "view"]
+COMMANDS = sorted(
+    module.name.replace("_", "-") for module in pkgutil.iter_modules(cli.__path__) if not module.name.startswith("_")
+)
 
 
 def test_help_lists_the_commands_and_imports_nothing_slow():
     code = (
         "import sys; from omnisight.cli import main\n"
         "try: main(['--help'])\n"
-        "except SystemExit as left: assert not left.code\n"
+        "except SystemExit as exit_: assert not exit_.code\n"
         "print(sorted({'numpy', 'numba', 'scipy', 'cv2'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     *shown, imported = done.stdout.strip().splitlines()
     assert imported == "[]"
     assert all(any(command in line.split() for line in shown) for command in COMMANDS)
-    assert "Exit status: 0 done, 1 a fault in omnisight, 2 something to mend" in " ".join(done.stdout.split())
+    assert "Exit status: 0 success, 1 internal error, 2 invalid input or option, 130 interrupted" in " ".join(
+        done.stdout.split()
+    )
 
 
 def test_the_package_runs_as_a_module_and_returns_the_exit_status(tmp_path):
@@ -44,8 +50,15 @@ def test_every_command_has_its_help(run, command):
     assert f"omnisight {command}" in out
 
 
+@pytest.mark.parametrize("command", [command for command in COMMANDS if command != "demo"])
+def test_missing_arguments_exit_with_status_2(run, command):
+    status, out, err = run(command)
+    assert status == 2
+    assert (out + err).strip()
+
+
 @pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("arguments", [(), ("--nonsense",), ("a", "b", "--nonsense", "3")])
+@pytest.mark.parametrize("arguments", [("--nonsense",), ("a", "b", "--nonsense", "3")])
 def test_invalid_usage_exits_with_status_2(run, command, arguments):
     status, out, err = run(command, *arguments)
     assert status == 2
@@ -62,7 +75,7 @@ def test_an_internal_error_prints_its_traceback_only_with_debug(run, camera_file
     monkeypatch.setattr("omnisight.pipeline.inspect.load_all", raises_error(RuntimeError("lost the thread")))
     status, out, err = run("inspect", camera_file)
     assert (status, out) == (1, "")
-    assert err == "omnisight: a fault in omnisight: RuntimeError: lost the thread (--debug shows where)\n"
+    assert err == "omnisight: internal error: RuntimeError: lost the thread (--debug prints the traceback)\n"
     with pytest.raises(RuntimeError, match="lost the thread"):
         run("inspect", camera_file, "--debug")
 

@@ -59,14 +59,20 @@ def main(arguments: list[str] | None = None) -> None:
     except (ValueError, OSError) as error:
         if debug:
             raise
-        is_file_error = isinstance(error, OSError) and error.filename
-        _print_error(f"{error.filename}: {error.strerror}" if is_file_error else str(error))
+        _print_error(_error_message(error))
         sys.exit(EXIT_INPUT)
     except Exception as error:
         if debug:
             raise
         _print_error(f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)")
         sys.exit(EXIT_FAILED)
+
+
+def _error_message(error: Exception) -> str:
+    """Return the message of an error; that of a file starts with its name."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def _print_error(message: str) -> None:

@@ -154,7 +154,8 @@ def _accuracy_summary(calibration: Calibration) -> str:
 
 def _print_details(out: "Console", calibration: Calibration, rows: list[dict[str, Any]]) -> None:
     quality = calibration.quality
-    _print_row(out, "selected", calibration.selection.reason)
+    if len(calibration.candidates) > 1:
+        _print_row(out, "selected", calibration.selection.reason)
     if quality.spline_baseline is not None:
         _print_row(out, "spline", str(quality.spline_baseline))
     if quality.noncentrality is not None:
@@ -207,13 +208,13 @@ def _remarks(calibration: Calibration, rows: list[dict[str, Any]]) -> Iterator[s
     if detections is None or detections.board is None:
         return
     board = detections.board
-    if isinstance(board, Checkerboard) and board.symmetric:
+    if isinstance(board, Checkerboard) and board.is_symmetric:
         yield (
-            f"a {board} board looks the same upside-down, which is fine for one camera but ambiguous for several; a"
-            f" {board.columns}x{board.rows - 1} board is not"
+            f"a {board} board looks the same upside-down, which is unambiguous for one camera but not for several;"
+            f" use a {board.columns}x{board.rows - 1} board for those"
         )
     if ambiguous := sum(not d.located for image in detections.images for d in image.boards):
-        yield f"{ambiguous} boards are only partly visible, so their corner numbers are ambiguous; the camera is unaffected"
+        yield f"{ambiguous} boards are only partly visible, with ambiguous corner numbers; the camera is unaffected"
     if board.unit == "squares":
         yield "lengths are in squares (no --square given); the camera is unaffected"
 

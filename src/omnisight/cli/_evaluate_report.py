@@ -78,6 +78,9 @@ def print_report(evaluations: Mapping[str, Evaluation]) -> None:
     _print_row(out, "camera", f"{name} ({evaluation.camera.model.name}), unchanged; {poses} poses estimated")
     for sentence in _domain_sentences(evaluation):
         _print_row(out, "field", sentence)
+    if evaluation.state.warp.any():
+        across, down = evaluation.state.warp
+        _print_row(out, "warp", f"{across:+.3g} (across) and {down:+.3g} (down) {evaluation.observations.unit}")
     for note in _notes(evaluation):
         _print_row(out, "note", note)
     _print_row(
@@ -126,7 +129,7 @@ def _print_comparison(out: Any, evaluations: Mapping[str, Evaluation]) -> None:
 
 
 def _domain_sentences(evaluation: Evaluation) -> list[str]:
-    """Return the errors beyond the calibrated field of view, the corners outside the domain, and the board warp."""
+    """Return the errors beyond the calibrated field of view and the number of corners outside the domain."""
     sentences: list[str] = []
     camera = evaluation.camera
     beyond = evaluation.statistics(~evaluation.calibrated)
@@ -142,9 +145,6 @@ def _domain_sentences(evaluation: Evaluation) -> list[str]:
             f"{outside} corners are outside the domain of the model, which ends"
             f" {np.degrees(camera.model.theta_max):.0f}° off-axis; they are not part of the statistics"
         )
-    if evaluation.state.warp.any():
-        across, down = evaluation.state.warp
-        sentences.append(f"board warp {across:+.3g} (across) and {down:+.3g} (down) {evaluation.observations.unit}")
     return sentences
 
 

@@ -9,8 +9,9 @@ from omnisight.next_view.information_prior import InformationPrior
 from omnisight.next_view.proposal import Proposal, propose_views
 from omnisight.pipeline.central_camera import central_camera
 from omnisight.pipeline.detect import Progress, Source, load_observations
+from omnisight.pipeline.detection_advice import explain_no_detection
 from omnisight.pipeline.options import NextViewOptions
-from omnisight.targets import Board, Detections, PointTarget
+from omnisight.targets import Board, PointTarget
 from omnisight.targets.boards import board_class
 from omnisight.targets.observations import Observations
 
@@ -50,7 +51,8 @@ def next_view(
         camera = central_camera(str(camera), name=options.name, accepts_distance=False)
     default_board = calibration_board(camera, label)
     observations = load_observations(source, _with_default_board(options, default_board), progress=progress)
-    check_detections(observations)
+    if not len(observations) and observations.detections is not None:
+        raise ValueError(explain_no_detection(observations.detections))
     camera = with_image_size(camera, observations, label)
     observations, board = choose_board(observations, options.board, default_board)
     report("propose", 0, 1)
@@ -111,20 +113,3 @@ def with_image_size(camera: Camera, observations: Observations, label: str = "")
             " that it was calibrated from, or calibrate these"
         )
     return camera
-
-
-def check_detections(observations: Observations) -> None:
-    """Raise `ValueError` with up to five image notes if no image shows the board."""
-    if len(observations):
-        return
-    detections = observations.detections or Detections(None, [])
-    count, board = len(detections.images), detections.board
-    notes = [f"  {image.path.name}: {image.note}" for image in detections.images if image.note][:5]
-    if isinstance(board, PointTarget):
-        message = f"none of {count} images has enough corners"
-    elif board is None:
-        message = f"no checkerboard detected in {count} images: specify --pattern, such as 9x6, or --target"
-    else:
-        message = f"the {board} board was detected in none of {count} images: "
-        message += detections.hint or "check its type and size, and that it is sharp and evenly lit"
-    raise ValueError("\n".join([message, *notes]))

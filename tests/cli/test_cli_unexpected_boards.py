@@ -10,7 +10,7 @@ from omnisight.images import read_image, write_image
 from omnisight.targets.boards.charuco import Charuco
 from prints import pose, render
 
-SHOWN = Charuco(8, 5, square=0.024, marker=0.018)
+BOARD = Charuco(8, 5, square=0.024, marker=0.018)
 
 
 @pytest.fixture(scope="module")
@@ -18,22 +18,22 @@ def charucos(tmp_path_factory):
     """Three images of a ChArUco board."""
     folder = tmp_path_factory.mktemp("charucos")
     for i, angle in enumerate((10, 40, 60)):
-        write_image(folder / f"{i}.png", render(SHOWN, "fisheye", pose(SHOWN, angle, azimuth=100 * i), seed=i)[0])
+        write_image(folder / f"{i}.png", render(BOARD, "fisheye", pose(BOARD, angle, azimuth=100 * i), seed=i)[0])
     return folder
 
 
 @pytest.fixture
 def target(tmp_path):
-    def written(**changes):
+    def write(**changes):
         board = {"target": "charuco", "columns": 8, "rows": 5, "square": "24mm", "marker": "18mm", **changes}
         path = tmp_path / "board.json"
         path.write_text(json.dumps(board))
         return path
 
-    return written
+    return write
 
 
-def detected(run, folder, target):
+def detect(run, folder, target):
     status, out, err = run("detect", folder, "--target", target, "--json")
     assert (status, err) == (0, "")
     return json.loads(out)
@@ -48,30 +48,31 @@ def detected(run, folder, target):
     ids=["charuco legacy layout", "swapped rows and columns of a charuco"],
 )
 def test_another_charuco_layout_is_detected_and_noted(run, charucos, target, changes, message):
-    found = detected(run, charucos, target(**changes))
-    for picture in found["images"]:
-        assert len(picture["boards"][0]["ids"]) > 30
-        assert picture["note"].endswith(message)
-    assert found["notes"] == []
+    result = detect(run, charucos, target(**changes))
+    assert len(result["images"]) == 3
+    for image in result["images"]:
+        assert len(image["boards"][0]["ids"]) > 30
+        assert image["note"].endswith(message)
+    assert result["notes"] == []
 
 
 def test_mirrored_charuco_is_noted(run, charucos, target, tmp_path):
     for path in charucos.iterdir():
         write_image(tmp_path / path.name, np.ascontiguousarray(read_image(path)[:, ::-1]))
-    found = detected(run, tmp_path / "*.png", target())
-    assert found["notes"] == [
+    result = detect(run, tmp_path / "*.png", target())
+    assert result["notes"] == [
         "the markers match only when mirrored in all images with a board (0.png, 1.png, 2.png): is a webcam's mirror"
         " mode on? Turn it off; only a camera that looks into a mirror sees the board like that"
     ]
-    assert min(len(picture["boards"][0]["ids"]) for picture in found["images"]) > 30
+    assert min(len(image["boards"][0]["ids"]) for image in result["images"]) > 30
     write_image(tmp_path / "0.png", read_image(charucos / "0.png"))
-    (note,) = detected(run, tmp_path / "*.png", target())["notes"]
+    (note,) = detect(run, tmp_path / "*.png", target())["notes"]
     assert note.startswith("the markers match only when mirrored in 2 of 3 images with a board (1.png, 2.png)")
 
 
 def test_missing_board_with_markers_is_reported_with_its_fields(refuses, charucos, target):
     message = refuses("calibrate", charucos, "--target", target(dictionary="DICT_4X4_50"))
-    assert "the charuco 8x5 was found in 0 of 3 images: is it really this charuco" in message
+    assert "8x5 charuco detected in 0 of 3 images: is it really this charuco" in message
     assert "dictionary DICT_4X4_50" in message
     assert "0.png: no 8x5 board detected" in message
 

@@ -1,4 +1,4 @@
-"""omnisight calibrate with corners that something else found."""
+"""omnisight calibrate with corner files."""
 
 import json
 
@@ -26,9 +26,9 @@ def test_corner_file_is_calibrated_like_images(run, corners, tmp_path):
     lines = out.splitlines()
     assert [line.split()[0] for line in lines[1:9]] == [f"shots-{k}" for k in range(1, 9)]
     assert "8 of 8 images, 432 corners" in out
-    assert "second look" not in out
-    assert " s to read the corners" in out
-    assert "drawn (8 without image, since the files are missing)" in out
+    drawn = f"drawn     {tmp_path / 'drawn'} (8 images on a blank background: their files are missing)"
+    assert drawn in lines
+    assert lines[-1] == f"report    {tmp_path / 'report.html'}"
     camera = load(tmp_path / "camera.json")
     assert camera.size == SIZE
     assert camera.provenance["target"] == {"target": "points", "points": 54, "flat": True}
@@ -46,13 +46,13 @@ def test_json_and_drop_use_image_names(run, corners):
     assert result["pattern"] == "54 points"
 
 
-def test_images_beside_corner_file_are_drawn_on(run, tmp_path):
+def test_residuals_are_drawn_on_the_images_next_to_the_corner_file(run, tmp_path):
     for k in range(4):
         write_image(tmp_path / f"{k}.png", np.full(SIZE[::-1], 200, np.uint8))
     np.savez(tmp_path / "v.npz", corners=project_boards(4), pattern=(9, 6), files=[f"{k}.png" for k in range(4)])
     status, out, _ = run("calibrate", tmp_path / "v.npz", *QUICK, "--draw", tmp_path / "drawn")
     assert status == 0
-    assert out.splitlines()[-1] == f"drawn: {tmp_path / 'drawn'}"
+    assert out.splitlines()[-1] == f"drawn     {tmp_path / 'drawn'}"
     assert read_image(tmp_path / "drawn" / "0.png").mean() > 150
 
 
@@ -60,41 +60,41 @@ def test_detect_json_can_be_calibrated(run, shots, tmp_path):
     status, out, _ = run("detect", shots, "--pattern", "9x6", "--json")
     assert status == 0
     (tmp_path / "corners.json").write_text(out)
-    status, again, err = run("calibrate", tmp_path / "corners.json", *QUICK, "--json")
+    status, calibrated, err = run("calibrate", tmp_path / "corners.json", *QUICK, "--json")
     assert (status, err) == (0, "")
-    plain = json.loads(run("calibrate", shots, "--pattern", "9x6", *QUICK, "--json")[1])
-    assert [row["name"] for row in json.loads(again)["images"]] == [row["name"] for row in plain["images"]]
-    assert json.loads(again)["rms"] == pytest.approx(plain["rms"], abs=0.1)
+    expected = json.loads(run("calibrate", shots, "--pattern", "9x6", *QUICK, "--json")[1])
+    assert [row["name"] for row in json.loads(calibrated)["images"]] == [row["name"] for row in expected["images"]]
+    assert json.loads(calibrated)["rms"] == pytest.approx(expected["rms"], abs=0.1)
 
 
-def test_a_second_look_is_for_pictures(run, corners):
+def test_corner_files_have_no_redetection_pass(run, corners):
     _, out, _ = run("calibrate", corners, *QUICK, "--json")
-    assert json.loads(out)["second_look"] == {"corners": 0, "far": 0, "dropped": 0, "boards": 0}
+    assert set(json.loads(out)["redetection"].values()) == {0}
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("case", "message"),
     [
-        ("few views", "2 of 2 images have corners enough; 3 is the least, 10 to 20 are good"),
+        ("few views", "2 of 2 images have enough corners; at least 3 are needed, 10 to 20 are good"),
         ("no size", "specify --image-size, such as 1280x800 (corners reach"),
-        ("a size that is none", "--image-size must be WIDTHxHEIGHT in px, such as 1280x720, got 'big'"),
-        ("a size with images", "--image-size is for files of corners; images say how large they are"),
-        ("a camera with images", "--which is for files of corners of several cameras"),
+        ("an invalid size", "--image-size must be WIDTHxHEIGHT in px, such as 1280x720, got 'big'"),
+        ("a size with images", "--image-size is for corner files; images contain their size: leave it out"),
+        ("a camera with images", "--which is for corner files of several cameras"),
         (
             "text",
             "notes.txt: neither an image nor a corner file of a known format (begins with 'Call Bob')",
         ),
-        ("its own output", "would be lost"),
+        ("its own output", "is one of the images and would be overwritten"),
     ],
 )
-def test_invalid_input_is_refused(given, said, refuses, corners, shots, tmp_path):
+def test_invalid_input_is_rejected(case, message, refuses, corners, shots, tmp_path):
     command = [corners, *QUICK]
-    match given:
+    match case:
         case "few views":
             np.savez(corners, corners=project_boards(2), pattern=(9, 6), image_size=SIZE)
-        case "no size" | "a size that is none":
+        case "no size" | "an invalid size":
             np.savez(corners, corners=project_boards(4), pattern=(9, 6))
-            command += [] if given == "no size" else ["--image-size", "big"]
+            command += [] if case == "no size" else ["--image-size", "big"]
         case "a size with images":
             command = [shots, "--image-size", "640x480"]
         case "a camera with images":
@@ -104,7 +104,7 @@ def test_invalid_input_is_refused(given, said, refuses, corners, shots, tmp_path
             command = [tmp_path / "notes.txt"]
         case _:
             command += ["-o", corners]
-    assert said in refuses("calibrate", *command)
+    assert message in refuses("calibrate", *command)
 
 
 def test_image_size_option(run, corners):

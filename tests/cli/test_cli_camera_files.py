@@ -1,4 +1,4 @@
-"""omnisight inspect and convert, and whatever else it is given."""
+"""omnisight inspect and convert, and damaged camera and image files."""
 
 import json
 
@@ -57,9 +57,6 @@ def test_inspect_prints_standard_deviations(run, shots, tmp_path):
     assert abs(value - FOCAL) < 4 * sigma + 0.2
     assert "held_out_rms" in out
     assert "pattern: 9x6" in out
-
-
-# -- convert -----------------------------------------------------------------------------------------------------
 
 
 def test_convert_prints_error(run, camera_file, tmp_path):
@@ -130,22 +127,19 @@ def test_convert_writes_beside_the_input(run, camera_file):
     assert load(camera_file.with_name("camera-native.json")).model == TRUTH.model
 
 
-# -- anything else -----------------------------------------------------------------------------------------------
-
-
-def spoiled(data, rng):
+def damaged(data, rng):
     """Cut, swap, repeat or change bytes of a file."""
     data = bytearray(data)
-    at, to = sorted(rng.integers(0, len(data), 2))
+    start, stop = sorted(rng.integers(0, len(data), 2))
     match rng.integers(5):
         case 0:
-            del data[at:]
+            del data[start:]
         case 1:
-            del data[at:to]
+            del data[start:stop]
         case 2:
-            data[at : at + 3] = rng.integers(0, 256, 3, np.uint8).tobytes()
+            data[start : start + 3] = rng.integers(0, 256, 3, np.uint8).tobytes()
         case 3:
-            data[at:at] = data[at:to]
+            data[start:start] = data[start:stop]
         case 4:
             digits = [i for i, b in enumerate(data) if chr(b).isdigit()]
             data[digits[rng.integers(len(digits))]] = b'-e.n9[{"'[rng.integers(8)]
@@ -159,7 +153,7 @@ def test_damaged_camera_file_is_not_a_crash(run, tmp_path, model):
     rng = np.random.default_rng(0)
     statuses = []
     for i in range(120):
-        path.write_bytes(spoiled(whole, rng))
+        path.write_bytes(damaged(whole, rng))
         status, _, err = run("inspect", path)
         assert status in (0, 2), f"{i}: {err} {path.read_bytes()}"
         assert err.startswith(f"omnisight: {path}: ") is (status == 2)
@@ -174,7 +168,7 @@ def test_damaged_image_is_not_a_crash(run, shots, camera_file, tmp_path):
     rng = np.random.default_rng(0)
     for i in range(90):
         path = tmp_path / f"{i}.png"
-        path.write_bytes(spoiled(files[i % len(files)] + b"0", rng))
+        path.write_bytes(damaged(files[i % len(files)] + b"0", rng))
         status, _, err = run("view", path, "--camera", camera_file, *options)
         assert status in (0, 2), f"{i}: {err}"
         assert err.startswith("omnisight: ") is (status == 2)

@@ -1,4 +1,4 @@
-"""omnisight calibrate: images that are none, or odd ones."""
+"""Images that are missing, damaged or of another kind."""
 
 import json
 
@@ -13,38 +13,38 @@ from omnisight.images import read_image, write_image
 
 
 @pytest.mark.parametrize("name", ["empty", "of text"])
-def test_a_folder_without_pictures_is_told_with_what_it_holds(refuses, tmp_path, name):
-    place = tmp_path / name
-    place.mkdir()
+def test_a_folder_without_images_is_rejected_with_its_content(refuses, tmp_path, name):
+    folder = tmp_path / name
+    folder.mkdir()
     if name == "of text":
         for i in range(3):
-            (place / f"{i}.txt").write_text("no")
-    said = refuses("calibrate", place)
-    held = "3 .txt" if name == "of text" else "no files"
-    assert f"no images in {place} (found {held}). Supported: jpg jpeg png tif" in said
+            (folder / f"{i}.txt").write_text("no")
+    error = refuses("calibrate", folder)
+    content = "3 .txt" if name == "of text" else "no files"
+    assert f"no images in {folder} (found {content}). Supported: jpg jpeg png tif" in error
 
 
 @pytest.mark.parametrize("path", ["nowhere", "nowhere/*.png", "nowhere/a.png"])
-def test_what_is_not_there_is_told_by_its_name(refuses, tmp_path, path):
-    said = refuses("calibrate", tmp_path / path)
-    assert str(tmp_path / path) in said
-    assert ("the pattern matches nothing" if "*" in path else "no such file or folder") in said
+def test_a_missing_input_is_named(refuses, tmp_path, path):
+    error = refuses("calibrate", tmp_path / path)
+    assert str(tmp_path / path) in error
+    assert ("the pattern matches no file" if "*" in path else "no such file or folder") in error
 
 
 @pytest.mark.parametrize(
-    ("how", "note"),
+    ("damage", "note"),
     [
-        ("text", "not an image (starts with b'I am ')"),
+        ("text", "not an image (starts with b'no im')"),
         ("empty", "empty file"),
         ("truncated", "truncated JPEG (no end-of-image marker)"),
-        ("black", "no 9x6 board found"),
+        ("black", "no 9x6 board detected"),
         ("damaged", "damaged PNG (checksum of chunk b'IDAT'"),
-        ("HEIC", "3.jpg: a HEIC or AVIF image, which is not read: export it as JPEG or PNG"),
+        ("HEIC", "3.jpg: a HEIC or AVIF image, which is not supported: export it as JPEG or PNG"),
         ("LFS", "3.jpg: a Git LFS pointer, not the image itself: run git lfs pull"),
     ],
 )
-def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, how, note):
-    damage_image(folder / "3.png", how)
+def test_an_unusable_image_is_left_out_with_the_reason(run, folder, damage, note):
+    damage_image(folder / "3.png", damage)
     status, out, err = run("detect", folder, "--pattern", "9x6", "-o", folder.parent / "drawn")
     assert (status, err) == (0, "")
     (line,) = [line for line in out.splitlines() if line.startswith("3.")]
@@ -53,42 +53,42 @@ def test_a_bad_picture_among_good_ones_is_left_out_with_its_reason(run, folder, 
     assert "5 of 6 images" in out
 
 
-def test_a_camera_comes_of_the_good_pictures(run, folder):
+def test_a_camera_is_calibrated_from_the_usable_images(run, folder):
     damage_image(folder / "2.png", "truncated")
     damage_image(folder / "3.png", "black")
     status, out, err = run("calibrate", folder, *QUICK)
     assert (status, err) == (0, "")
     assert "4 of 6 images" in out
-    for name, note in (("2.jpg", "2.jpg: truncated JPEG"), ("3.png", "no 9x6 board found")):
-        assert image_rows(out)[name].split()[1] == "no"
+    for name, note in (("2.jpg", "2.jpg: truncated JPEG"), ("3.png", "no 9x6 board detected")):
+        assert image_rows(out)[name].split()[1] == "-"
         assert note in image_rows(out)[name]
 
 
-def test_too_few_good_pictures_are_told_with_the_bad_ones(refuses, folder):
-    for i, how in enumerate(("text", "empty", "truncated", "black")):
-        damage_image(folder / f"{i + 1}.png", how)
-    said = refuses("calibrate", folder, *QUICK)
-    assert "the 9x6 board was found in 2 of 6 images" in said
-    assert "3 is the least" in said
+def test_too_few_usable_images_are_rejected_with_the_notes_of_the_others(refuses, folder):
+    for i, damage in enumerate(("text", "empty", "truncated", "black")):
+        damage_image(folder / f"{i + 1}.png", damage)
+    error = refuses("calibrate", folder, *QUICK)
+    assert "9x6 board detected in 2 of 6 images" in error
+    assert "at least 3 are needed" in error
     for note in ("1.jpg: not an image", "2.jpg: empty file", "3.jpg: truncated JPEG", "4.png: no 9x6 board"):
-        assert note in said
+        assert note in error
 
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_force_calibrates_from_fewer(run, shots, tmp_path, number):
-    pictures = [shots / f"{i + 1}.png" for i in range(number)]
-    status, out, _ = run("calibrate", *pictures, *QUICK, "--force", "-o", tmp_path / "c.json", "--json")
+    images = [shots / f"{i + 1}.png" for i in range(number)]
+    status, out, _ = run("calibrate", *images, *QUICK, "--force", "-o", tmp_path / "c.json", "--json")
     assert status == 0
     assert json.loads(out)["held_out_rms"] is None
     assert load(tmp_path / "c.json").size == SIZE
 
 
-def kind(folder, i, how):
-    """Write image number i again in another kind of file."""
+def convert_image(folder, i, kind):
+    """Replace image number i by another kind of file."""
     path = folder / f"{i}.png"
     good = read_image(path)
     path.unlink()
-    match how:
+    match kind:
         case "16 bit":
             write_image(path, (good.astype(np.uint16) * 40 + 500))
         case "RGBA":
@@ -109,23 +109,23 @@ def kind(folder, i, how):
             path.with_suffix(".jpg").write_bytes(cv2.imencode(".png", good)[1])
 
 
-@pytest.mark.parametrize("how", ["16 bit", "RGBA", "RGB", "gif", "JPG", "Tif", "bmp", "wrong name"])
-def test_every_kind_of_picture_is_taken(run, folder, how):
-    if how == "gif" and not cv2.haveImageWriter("a.gif"):
+@pytest.mark.parametrize("kind", ["16 bit", "RGBA", "RGB", "gif", "JPG", "Tif", "bmp", "wrong name"])
+def test_every_kind_of_image_is_read(run, folder, kind):
+    if kind == "gif" and not cv2.haveImageWriter("a.gif"):
         pytest.skip("this OpenCV writes no GIF")
     for i in (2, 5):
-        kind(folder, i, how)
+        convert_image(folder, i, kind)
     status, out, err = run("detect", folder, "--pattern", "9x6", "--json")
     assert (status, err) == (0, "")
-    pictures = json.loads(out)["images"]
-    assert [len(picture["boards"]) for picture in pictures] == [1] * 6
-    if how == "RGBA":
-        assert "of 54 corners" in pictures[1]["note"]  # what is transparent is not looked at
+    images = json.loads(out)["images"]
+    assert [len(image["boards"]) for image in images] == [1] * 6
+    if kind == "RGBA":
+        assert "of 54 corners" in images[1]["note"]  # transparent pixels are ignored
     else:
-        assert min(len(picture["boards"][0]["ids"]) for picture in pictures) > 50
+        assert min(len(image["boards"][0]["ids"]) for image in images) > 50
 
 
-def test_a_turned_picture_is_taken_as_the_sensor_read_it_with_one_warning(run, folder):
+def test_the_exif_orientation_is_ignored_with_one_note(run, folder):
     for i in (2, 5):
         path = folder / f"{i}.png"
         path.with_suffix(".jpg").write_bytes(jpeg(read_image(path), orientation=6))
@@ -137,13 +137,13 @@ def test_a_turned_picture_is_taken_as_the_sensor_read_it_with_one_warning(run, f
     assert out.count("EXIF") == 1
 
 
-def test_turned_pictures_are_turned_on_request(run, folder):
+def test_apply_exif_rotates_images(run, folder):
     first = folder / "1.png"
     first.with_suffix(".jpg").write_bytes(jpeg(read_image(first), orientation=6))
     first.unlink()
-    (picture, *others) = json.loads(run("detect", folder, "--json", "--apply-exif")[1])["images"]
-    assert picture["note"].startswith("480x640 where others have 640x480: left out; rotated 90 degrees?")
-    assert "as the sensor read it, not turned on saving or by --apply-exif" in picture["note"]
+    (rotated, *others) = json.loads(run("detect", folder, "--json", "--apply-exif")[1])["images"]
+    assert rotated["note"].startswith("480x640 where others have 640x480: left out; rotated by 90°?")
+    assert "as the sensor wrote it, not rotated on saving or by --apply-exif" in rotated["note"]
     assert len(others) == 5
     assert all(other["boards"] for other in others)
     for i in range(2, 7):
@@ -153,4 +153,4 @@ def test_turned_pictures_are_turned_on_request(run, folder):
     status, out, _ = run("calibrate", folder, *QUICK, "--apply-exif", "--json")
     assert status == 0
     assert json.loads(out)["camera"]["size"] == [480, 640]
-    assert not any(picture["note"].count("EXIF") for picture in json.loads(out)["images"])
+    assert [image["note"].count("EXIF") for image in json.loads(out)["images"]] == [0] * 6
