@@ -211,7 +211,11 @@ def test_native_refuses_invalid_fields(tmp_path, change, message):
         ("eucm", {"beta": 0.0}, r"beta must lie in \[0\.001, inf\], got 0"),
         ("fov", {"omega": 1e-300}, r"omega must lie in \[0\.01, 3\.1\], got 0"),
         ("ocam", {"a0": 0.0}, r"a0 \(focal length, px\) must be 1e-06 or longer, got 0"),
-        ("rational", {"k4": 0.0, "k5": -1e12, "k6": -1e-149}, r"no rational camera has these numbers \(.*k6 = -1e-149"),
+        (
+            "rational",
+            {"k3": 1e-150, "k5": -1e12, "k6": -1e-150},
+            r"no rational camera has these numbers \(.*k6 = -1e-150",
+        ),
     ],
 )
 def test_native_refuses_invalid_parameters(tmp_path, model, change, message):
@@ -242,8 +246,8 @@ def test_native_refuses_invalid_ray_camera_parameters(tmp_path):
         ({"mirror_eccentricity": -0.5}, "mirror_eccentricity must lie in"),
         ({"fx": 1e300}, "fx must be a number"),
     ):
-        spoiled = stored | {"params": stored["params"] | change}
-        (tmp_path / "camera.json").write_text(json.dumps(spoiled))
+        changed = stored | {"params": stored["params"] | change}
+        (tmp_path / "camera.json").write_text(json.dumps(changed))
         with pytest.raises(FormatError, match=message):
             load(tmp_path / "camera.json")
 
@@ -253,7 +257,11 @@ def test_native_refuses_invalid_ray_camera_parameters(tmp_path):
     [
         ("ocam", {f"a{i}": 1e-12 for i in range(5, 600)}, r"f\(r\) has 599 coefficients, at most 20 are read"),
         ("kannala_brandt", {"fx": 0.0}, r"fx \(focal length, px\) must be 1e-06 or longer, got 0"),
-        ("rational", {"k4": 0.0, "k5": -1e12, "k6": -1e-149}, r"no rational camera has these numbers \(.*k6 = -1e-149"),
+        (
+            "rational",
+            {"k3": 1e-150, "k5": -1e12, "k6": -1e-150},
+            r"no rational camera has these numbers \(.*k6 = -1e-150",
+        ),
     ],
 )
 def test_native_refuses_invalid_lens_parameters(tmp_path, lens, change, message):
