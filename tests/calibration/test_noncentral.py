@@ -252,7 +252,7 @@ def test_start_file_of_another_camera_is_an_error(case, tmp_path):
 
 def test_calibrate_accepts_a_design_as_a_start_file(tmp_path):
     truth = off_focus()
-    observations, points = observe_boards(truth, 8, noise=NOISE)
+    observations, points = observe_boards(truth, 8, noise=NOISE, reach=(0.15, 1.4))
     design = type(truth.system).from_dict(
         truth.system.to_dict() | {"mirror_tz": truth.system.to_dict()["mirror_tz"] + 0.001}
     )
@@ -265,7 +265,7 @@ def test_calibrate_accepts_a_design_as_a_start_file(tmp_path):
 
 def test_calibrate_accepts_the_axial_model():
     truth = pupil_shift_fisheye()
-    observations, points = observe_boards(truth, 8, noise=NOISE)
+    observations, points = observe_boards(truth, 14, noise=NOISE)
     calibration = calibrate(observations, model="axial", flat=True)
     assert isinstance(calibration.camera, om.RayCamera)
     assert calibration.camera.model.name == "axial"

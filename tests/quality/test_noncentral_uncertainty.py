@@ -121,7 +121,7 @@ def test_uncertainty_of_the_pupil_shift_matches_repeated_fits(repeated_fits):
 
 def ray_camera(candidate, views):
     covariance = camera_covariance(candidate, views)
-    return om.RayCamera(candidate.state.model, SIZE, "m", theta_max=REACH, covariance=covariance)
+    return om.RayCamera(candidate.state.model, SIZE, unit="m", theta_max=REACH, covariance=covariance)
 
 
 def test_pupil_shift_between_two_angles_does_not_depend_on_the_reference():
