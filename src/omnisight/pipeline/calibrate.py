@@ -73,6 +73,8 @@ def calibrate(
     ------
     ValueError
         If an input cannot be read, there are too few images, or no model fits.
+    FileNotFoundError
+        If a file or folder does not exist.
     """
     report, started = progress or (lambda stage, done, total: None), time.perf_counter()
     design = read_design(options.start)
