@@ -53,7 +53,7 @@ def woodscape(points, intrinsic):
     return np.stack([u, v], -1)
 
 
-def test_woodscape_projects_as_its_readme_says(load_text):
+def test_woodscape_projects_like_its_readme(load_text):
     camera = load_text(json.dumps(WOODSCAPE))
     assert camera.size == (1280, 966)
     assert camera.project(POINTS)[0] == pytest.approx(woodscape(POINTS, WOODSCAPE["intrinsic"]), abs=1e-9)
@@ -274,7 +274,7 @@ def test_numpy_refuses_pickles_and_wrong_sizes(tmp_path):
 # -- COLMAP's binary ----------------------------------------------------------------------------------------------
 
 
-def test_colmap_binary_is_the_text(tmp_path):
+def test_colmap_binary_equals_its_text(tmp_path):
     cameras = [
         (3, 5, 640, 480, (400.0, 401.0, 320.0, 240.0, 0.1, 0.02, 0.003, 0.0004)),
         (7, 17, 1024, 512, (1024.0, 512.0)),
@@ -310,7 +310,7 @@ header:
 """
 
 
-def test_ros_messages_as_they_are_echoed(load_text, tmp_path):
+def test_ros_messages_printed_by_rostopic_echo(load_text, tmp_path):
     camera = load_text(ECHO)
     assert camera.model == model_class("kannala_brandt")(400.0, 401.0, 320.0, 240.0, 0.1, 0.02, 0.003, 0.0004)
     assert camera.size == (640, 480)

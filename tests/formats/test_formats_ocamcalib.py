@@ -35,7 +35,7 @@ def test_ocamcalib_centre_is_row_column_and_size_height_width(load_text):
     assert camera.size == (800, 600)
 
 
-def test_ocamcalib_z_is_back_so_the_polynomial_changes_sign(load_text):
+def test_ocamcalib_polynomial_changes_sign_because_z_points_back(load_text):
     camera = load_text(OCAM)
     assert camera.model.a == (471.4441, -7.356108e-04, 3.773045e-07, -5.800006e-10)
     with pytest.raises(FormatError, match=r"a0 must be negative.*471"):

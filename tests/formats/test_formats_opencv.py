@@ -38,7 +38,7 @@ def test_opencv_four_coefficients_are_ambiguous(load_text):
     assert params(load_text(FOUR.format(extra="xi: 1.2\n")))["p2"] == 0.0004
 
 
-def test_opencv_names_of_any_case_and_age(load_text):
+def test_opencv_key_names_of_all_versions_and_cases(load_text):
     text = FOUR.format(extra="fisheye_model: 1\n")
     old = text.replace("image_width", "image_Width").replace("image_height", "image_Height")
     old = old.replace("camera_matrix", "Camera_Matrix").replace("distortion_coefficients", "Distortion_Coefficients")

@@ -78,7 +78,7 @@ OPENCV = [
 
 @pytest.mark.parametrize("model", OPENCV)
 @pytest.mark.parametrize("kind", ["yml", "xml", "json"])
-def test_opencv_reads_what_opencv_writes(model, kind, tmp_path):
+def test_files_written_by_opencv_are_read(model, kind, tmp_path):
     camera = Camera(model_class(model).example(), (960, 720))
     k, d, pixels = opencv_pixels(camera)
     storage = cv2.FileStorage(str(tmp_path / f"camera.{kind}"), cv2.FILE_STORAGE_WRITE)
@@ -106,7 +106,7 @@ def test_opencv_reads_what_opencv_writes(model, kind, tmp_path):
 
 
 @pytest.mark.parametrize("model", get_format("opencv").MODELS)
-def test_opencv_itself_reads_what_we_write(model, tmp_path):
+def test_opencv_reads_written_files(model, tmp_path):
     camera = Camera(model_class(model).example(), (960, 720))
     save(camera, tmp_path / "camera.yml", format="opencv")
     storage = cv2.FileStorage(str(tmp_path / "camera.yml"), cv2.FILE_STORAGE_READ)

@@ -26,7 +26,7 @@ TRANSFORMS = {
 }  # fmt: skip
 
 
-def test_nerfstudio_pixels_are_half_a_pixel_farther_and_frames_are_kept(load_text, tmp_path):
+def test_nerfstudio_pixels_have_a_half_pixel_offset_and_frames_are_kept(load_text, tmp_path):
     camera = load_text(json.dumps(TRANSFORMS))
     own = (0.0312, 0.0051, 0.0006, 0.0001)
     assert camera.model == model_class("kannala_brandt")(1072.0, 1068.0, 1503.5, 999.5, *own)
@@ -209,7 +209,7 @@ def test_hugin_distortion_matches_panotools(load_text):
         (21, lambda f, half: 2 * f * np.sin(half / 2)),
     ],
 )
-def test_hugin_the_angle_of_view_reaches_the_sides(kind, r, load_text):
+def test_hugin_angle_of_view_spans_the_image_width(kind, r, load_text):
     camera = load_text(f'i w800 h600 f{kind} v100 r0 p0 y0 a0 b0 c0 d0 e0 n"x.png"\n')
     half = np.radians(50)
     assert camera.project([np.sin(half), 0, np.cos(half)])[0] == pytest.approx([399.5 + 400, 299.5], abs=1e-9)

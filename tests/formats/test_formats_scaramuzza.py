@@ -67,7 +67,7 @@ TEXTS = {
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_a_pixel_has_the_bearing_that_the_tools_own_formula_gives(name, load_text):
+def test_bearing_of_a_pixel_matches_the_formula_of_the_tool(name, load_text):
     camera = load_text(TEXTS[name])
     assert camera.unproject(PIXEL)[0] == pytest.approx(BEARING, abs=1e-12)
     assert camera.size == ((0, 0) if name == "py_ocamcalib" else (800, 600))
@@ -194,7 +194,7 @@ def test_matlab_mat_files(place, compressed, tmp_path):
     assert camera.unproject(PIXEL)[0] == pytest.approx(BEARING, abs=1e-12)
 
 
-def test_matlab_ocamcalibs_own_mat_is_its_text(load_text, tmp_path):
+def test_matlab_mat_of_ocamcalib_equals_its_text(load_text, tmp_path):
     text = load_text(f"5 {' '.join(map(repr, A))}\n1 1\n300.25 400.75\n{C} {D} {E}\n600 800\n")
     ocam = {"ss": np.array(A)[:, None], "xc": 301.25, "yc": 401.75, "c": C, "d": D, "e": E, "width": 800, "height": 600}
     scipy.io.savemat(tmp_path / "c.mat", {"calib_data": {"ocam_model": ocam, "n_imgs": 5}})

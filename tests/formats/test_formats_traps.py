@@ -39,7 +39,7 @@ cam1:
 """
 
 
-def test_kalibr_the_models_own_parameters_come_first(tmp_path):
+def test_kalibr_model_parameters_come_first(tmp_path):
     (tmp_path / "chain.yaml").write_text(CHAIN)
     omni, ds = load_all(tmp_path / "chain.yaml").values()
     assert omni.model == model_class("mei")(710.0, 711.0, 320.5, 240.5, 1.7, -0.1, 0.02, 0.0003, -0.0004)
@@ -103,7 +103,7 @@ def test_ros_four_coefficients_need_a_model(load_text):
         load_text(re.sub("distortion_model.*\n", "", text))
 
 
-def test_colmap_pixels_are_half_a_pixel_farther(load_text):
+def test_colmap_pixels_have_a_half_pixel_offset(load_text):
     camera = load_text("1 OPENCV_FISHEYE 640 480 400 401 320 240 0.1 0.02 0.003 0.0004\n")
     assert (camera.model.cx, camera.model.cy) == (319.5, 239.5)
 
@@ -135,7 +135,7 @@ def test_colmap_errors_name_the_line(load_text):
         load_text("1 PINHOLE 640 480 1 1 1\n")
 
 
-def test_camodocal_counts_the_fisheyes_coefficients_from_two(load_text):
+def test_camodocal_fisheye_coefficients_start_at_k2(load_text):
     text = (
         "%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\ncamera_name: camera\nimage_width: 640\nimage_height: 480\n"
         "projection_parameters:\n   k2: 0.1\n   k3: 0.02\n   k4: 0.003\n   k5: 0.0004\n"
@@ -146,7 +146,7 @@ def test_camodocal_counts_the_fisheyes_coefficients_from_two(load_text):
         load_text(text.replace("k5", "k6"))
 
 
-def test_basalt_the_unified_model_in_alpha(load_text):
+def test_basalt_unified_model_uses_alpha(load_text):
     camera = load_text(
         '{"value0": {"T_imu_cam": [{"px": 0.1}], "intrinsics": [{"camera_type": "ucm", "intrinsics":'
         ' {"fx": 200.0, "fy": 201.0, "cx": 320, "cy": 240, "alpha": 0.5}}], "resolution": [[640, 480]]}}'
@@ -167,7 +167,7 @@ def test_mrcal_text_is_python_and_never_evaluated(load_text):
         load_text(text.replace("400.", "__import__('os').abort()"))
 
 
-def test_opensfm_lengths_are_shares_of_the_longer_side(load_text):
+def test_opensfm_lengths_are_relative_to_the_longer_side(load_text):
     camera = load_text(
         '{"v2 cam 640 480": {"projection_type": "fisheye_opencv", "width": 640, "height": 480, "focal_x": 0.5,'
         ' "focal_y": 0.5, "c_x": 0.01, "c_y": 0.0, "k1": 0.1, "k2": 0, "k3": 0, "k4": 0, "k1_prior": 0.1}}'
