@@ -2,8 +2,8 @@
 
 Simulated image sets of good and bad quality (benchmarks/verdict_scenes.py) with known cameras are calibrated without
 options. The error of each camera, after the best rotation to the true camera, is evaluated over the calibrated field of
-view and over all that the images show, and compared with the verdict. The thresholds of
-calibrate/trust/checks.py were tuned on the even seeds; the odd seeds are the test set.
+view and over all that the images show, and compared with the verdict. The limits of quality/checks
+were tuned on the even seeds; the odd seeds are the test set.
 
 Errors are in px of an image 1000 px wide, as in the verdict. The printed name of a case runs it alone:
 `--only "bent board/3"`.
