@@ -118,10 +118,10 @@ def test_each_step_reduces_the_error_down_to_the_noise(fov):
     assert result.refined.rms == pytest.approx(NOISE * np.sqrt(2), rel=0.12)
     assert result.refined.mean < result.refined.rms
     assert result.refined == ReprojectionError.of(result.state, views)
-    # By rotations never ends below both at once, and here not far above.
+    # The alternation ends slightly above the joint minimum.
     least = refine(result.state, views, free_parameters=FreeParameters.of(result.model), loss="squared").state
     assert -1e-6 < result.refined.rms - ReprojectionError.of(least, views).rms < 0.01
-    assert list(dict.fromkeys(stage for stage, _, _ in calls)) == ["search centre", "refine by rotations"]
+    assert list(dict.fromkeys(stage for stage, _, _ in calls)) == ["search centre", "refine"]
     assert all(0 <= done <= total for _, done, total in calls)
 
 
@@ -131,7 +131,7 @@ def test_known_centre_is_not_searched():
     calls = []
     result = calibrate_ocamcalib(views, SIZE, centre=centre, progress=lambda stage, *_: calls.append(stage))
     assert result.linear == result.centred
-    assert set(calls) == {"refine by rotations"}
+    assert set(calls) == {"refine"}
 
 
 def test_partial_boards_and_mirrored_images_are_calibrated():
@@ -158,7 +158,7 @@ def test_degree_of_the_polynomial_may_be_chosen(degree):
 def test_insufficient_input_is_an_error():
     views, _ = observe_boards(camera(190), 190, count=3)
     short = observe([(BOARD.points[:5], views.pixels[:5])], SIZE, names=["a.png"])
-    with pytest.raises(ValueError, match=r"a\.png: 5 corners, the linear steps need 6"):
+    with pytest.raises(ValueError, match=r"a\.png: 5 corners, but the linear steps need 6"):
         calibrate_ocamcalib(short, SIZE)
     with pytest.raises(ValueError, match="degree 2 or more, got 1"):
         calibrate_ocamcalib(views, SIZE, degree=1)
