@@ -7,7 +7,7 @@ import numpy as np
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
-from omnisight.report.drawings.next_view import draw_next_view
+from omnisight.report.drawings.next_view import draw_proposal
 from omnisight.simulation import (
     DEMO_BOARD,
     BoardInScene,
@@ -68,9 +68,12 @@ def next_view() -> np.ndarray:
         for i, (path, yaw, pitch) in enumerate(zip(paths, yaws, pitches, strict=True)):
             rotation = 0.6 * np.cos(i), 0.6 * np.sin(i), 0.3 * i
             om.write_image(path, renderer([place_board(yaw, pitch, rotation, 0.55)], noise=12).image)
-        calibration = om.calibrate(paths, om.CalibrateOptions(model="mei"))
+        calibration = om.calibrate(paths, om.CalibrateOptions(square="40mm", model="mei"))
         proposal = om.next_view(calibration.observations, calibration.camera)
-        drawing = @@DRAW@@
+        detections = calibration.observations.detections
+        assert detections is not None
+        draw_proposal(proposal, detections, file := Path(folder) / "next.png")
+        drawing = om.read_image(file)
     return shrink(drawing, round(0.6 * len(drawing)))
 
 
