@@ -157,8 +157,9 @@ def _print_result(result: "ViewResult", options: "ViewOptions", output: Path) ->
         print(f"warning   {share} is {limit}, outside the calibrated field of view{hint}")
     if source.calibration.get("verdict") == "do not use":
         reasons = source.calibration.get("reasons")
-        has_reason = isinstance(reasons, list) and reasons and isinstance(reasons[0], str)
-        reason = reasons[0] if has_reason else "See omnisight inspect."
+        reason = "See omnisight inspect."
+        if isinstance(reasons, list) and reasons and isinstance(reasons[0], str):
+            reason = reasons[0]
         print(f"warning   the verdict of this calibration is: do not use. {reason}")
     upright = options.up == "top" and options.to in ("cylinder", "mercator", "sphere")
     if upright and result.view_fraction < 0.75:

@@ -1,0 +1,35 @@
+import numpy as np
+import pytest
+
+from omnisight.optim.loss import Huber, robust_sigma
+
+
+def test_huber_loss_is_quadratic_then_linear():
+    loss = Huber(2.0)
+    assert loss.cost(np.array([1.0])) == pytest.approx(0.5)
+    assert loss.cost(np.array([2.0])) == pytest.approx(2.0)
+    assert loss.cost(np.array([5.0])) == pytest.approx(2.0 * 5 - 2.0)
+    np.testing.assert_allclose(loss.weight(np.array([0.0, 1.0, 2.0, 8.0])), [1, 1, 1, 0.25])
+
+
+def test_an_infinite_threshold_is_least_squares():
+    length = np.array([0.0, 3.0, 1e6])
+    assert Huber().cost(length) == pytest.approx(0.5 * (length**2).sum())
+    np.testing.assert_array_equal(Huber().weight(length), 1)
+    assert Huber().cost(np.array([])) == 0
+
+
+def test_huber_weight_is_the_cost_derivative_over_the_length():
+    loss = Huber(1.5)
+    for length in (0.3, 1.4, 1.6, 20.0):
+        slope = (loss.cost(np.array([length + 1e-6])) - loss.cost(np.array([length - 1e-6]))) / 2e-6
+        assert loss.weight(np.array([length]))[0] == pytest.approx(slope / length, rel=1e-6)
+
+
+def test_robust_sigma_ignores_outliers():
+    rng = np.random.default_rng(2)
+    length = np.linalg.norm(0.3 * rng.normal(size=(20000, 2)), axis=1)
+    length[:2000] = 1e4
+    assert robust_sigma(length) == pytest.approx(0.3, rel=0.1)
+    assert robust_sigma(length[2000:]) == pytest.approx(0.3, rel=0.02)
+    assert robust_sigma(np.array([])) == 0
