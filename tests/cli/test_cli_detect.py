@@ -50,8 +50,10 @@ def test_detect_prints_a_row_per_image_and_the_result(run, shots):
 
 
 def test_pattern_is_determined_without_the_option(run, shots):
-    told, untold = (json.loads(run("detect", shots, "--json", *more)[1]) for more in (("--pattern", "9x6"), ()))
-    assert untold == told
+    specified, determined = (
+        json.loads(run("detect", shots, "--json", *more)[1]) for more in (("--pattern", "9x6"), ())
+    )
+    assert determined == specified
 
 
 def test_wrong_pattern_gives_a_hint_with_the_right_one(run, shots):
@@ -224,8 +226,8 @@ def test_board_with_markers_is_detected_by_its_target_file(run, charucos):
 def test_images_of_a_board_with_markers_calibrate_a_camera(run, charucos, elsewhere):
     made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
     assert run("target", "make", *made)[0] == 0
-    told = ("--target", "charuco.json", "--model", "equidistant", "-o", "camera.json", "--json")
-    status, out, _ = run("calibrate", charucos, *told)
+    options = ("--target", "charuco.json", "--model", "equidistant", "-o", "camera.json", "--json")
+    status, out, _ = run("calibrate", charucos, *options)
     assert status == 0
     assert json.loads(out)["rms"] < 0.15
     found, truth = load(elsewhere / "camera.json").model, CAMERAS["fisheye"]

@@ -76,6 +76,11 @@ class DesignResult:
 def design(options: DesignOptions | None = None) -> DesignResult:
     """Design a camera that looks into a mirror above it and sees all around.
 
+    Parameters
+    ----------
+    options
+        Field of view, sensor, and the sizes that are fixed.
+
     Raises
     ------
     ValueError
