@@ -100,12 +100,12 @@ def test_hard_cells_reach_the_optimum(convergence, text, model):
 
 def test_benchmark_runs_what_calibrate_runs(convergence):
     cell = convergence.Cell.parse("240/double_sphere/aside/usual/0.2/0.1/10")
-    made = convergence.scene(cell)
-    found = calibrate(made.views, model="double_sphere", flat=True)
-    best = convergence.fitted("double_sphere", made.state, made.views)
-    assert convergence.bearing_error(found.camera.model, made) < 0.5
-    np.testing.assert_allclose(found.selection.best.state.lengths(made.views), best.lengths(made.views), atol=1e-2)
-    assert np.array_equal(~found.outliers, made.clean)
+    simulated = convergence.scene(cell)
+    calibration = calibrate(simulated.views, model="double_sphere", flat=True)
+    best = convergence.fitted("double_sphere", simulated.state, simulated.views)
+    assert convergence.bearing_error(calibration.camera.model, simulated) < 0.5
+    np.testing.assert_allclose(calibration.state.lengths(simulated.views), best.lengths(simulated.views), atol=1e-2)
+    assert np.array_equal(~calibration.outliers, simulated.clean)
 
 
 def test_benchmark_detects_a_search_that_fails(convergence, monkeypatch):
@@ -128,7 +128,7 @@ def boards(count=40):
     rng = np.random.default_rng(0)
     plane = np.stack(np.meshgrid(np.arange(5.0), np.arange(4.0)), -1).reshape(-1, 2)
     points = np.pad(plane, ((0, 0), (0, 1)))
-    rotations, translations, bearings, wrong = [], [], [], []
+    rotations, translations, bearings = [], [], []
     for _ in range(count):
         towards = rng.normal(size=3)
         towards /= np.linalg.norm(towards)
@@ -137,44 +137,50 @@ def boards(count=40):
         facing = so3.nearest(facing + 2 * np.outer(towards, [0, 0, 1]))
         rotation = facing @ so3.exp([0.5, -0.3, rng.uniform(-3, 3)])
         translation = towards * rng.uniform(8, 14) - rotation @ points.mean(0)
-        seen = points @ rotation.T + translation
-        seen += rng.normal(0, 5e-4, seen.shape) * np.linalg.norm(seen, axis=1)[:, None]
-        bad = np.arange(len(points)) % 5 == rng.integers(5)
-        seen[bad] = rng.normal(size=(bad.sum(), 3))
+        in_camera = points @ rotation.T + translation
+        in_camera += rng.normal(0, 5e-4, in_camera.shape) * np.linalg.norm(in_camera, axis=1)[:, None]
+        is_outlier = np.arange(len(points)) % 5 == rng.integers(5)
+        in_camera[is_outlier] = rng.normal(size=(is_outlier.sum(), 3))
         rotations.append(rotation)
         translations.append(translation)
-        bearings.append(seen / np.linalg.norm(seen, axis=1)[:, None])
-        wrong.append(bad)
+        bearings.append(in_camera / np.linalg.norm(in_camera, axis=1)[:, None])
     views = Observations.from_arrays([points] * count, [np.zeros((len(points), 2))] * count, size=(640, 480))
     return views, np.concatenate(bearings), np.array(rotations), np.array(translations)
 
 
+def angles_between(rotations, others):
+    """Return the angles (V,) between rotations (V, 3, 3), degrees."""
+    return np.degrees(np.arccos(np.clip((np.einsum("vij,vij->v", rotations, others) - 1) / 2, -1, 1)))
+
+
 def test_small_boards_anywhere_on_the_sphere_are_resected_with_a_fifth_of_outliers():
     views, bearings, rotations, translations = boards()
-    found, place = refine_board_poses(views, bearings, *linear_board_poses(views, bearings))
-    angle = np.degrees(np.arccos(np.clip((np.einsum("vij,vij->v", found, rotations) - 1) / 2, -1, 1)))
+    estimated_rotations, estimated_translations = refine_board_poses(
+        views, bearings, *linear_board_poses(views, bearings)
+    )
+    angle = angles_between(estimated_rotations, rotations)
     assert np.median(angle) < 1
     assert (angle < 6).mean() > 0.95
-    assert np.median(np.linalg.norm(place - translations, axis=1)) < 0.1
+    assert np.median(np.linalg.norm(estimated_translations - translations, axis=1)) < 0.1
 
 
 def test_flipped_boards_are_corrected():
     views, bearings, rotations, translations = boards()
     middle = rotations @ views.points[views.groups[0]].mean(0) + translations
-    sight = middle / np.linalg.norm(middle, axis=1)[:, None]
-    over = (np.eye(3) - 2 * sight[:, :, None] * sight[:, None, :]) @ rotations * (1.0, 1.0, -1.0)
-    moved = middle - over @ views.points[views.groups[0]].mean(0)
-    found, _ = refine_board_poses(views, bearings, over, moved)
-    angle = np.degrees(np.arccos(np.clip((np.einsum("vij,vij->v", found, rotations) - 1) / 2, -1, 1)))
+    direction = middle / np.linalg.norm(middle, axis=1)[:, None]
+    flipped = (np.eye(3) - 2 * direction[:, :, None] * direction[:, None, :]) @ rotations * (1.0, 1.0, -1.0)
+    shifted = middle - flipped @ views.points[views.groups[0]].mean(0)
+    estimated_rotations, _ = refine_board_poses(views, bearings, flipped, shifted)
+    angle = angles_between(estimated_rotations, rotations)
     assert (angle < 6).mean() > 0.95
 
 
 def test_views_with_too_few_corners_have_no_pose():
     views, bearings, _, _ = boards()
-    some = bearings.copy()
-    some[views.groups[2]] = np.nan
-    some[5 + views.groups[1].start : views.groups[1].stop] = np.nan
-    rotations, translations = linear_board_poses(views, some)
+    partial = bearings.copy()
+    partial[views.groups[2]] = np.nan
+    partial[5 + views.groups[1].start : views.groups[1].stop] = np.nan
+    rotations, translations = linear_board_poses(views, partial)
     assert np.isnan(rotations[[1, 2]]).all()
     assert np.isnan(translations[[1, 2]]).all()
     assert np.isfinite(np.delete(rotations, [1, 2], 0)).all()
