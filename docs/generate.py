@@ -195,15 +195,16 @@ MARKS = {
 
 def curves() -> dict[str, str]:
     """Draw the radial profile of the example of every model that has one."""
-    from omnisight.report.drawings.radial_profile import profile_svg, radial_profile
+    from omnisight.pipeline.inspect import radial_profile
+    from omnisight.report.drawings.radial_profile import profile_svg
 
     drawn: dict[str, str] = {}
     for name in om.model_names():
         cls = om.model_class(name)
         if _is_central(cls):
             example = cls.example()
-            middle, _ = example.project([0.0, 0.0, 1.0])
-            camera = om.Camera(example, (round(2 * middle[0]), round(2 * middle[1])))
+            centre, _ = example.project([0.0, 0.0, 1.0])
+            camera = om.Camera(example, (round(2 * centre[0]), round(2 * centre[1])))
             drawn[f"assets/models/{name}.svg"] = profile_svg(radial_profile(camera))
     return drawn
 
