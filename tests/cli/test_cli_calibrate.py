@@ -48,7 +48,9 @@ def test_the_output_is_short_and_verbose_adds_tests_and_timings(run, shots):
     labels = [line[:10].strip() for line in result.splitlines()]
     assert [label for label in labels if label] == ["camera", "accuracy", "verdict", "written"]
     assert "camera    equidistant, 640x480, calibrated to " in result
-    assert re.search(r"^accuracy  held-out error 0\.\d+ px; projection uncertainty 0\.\d+ px \(1σ\), at most", result, re.M)
+    assert re.search(
+        r"^accuracy  held-out error 0\.\d+ px; projection uncertainty 0\.\d+ px \(1σ\), at most", result, re.M
+    )
     assert result.splitlines()[-1] == "written   nothing; add -o camera.json to write the camera"
     status, verbose, _ = run("calibrate", shots, *QUICK, "-v")
     assert status == 0

@@ -103,13 +103,13 @@ def test_convert_over_smaller_field_of_view_is_more_accurate(run, camera_file, t
     ("options", "message"),
     [
         (("--to", "nonsense"), "unknown format 'nonsense'; there are:"),
-        (("--to", "mei"), "mei is a camera model: --to native --model mei"),
+        (("--to", "mei"), "mei is a camera model, not a format: --to native --model mei"),
         (("--to", "native", "--model", "nonsense"), "has no model nonsense; it has cylindrical"),
         (("--to", "native", "--name", "left"), "no camera 'left'; it holds camera"),
         (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "almost no pixel of the camera"),
     ],
 )
-def test_impossible_conversion_is_refused(refuses, camera_file, tmp_path, options, message):
+def test_impossible_conversion_is_rejected(refuses, camera_file, tmp_path, options, message):
     assert message in refuses("convert", camera_file, "-o", tmp_path / "c.json", *options)
     assert file_names(tmp_path) == ["camera.json"]
 

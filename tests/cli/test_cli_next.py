@@ -239,13 +239,13 @@ def cube_corners(tmp_path):
     return tmp_path / "cube.mat"
 
 
-def test_points_of_a_solid_body_need_a_board_to_hold(run, refuses, cube_corners, camera_file, calibrated):
+def test_points_of_a_rigid_body_need_a_board_to_hold(run, refuses, cube_corners, camera_file, calibrated):
     error = refuses("next", cube_corners, "--camera", camera_file)
-    assert "the board to hold is unknown, because the corners are of 102 points of a solid body" in error
+    assert "the board to hold is unknown, because the corners are of 102 points of a rigid body" in error
     assert "with --pattern, such as 9x6, or --target" in error
     status, out, _ = run("next", cube_corners, "--camera", calibrated, "--count", 1)
     assert status == 0
-    assert "5 of 5 show 102 points of a solid body" in out
+    assert "5 of 5 show 102 points of a rigid body" in out
 
 
 def test_for_points_without_a_grid_a_board_of_the_same_size_is_proposed(run, camera_file, tmp_path):
@@ -261,7 +261,7 @@ def test_for_points_without_a_grid_a_board_of_the_same_size_is_proposed(run, cam
 @pytest.mark.parametrize(
     ("case", "message"),
     [
-        ("no size", "give --image-size, such as 1280x800 (corners reach"),
+        ("no size", "specify --image-size, such as 1280x800 (corners reach"),
         ("a size with images", "--image-size is for corner files; images contain their size: leave it out"),
         ("a camera with images", "--which is for corner files of several cameras"),
         ("a drawing over an image beside", "is one of the images and would be overwritten"),
