@@ -63,7 +63,7 @@ class CornerFile:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What the user specifies beside a corner file.
+    """What the user specifies besides a corner file.
 
     Attributes
     ----------

@@ -148,6 +148,6 @@ def kept_fields(camera: Camera, names: Iterable[str]) -> dict[str, Any]:
 
 
 def unknown_fields(values: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]:
-    """Return what a file holds beside the known keys; it becomes the camera's `extra`."""
+    """Return what a file holds besides the known keys; it becomes the camera's `extra`."""
     known = set(known)
     return {key: value for key, value in values.items() if key not in known}

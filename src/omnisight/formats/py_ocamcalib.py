@@ -24,7 +24,7 @@ SUFFIX = ".json"
 MODELS = ("ocam",)
 CONVENTION = "x right, y down, z forward, so a0 > 0; centre as x, y; stretch on x, y; integer pixel = pixel centre"
 KNOWN = {"taylor_coefficient", "distortion_center", "stretch_matrix", "inverse_poly", "image_size"}
-# What the file holds beside the camera, and its default.
+# What the file holds besides the camera, and its default.
 DEFAULTS: dict[str, Any] = {
     "date": "",
     "camera_name": "camera",
