@@ -75,7 +75,7 @@ def test_an_unreadable_clip_is_left_out_with_the_reason(run, clip, tmp_path):
 def test_only_an_unreadable_clip_is_rejected_with_the_reason(refuses, tmp_path, command):
     (tmp_path / "bad.mp4").write_bytes(b"")
     error = refuses(command, tmp_path / "bad.mp4")
-    assert "bad.mp4: empty file; copy it again from the camera" in error
+    assert "bad.mp4: empty file; copy it from the camera again" in error
 
 
 def test_a_wrong_pattern_gives_a_hint(refuses, clip):
