@@ -26,9 +26,9 @@ def frames_in_the_cache(environment, shared_cache, monkeypatch):
 def test_the_most_informative_frames_of_a_clip_are_used(run, clip, tmp_path):
     status, out, err = run("detect", clip, "-o", tmp_path / "drawn")
     assert (status, err) == (0, "")
-    note = re.search(r"board\.avi: (\d+) frames, (\d+) examined, (\d+) with a board, (\d+) selected", out)
-    total, examined, detected, selected = map(int, note.groups())
-    assert total > examined > detected > selected >= 5
+    note = re.search(r"board\.avi: (\d+) frames, (\d+) searched, (\d+) with a board, (\d+) selected", out)
+    total, searched, detected, selected = map(int, note.groups())
+    assert total > searched > detected > selected >= 5
     lines = [line.split() for line in out.splitlines() if line.startswith("board-")]
     assert len(lines) == selected
     assert all(boards == "1" and int(corners) > 40 for _, boards, corners, *_ in lines)
