@@ -4,6 +4,7 @@ import graphlib
 import importlib.metadata
 import inspect
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -38,6 +39,12 @@ def test_a_public_name_exists_and_has_its_own_docstring(name):
     value = getattr(om, name)
     assert (inspect.getdoc(value) or "").strip()
     assert value.__doc__, f"{name} only inherits its docstring"
+
+
+def test_a_submodule_does_not_hide_a_public_name():
+    modules = {module.name for module in pkgutil.iter_modules(om.__path__)}
+    assert {"calibration", "view_planning"} <= modules
+    assert not modules & set(om.__all__)
 
 
 def test_an_unknown_name_raises_an_attribute_error():

@@ -18,12 +18,12 @@ from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.images import ImageField
 from omnisight.images.ellipse import Ellipse
 from omnisight.models import model_class
-from omnisight.next_view.board_placements import BoardPlacements
-from omnisight.next_view.information_prior import InformationPrior, estimated_parameters
-from omnisight.next_view.proposal import UNKNOWN_ERROR_PX, add_placement, propose_views, worst_direction
-from omnisight.next_view.visible_directions import VisibleDirections
 from omnisight.quality.uncertainty import Uncertainty
 from omnisight.targets.observations import Observations
+from omnisight.view_planning.board_placements import BoardPlacements
+from omnisight.view_planning.information_prior import InformationPrior, estimated_parameters
+from omnisight.view_planning.proposal import UNKNOWN_ERROR_PX, add_placement, propose_views, worst_direction
+from omnisight.view_planning.visible_directions import VisibleDirections
 
 NOISE = 0.15
 FIELD = ImageField(SIZE, Ellipse(CENTRE, (RIM, RIM)))

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.next_view.description import (
+from omnisight.targets import Detections, PointTarget
+from omnisight.view_planning.description import (
     FACING_RAD,
     board_width,
     describe_placement,
@@ -16,9 +17,8 @@ from omnisight.next_view.description import (
     image_side,
     nearer_edge,
 )
-from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.proposal import NextView, Proposal, WorstDirection, unknown_error_px
-from omnisight.targets import Detections, PointTarget
+from omnisight.view_planning.information_prior import InformationPrior
+from omnisight.view_planning.proposal import NextView, Proposal, WorstDirection, unknown_error_px
 
 
 def print_report(proposal: Proposal, detections: Detections) -> None:

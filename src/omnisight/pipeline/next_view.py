@@ -4,9 +4,6 @@ from dataclasses import dataclass, fields, replace
 from os import PathLike
 
 from omnisight.camera import Camera
-from omnisight.next_view.board_choice import choose_board
-from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.proposal import Proposal, propose_views
 from omnisight.pipeline.central_camera import central_camera
 from omnisight.pipeline.detect import Progress, Source, load_observations
 from omnisight.pipeline.detection_advice import explain_no_detection
@@ -14,6 +11,9 @@ from omnisight.pipeline.options import NextViewOptions
 from omnisight.targets import Board, PointTarget
 from omnisight.targets.boards import board_class
 from omnisight.targets.observations import Observations
+from omnisight.view_planning.board_choice import choose_board
+from omnisight.view_planning.information_prior import InformationPrior
+from omnisight.view_planning.proposal import Proposal, propose_views
 
 
 def next_view(

@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.images import read_image, write_image
-from omnisight.next_view.board_placements import point_spacing
-from omnisight.next_view.description import FACING_RAD, nearer_edge
-from omnisight.next_view.proposal import NextView, Proposal
 from omnisight.report.drawings.canvas import Color, ImageCanvas, blank_image
 from omnisight.report.drawings.next_view_panel import (
     DOT_COLOR,
@@ -24,6 +21,9 @@ from omnisight.report.drawings.next_view_panel import (
     uncertainty_level,
 )
 from omnisight.targets import Detections
+from omnisight.view_planning.board_placements import point_spacing
+from omnisight.view_planning.description import FACING_RAD, nearer_edge
+from omnisight.view_planning.proposal import NextView, Proposal
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.next_view.description import FACING_RAD, distance_text, error_text, image_side, nearer_edge
-from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.proposal import NextView, Proposal, unknown_error_px
 from omnisight.report.drawings.canvas import WHITE, Color, write_text
+from omnisight.view_planning.description import FACING_RAD, distance_text, error_text, image_side, nearer_edge
+from omnisight.view_planning.information_prior import InformationPrior
+from omnisight.view_planning.proposal import NextView, Proposal, unknown_error_px
 
 Array = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.next_view.board_placements import point_spacing
-from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.proposal import NextView, Proposal, WorstDirection, unknown_error_px
 from omnisight.quality.coverage import SECTORS, SIDES
 from omnisight.targets import Board
+from omnisight.view_planning.board_placements import point_spacing
+from omnisight.view_planning.information_prior import InformationPrior
+from omnisight.view_planning.proposal import NextView, Proposal, WorstDirection, unknown_error_px
 
 Array = NDArray[np.float64]
 

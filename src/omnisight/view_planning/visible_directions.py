@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis, cap, polar
 from omnisight.images import ImageField
-from omnisight.next_view.information_prior import InformationPrior
 from omnisight.quality.uncertainty import MAX_OFF_AXIS_RAD
+from omnisight.view_planning.information_prior import InformationPrior
 
 Array = NDArray[np.float64]
 

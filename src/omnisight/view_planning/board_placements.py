@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import ImageField
-from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.visible_directions import sample_image, visible_theta_max
 from omnisight.targets import Board
+from omnisight.view_planning.information_prior import InformationPrior
+from omnisight.view_planning.visible_directions import sample_image, visible_theta_max
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
 from omnisight.images import ImageField
-from omnisight.next_view.board_placements import BoardPlacements
-from omnisight.next_view.information_prior import InformationPrior
-from omnisight.next_view.visible_directions import ANGLE_TOLERANCE, VisibleDirections
 from omnisight.targets import Board, Detections
+from omnisight.view_planning.board_placements import BoardPlacements
+from omnisight.view_planning.information_prior import InformationPrior
+from omnisight.view_planning.visible_directions import ANGLE_TOLERANCE, VisibleDirections
 
 Array = NDArray[np.float64]
 
