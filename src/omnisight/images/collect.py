@@ -30,7 +30,7 @@ def collect_images(inputs: Iterable[str | Path], *, videos: bool = False) -> lis
 
     Raises
     ------
-    FileNotFoundError
+    MissingFileError
         If an input does not exist or a pattern matches nothing.
     ValueError
         If none of the files is an image.
@@ -54,8 +54,12 @@ def natural_sort_key(path: str | Path) -> list[str | int]:
     return [int(part) if i % 2 else part for i, part in enumerate(parts)]
 
 
+class MissingFileError(FileNotFoundError, ValueError):
+    """An input file or folder does not exist; a `ValueError` too, like every other invalid input."""
+
+
 def expand_path(item: str | Path) -> list[Path]:
-    """List the files of a folder, a file name or a glob pattern; raise `FileNotFoundError` if there is none."""
+    """List the files of a folder, a file name or a glob pattern; raise `MissingFileError` if there is none."""
     # A file name may contain brackets, so test for a file before expanding patterns.
     path = Path(item).expanduser()
     if path.is_dir():
@@ -65,10 +69,10 @@ def expand_path(item: str | Path) -> list[Path]:
     if path.is_file():
         return [path]
     if not glob.has_magic(str(path)):
-        raise FileNotFoundError(f"{item}: no such file or folder")
+        raise MissingFileError(f"{item}: no such file or folder")
     matches = [Path(match) for match in glob.glob(str(path), recursive=True)]
     if not matches:
-        raise FileNotFoundError(f"{item}: the pattern matches no file")
+        raise MissingFileError(f"{item}: the pattern matches no file")
     return [match for match in matches if match.is_file()]
 
 

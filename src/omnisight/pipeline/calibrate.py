@@ -36,7 +36,7 @@ from omnisight.optics.ray_model import RayModel
 from omnisight.pipeline.calibration import Calibration
 from omnisight.pipeline.detect import Source, load_observations
 from omnisight.pipeline.detection_advice import explain_too_few_detections
-from omnisight.pipeline.options import CalibrateOptions
+from omnisight.pipeline.options import CalibrateOptions, check_options
 from omnisight.pipeline.provenance import tool_provenance
 from omnisight.quality.repeated_views import find_repeated_views, list_pairs
 from omnisight.quality.report import assess_central, assess_noncentral
@@ -73,9 +73,10 @@ def calibrate(
     ------
     ValueError
         If an input cannot be read, there are too few images, or no model fits.
-    FileNotFoundError
+    MissingFileError
         If a file or folder does not exist.
     """
+    check_options(options, CalibrateOptions)
     report, started = progress or (lambda stage, done, total: None), time.perf_counter()
     design = read_design(options.start)
     observations = drop_images(load_observations(source, options, progress=progress), options.drop)

@@ -15,7 +15,7 @@ from omnisight.corners import read_corners
 from omnisight.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, UnreadableImage, collect_images
 from omnisight.images.collect import expand_path
 from omnisight.images.output_paths import image_labels
-from omnisight.pipeline.options import DetectOptions, SourceOptions
+from omnisight.pipeline.options import DetectOptions, SourceOptions, check_options
 from omnisight.targets import Detections, ImageDetection, detect_boards
 from omnisight.targets.observations import Observations
 
@@ -45,6 +45,7 @@ def detect(
     ValueError
         If the source contains no images, or the board cannot be read.
     """
+    check_options(options, DetectOptions)
     report = progress or (lambda stage, done, total: None)
     board = options.board
     images: list[Path] = []
@@ -123,7 +124,7 @@ def is_corner_source(items: Iterable[str | PathLike[str]]) -> bool:
 
     Raises
     ------
-    FileNotFoundError
+    MissingFileError
         If a file does not exist.
     """
     items = [Path(item) for item in items]

@@ -1,18 +1,24 @@
 """Evaluation of calibrated cameras on images they were not calibrated on: `omnisight evaluate`."""
 
 from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
 from omnisight.calibration.evaluation import Evaluation, evaluate_camera
 from omnisight.camera import Camera
+from omnisight.formats import load
 from omnisight.pipeline.detect import Source, load_observations
 from omnisight.pipeline.detection_advice import explain_no_detection
-from omnisight.pipeline.options import EvaluateOptions
+from omnisight.pipeline.options import EvaluateOptions, check_options
 from omnisight.ray_camera import RayCamera
 from omnisight.targets.observations import Observations
 
+AnyCamera = Camera | RayCamera
+
 
 def evaluate(
-    cameras: Camera | RayCamera | Mapping[str, Camera | RayCamera],
+    cameras: AnyCamera | str | PathLike[str] | Mapping[str, AnyCamera],
     source: Source,
     options: EvaluateOptions = EvaluateOptions(),
     *,
@@ -25,7 +31,7 @@ def evaluate(
     Parameters
     ----------
     cameras
-        A camera, or several by name, all evaluated on the same corners.
+        A camera or its file, or several cameras by name, all evaluated on the same corners.
     source
         As in `load_observations`.
     options
@@ -41,10 +47,11 @@ def evaluate(
     Raises
     ------
     ValueError
-        If there are no corners, or a camera is for images of another size or in another unit than the board.
+        If the cameras are of another type, there are no corners, or a camera is for images of another size or in
+        another unit than the board.
     """
-    if isinstance(cameras, Camera | RayCamera):
-        cameras = {"camera": cameras}
+    check_options(options, EvaluateOptions)
+    cameras = _by_name(cameras)
     report = progress or (lambda stage, done, total: None)
     observations = load_observations(source, options, progress=progress)
     if not len(observations) and observations.detections is not None:
@@ -56,6 +63,19 @@ def evaluate(
         evaluations[name] = evaluate_camera(camera, observations, threshold=options.threshold, flat=options.flat)
     report("evaluate", len(cameras), len(cameras))
     return evaluations
+
+
+def _by_name(cameras: Any) -> dict[str, AnyCamera]:
+    """Return the cameras by name."""
+    if isinstance(cameras, str | PathLike):
+        return {Path(cameras).name: load(Path(cameras))}
+    if isinstance(cameras, Camera | RayCamera):
+        return {"camera": cameras}
+    if not isinstance(cameras, Mapping) or not all(isinstance(c, Camera | RayCamera) for c in cameras.values()):
+        raise ValueError(
+            f"cameras must be a Camera, its file, or a dict of cameras by name, got {type(cameras).__name__}"
+        )
+    return dict(cameras)
 
 
 def _check_camera(camera: Camera | RayCamera, name: str, observations: Observations) -> None:

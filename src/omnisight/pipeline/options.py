@@ -180,3 +180,9 @@ class NextViewOptions(SourceOptions):
     def __post_init__(self) -> None:
         if not 1 <= self.count <= MAX_PROPOSALS:
             raise ValueError(f"count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")
+
+
+def check_options(options: object, expected: type) -> None:
+    """Raise `ValueError` if options are not of the expected class."""
+    if not isinstance(options, expected):
+        raise ValueError(f"options must be {expected.__name__}(...), got {type(options).__name__}")
