@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from calibrating import SIZE, calibrate, observe
+from calibrating import calibrate, observe
 from omnisight.geometry import rotation as so3
 from omnisight.models import model_class
 from omnisight.targets import Checkerboard

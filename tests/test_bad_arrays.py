@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibrating import observe
-from lenses import SIZE, lens, observe_boards
+from calibrating import SIZE, observe
+from lenses import lens, observe_boards
 from omnisight.camera import Camera
 
 

@@ -20,7 +20,10 @@ EXPECTED = {
     "05_convert": ({"fisheye.native.json"}, "kannala_brandt as ocam"),
     "06_video_remapper": ({"last.jpg"}, "fps"),
     "07_mirror_dimensions": ({"parabola.json", "hyperbola.json", "ellipse.json"}, "xi = 0.95135"),
-    "08_rig": ({"pair.json", "pair.jpg", "pair-back.jpg", "ring.json", "ring.jpg", "ring-cam4.jpg"}, "cover 100.0 % of"),
+    "08_rig": (
+        {"pair.json", "pair.jpg", "pair-back.jpg", "ring.json", "ring.jpg", "ring-cam4.jpg"},
+        "cover 100.0 % of",
+    ),
     "09_surround": ({"car.json", "front.jpg", "right.jpg", "back.jpg", "left.jpg", "above.jpg"}, "98 % of the ground"),
 }
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from calibrating import calibrate, observe
-from lenses import CENTRE, LENSES, NOISE_RMS, SIZE, bearing_error, calibrate_lens, lens, observe_boards
+from calibrating import SIZE, calibrate, observe
+from lenses import CENTRE, LENSES, NOISE_RMS, bearing_error, calibrate_lens, lens, observe_boards
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.candidate import FOLDS, MAX_COMPARED_CORNERS
 from omnisight.calibration.free_parameters import FreeParameters

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calibrating import calibrate, observe
-from lenses import NOISE, NOISE_RMS, SIZE, lens, observe_boards
+from calibrating import SIZE, calibrate, observe
+from lenses import NOISE, NOISE_RMS, lens, observe_boards
 from omnisight.calibration.evaluation import ResidualStatistics, evaluate_camera
 from omnisight.camera import Camera
 from omnisight.corners import read_corners

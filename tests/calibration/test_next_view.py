@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lenses import BOARD, CENTRE, RIM, SIZE, lens, rotation_to
+from calibrating import SIZE
+from lenses import BOARD, CENTRE, RIM, lens, rotation_to
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.residual_weights import ResidualWeights

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibrating import calibrate, observe
-from lenses import SIZE, lens, rotation_to
+from calibrating import SIZE, calibrate, observe
+from lenses import lens, rotation_to
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.resection import linear_board_poses, refine_board_poses
 from omnisight.calibration.state import State

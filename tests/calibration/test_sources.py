@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from calibrating import calibrate, observe
-from lenses import BOARD, SIZE, lens, observe_boards
+from calibrating import SIZE, calibrate, observe
+from lenses import BOARD, lens, observe_boards
 from omnisight.images import ImageField
 from omnisight.images.ellipse import Ellipse
 from omnisight.targets import ImageDetection

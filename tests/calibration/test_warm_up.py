@@ -4,7 +4,8 @@ import subprocess
 import sys
 
 SCRIPT = """
-from lenses import SIZE, lens, observe_boards
+from calibrating import SIZE
+from lenses import lens, observe_boards
 from omnisight.calibration import _bundle_kernel, _resection_kernel
 from omnisight.calibration.warm_up import start_warm_up
 from omnisight.compiled import FolderCache

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibrating import calibrate, observe
-from lenses import SIZE, lens, observe_boards
+from calibrating import SIZE, calibrate, observe
+from lenses import lens, observe_boards
 from omnisight.camera import Camera
 from omnisight.models import model_class, model_names
 from omnisight.quality.identifiability import focal_relative_sigma, unidentifiable_parameters

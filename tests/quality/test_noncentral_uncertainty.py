@@ -88,9 +88,7 @@ def repeated_fits():
     free = start.free_parameters
     for _ in range(80):
         noisy = dataclasses.replace(views, pixels=views.pixels + NOISE * rng.standard_normal(views.pixels.shape))
-        fitted = Candidate.fit(
-            "axial", start.state, noisy, free, loss="huber", tolerance=FINAL_TOLERANCE
-        )
+        fitted = Candidate.fit("axial", start.state, noisy, free, loss="huber", tolerance=FINAL_TOLERANCE)
         fits.append((fitted, noisy))
     return fits
 

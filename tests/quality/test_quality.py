@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibrating import calibrate, observe
-from lenses import NOISE, SIZE, calibrate_lens, lens, observe_boards
+from calibrating import SIZE, calibrate, observe
+from lenses import NOISE, calibrate_lens, lens, observe_boards
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance, noise_covariance, view_scatter
 from omnisight.calibration.free_parameters import FreeParameters

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibrating import observe
-from lenses import BOARD, SIZE, lens, observe_boards, rotation_to
+from calibrating import SIZE, observe
+from lenses import BOARD, lens, observe_boards, rotation_to
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.resection import resect
 from omnisight.geometry import rotation as so3

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibrating import calibrate, observe
-from lenses import BOARD, SIZE, calibrate_lens, lens, observe_boards
+from calibrating import SIZE, calibrate, observe
+from lenses import BOARD, calibrate_lens, lens, observe_boards
 from omnisight.calibration.resection import resect
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import polar
