@@ -33,7 +33,7 @@ def setup(request):
 
 
 def test_corners_match_the_detector(setup):
-    """Over all images: to 0.02 px, none of it systematic, and no corner far off."""
+    """Over all images the RMS error is 0.02 px, without bias or outliers."""
     renderer = setup.renderer()
     errors = []
     for i, board in enumerate(setup.boards(6)):
@@ -42,7 +42,7 @@ def test_corners_match_the_detector(setup):
         assert found is not None
         assert len(found) == DEMO_BOARD.size
         true = rendered.corners[0].reshape(DEMO_BOARD.rows, DEMO_BOARD.columns, 2)
-        # A mirrored image of a board may be read from either end: nothing printed on it tells.
+        # A mirrored board may be read from either end, because its corners are not numbered.
         readings = (true.reshape(-1, 2), true[:, ::-1].reshape(-1, 2))
         errors.append(min((found.pixels - reading[found.ids] for reading in readings), key=np.linalg.norm))
     errors = np.concatenate(errors)
@@ -120,7 +120,7 @@ def test_negative_focal_length_mirrors_the_image():
     mirrored = dataclasses.replace(setup.camera, model=model)
     plain = dataclasses.replace(setup.camera, model=dataclasses.replace(model, fx=-model.fx))
     first, second = (render(camera, world_from_cam=setup.world_from_cam, noise=0).image for camera in (mirrored, plain))
-    # Neighbours that tell a ray's footprint lie on the other side: rounding of filtered texels, at edges of solids.
+    # The footprint of a ray is estimated from neighbours on the other side, which rounds filtered texels differently.
     apart = np.abs(first.astype(int) - second[:, ::-1])
     assert apart.mean() < 0.5
     assert np.percentile(apart, 99) <= 4
@@ -189,7 +189,7 @@ def test_too_large_board_is_rejected():
 
 
 def test_boards_of_the_scene_are_detected_at_their_positions():
-    """Through a pinhole that looks at one of each kind of the middle ring."""
+    """A pinhole sees one board of each kind of the middle ring."""
     scene = scene_named("boards")
     kinds = {name.split()[0] for name in scene.names}
     assert kinds == {"hall", "checkerboard", "aprilgrid", "charuco", "circles"}
@@ -197,12 +197,12 @@ def test_boards_of_the_scene_are_detected_at_their_positions():
     assert detect_checkerboard(to_gray8(image), Checkerboard(9, 6, 0.06)) is not None
 
 
-def test_corners_under_a_rolling_shutter_match_the_detector():
-    """The truth of the pixel there is the corner's own place, with each row from its own pose."""
+def test_corners_under_a_rolling_shutter_match_the_ground_truth():
+    """The scene point at the pixel of a corner is that corner, with one camera pose per row."""
     from omnisight.simulation.trajectory import preset_trajectory
 
     camera = om.perspective(70, (320, 240))
-    rows = preset_trajectory("line", ((-1.5, -0.1, -0.1), (1.5, 0.1, 0.1)), 1.0).rows(0.5, 240, 0.2)
+    rows = preset_trajectory("line", ((-1.5, -0.1, -0.1), (1.5, 0.1, 0.1)), 1.0).row_poses(0.5, 240, 0.2)
     rows = [om.Pose(translation=pose.translation) for pose in rows]  # sideways
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.8))))
     rolling = Renderer(camera, rows, Scene(()))
@@ -211,8 +211,8 @@ def test_corners_under_a_rolling_shutter_match_the_detector():
     assert np.abs(corners - still).max() > 3
     truth = rolling.truth([board])
     at = np.rint(corners).astype(int)
-    seen = truth.points[at[:, 1], at[:, 0]]
+    points = truth.points[at[:, 1], at[:, 0]]
     true = rows[120] @ (board.cam_from_board @ DEMO_BOARD.points)
-    assert np.linalg.norm(seen - true, axis=1).max() < 0.8 * 0.8 / camera.model.fx  # within the pixel
+    assert np.linalg.norm(points - true, axis=1).max() < 0.8 * 0.8 / camera.model.fx  # within the pixel
     light = rolling.light([board])
     assert (light[at[:, 1], at[:, 0]] > 0).all()
