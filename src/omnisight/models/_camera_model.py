@@ -174,7 +174,7 @@ class CameraModel(Projector):
 
     @cached_property
     def kernel(self) -> Any:
-        """The parameters and projection_constants constants as the named tuple that compiled code takes."""
+        """The parameters and constants as the named tuple that compiled code takes."""
         return type(self).kernel_type(**self.kernel_values())
 
     @cached_property
