@@ -15,7 +15,7 @@ def choose_board(
     """Return the board to hold, and the observations with their points in that board's frame.
 
     A detected board is held again. Given points of a plane determine its warp, so the same board is held: the
-    requested or default one, or a checkerboard of the same size with as many corners. Points of a solid body determine
+    requested or default one, or a checkerboard of the same size with as many corners. Points of a rigid body determine
     only the camera, so any flat board may be held.
 
     Parameters
@@ -30,7 +30,7 @@ def choose_board(
     Raises
     ------
     ValueError
-        If the points are those of a solid body and no board is given, or the unit of the requested board differs.
+        If the points are those of a rigid body and no board is given, or the unit of the requested board differs.
     """
     target = None if observations.detections is None else observations.detections.board
     if target is not None and not isinstance(target, PointTarget):
