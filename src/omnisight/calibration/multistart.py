@@ -184,7 +184,7 @@ def _sample_starts(
     bearings, pixels = _thinned(*sample_camera(initial, observations), FIT_PAIRS)
     try:
         known = type(initial.model) is cls and fit == cls.fit  # a variant is another model: refit it
-        first = initial.model if known else fit(bearings, pixels, fixed=constant)
+        first = initial.central_model if known else fit(bearings, pixels, fixed=constant)
     except (ValueError, np.linalg.LinAlgError):
         return
     yield Start(replace(initial, model=first))
