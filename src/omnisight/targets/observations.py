@@ -257,7 +257,8 @@ def _checked_size(size: Any, pixels: Array) -> tuple[int, int]:
         if u >= width or v >= height or not (pixels > -1).any():
             swapped = " are width and height swapped?" if u < height and v < width else ""
             raise ValueError(
-                f"size is {width}x{height} (width x height), but most pixels lie outside, around ({u:.0f}, {v:.0f}):{swapped}"
+                f"size is {width}x{height} (width x height), but most pixels lie outside, around"
+                f" ({u:.0f}, {v:.0f}):{swapped}"
             )
     return width, height
 
