@@ -27,25 +27,18 @@ MAX_IMAGES, MAX_REASONS = 24, 3
 
 def image_rows(calibration: Calibration) -> list[dict[str, Any]]:
     """Return one row per image: name, found, corners, rms and worst residual (px), note."""
-    observations, lengths = calibration.observations, calibration.residual_lengths
-    views = iter(observations.groups)
-    if observations.detections is None:
-        images = [(name, 1, "") for name in observations.names]
-    else:
-        detected = zip(observations.image_names, observations.detections.images, strict=True)
-        images = [(name, len(image.boards), image.note) for name, image in detected]
+    lengths = calibration.residual_lengths
     rows: list[dict[str, Any]] = []
-    for name, boards, note in images:
-        residuals = np.concatenate([np.zeros(0), *(lengths[next(views)] for _ in range(boards))])
-        found = boards > 0
+    for image in calibration.observations.images:
+        residuals, found = lengths[image.rows], len(image.views) > 0
         rows.append(
             {
-                "name": name,
+                "name": image.name,
                 "found": found,
                 "corners": len(residuals),
                 "rms": float(np.sqrt((residuals**2).mean())) if found else None,
                 "worst": float(residuals.max()) if found else None,
-                "note": note or "",
+                "note": "" if image.detection is None else image.detection.note,
             }
         )
     return rows

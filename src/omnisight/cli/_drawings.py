@@ -25,8 +25,7 @@ def _draw(
 ) -> None:
     from omnisight.report.drawings.residuals import draw_residuals
 
-    assert observations.detections is not None
-    blank = draw_residuals(observations.detections, residuals, outliers, folder, apply_exif=apply_exif)
+    blank = draw_residuals(observations, residuals, outliers, folder, apply_exif=apply_exif)
     if not quiet:
         note = f" ({blank} images on a blank background: their files are missing)" if blank else ""
         print(f"drawn     {folder}{note}")

@@ -17,20 +17,15 @@ STATISTICS = ("rms", "mean", "median", "wrms", "worst")
 
 def image_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     """Return one row per image: name, statistics (px) of the corners in the domain, number outside it, note."""
-    observations = evaluation.observations
-    views = iter(observations.groups)
-    if observations.detections is None:
-        images = [(name, 1, "") for name in observations.names]
-    else:
-        detected = zip(observations.image_names, observations.detections.images, strict=True)
-        images = [(name, len(image.boards), image.note) for name, image in detected]
     rows: list[dict[str, Any]] = []
-    for name, boards, note in images:
+    for image in evaluation.observations.images:
         use = np.zeros(len(evaluation.lengths), bool)
-        for _ in range(boards):
-            use[next(views)] = True
+        use[image.rows] = True
         outside = int((use & ~evaluation.in_domain).sum())
-        rows.append({"name": name, **evaluation.statistics(use).as_dict(), "outside_domain": outside, "note": note})
+        note = "" if image.detection is None else image.detection.note
+        rows.append(
+            {"name": image.name, **evaluation.statistics(use).as_dict(), "outside_domain": outside, "note": note}
+        )
     return rows
 
 

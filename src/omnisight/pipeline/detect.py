@@ -105,9 +105,8 @@ def load_observations(
         return _from_views(views, options)
     paths = _paths(source)
     if is_corner_source(paths):
-        files = list(dict.fromkeys(path for item in paths for path in expand_path(item)))
         detections = read_corners(
-            files, board=options.board, square=options.square_m, size=options.size, which=options.which
+            source_paths(paths), board=options.board, square=options.square_m, size=options.size, which=options.which
         )
     else:
         if options.image_size is not None:

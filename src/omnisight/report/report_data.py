@@ -27,8 +27,8 @@ from omnisight.quality.uncertainty import UncertaintyMap
 from omnisight.quality.verdict import Verdict
 from omnisight.ray_camera import RayCamera
 from omnisight.report.number_format import format_with_sigma
-from omnisight.targets import Detections, ImageDetection
-from omnisight.targets.observations import Observations
+from omnisight.targets import Detections
+from omnisight.targets.observations import Observations, ObservedImage
 
 Array = NDArray[np.float64]
 
@@ -229,27 +229,14 @@ class ReportData:
     @cached_property
     def images(self) -> tuple[ReportImage, ...]:
         """All images; without detection results one image per view."""
-        detections, groups = self.detections, self.observations.groups
-        if detections is None:
-            rows = zip(self.observations.names, groups, strict=True)
-            return tuple(self._image(k + 1, name, range(k, k + 1), group) for k, (name, group) in enumerate(rows))
-        images, view, row = list[ReportImage](), 0, 0
-        for number, (name, image) in enumerate(zip(self.observations.image_names, detections.images, strict=True), 1):
-            views = range(view, view + len(image.boards))
-            rows = slice(row, row + sum(map(len, image.boards)))
-            images.append(self._image(number, name, views, rows, image))
-            view, row = views.stop, rows.stop
-        return tuple(images)
+        return tuple(self._image(number, image) for number, image in enumerate(self.observations.images, 1))
 
-    def _image(
-        self, number: int, name: str, views: range, rows: slice, detection: ImageDetection | None = None
-    ) -> ReportImage:
-        lengths = self.residual_lengths[rows]
+    def _image(self, number: int, image: ObservedImage) -> ReportImage:
+        lengths = self.residual_lengths[image.rows]
         rms, largest = (float(np.sqrt((lengths**2).mean())), float(lengths.max())) if len(lengths) else (np.nan, np.nan)
-        if detection is None:
-            return ReportImage(number, name, None, self.camera.size, "", views, rows, rms, largest)
-        file = detection.path, detection.size, detection.note
-        return ReportImage(number, name, *file, views, rows, rms, largest)
+        found = image.detection
+        file = (None, self.camera.size, "") if found is None else (found.path, found.size, found.note)
+        return ReportImage(number, image.name, *file, image.views, image.rows, rms, largest)
 
     @cached_property
     def residuals(self) -> Array:

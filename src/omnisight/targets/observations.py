@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.images import ImageField
-from omnisight.targets.detections import Detections
+from omnisight.targets.detections import Detections, ImageDetection
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,27 @@ Array = NDArray[np.float64]
 MIN_POINTS_PER_VIEW = 12
 # Asymmetry of a covariance matrix relative to its mean variance that is rounding.
 COVARIANCE_TOLERANCE = 1e-6
+
+
+class ObservedImage(NamedTuple):
+    """An image, and which views and rows of the observations are from it.
+
+    Attributes
+    ----------
+    name
+        Display name.
+    detection
+        Its detection result; None if the observations came from arrays.
+    views
+        Views, one per board; empty if there is none.
+    rows
+        Rows of their points.
+    """
+
+    name: str
+    detection: ImageDetection | None
+    views: range
+    rows: slice
 
 
 @dataclass(frozen=True)
@@ -157,6 +178,21 @@ class Observations:
     def __repr__(self) -> str:
         """Summarize the observations in one line."""
         return f"Observations({len(self)} views, {len(self.pixels)} points, size={self.size}, unit={self.unit!r})"
+
+    @cached_property
+    def images(self) -> tuple[ObservedImage, ...]:
+        """All images, those without a board too; one per view if there are no detection results."""
+        if self.detections is None:
+            images = [(name, None, 1) for name in self.names]
+        else:
+            detected = zip(self.image_names, self.detections.images, strict=True)
+            images = [(name, image, len(image.boards)) for name, image in detected]
+        starts = [*(group.start for group in self.groups), len(self.pixels)]
+        ends = accumulate(count for _, _, count in images)
+        return tuple(
+            ObservedImage(name, image, range(end - count, end), slice(starts[end - count], starts[end]))
+            for (name, image, count), end in zip(images, ends, strict=True)
+        )
 
     @cached_property
     def is_planar(self) -> bool:

@@ -1,7 +1,6 @@
 """Images with their detected corners."""
 
 from collections.abc import Callable, Sequence
-from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +42,6 @@ def draw_detections(
             write_image(file, _draw(image, detections, apply_exif).pixels)
         if progress is not None:
             progress(i + 1, len(files))
-
-
-def corner_slices(detections: Detections) -> list[slice]:
-    """Return, for each image with a board, the rows of its corners in the `Observations`."""
-    ends = list(accumulate((sum(map(len, image.boards)) for image in detections.found), initial=0))
-    return [slice(start, stop) for start, stop in pairwise(ends)]
 
 
 def draw_board_rows(canvas: ImageCanvas, detection: Detection, detections: Detections) -> None:

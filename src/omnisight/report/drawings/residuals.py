@@ -8,24 +8,25 @@ import numpy as np
 from omnisight.images import read_image, write_image
 from omnisight.images.output_paths import drawing_paths
 from omnisight.report.drawings.canvas import GREEN, RED, ImageCanvas, blank_image, display_zoom
-from omnisight.report.drawings.detections import corner_slices, draw_board_rows
+from omnisight.report.drawings.detections import draw_board_rows
 from omnisight.targets import Detections, ImageDetection, PointTarget
+from omnisight.targets.observations import Observations
 
 # Residuals are drawn this many times longer than they are, to be visible.
 RESIDUAL_SCALE = 50
 
 
 def draw_residuals(
-    detections: Detections, residuals: Any, outliers: Any, folder: Path, *, apply_exif: bool = False
+    observations: Observations, residuals: Any, outliers: Any, folder: Path, *, apply_exif: bool = False
 ) -> int:
     """Draw the corners, their order and their magnified residuals over each image with a board.
 
     Parameters
     ----------
-    detections
-        The detection results.
+    observations
+        The corners, with their detection results.
     residuals
-        (N, 2) projected minus detected pixels of all corners, in the order of the detections.
+        (N, 2) projected minus detected pixels of all corners.
     outliers
         (N,) which corners are outliers, drawn red.
     folder
@@ -37,10 +38,13 @@ def draw_residuals(
     -------
     Number of images drawn on a blank background, since only their corners were given and their file is missing.
     """
-    files = drawing_paths([image.path for image in detections.found], folder)
+    detections = observations.detections
+    assert detections is not None
+    images = [(image.detection, image.rows) for image in observations.images if image.detection and image.views]
+    files = drawing_paths([image.path for image, _ in images], folder)
     folder.mkdir(parents=True, exist_ok=True)
     num_blank = 0
-    for image, rows, file in zip(detections.found, corner_slices(detections), files, strict=True):
+    for (image, rows), file in zip(images, files, strict=True):
         is_blank = isinstance(detections.board, PointTarget) and not image.path.is_file()
         num_blank += is_blank
         pixels = blank_image(image.size or (1, 1)) if is_blank else read_image(image.path, apply_exif=apply_exif)
