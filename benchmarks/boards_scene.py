@@ -181,7 +181,7 @@ def _middle() -> Array:
 
 
 def visible_corners(lens: Lens, pose: Pose) -> NDArray[np.bool_]:
-    """Say which corners (54,) have their four neighbouring quarter-squares in the image and in the field."""
+    """Return which corners (54,) have their four neighbouring quarter-squares in the image and in the field."""
     ends = np.array([(0, 0), (-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)])
     points = pose @ (BOARD.points[:, None] + np.pad(ends, ((0, 0), (0, 1))))
     pixels, valid = lens.camera.project(points)

@@ -70,7 +70,7 @@ class Run:
 
 
 def matrix(*, quick: bool) -> Iterator[Cell]:
-    """Give the cells: every lens, axis and kind of boards; noise, outliers and number of views in turn."""
+    """Yield the cells: every lens, axis and kind of boards; noise, outliers and number of views alternate."""
     turns = list(itertools.product(NOISES, OUTLIERS, VIEWS))
     order = np.random.default_rng(0).permutation(len(turns))
     count = itertools.count()
@@ -85,7 +85,7 @@ def matrix(*, quick: bool) -> Iterator[Cell]:
 
 
 def cost(state: State, views: Observations, threshold: float) -> Array:
-    """Give the robust cost of each corner."""
+    """Return the robust cost of each corner."""
     inside = np.minimum(lengths := state.lengths(views), threshold)
     return inside * (lengths - 0.5 * inside)
 
@@ -101,7 +101,7 @@ def compared(state: State, views: Observations, weights: ResidualWeights) -> Sta
 
 
 def from_truth(made: Scene, models: Sequence[str] = MODELS) -> dict[str, State]:
-    """Give the true state as every model that can represent the lens, by the name of its candidate."""
+    """Return the true state in every model that can represent the lens, by the name of its candidate."""
     truth = made.state
     seen, _ = truth.model.project_numpy(made.cone)
     found: dict[str, State] = {}
@@ -152,7 +152,7 @@ def run(cell: Cell, models: Sequence[str] = MODELS) -> list[Run]:
 
 
 def bearing_error(model: CameraModel, made: Scene) -> float:
-    """Give the largest angle (degrees) between true bearings and the model's for the same pixels.
+    """Return the largest angle (degrees) between true bearings and those of the model for the same pixels.
 
     The cameras may be turned against each other: a centre a little aside is a rotation, and no pose of a board knows.
     """
@@ -164,7 +164,7 @@ def bearing_error(model: CameraModel, made: Scene) -> float:
 
 
 def tables(runs: list[Run]) -> str:
-    """Give reached / runs by field of view and lens, and by each of the other columns."""
+    """Return the table of reached / runs by field of view and lens, and by each of the other columns."""
     lines = list[str]()
     columns = {f.name: (lambda r, name=f.name: getattr(r.cell, name)) for f in fields(Cell)}
     rows = {"fov/lens": lambda r: f"{r.cell.fov} {r.cell.lens}", "model": lambda r: r.model.split()[0]}

@@ -21,7 +21,7 @@ RESTARTS = 4
 
 
 def restarts(found: State, views: Observations, size: tuple[int, int], rng: np.random.Generator) -> Iterator[State]:
-    """Give states away from the one found: all of it shaken, and a camera that knew half of the images."""
+    """Yield states away from the optimum: a perturbed one, and a camera calibrated on half of the images."""
     for _ in range(RESTARTS):
         params = found.model.params.copy()
         names = found.model.param_names

@@ -94,7 +94,7 @@ class Cell:
 
     @classmethod
     def parse(cls, text: str) -> "Cell":
-        """Give the cell of such a text."""
+        """Return the cell that a text describes."""
         fov, lens, axis, boards, noise, outliers, views = text.split("/")
         return cls(int(fov), lens, axis, boards, float(noise), float(outliers), int(views))
 
@@ -123,7 +123,7 @@ class Scene:
 
 @cache
 def camera(fov: int, name: str, centre: tuple[float, float]) -> CameraModel:
-    """Give the lens of that field of view, its rim `RIM` px from its axis."""
+    """Return the lens of a field of view, with its image circle `RIM` px from the axis."""
     lens = LENSES[fov][name]
     if lens.model == "ocam":
         base = "kannala_brandt" if lens.shape else "unified"
@@ -142,7 +142,7 @@ def camera(fov: int, name: str, centre: tuple[float, float]) -> CameraModel:
 
 
 def cone_of(least: float, most: float) -> Array:
-    """Give bearings (M, 3) between two angles from the axis."""
+    """Return bearings (M, 3) between two angles from the axis."""
     theta = np.linspace(max(least, 0.01), most, 20)[:, None]
     phi = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     parts = np.broadcast_arrays(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))

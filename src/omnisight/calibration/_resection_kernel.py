@@ -1,4 +1,4 @@
-"""The compiled part of `pose`: what is done corner by corner."""
+"""Compiled loops of the resection over board points."""
 
 # Compiled code takes its types from its arguments.
 # pyright: basic
@@ -10,7 +10,7 @@ from omnisight.compiled import njit_driver
 
 @njit_driver
 def squared_chords(points, view, rotations, translations, bearings):
-    """Give the squared distances (N,) between bearings and the directions of points, each posed as its view is."""
+    """Return the squared chords (N,) between bearings and the directions of points posed by their view."""
     squares = np.empty(len(points))
     for n in range(len(points)):
         r, t = rotations[view[n]], translations[view[n]]
@@ -26,32 +26,32 @@ def squared_chords(points, view, rotations, translations, bearings):
 
 @njit_driver
 def chord_normal_equations(points, view, rotations, translations, bearings, weights):
-    """Give the normal equations by view, (V, 6, 6) and (V, 6), of these distances by a turn and a shift of each."""
+    """Return the normal equations of the chords by the pose of each view: hessian (V, 6, 6) and gradient (V, 6)."""
     hessian, gradient = np.zeros((len(rotations), 6, 6)), np.zeros((len(rotations), 6))
-    turned, seen, by = np.empty(3), np.empty(3), np.empty(6)
+    rotated, direction, jacobian = np.empty(3), np.empty(3), np.empty(6)
     for n in range(len(points)):
         k = view[n]
         length = 0.0
         for i in range(3):
-            turned[i] = 0.0
+            rotated[i] = 0.0
             for j in range(3):
-                turned[i] += rotations[k, i, j] * points[n, j]
-            seen[i] = turned[i] + translations[k, i]
-            length += seen[i] * seen[i]
-        over = 1.0 / max(np.sqrt(length), 1e-300)
+                rotated[i] += rotations[k, i, j] * points[n, j]
+            direction[i] = rotated[i] + translations[k, i]
+            length += direction[i] * direction[i]
+        inverse_length = 1.0 / max(np.sqrt(length), 1e-300)
         for i in range(3):
-            seen[i] *= over
+            direction[i] *= inverse_length
         for i in range(3):
-            # p = (y + t)/|y + t| with y = R X, turned by w and moved by v:  dp = (I - p p^T)(w x y + v)/|y + t|.
+            # p = (y + t)/|y + t| with y = R X, rotated by w and translated by v:  dp = (I - p p^T)(w x y + v)/|y + t|.
             for j in range(3):
-                by[3 + j] = ((1.0 if i == j else 0.0) - seen[i] * seen[j]) * over
+                jacobian[3 + j] = ((1.0 if i == j else 0.0) - direction[i] * direction[j]) * inverse_length
             for j in range(3):
                 after, last = (j + 1) % 3, (j + 2) % 3
-                by[j] = turned[after] * by[3 + last] - turned[last] * by[3 + after]
-            off = seen[i] - bearings[n, i]
+                jacobian[j] = rotated[after] * jacobian[3 + last] - rotated[last] * jacobian[3 + after]
+            chord = direction[i] - bearings[n, i]
             for p in range(6):
-                weighted = weights[n] * by[p]
-                gradient[k, p] += weighted * off
+                weighted = weights[n] * jacobian[p]
+                gradient[k, p] += weighted * chord
                 for q in range(6):
-                    hessian[k, p, q] += weighted * by[q]
+                    hessian[k, p, q] += weighted * jacobian[q]
     return hessian, gradient

@@ -20,7 +20,7 @@ TRIMMED_END_PX = 2
 MAX_CIRCLE_DISTANCE_PX = 1.2
 # The border of the lens or mirror is an edge itself.
 BORDER_MARGIN_PX = 6.0
-# Shorter arcs hardly bend: a share of the smaller image side, and at least so many pixels.
+# Minimum arc length, as a share of the smaller image side and in px: shorter arcs have too little curvature.
 MIN_ARC_SHARE, MIN_ARC_PX = 0.04, 16
 # Bounds the run time on cluttered images; the longest arcs are kept.
 MAX_ARCS = 400
