@@ -31,7 +31,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 import cv2
 
 RACES = ("points", "views", "calibration", "render", "startup")
-EVALUATIONS = ("boards", "solvers", "noncentral", "verdict", "convergence")
+EVALUATIONS = ("boards", "solvers", "noncentral", "verdict", "model_choice", "convergence")
 
 
 def main(arguments: Sequence[str]) -> None:

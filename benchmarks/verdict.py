@@ -21,12 +21,12 @@ import numpy as np
 
 from benchmarks.convergence_scenes import Array
 from benchmarks.verdict_scenes import KINDS, Case, GroundTruth, scene
+from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.geometry import rotation as so3
 from omnisight.pipeline.calibrate import calibrate
 from omnisight.pipeline.calibration import Calibration
 from omnisight.pipeline.options import CalibrateOptions
 from omnisight.quality.evidence import Level
-from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.uncertainty import Uncertainty
 
 # Error assigned to directions that the estimated camera cannot project, px.

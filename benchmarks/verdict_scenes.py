@@ -223,13 +223,13 @@ def camera(session: Session, rng: np.random.Generator) -> GroundTruth:
         name = str(rng.choice([name for name, lens in MIRRORS.items() if lens.model != "ocam"]))
         lens, fov, rim = MIRRORS[name], 220, INSIDE
     half = np.radians(min(fov / 2, 85.0) if lens.model == "orthographic" else fov / 2)
-    model = _scaled(lens, float(half), rim, rng)
+    model = scaled(lens, float(half), rim, rng)
     wave = tuple(session.wave * rng.dirichlet((1.0, 1.0, 1.0)))
     phases = tuple(rng.uniform(0, 2 * np.pi, 3))
     return GroundTruth(f"{name} {fov}", model, np.radians(lens.blind_deg), float(half), session.pupil, wave, phases)
 
 
-def _scaled(lens: Lens, half: float, rim: float, rng: np.random.Generator) -> CameraModel:
+def scaled(lens: Lens, half: float, rim: float, rng: np.random.Generator) -> CameraModel:
     """Scale a lens to the radius of its image circle (px), with the axis near the image centre."""
     plain = {"fx": 1.0, "fy": 1.0, "cx": 0.0, "cy": 0.0, **lens.shape}
     radius = model_class(lens.model).from_dict(plain).project_numpy(np.array([[np.sin(half), 0.0, np.cos(half)]]))[0]

@@ -92,7 +92,7 @@ def test_json_is_one_object_and_nothing_else(run, folder):
     assert result["images"][7]["note"] == "no 9x6 board detected"
     assert result["pattern"] == "9x6"
     assert 0 < result["mean"] < result["rms"] < 0.3
-    assert {"model", "corners", "rms", "held_out_rms", "parameters", "mean"} == set(result["candidates"][0])
+    assert {"model", "corners", "rms", "held_out_rms", "parameters", "mean", "probability"} == set(result["candidates"][0])
     assert len(result["candidates"]) > 3
     assert result["seconds"]["total"] == pytest.approx(
         sum(result["seconds"][stage] for stage in ("detect", "redetect", "solve")), abs=0.01
@@ -169,7 +169,7 @@ def test_the_ocamcalib_method_prints_its_steps_and_writes_its_camera(run, shots,
     assert status == 0
     rms = {step: float(value) for step, value in re.findall(r"^ocamcalib, (\w+) +(\d\.\d+)", out, re.M)}
     assert rms["refined"] <= rms["centred"] <= rms["linear"]
-    assert re.search(r"^kannala_brandt +8 +0\.\d+ +0\.\d+ +selected$", out, re.M)
+    assert re.search(r"^kannala_brandt +8 +0\.\d+ +0\.\d+ +100% +selected$", out, re.M)
     camera = load(tmp_path / "camera.json")
     assert camera.model.name == "ocam"
     assert camera.calibration["method"] == "ocamcalib"

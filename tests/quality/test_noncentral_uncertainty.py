@@ -11,13 +11,13 @@ from noncentral import SIZE, calibrate_noncentral, observe_boards, off_focus, pu
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance
 from omnisight.calibration.prescription import resect_prescription
+from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.geometry.sphere import cap, polar
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optics.models.axial import Axial
 from omnisight.optim.tolerances import FINAL_TOLERANCE
 from omnisight.quality.central_limit import CentralLimit, central_limit, in_central_frame
 from omnisight.quality.pupil_shift import PupilShift
-from omnisight.quality.split_half import rotation_aligned_difference
 from omnisight.quality.uncertainty import Uncertainty
 
 LENS = KannalaBrandt(fx=380, fy=381, cx=641, cy=510, k1=-0.02, k2=0.004, k3=-0.001, k4=0.0)

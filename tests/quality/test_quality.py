@@ -11,10 +11,11 @@ from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance, noise_covariance, view_scatter
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import resect
+from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis, cap, polar
 from omnisight.models import model_class
-from omnisight.quality.split_half import rotation_aligned_difference, run_split_half_test
+from omnisight.quality.split_half import run_split_half_test
 from omnisight.quality.uncertainty import Uncertainty, UncertaintyMap
 
 SIMULATIONS = 200

@@ -54,6 +54,8 @@ class Candidate:
         Root mean square residual length of the inliers in held-out views, px; None without cross-validation.
     held_out_lengths
         (N,) residual length of every corner when its view is held out, px.
+    probability
+        Probability that it predicts further views best among the candidates; None without cross-validation.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Candidate:
     mean: float
     held_out_rms: float | None = None
     held_out_lengths: Array | None = None
+    probability: float | None = None
 
     @property
     def parameters(self) -> int:
@@ -79,6 +82,7 @@ class Candidate:
             "rms": self.rms,
             "mean": self.mean,
             "held_out_rms": self.held_out_rms,
+            "probability": self.probability,
         }
 
     @classmethod
@@ -121,6 +125,7 @@ class Candidate:
     def refit(self, observations: Observations, inliers: Bools, *, loss: Loss) -> "Candidate":
         """Return the candidate refitted to all corners, cross-validated on them if it was before."""
         fitted = self.fit(self.name, self.state, observations, self.free_parameters, loss=loss)
+        fitted = replace(fitted, probability=self.probability)
         if len(observations.pixels) == self.corners:
             return replace(fitted, held_out_rms=self.held_out_rms, held_out_lengths=self.held_out_lengths)
         return fitted if self.held_out_rms is None else fitted.cross_validated(observations, inliers, loss=loss)

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.candidate import Candidate
-from omnisight.calibration.estimation_options import EstimationOptions
+from omnisight.calibration.estimation_options import EstimationOptions, Loss
 from omnisight.calibration.free_parameters import FreeParameters, with_square_pixels
+from omnisight.calibration.model_averaging import expected_errors, not_rejected, with_probabilities
 from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import MIN_OUTSIDE_COST_PX, State
@@ -123,12 +124,14 @@ def cross_validate(
     return validated
 
 
-def select_model(candidates: Sequence[Candidate], observations: Observations, inliers: Bools) -> Selection:
-    """Select the candidate with the fewest parameters that no other candidate beats on held-out views.
+def select_model(
+    candidates: Sequence[Candidate], observations: Observations, inliers: Bools, *, loss: Loss = "huber"
+) -> Selection:
+    """Select the candidate with the fewest parameters among those of the least expected error, see `expected_errors`.
 
-    This is the one-standard-error rule (Breiman et al., Classification and regression trees, 1984, sec. 3.4.3), with
-    paired differences per view (`is_better`). Models that are not injective just beyond the corners come last: there,
-    their extrapolation is wrong in a way that held-out corners do not show.
+    Differences of the expected squared error that views by chance cause, sqrt(2 / (V - 1)), do not count. Models that
+    are not injective just beyond the corners are left out: there, their extrapolation is wrong in a way that held-out
+    corners do not show.
     """
     validated = [c for c in candidates if c.held_out_rms is not None]
     if not validated:
@@ -136,19 +139,21 @@ def select_model(candidates: Sequence[Candidate], observations: Observations, in
         reason = f"lowest rms ({best.rms:.3f} px); too few images for a cross-validation"
         return Selection(best, (best, *_ranked(candidates, best)), reason)
     injective = [c for c in validated if not _folds_near_corners(c, observations, inliers)] or validated
-    lowest = min(injective, key=_held_out)
-    unbeaten = [c for c in injective if not is_better(lowest, c, observations, inliers)]
-    best = min(unbeaten, key=lambda c: (c.parameters, _held_out(c)))
-    if best is lowest:
-        reason = "lowest held-out error"
-    else:
-        reason = (
-            f"as good as {lowest.name} ({lowest.held_out_rms:.3f} px) within one standard error, with"
-            f" {best.parameters} instead of {lowest.parameters} parameters"
-        )
+    weighted = with_probabilities(injective, observations, inliers)
+    possible = not_rejected(weighted)
+    errors = expected_errors(possible, observations, loss=loss)
+    limit = errors.min() * np.sqrt(1 + np.sqrt(2 / (len(observations) - 1)))
+    best, error = min(
+        ((c, e) for c, e in zip(possible, errors, strict=True) if e <= limit), key=lambda ce: (ce[0].parameters, ce[1])
+    )
+    reason = f"expected error {error:.2g} px"
+    if len(possible) > 1:
+        names = ", ".join(f"{c.name} {c.probability:.0%}" for c in sorted(possible, key=_probability, reverse=True))
+        reason += f" (possible models: {names})"
     if (excluded := min(validated, key=_held_out)) not in injective:
         reason += f" ({excluded.name} is not injective beyond the corners)"
-    return Selection(best, (best, *_ranked(candidates, best)), reason)
+    rest = [c for c in candidates if all(c.name != w.name for w in weighted)]
+    return Selection(best, (best, *_ranked([*weighted, *rest], best)), reason)
 
 
 def is_better(one: Candidate, other: Candidate, observations: Observations, inliers: Bools) -> bool:
@@ -175,6 +180,10 @@ def _ranked(candidates: Sequence[Candidate], best: Candidate) -> list[Candidate]
 
 def _held_out(candidate: Candidate) -> float:
     return candidate.held_out_rms or 0.0
+
+
+def _probability(candidate: Candidate) -> float:
+    return candidate.probability or 0.0
 
 
 def _folds_near_corners(candidate: Candidate, observations: Observations, inliers: Bools) -> bool:

@@ -81,12 +81,12 @@ def select_axial(
         return axial.cross_validated(observations, inliers, loss=loss) if validates else axial
 
     candidates = [fitted(lens, PUPIL_COEFFICIENTS) for lens in lenses]
-    first = select_model(candidates, observations, inliers)
-    lens = lenses[candidates.index(first.best)]
+    first = select_model(candidates, observations, inliers, loss=loss)
+    lens = lenses[[c.name for c in candidates].index(first.best.name)]
     candidates += [fitted(lens, count) for count in OTHER_PUPIL_COEFFICIENTS]
     origin = [*lenses, *[lens] * len(OTHER_PUPIL_COEFFICIENTS)]
-    selection = select_model(candidates, observations, inliers)
-    static = origin[candidates.index(selection.best)]
+    selection = select_model(candidates, observations, inliers, loss=loss)
+    static = origin[[c.name for c in candidates].index(selection.best.name)]
     central_lens = _central_counterpart(static, central.best, observations, inliers, loss)
     return NonCentralSelection(selection.best, selection.candidates, selection.reason, central_lens)
 

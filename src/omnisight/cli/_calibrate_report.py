@@ -89,7 +89,7 @@ def _print_images(out: "Console", rows: list[dict[str, Any]], verbose: bool) -> 
     from rich.table import Table
 
     table = Table("image", "corners", "rms px", "max px", "note", box=None, pad_edge=False)
-    for column in table.columns[1:4]:
+    for column in table.columns[1:5]:
         column.justify = "right"
     shown = rows
     if len(rows) > MAX_IMAGES and not verbose:
@@ -107,18 +107,19 @@ def _print_images(out: "Console", rows: list[dict[str, Any]], verbose: bool) -> 
 def _print_models(out: "Console", calibration: Calibration) -> None:
     from rich.table import Table
 
-    table = Table("model", "params", "rms px", "held-out px", "", box=None, pad_edge=False)
-    for column in table.columns[1:4]:
+    table = Table("model", "params", "rms px", "held-out px", "probability", "", box=None, pad_edge=False)
+    for column in table.columns[1:5]:
         column.justify = "right"
     for i, candidate in enumerate(calibration.candidates):
-        figures = _figure(candidate.rms), _figure(candidate.held_out_rms)
+        probability = "" if candidate.probability is None else f"{candidate.probability:.0%}"
+        figures = _figure(candidate.rms), _figure(candidate.held_out_rms), probability
         table.add_row(candidate.name, str(candidate.parameters), *figures, "" if i else "selected")
     if (central := calibration.central) is not None:
         figures = _figure(central.rms), _figure(central.held_out_rms)
-        table.add_row(central.name, str(central.parameters), *figures, "central, for comparison")
+        table.add_row(central.name, str(central.parameters), *figures, "", "central, for comparison")
     if calibration.ocamcalib is not None:
         for step, errors in calibration.ocamcalib.errors().items():
-            table.add_row(f"ocamcalib, {step}", "", _figure(errors["rms"]), "", "written" * (step == "refined"))
+            table.add_row(f"ocamcalib, {step}", "", _figure(errors["rms"]), "", "", "written" * (step == "refined"))
     out.print(table)
     out.print()
 

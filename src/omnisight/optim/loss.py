@@ -19,8 +19,12 @@ class Huber:
 
     def cost(self, length: Array) -> float:
         """Return half the sum of the losses."""
+        return float(self.costs(length).sum())
+
+    def costs(self, length: Array) -> Array:
+        """Return half the loss of each residual."""
         inside = np.minimum(length, self.threshold)
-        return float((inside * (length - 0.5 * inside)).sum()) if len(length) else 0.0
+        return inside * (length - 0.5 * inside)
 
     def weight(self, length: Array) -> Array:
         """Return the weight of each residual in the normal equations."""

@@ -90,7 +90,9 @@ def calibrate(
     candidates = fit_candidates(candidate_models(options, initial, observations), initial, subset, options, report)
     inliers = find_inliers(candidates, subset, observations)
     candidates = cross_validate(candidates, subset, inliers[rows], options, report)
-    selection = refit(select_model(candidates, subset, inliers[rows]), observations, inliers, options)
+    selection = refit(
+        select_model(candidates, subset, inliers[rows], loss=options.loss), observations, inliers, options
+    )
     baseline = fit_spline_baseline(selection.best, initial, observations, inliers, loss=options.loss)
     if options.is_noncentral:
         spline = None if baseline is None else baseline.candidate
@@ -246,6 +248,7 @@ def assess(
     else:
         camera, quality = assess_central(
             selection.best,
+            selection.candidates,
             _central_camera(state, observations, outliers),
             observations,
             outliers,

@@ -1,6 +1,6 @@
 """Quality report: uncertainty, coverage, tests and verdict of a calibration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance
 from omnisight.calibration.estimation_options import Loss
+from omnisight.calibration.model_averaging import averaged_covariance
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.models import CameraModel, Projector
@@ -76,6 +77,7 @@ class QualityReport:
 
 def assess_central(
     best: Candidate,
+    candidates: Sequence[Candidate],
     camera: Camera,
     observations: Observations,
     outliers: Bools,
@@ -85,7 +87,8 @@ def assess_central(
     is_auto: bool,
 ) -> tuple[Camera, QualityReport]:
     """Return a central camera with its covariance, and its quality report."""
-    camera = replace(camera, covariance=camera_covariance(best, observations, loss=loss))
+    covariance = averaged_covariance(best, candidates, observations, loss=loss)
+    camera = replace(camera, covariance=covariance)
     noncentrality = run_noncentrality_test(best, camera, observations, ~outliers, baseline)
 
     def as_camera(model: Projector, covariance: Array) -> Camera:

@@ -10,11 +10,10 @@ from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import noise_covariance
 from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.residual_weights import ResidualWeights
+from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.camera import Camera
-from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import cap
 from omnisight.models import Projector
-from omnisight.optim.gauss_newton import gauss_newton
 from omnisight.quality.uncertainty import Uncertainty
 from omnisight.targets.observations import Observations
 
@@ -91,38 +90,3 @@ def run_split_half_test(
     if not known.any():
         return None
     return SplitHalfTest(float(np.sqrt((difference[known] ** 2).mean())), float(np.sqrt(predicted[known].mean())))
-
-
-def rotation_aligned_difference(model: Projector, bearings: Array, pixels: Array) -> Array:
-    """Return the difference (N, 2), px, between two cameras after the best rotation between their frames.
-
-    Two calibrations of one camera may define its axis differently. Every pose estimated with either absorbs that
-    rotation, so it is no difference between them.
-
-    Parameters
-    ----------
-    model
-        One camera.
-    bearings, pixels
-        (N, 3) bearings and (N, 2) their pixels in the other camera.
-
-    Returns
-    -------
-    (N, 2), NaN where the model has no pixel.
-    """
-
-    def difference(rotation: Array) -> tuple[Array, Array]:
-        rotated = bearings @ rotation.T
-        projected, _, d_point, _ = model.project_with_jacobians(rotated)
-        # The scene, rotated by w, lies at b + w x b.
-        return projected - pixels, -d_point @ so3.hat(rotated)
-
-    def linearize(rotation: Array) -> tuple[Array, Array]:
-        residuals, jacobian = difference(rotation)
-        use = np.asarray(np.isfinite(residuals).all(1) & np.isfinite(jacobian).all((1, 2)))
-        return np.where(use[:, None], residuals, 0.0).ravel(), np.where(use[:, None, None], jacobian, 0.0).reshape(
-            -1, 3
-        )
-
-    best = gauss_newton(linearize, np.eye(3), retract=lambda rotation, step: so3.exp(step) @ rotation)
-    return difference(best.state)[0]

@@ -1,10 +1,12 @@
 """Check that the camera is central, or nearly."""
 
 from omnisight.quality.checks.residuals import MAX_MEDIAN_PX
-from omnisight.quality.checks.uncertainty import MAX_UNCERTAINTY_PX
 from omnisight.quality.evidence import Check, Evidence
 
 PRIORITY = 4
+
+# Error of the central model at a great distance (px) of a good and of a usable camera.
+MAX_CENTRAL_ERROR_PX = (0.5, 2.0)
 
 
 def check(evidence: Evidence) -> Check | None:
@@ -15,7 +17,7 @@ def check(evidence: Evidence) -> Check | None:
     if not test.is_noncentral or evidence.median_residual > MAX_MEDIAN_PX * evidence.px_scale:
         return Check("central camera")
     near, far = float(test.central_error.rms_pixels[0]), float(test.central_error.rms_pixels[-1])
-    level = evidence.grade(far, MAX_UNCERTAINTY_PX)
+    level = evidence.grade(far, MAX_CENTRAL_ERROR_PX)
     sentence = (
         f"Non-central camera: a central model is {far:.2f} px off at {test.distance(2)}, {near:.2f} px at"
         f" {test.distance(0)}. Use --model axial (tried: held-out error {test.central_rms:.2f} ->"

@@ -7,9 +7,10 @@ from omnisight.quality.evidence import Check, Evidence, Level
 
 PRIORITY = 7
 
-# Projection uncertainty (px, rms over the calibrated cone) of a good and of a usable camera. What a camera states is
-# right within a factor of two, so these are limits of its true error as well.
-MAX_UNCERTAINTY_PX = (0.5, 2.0)
+# Error (px, rms over the calibrated cone) of a good and of a usable camera, and how often its standard deviation an
+# error is in one of 20 cases: the limits of the projection uncertainty are half as large as those of the error.
+MAX_ERROR_PX, ERROR_SIGMA = (1.0, 2.0), 2.0
+MAX_UNCERTAINTY_PX = (MAX_ERROR_PX[0] / ERROR_SIGMA, MAX_ERROR_PX[1] / ERROR_SIGMA)
 # Projection uncertainty (px) of a good camera in the worst direction: four times the limit of the rms.
 MAX_WORST_PX = 2.0
 
