@@ -92,7 +92,9 @@ def test_json_is_one_object_and_nothing_else(run, folder):
     assert result["images"][7]["note"] == "no 9x6 board detected"
     assert result["pattern"] == "9x6"
     assert 0 < result["mean"] < result["rms"] < 0.3
-    assert {"model", "corners", "rms", "held_out_rms", "parameters", "mean", "probability"} == set(result["candidates"][0])
+    assert {"model", "corners", "rms", "held_out_rms", "parameters", "mean", "probability"} == set(
+        result["candidates"][0]
+    )
     assert len(result["candidates"]) > 3
     assert result["seconds"]["total"] == pytest.approx(
         sum(result["seconds"][stage] for stage in ("detect", "redetect", "solve")), abs=0.01

@@ -61,7 +61,7 @@ def view_scatter(candidate: Candidate, observations: Observations) -> float:
     if not count or not variance > 0:
         return 1.0
     compared, scattered = 0.0, 0.0
-    for part, gradient in zip(*_parts_by_view(problem, state), strict=True):
+    for part, gradient in zip(*parts_by_view(problem, state), strict=True):
         values, vectors = np.linalg.eigh(root.T @ part @ root)
         leverage = np.where(values > MAX_LEVERAGE, 0.0, np.maximum(values, 0.0))
         score = np.where(leverage > 0, vectors.T @ (root.T @ gradient), 0.0)
@@ -97,7 +97,7 @@ def residual_variance(weights: ResidualWeights, observations: Observations, free
     return weights.sigma**2 * measured / max(degrees_of_freedom, 1)
 
 
-def _parts_by_view(problem: Bundle, state: State) -> tuple[Array, Array]:
+def parts_by_view(problem: Bundle, state: State) -> tuple[Array, Array]:
     """Return each view's part of the normal equations (V, F, F) and of the gradient (V, F), its pose eliminated."""
     residuals, jacobian, cross, local, local_gradient = problem.blocks(state)
     jacobian, cross = jacobian @ problem.directions, problem.directions.T @ cross

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.candidate import Candidate
 from omnisight.camera import Camera
+from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX, CameraChange
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.quality.spline_baseline import SplineBaseline
@@ -63,6 +64,8 @@ class Evidence:
         Projection uncertainty and coverage of the field of view.
     split_half, spline_baseline, noncentrality
         Results of the tests; None if there are too few views.
+    camera_change
+        Two cameras that explain the images better than one, if so.
     is_auto
         Whether the model was selected automatically.
     """
@@ -76,6 +79,7 @@ class Evidence:
     split_half: SplitHalfTest | None
     spline_baseline: SplineBaseline | None
     noncentrality: NonCentralityTest | None
+    camera_change: CameraChange | None
     is_auto: bool
 
     @property
@@ -89,14 +93,19 @@ class Evidence:
         return float(np.median(self.candidate.state.lengths(self.observations)))
 
     @property
+    def is_camera_changed(self) -> bool:
+        """Whether two cameras explain the images better than one, and differ relevantly."""
+        return self.camera_change is not None and self.grade(self.camera_change.error, MAX_CHANGE_ERROR_PX) > Level.GOOD
+
+    @property
     def is_noncentral(self) -> bool:
-        """Whether the non-central test was positive."""
-        return self.noncentrality is not None and self.noncentrality.is_noncentral
+        """Whether the non-central test was positive; it assumes that all images are of one camera."""
+        return not self.is_camera_changed and self.noncentrality is not None and self.noncentrality.is_noncentral
 
     @property
     def is_model_too_simple(self) -> bool:
-        """Whether the spline baseline is significantly better than the selected model."""
-        return self.spline_baseline is not None and self.spline_baseline.is_significant
+        """Whether the spline baseline is significantly better than the selected model, given one camera."""
+        return not self.is_camera_changed and self.spline_baseline is not None and self.spline_baseline.is_significant
 
     @property
     def alternative(self) -> str:

@@ -46,6 +46,8 @@ class NonCentralityTest:
         The distances of `central_error` in board widths; None if they are in metres.
     central_error
         Error of the central camera at three distances.
+    axial
+        The camera with the shift.
     """
 
     is_noncentral: bool
@@ -57,6 +59,7 @@ class NonCentralityTest:
     unit: str
     board_widths: tuple[float, ...] | None
     central_error: CentralApproximationError
+    axial: Candidate
 
     @property
     def is_inconclusive(self) -> bool:
@@ -190,6 +193,7 @@ def compare_central(
         camera.unit,
         None if in_metres else DISTANCES_BOARD_WIDTHS,
         CentralApproximationError.of(lens, model, points, size=camera.size, cone=cone, distances=distances),
+        axial,
     )
 
 

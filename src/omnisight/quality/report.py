@@ -15,6 +15,7 @@ from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.models import CameraModel, Projector
 from omnisight.optics.models.axial import Axial
+from omnisight.quality.camera_change import CameraChange, find_camera_change
 from omnisight.quality.central_limit import central_limit, in_central_frame
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.evidence import Evidence
@@ -46,6 +47,8 @@ class QualityReport:
         Error of the selected model against a spline; None with too few views, and for non-central cameras.
     noncentrality
         Whether the entrance pupil shifts along the axis; None with too few views.
+    camera_change
+        Two cameras that explain the images better than one; None if one does.
     verdict
         Whether the calibration can be used, and what to do if not.
     """
@@ -55,6 +58,7 @@ class QualityReport:
     split_half: SplitHalfTest | None
     spline_baseline: SplineBaseline | None
     noncentrality: NonCentralityTest | None
+    camera_change: CameraChange | None
     verdict: Verdict
 
     def __repr__(self) -> str:
@@ -72,6 +76,7 @@ class QualityReport:
             "coverage": self.coverage.share,
             "split_half": self.split_half and self.split_half.as_dict(),
             "spline_baseline": self.spline_baseline and self.spline_baseline.as_dict(),
+            "camera_change": self.camera_change and self.camera_change.as_dict(),
         }
 
 
@@ -147,6 +152,10 @@ def _assess(
     uncertainty = UncertaintyMap.of(camera, field=observations.field)
     coverage = Coverage.of(camera, state, observations)
     split_half = run_split_half_test(best, observations, as_camera, loss=loss)
+    camera_change = find_camera_change(best, observations, loss=loss)
+    # A shift of the entrance pupil separates near boards from far ones, which resembles two cameras.
+    if camera_change is not None and noncentrality is not None and noncentrality.axial.rms < camera_change.rms:
+        camera_change = None
     evidence = Evidence(
         camera,
         best,
@@ -157,6 +166,8 @@ def _assess(
         split_half,
         baseline,
         noncentrality,
+        camera_change,
         is_auto,
     )
-    return QualityReport(uncertainty, coverage, split_half, baseline, noncentrality, Verdict.of(evidence))
+    verdict = Verdict.of(evidence)
+    return QualityReport(uncertainty, coverage, split_half, baseline, noncentrality, camera_change, verdict)

@@ -15,7 +15,7 @@ def check(evidence: Evidence) -> Check | None:
     if baseline is None:
         return None
     level = evidence.grade(baseline.model_error, MAX_MODEL_ERROR_PX)
-    if not level or not baseline.is_significant or evidence.is_noncentral:
+    if not level or not evidence.is_model_too_simple or evidence.is_noncentral:
         return Check("model error")
     return Check(
         "model error",

@@ -14,7 +14,7 @@ def check(evidence: Evidence) -> Check | None:
     test = evidence.noncentrality
     if test is None:
         return None
-    if not test.is_noncentral or evidence.median_residual > MAX_MEDIAN_PX * evidence.px_scale:
+    if not evidence.is_noncentral or evidence.median_residual > MAX_MEDIAN_PX * evidence.px_scale:
         return Check("central camera")
     near, far = float(test.central_error.rms_pixels[0]), float(test.central_error.rms_pixels[-1])
     level = evidence.grade(far, MAX_CENTRAL_ERROR_PX)

@@ -19,7 +19,9 @@ def check(evidence: Evidence) -> Check | None:
         return None
     if test.ratio <= MAX_RATIO or test.difference <= NEGLIGIBLE_PX * evidence.px_scale:
         return Check("split-half test")
-    if evidence.is_noncentral:
+    if evidence.is_camera_changed:
+        cause = "the images are of two cameras, or the camera changed."
+    elif evidence.is_noncentral:
         cause = "the camera is non-central: use --model axial."
     elif evidence.is_model_too_simple:
         cause = f"the model does not fit this lens: use {evidence.alternative}."

@@ -1,0 +1,30 @@
+"""Check that all images are of one camera that did not change."""
+
+from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX
+from omnisight.quality.evidence import Check, Evidence
+from omnisight.quality.wording import list_first
+
+PRIORITY = 1
+
+
+def check(evidence: Evidence) -> Check:
+    """Check for a second camera: a change of focus, zoom or binning, or images of two cameras."""
+    change = evidence.camera_change
+    if change is None or not evidence.is_camera_changed:
+        return Check("camera change")
+    effect = (
+        f"magnification x{change.magnification:.4f}, principal point shifted by {change.shift:.1f} px, difference"
+        f" {change.difference:.1f} px"
+    )
+    if change.in_order:
+        sentence = (
+            f"The camera changed at image {change.first_changed}, by focus, zoom, binning or crop ({effect}): calibrate"
+            " the images before and from there on separately."
+        )
+    else:
+        second = change.names_of(second=True)
+        sentence = (
+            f"The images are of two cameras, or of one that changed to and fro: {len(second)} of {len(change.names)}"
+            f" differ from the others ({list_first(second)}; {effect}). Calibrate them separately."
+        )
+    return Check("camera change", evidence.grade(change.error, MAX_CHANGE_ERROR_PX), sentence)

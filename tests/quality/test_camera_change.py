@@ -1,0 +1,46 @@
+"""Camera change: images of two cameras, and cameras that change during the set."""
+
+import numpy as np
+import pytest
+
+from calibrating import calibrate, observe
+from lenses import lens, observe_boards
+
+
+def two_cameras(in_order, magnification=1.02, shift=10.0, views=20):
+    """Return observations of a lens whose magnification and principal point change, and which views changed."""
+    first = lens(180)
+    values = first.to_dict()
+    focal = {name: values[name] * magnification for name in ("fx", "fy")}
+    second = first.with_values({**focal, "cx": values["cx"] + shift})
+    shots = [observe_boards(model, 180, np.random.default_rng(4), count=views) for model in (first, second)]
+    changed = np.arange(views) >= views // 2 if in_order else np.arange(views) % 2 == 1
+    names = [f"{i}.png" for i in range(views)]
+    return observe([shots[int(second)][i] for i, second in enumerate(changed)], names=names), changed
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_change_of_focus_and_crop_is_found_and_named(in_order):
+    observations, changed = two_cameras(in_order)
+    calibration = calibrate(observations)
+    change = calibration.quality.camera_change
+    assert change is not None
+    assert change.in_order is in_order
+    assert (change.is_second == changed).mean() >= 0.9
+    assert change.magnification == pytest.approx(1.02, abs=0.005)
+    assert change.shift == pytest.approx(10.0, abs=2.0)
+    assert str(calibration.verdict) == "do not use"
+    expected = "The camera changed at image 10.png" if in_order else "The images are of two cameras"
+    assert calibration.reasons[0].startswith(expected)
+    assert not any("--model axial" in reason or "rolling" in reason for reason in calibration.reasons)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_camera_does_not_change(seed):
+    views = observe_boards(lens(180), 180, np.random.default_rng(seed), count=16)
+    assert calibrate(observe(views)).quality.camera_change is None
+
+
+def test_few_views_tell_nothing():
+    observations, _ = two_cameras(in_order=True, views=6)
+    assert calibrate(observations).quality.camera_change is None
