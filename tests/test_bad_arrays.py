@@ -88,6 +88,53 @@ def test_an_invalid_covariance_is_rejected_by_row(views, wrong):
         observe([(points, pixels, certain)], names=["a.png"])
 
 
+def test_a_corner_outside_the_image_is_rejected_with_its_view_and_row(views):
+    width, height = SIZE
+    moved = [(x, p.copy()) for x, p in views]
+    moved[2][1][7] += (5000, 0)
+    with pytest.raises(ValueError, match=rf"c: row 7: .* outside the image of {width}x{height} .*, one of 1 of 216"):
+        observe(moved, names=["a", "b", "c", "d"])
+
+
+def test_exchanged_width_and_height_are_recognized(views):
+    wide = [(x, p * (1, 0.5)) for x, p in views]
+    assert len(observe(wide, (960, 480))) == 4
+    with pytest.raises(ValueError, match="exchange width and height: all corners lie inside 960x480"):
+        observe(wide, (480, 960))
+
+
+@pytest.mark.parametrize(("beyond", "accepted"), [(0.4, True), (0.6, False)])
+def test_a_corner_may_lie_half_a_pixel_beyond_the_edge(views, beyond, accepted):
+    points, pixels = views[0][0], views[0][1].copy()
+    for edge in ((-0.5 - beyond, 100.0), (100.0, SIZE[1] - 0.5 + beyond)):
+        pixels[3] = edge
+        if accepted:
+            assert len(observe([(points, pixels)])) == 1
+        else:
+            with pytest.raises(ValueError, match=r"view 0: row 3: .* outside the image"):
+                observe([(points, pixels)])
+
+
+def test_a_board_point_or_pixel_that_occurs_twice_is_rejected(views):
+    points, pixels = views[0]
+    with pytest.raises(ValueError, match=r"a\.png: rows 2 and 54 are the same board point .* give each corner once"):
+        observe([(np.concatenate([points, points[2:3]]), np.concatenate([pixels, pixels[2:3] + 3]))], names=["a.png"])
+    pixels = pixels.copy()
+    pixels[[4, 9]] = 0
+    with pytest.raises(ValueError, match=r"a\.png: rows 4 and 9 are different board points at the same pixel \[0\.0,"):
+        observe([(points, pixels)], names=["a.png"])
+
+
+def test_collinear_corners_are_rejected(views):
+    points, pixels = views[0]
+    row = points[:, 1] == points[0, 1]
+    with pytest.raises(ValueError, match=r"a\.png: the board points lie on one line"):
+        observe([(points[row], pixels[row])], names=["a.png"])
+    on_a_line = pixels[:, :1] * (0.5, 0.5) + 100
+    with pytest.raises(ValueError, match=r"a\.png: the pixels lie on one line"):
+        observe([(points, on_a_line)], names=["a.png"])
+
+
 @pytest.mark.parametrize("values", [[[1, 2], [3]], [["a", "b"]], "text", [[1 + 2j, 0]]])
 def test_arrays_of_other_types_are_rejected_by_name(values):
     with pytest.raises(ValueError, match=r"a\.png: needs arrays of numbers"):

@@ -4,20 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.images import ImageField
 from omnisight.targets.detections import Detections, ImageDetection
+from omnisight.targets.observation_checks import check_inside, check_lists, checked_size, checked_view
 
 Array = NDArray[np.float64]
 
 # Points of a view that thinning always keeps: a pose needs six, and some may be outliers.
 MIN_POINTS_PER_VIEW = 12
-# Asymmetry of a covariance matrix relative to its mean variance that is rounding.
-COVARIANCE_TOLERANCE = 1e-6
 
 
 class ObservedImage(NamedTuple):
@@ -120,15 +119,18 @@ class Observations:
         Raises
         ------
         ValueError
-            If the numbers of arrays differ, the arrays of a view do not fit together, are empty or not finite, a
-            covariance is not symmetric and positive semi-definite, or pixels lie outside the image.
+            If the numbers of arrays differ; if the arrays of a view do not fit together, are empty or not finite; if a
+            corner lies outside the image, a board point or a pixel occurs twice in a view, or the corners of a view are
+            collinear; or if a covariance is not symmetric and positive semi-definite.
         """
-        _check_lists(board_points, pixels, covariance)
+        check_lists(board_points, pixels, covariance)
         names = tuple(names) if names is not None else tuple(f"view {i}" for i in range(len(pixels)))
         if len(names) != len(pixels):
             raise ValueError(f"needs one name per view, got {len(names)} names and {len(pixels)} views")
         covariances = [None] * len(pixels) if covariance is None else covariance
-        views = [_view(*arrays) for arrays in zip(names, board_points, pixels, covariances, strict=True)]
+        views = [checked_view(*arrays) for arrays in zip(names, board_points, pixels, covariances, strict=True)]
+        size = checked_size(size)
+        check_inside(names, [pixels for _, pixels, _ in views], size)
         x, p, c = (
             np.concatenate([empty, *parts])
             for empty, *parts in zip((np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2, 2))), *views, strict=True)
@@ -136,7 +138,7 @@ class Observations:
         if extent is None:
             extent = [x[:, :2].min(0), x[:, :2].max(0)] if len(x) else np.zeros((2, 2))
         groups = _slices([len(view[0]) for view in views])
-        return cls(x, p, c, groups, names, np.asarray(extent, float), _checked_size(size, p), unit)
+        return cls(x, p, c, groups, names, np.asarray(extent, float), size, unit)
 
     @classmethod
     def from_detections(cls, detections: Detections, image_names: Sequence[str] | None = None) -> Self:
@@ -162,14 +164,12 @@ class Observations:
             [points[detection.ids] for _, detection in boards],
             [detection.pixels for _, detection in boards],
             [detection.covariance for _, detection in boards],
-            size=(0, 0),
+            size=detections.size,
             names=[name for name, _ in boards],
             extent=[points[:, :2].min(0), points[:, :2].max(0)] if len(points) else None,
             unit="squares" if detections.board is None else detections.board.unit,
         )
-        return replace(
-            observations, size=detections.size, field=detections.field, detections=detections, image_names=names
-        )
+        return replace(observations, field=detections.field, detections=detections, image_names=names)
 
     def __len__(self) -> int:
         """Return the number of views."""
@@ -265,76 +265,3 @@ class Observations:
 
 def _slices(counts: Sequence[int]) -> tuple[slice, ...]:
     return tuple(slice(end - count, end) for count, end in zip(counts, accumulate(counts), strict=True))
-
-
-def _check_lists(board_points: Any, pixels: Any, covariance: Any) -> None:
-    """Check that there is one array of each kind per view."""
-    for name, values in (("board_points", board_points), ("pixels", pixels)):
-        if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
-            raise ValueError(f"{name} must be a list with one array per view, got {type(values).__name__}")
-    if len(board_points) != len(pixels):
-        raise ValueError(
-            f"needs one array of each per view, got {len(board_points)} of points and {len(pixels)} of pixels"
-        )
-    if covariance is not None and len(covariance) != len(pixels):
-        raise ValueError(f"needs one covariance array per view, got {len(covariance)} for {len(pixels)} views")
-
-
-def _checked_size(size: Any, pixels: Array) -> tuple[int, int]:
-    """Return the image size as (width, height), checked against the pixels."""
-    try:
-        width, height = (int(side) for side in size)
-    except (TypeError, ValueError):
-        raise ValueError(f"size must be (width, height) in px, got {size!r}") from None
-    if width < 0 or height < 0:
-        raise ValueError(f"size must be (width, height) in px, got {size!r}")
-    if width and height and len(pixels):
-        u, v = np.median(pixels, axis=0)
-        if u >= width or v >= height or not (pixels > -1).any():
-            swapped = " are width and height swapped?" if u < height and v < width else ""
-            raise ValueError(
-                f"size is {width}x{height} (width x height), but most pixels lie outside, around"
-                f" ({u:.0f}, {v:.0f}):{swapped}"
-            )
-    return width, height
-
-
-def _view(name: str, board_points: ArrayLike, pixels: ArrayLike, covariance: ArrayLike | None) -> tuple[Array, ...]:
-    """Return the points (n, 3), pixels (n, 2) and covariance (n, 2, 2) of one view, checked."""
-    x, p = (_rows(values, name) for values in (board_points, pixels))
-    c = np.zeros((len(x), 2, 2)) if covariance is None else np.asarray(covariance, float)
-    if x.ndim != 2 or x.shape[1] not in (2, 3) or p.shape != (len(x), 2):
-        got = f"{np.shape(board_points)} and {np.shape(pixels)}"
-        raise ValueError(f"{name}: needs points (n, 3) or (n, 2) and pixels (n, 2), got {got}")
-    if not len(x):
-        raise ValueError(f"{name}: has no corners; leave it out")
-    if c.shape != (len(x), 2, 2):
-        raise ValueError(f"{name}: needs a covariance (n, 2, 2), got {c.shape} with {len(x)} corners")
-    if not (finite := np.isfinite(x).all(1) & np.isfinite(p).all(1) & np.isfinite(c).all((1, 2))).all():
-        k = int(np.argmin(finite))
-        raise ValueError(
-            f"{name}: row {k} is not finite: point {x[k].tolist()}, pixel {p[k].tolist()};"
-            " leave out corners that were not observed"
-        )
-    if not (semidefinite := _are_covariances(c)).all():
-        k = int(np.argmin(semidefinite))
-        raise ValueError(f"{name}: row {k}: {c[k].tolist()} is not symmetric and positive semi-definite")
-    return (x if x.shape[1] == 3 else np.concatenate([x, np.zeros((len(x), 1))], 1)), p, c
-
-
-def _rows(values: ArrayLike, name: str) -> Array:
-    """Return an (n, k) array, also from (n, 1, k) or (1, n, k); any other shape unchanged."""
-    try:
-        array = np.asarray(values, float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: needs arrays of numbers: {error}") from None
-    if array.ndim == 3 and 1 in array.shape[:2]:
-        return array.reshape(-1, array.shape[2])
-    return array
-
-
-def _are_covariances(matrices: Array) -> NDArray[np.bool_]:
-    """Return which matrices (N, 2, 2) are symmetric and, up to rounding, positive semi-definite."""
-    a, b, c, d = matrices.reshape(-1, 4).T
-    middle, half = (a + d) / 2, np.hypot((a - d) / 2, b)
-    return (np.abs(b - c) <= COVARIANCE_TOLERANCE * middle) & (half <= middle * (1 + COVARIANCE_TOLERANCE))
