@@ -15,7 +15,7 @@ sphere = om.sphere(1600)
 bearings, _ = sphere.unproject(np.stack(np.meshgrid(*map(np.arange, sphere.size)), -1))
 
 for head, rig in {"pair": back_to_back(640), "ring": ladybug(640)}.items():
-    om.save_rig(rig, folder / f"{head}.json")
+    om.save(rig, folder / f"{head}.json")
     joined, weight = np.zeros((sphere.height, sphere.width, 3)), np.zeros((sphere.height, sphere.width, 1))
     for name, camera, pose in zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True):
         image = Renderer(camera, pose.inverse(), vignette=0.1)().image

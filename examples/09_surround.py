@@ -13,7 +13,7 @@ from omnisight.simulation.example_rigs import surround_car
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 rig = surround_car(640)
-om.save_rig(rig, folder / "car.json")
+om.save(rig, folder / "car.json")
 
 street = scene_named("street")
 world_from_rig = om.Pose(translation=np.array((-1.5, 1.6, -3.0)))  # on the road, which lies 1.6 m below the origin

@@ -1,9 +1,11 @@
+import dataclasses
 import re
 
 import cv2
 import numpy as np
 import pytest
 
+import omnisight as om
 from every_model import direction
 from omnisight.camera import Camera
 from omnisight.models import model_class, model_names
@@ -30,6 +32,27 @@ def test_the_size_may_be_unknown():
     camera = Camera(LENS.model, (0, 0))
     assert (camera.width, camera.height) == (0, 0)
     assert not camera.in_image([0.0, 0.0])
+
+
+@every_model
+def test_cameras_with_equal_fields_are_equal(camera):
+    count = len(camera.model.params)
+    first, again, other = (
+        dataclasses.replace(camera, covariance=value * np.eye(count), extra={"key": [1]}) for value in (1.0, 1.0, 2.0)
+    )
+    assert first == again
+    assert hash(first) == hash(again)
+    assert len({first, again, other, camera}) == 3
+    assert first != dataclasses.replace(first, size=(1024, 769))
+    assert first != camera.model
+
+
+def test_a_camera_file_read_twice_gives_equal_cameras(tmp_path):
+    camera = dataclasses.replace(LENS, covariance=np.eye(4), calibration={"rms": 0.2}, theta_max=1.2)
+    om.save(camera, tmp_path / "camera.json")
+    first, again = (om.load(tmp_path / "camera.json") for _ in range(2))
+    assert first == again
+    assert first.model == camera.model
 
 
 @every_model

@@ -29,6 +29,17 @@ def pair():
     )
 
 
+def test_rigs_with_equal_cameras_and_poses_are_equal(tmp_path):
+    rig = pair()
+    assert rig == pair()
+    assert hash(rig) == hash(pair())
+    assert rig != rig.subset(["left"])
+    moved = dataclasses.replace(rig, sensor_from_rig=(rig.sensor_from_rig[0], rig.sensor_from_rig[1].moved(np.ones(6))))
+    assert rig != moved
+    om.save(rig, tmp_path / "rig.json")
+    assert om.load_rig(tmp_path / "rig.json") == om.load_rig(tmp_path / "rig.json")
+
+
 @every_head
 def test_rays_and_projections_agree(rig):
     for name, camera in zip(rig.names, rig.cameras, strict=True):
@@ -139,7 +150,7 @@ def test_inconsistent_rigs_are_rejected():
 
 @pytest.mark.parametrize("rig", [*HEADS, pytest.param(pair(), id="pair")])
 def test_rig_file_round_trip(rig, tmp_path):
-    om.save_rig(rig, tmp_path / "rig.json")
+    om.save(rig, tmp_path / "rig.json")
     again = om.load_rig(tmp_path / "rig.json")
     assert again.names == rig.names
     assert [c.model for c in again.cameras] == [c.model for c in rig.cameras]
@@ -172,7 +183,7 @@ def test_rig_file_round_trip(rig, tmp_path):
     ],
 )
 def test_damaged_rig_files_are_rejected(change, message, tmp_path):
-    om.save_rig(pair(), tmp_path / "rig.json")
+    om.save(pair(), tmp_path / "rig.json")
     data = json.loads((tmp_path / "rig.json").read_text())
     change(data)
     (tmp_path / "rig.json").write_text(json.dumps(data))
@@ -181,9 +192,73 @@ def test_damaged_rig_files_are_rejected(change, message, tmp_path):
 
 
 def test_reflections_are_rejected_as_rotations(tmp_path):
-    om.save_rig(pair(), tmp_path / "rig.json")
+    om.save(pair(), tmp_path / "rig.json")
     data = json.loads((tmp_path / "rig.json").read_text())
     data["sensors"]["left"]["sensor_from_rig"]["rotation"] = np.diag([-1.0, 1.0, 1.0]).tolist()
     (tmp_path / "rig.json").write_text(json.dumps(data))
     with pytest.raises(FormatError, match="rotation is not a rotation matrix"):
         om.load_rig(tmp_path / "rig.json")
+
+
+def chain(poses):
+    """Return a Kalibr chain of cameras with the given lines of their poses."""
+    camera = (
+        "  camera_model: pinhole\n  intrinsics: [350.0, 350.0, 360.0, 270.0]\n  distortion_model: equidistant\n"
+        "  distortion_coeffs: [-0.04, 0.0, 0.0, 0.0]\n  resolution: [720, 540]\n"
+    )
+    return "".join(f"cam{i}:\n{camera}{pose}" for i, pose in enumerate(poses))
+
+
+def matrix(pose):
+    return np.vstack([np.column_stack([pose.rotation, pose.translation]), [0, 0, 0, 1]]).tolist()
+
+
+@pytest.mark.parametrize("field", ["T_cn_cnm1", "T_cam_imu"])
+def test_a_kalibr_chain_is_a_rig_in_the_frame_of_its_first_camera(field, tmp_path):
+    first, second, third = Pose(om.look(10, 20), np.array([0.1, 0.2, 0.3])), Pose(om.look(90), np.ones(3)), Pose()
+    from_first = {"cam0": Pose(), "cam1": second @ first.inverse(), "cam2": third @ first.inverse()}
+    poses = {"T_cam_imu": (first, second, third), "T_cn_cnm1": (None, from_first["cam1"], third @ second.inverse())}
+    lines = ["" if pose is None else f"  {field}: {matrix(pose)}\n" for pose in poses[field]]
+    (tmp_path / "chain.yaml").write_text(chain(lines))
+    rig = om.load_rig(tmp_path / "chain.yaml")
+    assert rig.names == ("cam0", "cam1", "cam2")
+    assert rig.cameras[2].model.name == "kannala_brandt"
+    for name, pose in zip(rig.names, rig.sensor_from_rig, strict=True):
+        np.testing.assert_allclose(pose.rotation, from_first[name].rotation, atol=1e-12)
+        np.testing.assert_allclose(pose.translation, from_first[name].translation, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([""], "holds one camera, which is no rig"),
+        (["", ""], "cam1: neither T_cn_cnm1 nor T_cam_imu: its pose is unknown"),
+        (["", "  T_cn_cnm1: 3\n"], "cam1: T_cn_cnm1 must have 4 rows of 4 numbers"),
+        (["", f"  T_cn_cnm1: {(2 * np.eye(4)).tolist()}\n"], "cam1: T_cn_cnm1 is not a rotation matrix"),
+    ],
+)
+def test_a_kalibr_chain_without_poses_is_no_rig(lines, message, tmp_path):
+    (tmp_path / "chain.yaml").write_text(chain(lines))
+    with pytest.raises(FormatError, match=message):
+        om.load_rig(tmp_path / "chain.yaml")
+
+
+def test_a_published_kalibr_chain_is_read(data):
+    rig = om.load_rig(data("hilti_rig") / "calib_3_cam0-1-camchain-imucam.yaml")
+    assert rig.names == ("cam0", "cam1")
+    left_from_right = rig.sensor_from_rig[1].inverse()
+    # The chain holds both poses relative to the IMU and to each other.
+    imu = [np.array(camera.extra["T_cam_imu"]) for camera in rig.cameras]
+    np.testing.assert_allclose(matrix(left_from_right), imu[0] @ np.linalg.inv(imu[1]), atol=1e-9)
+    assert np.linalg.norm(left_from_right.translation) == pytest.approx(0.108, abs=0.002)
+
+
+def test_a_file_of_another_kind_is_no_rig(tmp_path):
+    (tmp_path / "rig.txt").write_text("no rig")
+    with pytest.raises(FormatError, match=r"rig\.txt: not a rig; formats of rigs: kalibr, native"):
+        om.load_rig(tmp_path / "rig.txt")
+
+
+def test_only_the_native_format_is_written_for_rigs(tmp_path):
+    with pytest.raises(FormatError, match=r"written for single cameras: save the rig as native \(\.json\)"):
+        om.save(pair(), tmp_path / "rig.yaml", format="kalibr")

@@ -9,7 +9,6 @@ from omnisight.corners import read_corners as read_corners
 from omnisight.formats import load as load
 from omnisight.formats import load_rig as load_rig
 from omnisight.formats import save as save
-from omnisight.formats import save_rig as save_rig
 from omnisight.geometry.pose import Pose as Pose
 from omnisight.geometry.rotation import look as look
 from omnisight.images import read_image as read_image

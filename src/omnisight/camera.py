@@ -19,9 +19,11 @@ Model = TypeVar("Model", bound=Projector, covariant=True)
 REFERENCE_SIZE_PX = 1000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BaseCamera(Generic[Model]):
     """The fields and methods that central and non-central cameras share.
+
+    Cameras are equal if they are of one class and all fields are equal.
 
     Attributes
     ----------
@@ -58,6 +60,19 @@ class BaseCamera(Generic[Model]):
         """Check the size."""
         if len(self.size) != 2 or min(self.size) < 0:
             raise ValueError(f"size must be (width, height), got {self.size!r}")
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        # The default comparison of dataclasses fails for arrays.
+        return all(
+            np.array_equal(ours, theirs) if field.name == "covariance" and ours is not None else ours == theirs
+            for field in dataclasses.fields(self)
+            for ours, theirs in [(getattr(self, field.name), getattr(other, field.name))]
+        )
+
+    def __hash__(self) -> int:
+        return hash((type(self), self.model, self.size))
 
     @property
     def width(self) -> int:
@@ -100,7 +115,7 @@ class BaseCamera(Generic[Model]):
         return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera(BaseCamera[CameraModel]):
     """A central camera: a model that maps bearings to pixels and back, and its image.
 

@@ -23,7 +23,7 @@ MAX_DISTANCE = 1e100
 UNITS = ("m", "squares")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RayCamera(BaseCamera[RayModel]):
     """A non-central camera: each pixel has a ray with its own origin and bearing, so the distance of a point matters.
 

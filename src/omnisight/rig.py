@@ -54,6 +54,9 @@ class Rig:
         cameras, poses = tuple(c for c, _ in sensors.values()), tuple(pose for _, pose in sensors.values())
         return cls(cameras, poses, tuple(sensors))
 
+    def __hash__(self) -> int:
+        return hash((self.cameras, self.sensor_from_rig, self.names))
+
     def __len__(self) -> int:
         """Return the number of cameras."""
         return len(self.cameras)

@@ -153,7 +153,7 @@ def test_distances_in_squares_are_accepted(run, tmp_path):
 
 
 def test_view_and_next_select_a_camera_of_a_rig_by_name(run, tmp_path, shots):
-    om.save_rig(back_to_back(480), tmp_path / "rig.json")
+    om.save(back_to_back(480), tmp_path / "rig.json")
     write_image(tmp_path / "image.png", np.full((480, 480), 90, np.uint8))
     command = "view", tmp_path / "image.png", "--camera", tmp_path / "rig.json", "-o", tmp_path / "view.png"
     status, _, err = run(*command, "--size", "64x48")

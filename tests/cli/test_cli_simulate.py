@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from omnisight.formats import load, save, save_rig
+from omnisight.formats import load, save
 from omnisight.images import read_image
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
@@ -111,7 +111,7 @@ def test_interrupted_data_set_is_cleared(run, small, tmp_path, monkeypatch):
     from omnisight.simulation.dataset import Dataset
 
     lens = om.fisheye(32, 170)
-    file = save_rig(Rig.from_sensors({name: (lens, om.Pose()) for name in ("left", "right")}), tmp_path / "rig.json")
+    file = save(Rig.from_sensors({name: (lens, om.Pose()) for name in ("left", "right")}), tmp_path / "rig.json").path
     common, out = ("simulate", "lines", "--rays", 1, "-o", tmp_path / "out"), tmp_path / "out"
 
     def interrupted(*_):
@@ -197,7 +197,7 @@ def test_rigs_and_non_central_cameras_are_rendered(run, tmp_path):
         "left": (om.fisheye(48, 170), om.Pose(translation=np.array((0.1, 0, 0)))),
         "right": (RayCamera(Axial(lens, (0.01, 0.0)), (48, 48)), om.Pose(om.look(180), np.array((-0.1, 0, 0)))),
     }
-    file = save_rig(Rig.from_sensors(cameras), tmp_path / "rig.json")
+    file = save(Rig.from_sensors(cameras), tmp_path / "rig.json").path
     out = tmp_path / "out"
     status, output, err = run("simulate", "lines", "--camera", file, "--frames", 2, "--rays", 1, "-o", out)
     assert (status, err) == (0, "")
@@ -243,6 +243,6 @@ def test_unknown_scenes_and_invalid_files_are_rejected(refuses, small, tmp_path)
     file = save(squares, tmp_path / "squares.json").path
     assert "in squares, not metres" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
     rig = Rig.from_sensors({"../../up": (SMALL, om.Pose())})
-    file = save_rig(rig, tmp_path / "rig.json")
+    file = save(rig, tmp_path / "rig.json").path
     assert "cannot be used as a folder name" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()

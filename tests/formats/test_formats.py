@@ -301,3 +301,34 @@ def test_unknown_fields_are_kept_in_native_file(read, tmp_path):
         assert again.extra["serial"] == 7, name
         assert again.extra["size_mm"] == [6.4, 4.8], name
         assert again.extra["extra_version"] == "old", name
+
+
+def test_the_suffix_determines_the_format_where_only_one_has_it(tmp_path):
+    camera = Camera(model_class("pinhole").example(), (960, 720))
+    for name, expected in (
+        ("c.json", "native"),
+        ("c", "native"),
+        ("c.NPZ", "numpy_arrays"),
+        ("c.cameramodel", "mrcal"),
+    ):
+        save(camera, tmp_path / name)
+        assert load(tmp_path / name).provenance["format"] == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("c.yaml", r"c\.yaml: \.yaml is the suffix of camodocal, .*kalibr.* opencv, .*; write c\.json and convert it"),
+        ("c.yml", r"c\.yml: \.yml is the suffix of camodocal, "),
+        ("c.jpg", r"c\.jpg: \.jpg is the suffix of no format; write c\.json"),
+    ],
+)
+def test_a_suffix_of_several_formats_or_of_none_is_refused(name, message, tmp_path):
+    with pytest.raises(FormatError, match=message):
+        save(Camera(model_class("pinhole").example(), (960, 720)), tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_folder_of_a_camera_file_is_created(tmp_path):
+    camera = Camera(model_class("pinhole").example(), (960, 720))
+    assert load(save(camera, tmp_path / "new" / "folder" / "c.json").path).model == camera.model

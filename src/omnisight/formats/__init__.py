@@ -4,7 +4,7 @@ Formats are discovered by these files. The content of a file determines its form
 """
 
 from omnisight.formats._protocol import Format, FormatError, SaveResult
-from omnisight.formats._registry import format_names, get_format, load, load_all, load_rig, save, save_rig
+from omnisight.formats._registry import format_names, get_format, load, load_all, load_rig, save
 
 __all__ = [
     "Format",
@@ -16,5 +16,4 @@ __all__ = [
     "load_all",
     "load_rig",
     "save",
-    "save_rig",
 ]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from omnisight.camera import Camera
+from omnisight.rig import Rig
 
 
 class FormatError(ValueError):
@@ -72,5 +73,19 @@ class Format(Protocol):
         ------
         ValueError
             If the format cannot hold the camera.
+        """
+        ...
+
+
+class RigFormat(Format, Protocol):
+    """A calibration format that also holds the poses of several cameras."""
+
+    def parse_rig(self, text: str) -> Rig:
+        """Return the rig of a file.
+
+        Raises
+        ------
+        ValueError
+            If the file is damaged, or its cameras have no poses.
         """
         ...

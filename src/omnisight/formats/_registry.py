@@ -13,13 +13,14 @@ from omnisight.camera import Camera
 from omnisight.extensions import module_in, names_in
 from omnisight.formats._export import max_difference_px
 from omnisight.formats._files import encode, read_file
-from omnisight.formats._protocol import Format, FormatError, SaveResult
+from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResult
 from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
 PACKAGE = "omnisight.formats"
 MAX_LISTED = 12  # names of cameras in a message
+YAML_SUFFIXES = (".yaml", ".yml")
 # What a damaged file raises where no check has a better message.
 PARSE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
@@ -98,32 +99,58 @@ def parse_error_message(error: Exception) -> str:
     return str(error) if type(error) is ValueError else f"damaged ({type(error).__name__}: {error})"
 
 
-def save(
-    camera: Camera | RayCamera, path: str | Path, *, format: str = "native", max_error: float = float("inf")
-) -> SaveResult:
-    """Write a camera, read it back, and return the difference.
+def format_of_suffix(path: str | Path) -> str:
+    """Return the format that a file name specifies: native for .json and names without a suffix.
 
-    The file is replaced atomically.
+    Raises
+    ------
+    FormatError
+        If the suffix is that of several formats, or of none.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in ("", get_format("native").SUFFIX):
+        return "native"
+    same = YAML_SUFFIXES if suffix in YAML_SUFFIXES else (suffix,)
+    names = [name for name in format_names() if get_format(name).SUFFIX in same]
+    if len(names) == 1:
+        return names[0]
+    reason = f"{suffix} is the suffix of {', '.join(names)}" if names else f"{suffix} is the suffix of no format"
+    raise FormatError(
+        f"{path}: {reason}; write {Path(path).stem}.json and convert it: omnisight convert {Path(path).stem}.json --to"
+        f" {(names or ['NAME'])[0]} -o {Path(path).name}, in Python format={(names or ['NAME'])[0]!r}"
+    )
+
+
+def save(
+    camera: Camera | RayCamera | Rig, path: str | Path, *, format: str | None = None, max_error: float = float("inf")
+) -> SaveResult:
+    """Write a camera or a rig, read it back, and return the difference.
+
+    The file is replaced atomically; its folder is created.
 
     Parameters
     ----------
     camera
-        The camera to write.
+        The camera or rig to write; only the native format holds rigs.
     path
-        The file to write; its folder must exist.
+        The file to write.
     format
-        One of `format_names()`.
+        One of `format_names()`. By default that of the suffix: native for .json.
     max_error
         The largest difference (px) after reading back with which the file is written.
 
     Raises
     ------
     FormatError
-        If the format cannot hold the camera, the difference is too large, or the file cannot be written.
+        If the suffix does not determine the format, the format cannot hold the camera, the difference is too large, or
+        the file cannot be written.
     """
-    chosen = get_format(format)
+    name = format_of_suffix(path) if format is None else format
+    chosen = get_format(name)
+    if isinstance(camera, Rig):
+        return _save_rig(camera, Path(path), chosen, name)
     if isinstance(camera, RayCamera):
-        return _save_rays(camera, Path(path), chosen, format)
+        return _save_rays(camera, Path(path), chosen, name)
     try:
         text, notes = chosen.serialize(camera)
         again = next(iter(chosen.parse(text).values()))
@@ -156,41 +183,42 @@ def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> Sa
     return SaveResult(path, 0.0, notes)
 
 
+def _save_rig(rig: Rig, path: Path, chosen: Format, format: str) -> SaveResult:
+    """Write a rig, which only the native format holds."""
+    if format != "native":
+        raise FormatError(f"{path}: {chosen.TITLE} is written for single cameras: save the rig as native (.json)")
+    from omnisight.formats.native import rig_to_json
+
+    _write(path, json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n")
+    return SaveResult(path, 0.0)
+
+
 def load_rig(path: str | Path) -> Rig:
-    """Read a rig from omnisight's JSON.
+    """Read a rig: cameras and their poses, from omnisight's JSON or a Kalibr camchain.
 
     Raises
     ------
     FormatError
         If the file is not a rig, or is damaged.
     """
-    from omnisight.formats.native import TITLE, rig_from_json
-
     text = read_file(Path(path))
-    try:
-        rig = rig_from_json(json.loads(text))
-    except PARSE_ERRORS as error:
-        raise FormatError(f"{path}: {TITLE} of a rig: {parse_error_message(error)}") from error
-    return dataclasses.replace(rig, provenance={"file": Path(path).name, "format": "native"})
-
-
-def save_rig(rig: Rig, path: str | Path) -> Path:
-    """Write a rig as omnisight's JSON; the file is replaced atomically.
-
-    Raises
-    ------
-    FormatError
-        If the file cannot be written.
-    """
-    from omnisight.formats.native import rig_to_json
-
-    _write(path, json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n")
-    return Path(path)
+    rig_formats = [name for name in format_names() if hasattr(get_format(name), "parse_rig")]
+    for name in rig_formats:
+        chosen = cast(RigFormat, get_format(name))
+        if not chosen.matches(text):
+            continue
+        try:
+            rig = chosen.parse_rig(text)
+        except PARSE_ERRORS as error:
+            raise FormatError(f"{path}: {chosen.TITLE} of a rig: {parse_error_message(error)}") from error
+        return dataclasses.replace(rig, provenance={"file": Path(path).name, "format": name, **rig.provenance})
+    raise FormatError(f"{path}: not a rig; formats of rigs: {', '.join(rig_formats)}")
 
 
 def _write(path: str | Path, text: str) -> None:
-    """Write a file; raise `FormatError` if that fails."""
+    """Write a file, in a new folder if necessary; raise `FormatError` if that fails."""
     try:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, encode(text))
     except OSError as error:
         raise FormatError(str(error)) from error

@@ -5,8 +5,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.formats._limits import MAX_POLYNOMIAL_TERMS
+from omnisight.geometry.rotation import nearest
 from omnisight.models import CameraModel, model_class
 from omnisight.models._parameterized import Parameterized
 from omnisight.models.ocam import Ocam
@@ -17,6 +19,7 @@ MAX_SIDE_PX = 1_000_000
 MIN_FOCAL_PX, MAX_FOCAL_PX = 1e-6, 1e7
 MAX_VALUE = 1e12  # products of larger parameters overflow
 MIN_NONZERO_VALUE = 1e-150  # squares of smaller parameters underflow; they are read as 0
+MAX_ROTATION_ERROR = 1e-6  # of an entry of a rotation matrix; larger errors are not rounding
 FOCAL_LENGTHS = ("fx", "fy", "a0")
 
 
@@ -33,6 +36,18 @@ def numbers(values: Any, name: str, count: int | None = None) -> list[float]:
         actual = f"{len(values)}" if isinstance(values, list) else repr(values)
         raise ValueError(f"{name} must be a list of {'' if count is None else f'{count} '}numbers, got {actual}")
     return [number(value, f"{name}[{i}]") for i, value in enumerate(values)]
+
+
+def rotation_matrix(rows: Any, name: str) -> NDArray[np.float64]:
+    """Return a rotation (3, 3) of a file, made exactly orthogonal; raise ValueError if it is none."""
+    if not isinstance(rows, list) or len(rows) != 3:
+        raise ValueError(f"{name} must have 3 rows of 3 numbers")
+    given = np.array([numbers(row, name, 3) for row in rows])
+    orthogonal = nearest(given)
+    error = np.abs(orthogonal - given).max()
+    if error > MAX_ROTATION_ERROR:
+        raise ValueError(f"{name} is not a rotation matrix: it differs from the nearest one by {error:.2g}")
+    return orthogonal
 
 
 def mapping(value: Any, name: str) -> Mapping[str, Any]:

@@ -1,13 +1,18 @@
 """Kalibr's camchain yaml, and EuRoC's sensor.yaml, which has the same fields."""
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, kept_fields, unknown_fields
-from omnisight.formats._values import build_with_zeros, image_size, number, numbers
+from omnisight.formats._values import build_with_zeros, image_size, number, numbers, rotation_matrix
 from omnisight.formats._yaml import flow, read_map
+from omnisight.geometry.pose import Pose
+from omnisight.rig import Rig
 
 TITLE = "Kalibr camchain yaml"
 SUFFIX = ".yaml"
@@ -51,6 +56,39 @@ def parse(text: str) -> Mapping[str, Camera]:
         except ValueError as error:
             raise ValueError(f"{key}: {error}") from error
     return cameras
+
+
+def parse_rig(text: str) -> Rig:
+    """Return the rig of a chain; its frame is that of the first camera.
+
+    The pose of a camera relative to the preceding one is `T_cn_cnm1`, or follows from `T_cam_imu` of both.
+    """
+    cameras = parse(text)
+    if len(cameras) < 2:
+        raise ValueError("holds one camera, which is no rig")
+    poses = [Pose()]
+    names = list(cameras)
+    for previous, name in pairwise(names):
+        fields, before = cameras[name].extra, cameras[previous].extra
+        if "T_cn_cnm1" in fields:
+            step = _pose(fields["T_cn_cnm1"], f"{name}: T_cn_cnm1")
+        elif "T_cam_imu" in fields and "T_cam_imu" in before:
+            imu_from_previous = _pose(before["T_cam_imu"], f"{previous}: T_cam_imu").inverse()
+            step = _pose(fields["T_cam_imu"], f"{name}: T_cam_imu") @ imu_from_previous
+        else:
+            raise ValueError(f"{name}: neither T_cn_cnm1 nor T_cam_imu: its pose is unknown")
+        poses.append(step @ poses[-1])
+    return Rig(tuple(cameras.values()), tuple(poses), tuple(names))
+
+
+def _pose(rows: Any, name: str) -> Pose:
+    """Return the pose of a matrix (4, 4), given as 4 rows or as 16 numbers."""
+    if isinstance(rows, list) and len(rows) == 16:
+        rows = [rows[i : i + 4] for i in range(0, 16, 4)]
+    if not isinstance(rows, list) or len(rows) != 4:
+        raise ValueError(f"{name} must have 4 rows of 4 numbers")
+    matrix = np.array([numbers(row, name, 4) for row in rows])
+    return Pose(rotation_matrix(matrix[:3, :3].tolist(), name), matrix[:3, 3])
 
 
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:

@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.formats._export import unknown_fields
 from omnisight.formats._limits import HEAD_CHARS, MAX_DISTINCT_CAMERAS, MAX_NAME_CHARS, MAX_PARAMETERS
-from omnisight.formats._values import MAX_SIDE_PX, build_mirrored, check_bounds, check_model, number, numbers
+from omnisight.formats._values import (
+    MAX_SIDE_PX,
+    build_mirrored,
+    check_bounds,
+    check_model,
+    number,
+    numbers,
+    rotation_matrix,
+)
 from omnisight.geometry.pose import Pose
-from omnisight.geometry.rotation import nearest
 from omnisight.models import CameraModel, model_names
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.models import RayModel, ray_model_class
@@ -30,7 +37,6 @@ KEYS = {
 }
 RMS_DEFINITION = "root mean square of the residual length |d|, px, over all corners"
 CAMERA, RAY_CAMERA, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
-MAX_ROTATION_ERROR = 1e-6  # of an entry of a rotation matrix; larger errors are not rounding
 MAX_OPTICAL_PARTS = 9  # a lens and its mirrors
 
 
@@ -97,6 +103,11 @@ def _ray_model(name: str, params: dict[str, Any]) -> RayModel:
     return model
 
 
+def parse_rig(text: str) -> Rig:
+    """Return the rig of a file."""
+    return rig_from_json(json.loads(text))
+
+
 def rig_from_json(data: Any) -> Rig:
     """Return a rig from the object that a file holds."""
     _check_header(data, (RIG,))
@@ -125,15 +136,8 @@ def _pose(data: Any) -> Pose:
     """Return a pose from its object."""
     if not isinstance(data, dict):
         raise ValueError(f"sensor_from_rig must be an object with rotation and translation, got {data!r:.60}")
-    rows = data["rotation"]
-    if not isinstance(rows, list) or len(rows) != 3:
-        raise ValueError("rotation must have 3 rows of 3 numbers")
-    rotation = np.array([numbers(row, "rotation", 3) for row in rows])
-    orthogonal = nearest(rotation)
-    error = np.abs(orthogonal - rotation).max()
-    if error > MAX_ROTATION_ERROR:
-        raise ValueError(f"rotation is not a rotation matrix: it differs from the nearest one by {error:.2g}")
-    return Pose(orthogonal, np.array(numbers(data["translation"], "translation", 3)))
+    rotation = rotation_matrix(data["rotation"], "rotation")
+    return Pose(rotation, np.array(numbers(data["translation"], "translation", 3)))
 
 
 def _check_header(data: Any, kinds: tuple[str, ...]) -> str:

@@ -11,7 +11,7 @@ from omnisight.geometry import rotation as so3
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pose:
     """A rigid motion b_from_a.
 
@@ -25,6 +25,14 @@ class Pose:
 
     rotation: Array = field(default_factory=lambda: np.eye(3))
     translation: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Pose):
+            return NotImplemented
+        return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.translation, other.translation)
+
+    def __hash__(self) -> int:
+        return hash((*np.ravel(self.rotation).tolist(), *np.ravel(self.translation).tolist()))
 
     @overload
     def __matmul__(self, other: "Pose") -> "Pose": ...

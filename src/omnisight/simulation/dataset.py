@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.formats import save, save_rig
+from omnisight.formats import save
 from omnisight.geometry.pose import Pose
 from omnisight.images import write_bytes, write_image
 from omnisight.rig import Rig, Sensor
@@ -160,7 +160,7 @@ class Dataset:
         is_rig = bool(self.cameras[0].name)
         if is_rig:
             sensors = {c.name: (c.camera, c.rig_from_camera.inverse()) for c in self.cameras}
-            save_rig(Rig.from_sensors(sensors), self.folder / "rig.json")
+            save(Rig.from_sensors(sensors), self.folder / "rig.json")
             write_trajectory(self.folder / "poses.txt", trajectory)
         write_bytes(self.folder / "settings.json", (json.dumps(settings, indent=1) + "\n").encode())
         depth, normals = EXACT_FORMATS if self.exact else ROUNDED_FORMATS
