@@ -1,6 +1,7 @@
 """Images, folders and the program, for the tests of the command line."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 from cli_scene import TRUTH
@@ -26,9 +27,10 @@ def shared_cache(tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def environment(shared_cache, monkeypatch):
+def environment(shared_cache, tmp_path_factory, monkeypatch):
     # Only detections: the cache of compiled code stays shared.
     monkeypatch.setattr("omnisight.targets.cache.cache_folder", lambda: shared_cache)
+    monkeypatch.chdir(tmp_path_factory.mktemp("work"))
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setenv("NO_COLOR", "1")
 
@@ -48,7 +50,10 @@ def camera_file(tmp_path):
 def run(capsys):
     """Return a function that runs the command line in this process: exit status, stdout and stderr."""
 
+    work = Path.cwd()
+
     def command(*arguments):
+        (work / "camera.json").unlink(missing_ok=True)  # the default output of `calibrate`, which replaces no file
         status = 0
         try:
             cli.main([str(a) for a in arguments])

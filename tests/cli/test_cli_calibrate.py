@@ -51,7 +51,7 @@ def test_the_output_is_short_and_verbose_adds_tests_and_timings(run, shots):
     assert re.search(
         r"^accuracy  held-out error 0\.\d+ px; projection uncertainty 0\.\d+ px \(1σ\), at most", result, re.M
     )
-    assert result.splitlines()[-1] == "written   nothing; add -o camera.json to write the camera"
+    assert result.splitlines()[-1] == "written   camera.json"
     status, verbose, _ = run("calibrate", shots, *QUICK, "-v")
     assert status == 0
     added = {line[:10].strip() for line in verbose.splitlines()} - {line[:10].strip() for line in out.splitlines()}
@@ -224,3 +224,46 @@ def test_camera_and_report_need_two_files(refuses, shots, tmp_path):
 def test_dropping_all_images_is_rejected(refuses, shots):
     drops = [word for name in file_names(shots) for word in ("--drop", name)]
     assert "--drop leaves no image" in refuses("calibrate", shots, *QUICK, *drops)
+
+
+def test_the_default_output_is_camera_json_and_replaces_no_file(run, shots, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, _ = run("calibrate", shots, *QUICK)
+    assert (status, out.splitlines()[-1]) == (0, "written   camera.json")
+    written = (tmp_path / "camera.json").read_bytes()
+    monkeypatch.setattr("omnisight.pipeline.detect.detect_boards", raises_error(AssertionError("detection started")))
+    status, out, err = run("calibrate", shots, *QUICK)
+    assert (status, out) == (2, "")
+    assert "camera.json: exists; specify the file to write: -o camera.json replaces it" in err
+    assert (tmp_path / "camera.json").read_bytes() == written
+
+
+def test_json_output_writes_no_file_without_output(run, shots, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("calibrate", shots, *QUICK, "--json")[0] == 0
+    assert file_names(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["c.yaml", "c.cameramodel", "c.txt"])
+def test_a_camera_file_is_named_json(refuses, shots, tmp_path, name):
+    error = refuses("calibrate", shots, *QUICK, "-o", tmp_path / name)
+    assert "is written as .json; name it c.json, and convert it afterwards: omnisight convert c.json --to" in error
+
+
+@pytest.mark.parametrize("stage", ["cross_validate", "fit_spline_baseline", "assess"])
+def test_an_interrupted_calibration_writes_the_best_camera_so_far(run, shots, tmp_path, monkeypatch, stage):
+    monkeypatch.setattr(f"omnisight.pipeline.calibrate.{stage}", raises_error(KeyboardInterrupt()))
+    file = tmp_path / "camera.json"
+    status, out, err = run("calibrate", shots, *QUICK, "-o", file)
+    assert (status, out) == (130, "")
+    assert err == f"written   {file}: the best camera so far, its accuracy was not assessed\nomnisight: interrupted\n"
+    camera = load(file)
+    assert camera.model.fx == pytest.approx(TRUTH.model.fx, rel=0.01)
+    assert camera.calibration["verdict"] == "do not use"
+    assert camera.calibration["reasons"] == ["Interrupted before the accuracy was assessed. Calibrate again."]
+
+
+def test_an_interruption_before_any_fit_writes_nothing(run, shots, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.calibrate.fit_candidates", raises_error(KeyboardInterrupt()))
+    assert run("calibrate", shots, *QUICK, "-o", tmp_path / "c.json") == (130, "", "omnisight: interrupted\n")
+    assert file_names(tmp_path) == []

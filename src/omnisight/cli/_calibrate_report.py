@@ -82,7 +82,7 @@ def print_report(calibration: Calibration, written: SaveResult | None, *, verbos
     if verbose:
         _print_details(out, calibration, rows)
     _print_verdict(out, calibration, verbose)
-    _print_row(out, "written", str(written.path) if written else "nothing; add -o camera.json to write the camera")
+    _print_row(out, "written", str(written.path) if written else "nothing")
 
 
 def _print_images(out: "Console", rows: list[dict[str, Any]], verbose: bool) -> None:

@@ -14,3 +14,21 @@ def must_be_writable(output: Path) -> None:
         tempfile.TemporaryFile(dir=output.parent).close()
     except OSError as error:
         raise ValueError(f"{output}: cannot be written: {error.strerror} ({output.parent})") from error
+
+
+def default_output(name: str) -> Path:
+    """Return a file to write in the current folder if none is specified; raise if it exists."""
+    output = Path(name)
+    if output.exists():
+        raise ValueError(f"{output}: exists; specify the file to write: -o {output} replaces it")
+    return output
+
+
+def check_camera_suffix(output: Path) -> None:
+    """Raise before any work if the name of a camera file is that of another format: only JSON holds all results."""
+    if output.suffix.lower() not in ("", ".json"):
+        json = f"{output.stem}.json"
+        raise ValueError(
+            f"{output}: the camera is written as .json; name it {json}, and convert it afterwards: omnisight convert"
+            f" {json} --to NAME -o {output.name}"
+        )

@@ -56,7 +56,7 @@ def print_report(calibration: LinesCalibration, written: SaveResult | None) -> N
         ("accuracy", f"rms {calibration.rms:.3f} px; bearings {np.degrees(calibration.bearing_sigma):.2g}° (1σ)"),
         ("unknown", "; ".join(calibration.undetermined)),
         *(("warning", warning) for warning in calibration.warnings),
-        ("written", str(written.path) if written is not None else "nothing; add -o camera.json to write the camera"),
+        ("written", str(written.path) if written is not None else "nothing"),
     ]
     for label, text in rows:
         out.print(f"{label:<10}{text}", soft_wrap=True)

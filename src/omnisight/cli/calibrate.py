@@ -33,7 +33,7 @@ def calibrate(
         are used. Or corner files: .mat of BabelCalib, MATLAB or OCamCalib, .orpc of Deltille, .vnl of mrcal, points in
         OpenCV's YAML or XML or in .npz, or the output of `omnisight detect --json`.
     output
-        Camera file to write (JSON).
+        Camera file to write (JSON); by default camera.json, which must not exist, or none with --json.
     draw
         Folder for copies of the images with corners and residuals drawn.
     report
@@ -46,12 +46,15 @@ def calibrate(
         Print all images, tests, remarks and timings.
     """
     from omnisight.cli._calibrate_report import print_json, print_report
-    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._files import check_camera_suffix, default_output, must_be_writable
     from omnisight.formats import save
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate import calibrate as run
     from omnisight.pipeline.detect import source_paths
+    from omnisight.pipeline.interruption import CalibrationInterrupted
 
+    if output is None and not json:
+        output = default_output("camera.json")
     files = [file for file in (output, report) if file is not None]
     for file in files:
         must_be_writable(file)
@@ -59,10 +62,18 @@ def calibrate(
         raise ValueError(f"{output}: specified for both the camera and the report; specify two files")
     paths = source_paths(images)
     refuse_overwrite(files, [*paths, *([options.target] if options.target else [])])
+    if output is not None:
+        check_camera_suffix(output)
     if draw is not None:
         drawing_paths(paths, draw)
-    with progress(quiet or json) as show:
-        calibration = run(images, options, progress=show)
+    try:
+        with progress(quiet or json) as show:
+            calibration = run(images, options, progress=show)
+    except CalibrationInterrupted as interrupted:
+        if output is not None:
+            written = save(interrupted.camera, output).path
+            print(f"written   {written}: the best camera so far, its accuracy was not assessed", file=sys.stderr)
+        raise
     # Write the camera first, so that a failed drawing does not lose it; print the result even if the disk is full.
     written, failure = None, None
     try:

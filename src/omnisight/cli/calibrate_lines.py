@@ -54,7 +54,7 @@ def calibrate_lines(
     quiet
         Show no progress.
     """
-    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._files import check_camera_suffix, default_output, must_be_writable
     from omnisight.cli._lines_report import print_json, print_report
     from omnisight.formats import save
     from omnisight.images import collect_images
@@ -65,9 +65,12 @@ def calibrate_lines(
     options = CalibrateLinesOptions(model, _parse_fixed(fix or []), mask=mask, lines=lines, apply_exif=apply_exif)
     paths = collect_images(images)
     # Check the outputs before the calibration, which takes a while.
+    if output is None and not json:
+        output = default_output("camera.json")
     if output is not None:
         must_be_writable(output)
         refuse_overwrite([output], [*paths, *([lines] if lines else []), *([mask] if mask else [])])
+        check_camera_suffix(output)
     if draw is not None:
         drawing_paths(paths, draw)
     with progress(quiet or json) as report:

@@ -36,6 +36,7 @@ from omnisight.optics.ray_model import RayModel
 from omnisight.pipeline.calibration import Calibration
 from omnisight.pipeline.detect import Source, load_observations
 from omnisight.pipeline.detection_advice import explain_too_few_detections
+from omnisight.pipeline.interruption import keep_camera
 from omnisight.pipeline.options import CalibrateOptions, check_options
 from omnisight.pipeline.provenance import tool_provenance
 from omnisight.quality.repeated_views import find_repeated_views, list_pairs
@@ -75,6 +76,8 @@ def calibrate(
         If an input cannot be read, there are too few images, or no model fits.
     MissingFileError
         If a file or folder does not exist.
+    CalibrationInterrupted
+        If interrupted (Ctrl-C) after the models were fitted; it has the best camera so far.
     """
     check_options(options, CalibrateOptions)
     report, started = progress or (lambda stage, done, total: None), time.perf_counter()
@@ -88,18 +91,19 @@ def calibrate(
     initial = resect(initial.central_model, observations)
     subset = observations.at(rows := observations.thinned_rows(MAX_COMPARED_CORNERS))
     candidates = fit_candidates(candidate_models(options, initial, observations), initial, subset, options, report)
-    inliers = find_inliers(candidates, subset, observations)
-    candidates = cross_validate(candidates, subset, inliers[rows], options, report)
-    selection = refit(
-        select_model(candidates, subset, inliers[rows], loss=options.loss), observations, inliers, options
-    )
-    baseline = fit_spline_baseline(selection.best, initial, observations, inliers, loss=options.loss)
-    if options.is_noncentral:
-        spline = None if baseline is None else baseline.candidate
-        selection = select_noncentral(selection, design, spline, observations, options)
-    calibration = assess(selection, observations, inliers, baseline, options)
-    if options.method == "ocamcalib":
-        calibration = with_ocamcalib(calibration, report)
+    with keep_camera(lambda: unassessed_camera(candidates, subset)):
+        inliers = find_inliers(candidates, subset, observations)
+        candidates = cross_validate(candidates, subset, inliers[rows], options, report)
+        selection = refit(
+            select_model(candidates, subset, inliers[rows], loss=options.loss), observations, inliers, options
+        )
+        baseline = fit_spline_baseline(selection.best, initial, observations, inliers, loss=options.loss)
+        if options.is_noncentral:
+            spline = None if baseline is None else baseline.candidate
+            selection = select_noncentral(selection, design, spline, observations, options)
+        calibration = assess(selection, observations, inliers, baseline, options)
+        if options.method == "ocamcalib":
+            calibration = with_ocamcalib(calibration, report)
     end = time.perf_counter()
     seconds = {"detect": detected - started, "redetect": redetected - detected, "solve": end - redetected}
     return replace(calibration, redetection=redetection, seconds=seconds | {"total": end - started})
@@ -259,6 +263,16 @@ def assess(
     calibration = Calibration(camera, observations, selection, outliers, quality)
     camera = replace(camera, calibration=calibration.figures(), provenance=provenance(observations))
     return replace(calibration, camera=camera)
+
+
+def unassessed_camera(candidates: Sequence[Candidate], observations: Observations) -> Camera:
+    """Return the camera of the candidate with the lowest rms; its accuracy is unknown."""
+    best = min(candidates, key=lambda candidate: candidate.rms)
+    outliers = ResidualWeights.estimate(best.state, observations).outliers(best.state, observations)
+    reason = "Interrupted before the accuracy was assessed. Calibrate again."
+    figures = {"verdict": "do not use", "reasons": [reason], "rms": best.rms}
+    camera = _central_camera(best.state, observations, outliers)
+    return replace(camera, calibration=figures, provenance=provenance(observations))
 
 
 def _central_camera(state: State, observations: Observations, outliers: Bools) -> Camera:
