@@ -9,7 +9,7 @@ from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range, parse_size
 
 if TYPE_CHECKING:
-    from omnisight.pipeline.view import ViewOptions, ViewResult
+    from omnisight.pipeline.view import ViewResult
 
 # A range usually starts with a minus sign.
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
@@ -22,13 +22,13 @@ def view(
     /,
     *,
     camera: Path,
-    to: Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"] = "perspective",
+    to: Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"] | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     fov: float | None = None,
     yaw: float = 0.0,
     pitch: float | None = None,
     roll: float = 0.0,
-    up: Literal["top", "back", "front"] = "top",
+    up: Literal["top", "back", "front"] | None = None,
     flip: bool = False,
     size: str | None = None,
     elevation: Angles = None,
@@ -61,7 +61,7 @@ def view(
     camera
         Calibration file of any format.
     to
-        Type of the view.
+        Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
     output
         File of the view, or a folder (required for several images).
     fov
@@ -75,7 +75,7 @@ def view(
         Rotation about the view direction, positive clockwise.
     up
         Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
-        front, for one that looks up.
+        front, for one that looks up. By default back for a mirror camera, top for others.
     flip
         Exchange left and right, for a camera that looks into one mirror.
     size
@@ -133,16 +133,16 @@ def view(
     with progress(quiet) as report:
         result = write_views(images, camera, output, options, mask=mask, view_camera=view_camera, progress=report)
     count = len(result.files) + len(result.errors)
-    _print_result(result, options, output if count > 1 else result.files[0])
+    _print_result(result, is_up_given=up is not None, written=output if count > 1 else result.files[0])
     if result.errors:
         raise ValueError(skipped_message(result.errors, count))
 
 
-def _print_result(result: "ViewResult", options: "ViewOptions", output: Path) -> None:
+def _print_result(result: "ViewResult", *, is_up_given: bool, written: Path) -> None:
     """Print the coverage, the magnification, warnings, and the file or folder written."""
     import math
 
-    source, target = result.source, result.target
+    source, target, options = result.source, result.target, result.options
     faces = ", six faces" if len(result.rotations) > 1 else ""
     centre, edge = result.magnification
     print(f"view      {options.to}, {target.width}x{target.height}{faces}")
@@ -161,7 +161,10 @@ def _print_result(result: "ViewResult", options: "ViewOptions", output: Path) ->
         if isinstance(reasons, list) and reasons and isinstance(reasons[0], str):
             reason = reasons[0]
         print(f"warning   the verdict of this calibration is: do not use. {reason}")
+    if source.theta_min and not is_up_given:
+        blind = f"it is blind within {math.degrees(source.theta_min):.0f} degrees of its axis"
+        print(f"hint      a mirror camera ({blind}): --up back is assumed; if text is mirrored: --flip")
     upright = options.up == "top" and options.to in ("cylinder", "mercator", "sphere")
     if upright and result.view_fraction < 0.75:
         print("hint      the camera is assumed upright; if it looks down, up or into a mirror: --up back|front, --flip")
-    print(f"written   {output}")
+    print(f"written   {written}")

@@ -18,7 +18,7 @@ from omnisight.images.output_paths import output_paths, refuse_overwrite
 from omnisight.pipeline.central_camera import central_camera
 from omnisight.views.cube import CUBE_FACES, cube_cross, cube_rotation
 from omnisight.views.maps import extrapolation_mask, visible_fraction
-from omnisight.views.remapper import Interpolation, Remapper, magnification, size_mismatch
+from omnisight.views.remapper import Interpolation, Remapper, is_resized, magnification, size_mismatch
 from omnisight.views.view_cameras import (
     FisheyeProjection,
     cube_face,
@@ -39,6 +39,8 @@ ViewType = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "pla
 
 PANORAMAS = {"cylinder": cylinder, "mercator": mercator, "sphere": sphere}
 DEFAULT_FOV_DEG = {"perspective": 90.0, "panini": 150.0, "planet": 260.0, "fisheye": 180.0}
+# Elevation at which the default cylinder of a mirror camera ends: farther up or down it is stretched threefold.
+MAX_CYLINDER_ELEVATION_DEG = 60.0
 # Period and width of the hatching lines, px along a row.
 HATCH_PERIOD_PX, HATCH_LINE_PX = 16, 2
 
@@ -50,14 +52,14 @@ class ViewOptions:
     Attributes
     ----------
     to
-        Type of the view.
+        Type of the view: perspective by default, and a cylinder of a mirror camera, which is blind along its axis.
     fov
         Field of view: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye (180).
     yaw, pitch, roll
         View direction. The pitch is 0, and -90 for a planet, by default.
     up
         Where the world's up is: "top" of the image; "back", for a camera that looks down or into a mirror above it;
-        "front", for one that looks up.
+        "front", for one that looks up. By default "back" for a mirror camera, "top" for others.
     flip
         Exchange left and right, for a camera that looks into one mirror.
     size
@@ -82,12 +84,12 @@ class ViewOptions:
         Rotate images by their EXIF orientation.
     """
 
-    to: ViewType = "perspective"
+    to: ViewType | None = None
     fov: float | None = None
     yaw: float = 0.0
     pitch: float | None = None
     roll: float = 0.0
-    up: Literal["top", "back", "front"] = "top"
+    up: Literal["top", "back", "front"] | None = None
     flip: bool = False
     size: tuple[int, int] | None = None
     elevation: Range | None = None
@@ -106,19 +108,36 @@ class ViewOptions:
         for name, angle in (("yaw", self.yaw), ("pitch", self.pitch or 0.0), ("roll", self.roll)):
             if not math.isfinite(angle):
                 raise ValueError(f"--{name} must be a number of degrees, got {angle}")
-        if self.to not in PANORAMAS:
+        if self.to is not None and self.to not in PANORAMAS:
             for name in ("elevation", "azimuth"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"--{name} applies to cylinder, mercator and sphere; use --fov for a {self.to}")
-        if self.fov is not None and self.to not in DEFAULT_FOV_DEG:
+        if self.fov is not None and self.to is not None and self.to not in DEFAULT_FOV_DEG:
             remedy = "its faces are 90 degrees wide" if self.to == "cube" else "use --azimuth"
             raise ValueError(f"--fov does not apply to a {self.to}; {remedy}")
+
+    def for_camera(self, camera: Camera) -> "ViewOptions":
+        """Return the options with the defaults for a camera: those of a mirror camera avoid the blind spot."""
+        is_mirror = camera.theta_min > 0
+        panorama = is_mirror and self.fov is None
+        options = dataclasses.replace(
+            self,
+            to=self.to or ("cylinder" if panorama else "perspective"),
+            up=self.up or ("back" if is_mirror else "top"),
+        )
+        if options.to != "cylinder" or not is_mirror or options.up == "top" or self.elevation is not None:
+            return options
+        low, high = (math.degrees(theta) - 90 for theta in (camera.theta_min, camera.theta_max or math.pi))
+        low, high = max(low, -MAX_CYLINDER_ELEVATION_DEG), min(high, MAX_CYLINDER_ELEVATION_DEG)
+        if low >= high:
+            return options
+        return dataclasses.replace(options, elevation=(low, high) if options.up == "back" else (-high, -low))
 
     @property
     def view_from_source(self) -> Array:
         """Rotation (3, 3) from the source camera to the view."""
         pitch = (-90.0 if self.to == "planet" else 0.0) if self.pitch is None else self.pitch
-        return look(self.yaw, pitch, self.roll, up=self.up, flip=self.flip)
+        return look(self.yaw, pitch, self.roll, up=self.up or "top", flip=self.flip)
 
 
 @dataclass(frozen=True)
@@ -127,6 +146,8 @@ class ViewResult:
 
     Attributes
     ----------
+    options
+        The options with the defaults for the camera.
     files
         The views that were written.
     source, target
@@ -145,6 +166,7 @@ class ViewResult:
         Messages of the images that were skipped.
     """
 
+    options: ViewOptions
     files: tuple[Path, ...]
     source: Camera
     target: Camera
@@ -196,6 +218,7 @@ def view(
     report = progress or (lambda stage, done, total: None)
     if isinstance(camera, Path):
         camera = central_camera(camera, name=options.name, distance=options.distance)
+    options = options.for_camera(camera)
     target, rotations = view_target(options)
     paths = collect_images([str(image) for image in images])
     files = _prepare_output(paths, output, [mask] if mask else [])
@@ -208,7 +231,11 @@ def view(
         try:
             image = read_image(path, apply_exif=options.apply_exif)
             size = image.shape[1], image.shape[0]
-            source = _fit_camera(source, size, path, scale=options.scale_camera and not remappers)
+            if options.scale_camera and remappers and size != source.size:
+                raise ValueError(
+                    f"{path.name}: {size[0]}x{size[1]}, others {source.width}x{source.height}: view it apart"
+                )
+            source = _fit_camera(source, size, path, scale=options.scale_camera)
             remappers = remappers or [_remapper(source, target, rotation, options) for rotation in rotations]
             result = cube_cross([remap(image) for remap in remappers])
             if options.mark:
@@ -229,6 +256,7 @@ def view(
         provenance = {"view": True, "target_from_source": rotations[0].tolist()}
         save(dataclasses.replace(target, provenance=provenance), view_camera)
     return ViewResult(
+        options,
         tuple(written),
         source,
         target,
@@ -243,14 +271,14 @@ def view(
 
 def view_target(options: ViewOptions) -> tuple[Camera, list[Array]]:
     """Return the camera of a view and target_from_source: one rotation, or one for each face of a cube."""
-    rotation, size = options.view_from_source, options.size
-    fov = DEFAULT_FOV_DEG.get(options.to, 0.0) if options.fov is None else options.fov
+    rotation, size, to = options.view_from_source, options.size, options.to or "perspective"
+    fov = DEFAULT_FOV_DEG.get(to, 0.0) if options.fov is None else options.fov
     side = min(size) if size else 1024
-    if options.to in PANORAMAS:
+    if to in PANORAMAS:
         ranges = {"elevation": options.elevation, "azimuth": options.azimuth}
         given: Any = {name: limits for name, limits in ranges.items() if limits is not None}
-        return PANORAMAS[options.to](size[0] if size else 2048, **given), [rotation]
-    match options.to:
+        return PANORAMAS[to](size[0] if size else 2048, **given), [rotation]
+    match to:
         case "perspective":
             return perspective(fov, size or (1280, 720)), [rotation]
         case "panini":
@@ -299,7 +327,8 @@ def _fit_camera(camera: Camera, size: tuple[int, int], path: Path, *, scale: boo
     """Return the camera for images of a size, scaled on request; raise if the size does not fit."""
     if min(camera.size) < 1:  # a file without an image size
         return dataclasses.replace(camera, size=size)
-    scaled = camera.scaled(size[0] / camera.width) if scale else camera
-    if scaled.width != size[0] or abs(scaled.height - size[1]) > scale:
+    if size == camera.size:
+        return camera
+    if not (scale and is_resized(size, camera.size)):
         raise ValueError(f"{path.name}: {size_mismatch(size, camera.size)}")
-    return dataclasses.replace(scaled, size=size)
+    return dataclasses.replace(camera.scaled(size[0] / camera.width), size=size)
