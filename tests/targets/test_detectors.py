@@ -69,6 +69,17 @@ def test_ids_are_right_in_a_mirror_image(board):
     assert errors(found, truth)[0] < 0.1
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("board", [CHARUCO, APRIL], ids=["charuco", "aprilgrid"])
+def test_marker_boards_printed_white_on_black_are_detected(board, mirrored):
+    image, truth = render(board, "fisheye", pose(board, 40), mirrored=mirrored)
+    (expected,), (found,) = detect(image, board), detect(255 - image, board)
+    assert len(found) >= 0.95 * board.size
+    assert errors(found, truth)[0] < 0.1
+    np.testing.assert_array_equal(found.ids, expected.ids)
+    np.testing.assert_allclose(found.pixels, expected.pixels, atol=0.01)
+
+
 @pytest.mark.parametrize("board", [CIRCLES, CircleGrid(5, 8, spacing=0.02)], ids=str)
 def test_mirrored_circles_are_right_up_to_symmetry(board):
     shown = CircleGrid(board.columns, board.rows, board.spacing, 0.016)  # the diameter need not be known

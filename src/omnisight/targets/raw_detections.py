@@ -17,7 +17,7 @@ from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.detectors.checkerboard.grid_search import find_grids
 
 # Part of the keys of cached detections: increase it whenever detections change.
-DETECTOR_VERSION = 3
+DETECTOR_VERSION = 4
 
 
 @dataclass(frozen=True, eq=False)

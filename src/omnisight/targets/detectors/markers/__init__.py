@@ -14,7 +14,7 @@ __all__ = ["detect", "measure"]
 
 
 def detect(gray: NDArray[np.uint8], board: MarkerBoard) -> list[Detection]:
-    """Detect a board with markers.
+    """Detect a board with markers, printed black on white, or white on black.
 
     In a mirror image, as a camera sees a board in a mirror, ids are right, and the step to the next row is
     anticlockwise of the step to the next column. If the markers are those of a variant of the board, such as another
@@ -25,6 +25,12 @@ def detect(gray: NDArray[np.uint8], board: MarkerBoard) -> list[Detection]:
     list of Detection
         One, or none.
     """
+    detection = _detect_black_on_white(gray, board) or _detect_black_on_white(255 - gray, board)
+    return [] if detection is None else [detection]
+
+
+def _detect_black_on_white(gray: NDArray[np.uint8], board: MarkerBoard) -> Detection | None:
+    """Detect a board with black markers."""
     variants = board.variants()
     layouts = [variant.board.layout for variant in variants]
     markers = decode_markers(
@@ -42,16 +48,14 @@ def detect(gray: NDArray[np.uint8], board: MarkerBoard) -> list[Detection]:
     best = max(range(len(variants)), key=lambda k: (len(candidates[k].ids) - (k > 0), -k))
     detection = find_points(gray, candidates[best], variants[best].board)
     if detection is None:
-        return []
+        return None
     ids = variants[best].ids[detection.ids]
     order = np.argsort(ids)
-    return [
-        replace(
-            detection,
-            ids=ids[order],
-            pixels=detection.pixels[order],
-            covariance=detection.covariance[order],
-            note=variants[best].note,
-            board=board,
-        )
-    ]
+    return replace(
+        detection,
+        ids=ids[order],
+        pixels=detection.pixels[order],
+        covariance=detection.covariance[order],
+        note=variants[best].note,
+        board=board,
+    )
