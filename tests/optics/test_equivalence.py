@@ -66,6 +66,39 @@ def test_unified_model_of_ellipses(a, c, reach):
     assert angles(model.unproject(pixels)[0], bearings * CONCAVE).max() < 1e-9
 
 
+@pytest.mark.parametrize(("a", "c"), [*ELLIPSES, (1.0, 1 / 3)])
+@pytest.mark.parametrize("reach", [0.3, 0.999])
+def test_unified_model_of_ellipses_with_the_lens_in_the_near_focus(a, c, reach):
+    """The rays leave through the far focus. The rim is at most at the near focus, 90 degrees from the axis."""
+    rim = reach * (a * a - c * c) / a
+    mirror = Conic.ellipse(a, c, rim)
+    lens = Pinhole(300.0, 300.0, *CENTRE)
+    pixels, origins, bearings = traced(lens, mirror, a - c, 300 * rim / (a - c + float(mirror.sag(rim))))
+    model = Unified.from_ellipse(a, c, 300.0, CENTRE, lens_focus="near")
+    assert model.xi < 0
+    assert angles(model.unproject(pixels)[0], bearings * CONCAVE).max() < 1e-9
+    off = np.linalg.norm(np.cross(np.array([0, 0, -2 * c]) - origins, bearings), axis=-1)
+    assert off.max() < 1e-9 * a
+
+
+@pytest.mark.parametrize(("a", "c"), HYPERBOLAS)
+def test_unified_model_of_concave_hyperbolas(a, c):
+    """The lens is in the near focus, the viewpoint behind the mirror, and the image is not turned."""
+    rim = 0.9 * (c * c - a * a) / a
+    mirror = Conic(-(c * c - a * a) / a, c / a, rim)
+    lens = Pinhole(300.0, 300.0, *CENTRE)
+    pixels, _, bearings = traced(lens, mirror, c - a, 300 * rim / (c - a + float(mirror.sag(rim))))
+    model = Unified.from_hyperbola(a, c, 300.0, CENTRE, lens_focus="near")
+    assert angles(model.unproject(pixels)[0], bearings * CONVEX).max() < 1e-9
+
+
+def test_ellipse_of_eccentricity_a_third_has_xi_of_minus_or_plus_three_fifths():
+    near, far = (Unified.from_ellipse(3.0, 1.0, 300.0, CENTRE, focus) for focus in ("near", "far"))
+    assert (near.xi, far.xi) == pytest.approx((-0.6, 0.6), rel=1e-15)
+    with pytest.raises(ValueError, match="lens_focus must be 'far' or 'near', got 'middle'"):
+        Unified.from_ellipse(3.0, 1.0, 300.0, CENTRE, lens_focus="middle")
+
+
 @pytest.mark.parametrize("latus_rectum", [0.01, 0.05, 1.0, 42.0])
 @pytest.mark.parametrize("reach", [0.4, 4.0])
 def test_unified_model_of_parabolas(latus_rectum, reach):

@@ -1,7 +1,7 @@
 """The unified model of central catadioptric cameras."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
+
+# The focus of a conic mirror that holds the lens, by its distance from the vertex.
+LensFocus = Literal["far", "near"]
 
 
 class UnifiedProfile(ProfileCamera):
@@ -45,8 +48,9 @@ class Unified(UnifiedProfile):
 
     Back, with r = |m|:  z_s = (xi + sqrt(1 + (1 - xi^2) r^2))/(1 + r^2) - xi.
 
-    xi = 0 is a pinhole, 1 a parabolic mirror, between them hyperbolic and elliptical mirrors; xi > 1 and xi < 0
-    describe lenses. Valid where z_s > -xi, and for xi > 1 where z_s > -1/xi and r^2 <= 1/(xi^2 - 1). Geyer and
+    xi = 0 is a pinhole, 1 a parabolic mirror, between them hyperbolic and elliptical mirrors with the lens in the far
+    focus; -1 < xi < 0 are concave mirrors with the lens in the near focus. xi > 1 and xi < 0 also describe lenses.
+    Valid where z_s > -xi, and for xi > 1 where z_s > -1/xi and r^2 <= 1/(xi^2 - 1). Geyer and
     Daniilidis, A unifying theory for central panoramic systems, ECCV 2000. The chapter names xi epsilon. A mirror
     flips handedness: the camera's frame looks into the mirror, so that the image is the world's mirror image only if
     fx and fy differ in sign.
@@ -84,8 +88,10 @@ class Unified(UnifiedProfile):
         return cls(fx=gamma, fy=gamma, cx=centre[0], cy=centre[1], xi=1.0)
 
     @classmethod
-    def from_hyperbola(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
-        """Create the camera of a hyperbolic mirror seen by a pinhole in its second focus.
+    def from_hyperbola(
+        cls, a: float, c: float, focal: float, centre: tuple[float, float], lens_focus: LensFocus = "far"
+    ) -> Self:
+        """Create the camera of a hyperbolic mirror seen by a pinhole in one of its foci.
 
         Parameters
         ----------
@@ -95,34 +101,63 @@ class Unified(UnifiedProfile):
             Focal length of the pinhole, px.
         centre
             Principal point, px.
+        lens_focus
+            The focus of the pinhole: "far" from the vertex, a + c, for a convex mirror; "near" it, c - a, for a concave
+            one.
+
+        Raises
+        ------
+        ValueError
+            If a length is not positive or c <= a.
 
         Notes
         -----
-        xi = 2 e/(1 + e^2) with e = c/a: Table 1 of the chapter with L = 2 b^2/a the latus rectum and
-        epsilon = d/sqrt(d^2 + L^2/4); as printed it would hold only for a quarter of the latus rectum.
+        xi = 2 e/(1 + e^2) with e = c/a, negative for the near focus: Table 1 of the chapter with L = 2 b^2/a the latus
+        rectum and epsilon = d/sqrt(d^2 + L^2/4); as printed it would hold only for a quarter of the latus rectum.
         """
         positive(a=a, c=c, focal=focal)
         if c <= a:
             raise ValueError(f"a hyperbola has c > a, got a = {a}, c = {c}")
-        return cls._from_conic(c / a, focal, centre)
+        return cls._from_conic(c / a, focal, centre, lens_focus)
 
     @classmethod
-    def from_ellipse(cls, a: float, c: float, focal: float, centre: tuple[float, float]) -> Self:
-        """Create the camera of an elliptical (concave) mirror seen by a pinhole in its second focus; c < a.
+    def from_ellipse(
+        cls, a: float, c: float, focal: float, centre: tuple[float, float], lens_focus: LensFocus = "far"
+    ) -> Self:
+        """Create the camera of an elliptical (concave) mirror seen by a pinhole in one of its foci.
 
-        A concave mirror also turns its image by 180 degrees about the axis: negate fx and fy to include it.
+        The mirror also turns its image by 180 degrees about the axis: negate fx and fy to include it.
+
+        Parameters
+        ----------
+        a, c
+            Semi-major axis and half the distance between the foci, c < a, in the same length.
+        focal
+            Focal length of the pinhole, px.
+        centre
+            Principal point, px.
+        lens_focus
+            The focus of the pinhole: "far" from the vertex, a + c, or "near" it, a - c. The near focus gives xi < 0.
+
+        Raises
+        ------
+        ValueError
+            If a length is not positive or c >= a.
         """
         positive(a=a, c=c, focal=focal)
         if c >= a:
             raise ValueError(f"an ellipse has c < a, got a = {a}, c = {c}")
-        return cls._from_conic(c / a, focal, centre)
+        return cls._from_conic(c / a, focal, centre, lens_focus)
 
     @classmethod
-    def _from_conic(cls, e: float, focal: float, centre: tuple[float, float]) -> Self:
-        # Reflected from focus to focus, a ray at theta has the direction (1 - e^2) sin : 2 e + (1 + e^2) cos at the
-        # pinhole.
+    def _from_conic(cls, e: float, focal: float, centre: tuple[float, float], lens_focus: LensFocus) -> Self:
+        # A ray through the viewpoint at theta has the direction (1 - e^2) sin : 2 e + (1 + e^2) cos at a pinhole in the
+        # far focus. Exchanging the foci reverses the axis, which negates e.
+        if lens_focus not in ("far", "near"):
+            raise ValueError(f"lens_focus must be 'far' or 'near', got {lens_focus!r}")
         gamma = focal * abs(1 - e * e) / (1 + e * e)
-        return cls(fx=gamma, fy=gamma, cx=centre[0], cy=centre[1], xi=2 * e / (1 + e * e))
+        xi = 2 * e / (1 + e * e)
+        return cls(fx=gamma, fy=gamma, cx=centre[0], cy=centre[1], xi=xi if lens_focus == "far" else -xi)
 
 
 def positive(**lengths: float) -> None:

@@ -94,7 +94,9 @@ class Conic(Quadric):
 
     @property
     def epsilon(self) -> float:
-        """The parameter xi of the unified model of this mirror with the lens in its focus: 2 e/(1 + e^2).
+        """The parameter xi of the unified model of this mirror with the lens in its far focus: 2 e/(1 + e^2).
+
+        With the lens in the near focus, which a concave mirror allows, xi = -2 e/(1 + e^2).
 
         This equals d/sqrt(d^2 + L^2/4) with the focal distance d and the latus rectum L. Table 1 of the book chapter
         prints sqrt(d^2 + 4 l^2), which holds only if l is a quarter of the latus rectum.
