@@ -9,6 +9,7 @@ from cli_scene import file_names
 
 import omnisight as om
 from omnisight.formats import load
+from omnisight.optics import mirror_class
 from omnisight.optics.design.shapes import KINDS
 
 FIELD = ("--hfov", 360, "--up", 20, "--down", 60)
@@ -33,18 +34,59 @@ def test_report_has_all_dimensions(design, tmp_path):
     for output in (
         "mirror     hyperboloid with the lens in its far focus",
         "shape      convex, vertex radius 17.9302 mm, eccentricity 1.28171, conic constant -1.64279 (a 27.89",
+        "surface    z = rho²/(17.9302·(1 + √(1 + 0.00199939·rho²))) mm",
         "rim        diameter 60 mm, sag 18.7773 mm, at half the radius 5.69333 mm",
+        "hole       diameter 8.498 mm",
         "lens       focal length 4.847 mm, 40.0 degrees across the mirror; entrance pupil 63.65 mm from",
         "viewpoint  7.858 mm above the vertex, single",
-        "field      from 20.0 degrees above the horizon to 78.2 below it, 360 around",
-        "blind spot 11.8 degrees around straight down, 33 px: the camera itself",
+        "field      from 20.0 degrees above the horizon to 60.0 below it, 360 around",
+        "blind spot 30.0 degrees around straight down, 86 px: the hole of the mirror",
         "image      941 px across, 98 % of the shorter side; sensor 1280x960 px of 3.75 um",
+        "tolerances axial position ±2.6 mm, lateral position ±0.57 mm, tilt ±0.42°, surface slope ±0.81′",
         "model      unified, xi 0.96997, gamma 314.35 px",
         "tilt 1°",
         "parallax px at 1 m",
     ):
         assert output in out
     assert file_names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("down", "field"), [(50, "50.0 below"), (0, "0.0 below"), (-5, "5.0 above"), (78, "78.0 below")]
+)
+def test_down_is_the_lower_limit_of_the_field(design, tmp_path, down, field):
+    status, out, _ = design("--up", 20, f"--down={down}", "--camera", "camera.json")
+    assert status == 0
+    assert f"field      from 20.0 degrees above the horizon to {field} it" in out
+    assert np.degrees(load(tmp_path / "camera.json").theta_min) == pytest.approx(90 - down, abs=0.1)
+
+
+def test_drawing_has_the_dimensions_a_workshop_needs(design, tmp_path):
+    assert design(*FIELD, "-o", "mirror.svg")[0] == 0
+    root = ElementTree.parse(tmp_path / "mirror.svg").getroot()
+    assert (root.get("width"), root.get("height")) == ("297mm", "210mm")
+    words = " ".join(root.itertext())
+    dimensions = ("18.78 mm", "7.858 mm", "63.65 mm", "hole 8.498 mm", "20 mm")
+    surface = ("z = ρ²/(17.9302·(1 + √(1 + 0.00199939·ρ²)))", "30.000", "18.7773", "45.000°")
+    tolerances = ("axial position", "±2.6 mm", "surface slope", "at 1 m")
+    block = ("1:1 on A4, dimensions in mm", "Hyperbolic mirror, Ø60 mm, depth 18.78 mm", f"omnisight {om.__version__}")
+    for text in (*dimensions, *surface, *tolerances, *block):
+        assert text in words, text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_dxf_has_the_profile_in_millimetres(design, tmp_path, kind):
+    """Lines alternate between group codes and values; code 10 is x, 20 is y."""
+    numbers = json.loads(design("--kind", kind, *WITHIN.get(kind, FIELD), "-o", "mirror.dxf", "--json")[1])
+    lines = (tmp_path / "mirror.dxf").read_text(encoding="ascii").splitlines()
+    tags = list(zip(lines[::2], lines[1::2], strict=True))
+    assert tags[-1] == ("  0", "EOF")
+    at = [i for i, tag in enumerate(tags) if tag == ("  0", "VERTEX")]
+    points = 1e-3 * np.array([[float(tags[i + 2][1]), float(tags[i + 3][1])] for i in at])
+    mirror = mirror_class("cone" if kind == "conical" else "conic")(**numbers["mirror"])
+    np.testing.assert_allclose(points[:, 1], mirror.sag(np.abs(points[:, 0])), atol=1e-9)
+    assert np.abs(points[:, 0]).max() == pytest.approx(mirror.rim)
+    assert np.abs(points[:, 0]).min() == pytest.approx(mirror.hole, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -88,7 +130,7 @@ def test_camera_file_matches_the_design(design, tmp_path, kind):
     assert camera.size == (1280, 960)
     assert (camera.model.name, camera.model.fx < 0 < camera.model.fy) == ("unified", True)
     assert np.degrees(camera.theta_max) == pytest.approx(110)
-    assert 5 < np.degrees(camera.theta_min) < 20
+    assert np.degrees(camera.theta_min) == pytest.approx(30, abs=1e-6)
     # The rim is on the image's circle, and the horizon, ahead, is above the middle in an upright view of it.
     (pixel,), _ = camera.project([[np.sin(camera.theta_max), 0, np.cos(camera.theta_max)]])
     assert abs(pixel[0] - 639.5) == pytest.approx(0.98 * 480, rel=1e-9)
@@ -154,7 +196,7 @@ def test_view_unrolls_an_image_of_the_designed_camera(design, run, tmp_path):
         (("--sensor", "wide"), "--sensor must be WIDTHxHEIGHT in px"),
         (("--sensor", "8x8"), "sensor of 8x8 px: width and height must be from 16"),
         (("--diameter", "6cm", "--distance", "6cm", "--focal", "25mm"), "px wide, the sensor 960 px: use 4.625mm"),
-        (("-o", "mirror.png"), "is written as .svg; name it mirror.svg"),
+        (("-o", "mirror.png"), "is written as .svg or .dxf; name it mirror.svg or mirror.dxf"),
         (("-o", "none/mirror.svg"), "there is no folder none; make it first"),
         (("--camera", "camera.yaml"), "is written as .json; name it camera.json"),
     ],

@@ -10,6 +10,7 @@ from omnisight.optics.design.mirror_design import design_mirror
 from omnisight.optics.design.performance import blind_spot, evaluate_design, misalignments, resolution, viewpoint
 from omnisight.optics.design.shapes import KINDS
 from omnisight.optics.design.specification import FILL_FRACTION, MirrorSpecification
+from omnisight.optics.design.tolerances import MAX_ERROR_PX, compute_tolerances
 from omnisight.optics.viewpoint import lens_positions
 
 
@@ -107,8 +108,8 @@ def test_field_of_a_cone_is_the_half_angle_of_its_lens():
 @pytest.mark.parametrize("kind", KINDS)
 def test_resolution_is_the_derivative_of_the_image_radius(kind):
     design = design_mirror(order(kind))
-    found = resolution(design, 50.0)
-    assert (found.radius[0], found.radius[-1]) == (50.0, pytest.approx(design.circle))
+    found = resolution(design, 240.0)
+    assert (found.radius[0], found.radius[-1]) == pytest.approx((240.0, design.circle))
     assert (np.diff(found.theta) > 0).all()
     slope = np.gradient(found.radius, found.theta, edge_order=2)
     np.testing.assert_allclose(found.up, slope, rtol=2e-4)
@@ -126,7 +127,7 @@ def test_paraboloid_is_conformal():
 
 @pytest.mark.parametrize("body", [0.01, 0.03, 0.05])
 def test_blind_spot_of_a_hyperboloid_is_the_body_seen_from_the_viewpoint(body):
-    design = design_mirror(order(body=body))
+    design = design_mirror(order(down=89.9, body=body))
     blind = blind_spot(design)
     assert np.tan(blind.theta) == pytest.approx(body / 2 / design.mirror.focal_distance, rel=1e-9)
     u, v = design.centre
@@ -136,9 +137,47 @@ def test_blind_spot_of_a_hyperboloid_is_the_body_seen_from_the_viewpoint(body):
 
 
 def test_blind_spot_of_a_telecentric_lens_is_as_wide_as_the_mirror():
-    design = design_mirror(order("parabolic", body=0.01, diameter=0.06))
+    design = design_mirror(order("parabolic", down=89.9, body=0.01, diameter=0.06))
     above = design.distance + design.mirror.foci[0]
     assert np.tan(blind_spot(design).theta) == pytest.approx(0.03 / above, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["hyperbolic", "parabolic", "spherical"])
+@pytest.mark.parametrize("down", [-5.0, 20.0, 50.0])
+def test_hole_ends_the_field_at_the_specified_elevation(kind, down):
+    design = design_mirror(order(kind, down=down))
+    edge = design.image_radius(design.mirror.hole)
+    theta, origin = theta_at(design, edge * (1 + 1e-9))
+    assert np.degrees(theta) == pytest.approx(90 - down, abs=1e-6)
+    assert np.hypot(*origin[:2]) == pytest.approx(design.mirror.hole, rel=1e-8)
+    u, v = design.centre
+    assert not design.system().rays([u + edge * (1 - 1e-9), v]).valid
+    assert (blind_spot(design).radius, evaluate_design(design).blind.radius) == (edge, edge)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tolerances_keep_the_parallax_and_the_image_within_their_limits(kind):
+    design = design_mirror(order(kind))
+    performance = evaluate_design(design)
+    limits = compute_tolerances(design, performance)
+    margin = 480 - design.circle
+    moves = {"along": min(limits.axial, 0.005), "across": limits.lateral, "tilt": limits.tilt}
+    nominal = viewpoint(design, performance.blind).parallax(1.0).max()
+    for name, amount in moves.items():
+        moved = viewpoint(design, performance.blind, **{name: amount}).parallax(1.0).max()
+        assert moved - nominal < 1.3 * MAX_ERROR_PX, name
+        # The image of the mirror's rim moves by at most the margin of the sensor.
+        before, after = (s.project(_far_ring(design))[0] for s in (design.system(), design.system(**{name: amount})))
+        assert np.nanmax(np.linalg.norm(after - before, axis=-1)) < 1.3 * margin, name
+    finest = max(performance.resolution.up.max(), performance.resolution.around.max())
+    assert 2 * limits.slope * finest == pytest.approx(MAX_ERROR_PX)
+
+
+def _far_ring(design):
+    """Return distant points shown well inside the rim."""
+    phi = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    theta = design.specification.theta - np.radians(8)
+    return 1e3 * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.full(12, -np.cos(theta))], -1)
 
 
 def test_cone_has_a_blind_spot_without_image():
@@ -235,7 +274,9 @@ def test_impossible_specifications_are_rejected_with_the_remedy(given, message):
 def test_body_that_hides_the_field_is_rejected():
     with pytest.raises(ValueError, match=r"hides everything more than 78\.1 degrees below the horizon, --down is 85"):
         evaluate_design(design_mirror(order(down=85.0)))
-    assert evaluate_design(design_mirror(order(down=85.0, body=0.005))).blind.theta < np.radians(5)
+    assert evaluate_design(design_mirror(order(down=85.0, body=0.005))).blind.theta == pytest.approx(
+        np.radians(5), rel=1e-8
+    )
 
 
 def test_large_displacements_of_a_small_mirror_are_skipped():
@@ -250,7 +291,7 @@ def test_large_displacements_of_a_small_mirror_are_skipped():
 
 
 def test_reported_limit_of_the_field_is_accepted():
-    assert evaluate_design(design_mirror(order(down=78.1))).blind.theta < np.radians(11.9)
+    assert evaluate_design(design_mirror(order(down=78.1))).blind.theta == pytest.approx(np.radians(11.9), rel=1e-8)
     with pytest.raises(ValueError, match=r"more than 78\.1 degrees below the horizon, --down is 78\.2:"):
         evaluate_design(design_mirror(order(down=78.2)))
 

@@ -12,10 +12,13 @@ from omnisight.optics.design.description import (
     describe_field,
     describe_lens,
     describe_shape,
+    describe_tolerances,
     format_length,
+    surface_equation,
 )
 from omnisight.optics.design.performance import Resolution
 from omnisight.optics.design.shapes import KINDS
+from omnisight.optics.design.tolerances import compute_tolerances
 from omnisight.pipeline.design import DesignResult
 
 # Spacing of the elevations in the resolution table.
@@ -71,13 +74,17 @@ def summary_rows(result: DesignResult) -> list[tuple[str, str]]:
     rows = [
         ("mirror", KINDS[specification.kind].description),
         ("shape", describe_shape(design)),
+        ("surface", surface_equation(design).replace("ρ", "rho") + " mm"),
         ("rim", f"diameter {format_length(2 * mirror.rim)}, sag {depth:.6g} mm, at half the radius {middle:.6g} mm"),
+        ("hole", f"diameter {format_length(2 * mirror.hole)}" if mirror.hole else "none"),
         ("lens", describe_lens(design)),
         ("viewpoint", f"{position}, single" if design.central else f"none; the best point is {position}, {error}"),
         ("field", f"{describe_field(design, performance)}, 360 around"),
-        ("blind spot", describe_blind_spot(performance)),
+        ("blind spot", describe_blind_spot(design, performance)),
         ("image", f"{2 * design.circle:.0f} px across, {share:.0f} % of the shorter side; {sensor}"),
     ]
+    limits = describe_tolerances(design, compute_tolerances(design, performance))
+    rows.append(("tolerances", ", ".join(f"{name} {text}" for name, text in limits)))
     if design.central:
         model = design.model()
         rows.append(("model", f"unified, xi {model.xi:.6g}, gamma {model.fy:.2f} px"))
@@ -125,6 +132,10 @@ def print_json(result: DesignResult) -> None:
             }
             for theta, radius, up, around in zip(at.theta, at.radius, at.up, at.around, strict=True)
         ],
+        "tolerances": {
+            name: value if np.isfinite(value) else None
+            for name, value in vars(compute_tolerances(design, performance)).items()
+        },
         "working_distance": specification.working_distance,
         "misalignments": [vars(row) for row in performance.misalignments],
     }

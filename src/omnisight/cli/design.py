@@ -47,7 +47,8 @@ def design(
     up
         Field of view above the horizon, degrees.
     down
-        Field of view below the horizon, degrees; straight down is the camera itself.
+        Field of view below the horizon, degrees: the mirror gets a hole where it would show more. Straight down is the
+        camera itself.
     sensor
         WIDTHxHEIGHT, px.
     pixel
@@ -63,7 +64,8 @@ def design(
     working_distance
         Scene distance for the parallax of a misaligned mirror.
     output
-        Write an SVG of the cross section and the resolution.
+        Write a drawing: mirror.svg with dimensions, sag table, tolerances and resolution at a standard scale on A4, or
+        mirror.dxf with the profile in millimetres.
     camera
         Write the camera file of the design: the unified model if it has a single viewpoint, otherwise the lens and its
         mirror.
@@ -82,11 +84,12 @@ def design(
             f"--hfov is {hfov:g}, but a mirror of revolution shows 360 degrees: leave it out, and crop the panorama by"
             " omnisight view --to cylinder --azimuth -90:90"
         )
-    for file, suffix in ((output, ".svg"), (camera, ".json")):
+    for file, suffixes in ((output, (".svg", ".dxf")), (camera, (".json",))):
         if file is not None:
             must_be_writable(file)
-            if file.suffix.lower() != suffix:
-                raise ValueError(f"{file}: is written as {suffix}; name it {file.stem}{suffix}")
+            if file.suffix.lower() not in suffixes:
+                names = " or ".join(file.stem + suffix for suffix in suffixes)
+                raise ValueError(f"{file}: is written as {' or '.join(suffixes)}; name it {names}")
     options = DesignOptions(
         kind,
         up,
@@ -104,8 +107,10 @@ def design(
     if output is not None:
         from omnisight.images import write_bytes
         from omnisight.report.drawings.mirror_design import draw_design
+        from omnisight.report.drawings.mirror_dxf import mirror_dxf
 
-        write_bytes(output, draw_design(result.mirror_design, result.performance).encode())
+        draw = mirror_dxf if output.suffix.lower() == ".dxf" else draw_design
+        write_bytes(output, draw(result.mirror_design, result.performance).encode())
         written.append(output)
     if camera is not None:
         from omnisight.formats import save

@@ -25,7 +25,7 @@ class DesignOptions:
     kind
         hyperbolic, parabolic (needs a telecentric lens), spherical or conical (both without a single viewpoint).
     up, down
-        Field of view above and below the horizon.
+        Field of view above and below the horizon. The mirror gets a hole where it would show more than `down`.
     sensor
         (width, height), px.
     pixel

@@ -4,6 +4,7 @@ import numpy as np
 
 from omnisight.optics.design.mirror_design import MirrorDesign
 from omnisight.optics.design.performance import Performance
+from omnisight.optics.design.tolerances import MAX_ERROR_PX, Tolerances
 from omnisight.optics.mirrors.conic import Conic
 
 
@@ -43,14 +44,49 @@ def describe_lens(design: MirrorDesign) -> str:
 
 def describe_field(design: MirrorDesign, performance: Performance) -> str:
     """Return the elevations in view."""
-    up, down = np.degrees(design.specification.up), 90 - np.degrees(performance.blind.theta)
-    return f"from {abs(up):.1f} degrees {'above' if up >= 0 else 'below'} the horizon to {down:.1f} below it"
+    up, down = np.round([np.degrees(design.specification.up), 90 - np.degrees(performance.blind.theta)], 1)
+    upper, lower = ("above" if up >= 0 else "below"), ("below" if down >= 0 else "above")
+    return f"from {abs(up):.1f} degrees {upper} the horizon to {abs(down):.1f} {lower} it"
 
 
-def describe_blind_spot(performance: Performance) -> str:
+def describe_blind_spot(design: MirrorDesign, performance: Performance) -> str:
     """Return the size and the cause of the blind spot."""
     blind = performance.blind
     angle = f"{np.degrees(blind.theta):.1f} degrees around straight down"
     if blind.radius == 0:
         return f"{angle}, outside the field of the mirror"
-    return f"{angle}, {blind.radius:.0f} px: the camera itself"
+    cause = "the hole of the mirror" if blind.radius == design.image_radius(design.mirror.hole) else "the camera itself"
+    return f"{angle}, {blind.radius:.0f} px: {cause}"
+
+
+def surface_equation(design: MirrorDesign) -> str:
+    """Return the equation of the surface: the sag z behind the vertex at a distance rho from the axis, mm."""
+    mirror = design.mirror
+    if not isinstance(mirror, Conic):
+        return f"z = ρ · {float(mirror.sag(1.0)):.6g}"
+    radius, share = 1e3 * mirror.radius, (1 - mirror.eccentricity**2) / (1e3 * mirror.radius) ** 2
+    if share == 0:
+        return f"z = ρ²/{2 * radius:.6g}"
+    return f"z = ρ²/({radius:.6g}·(1 + √(1 {'-' if share > 0 else '+'} {abs(share):.6g}·ρ²)))"
+
+
+def describe_tolerances(design: MirrorDesign, tolerances: Tolerances) -> list[tuple[str, str]]:
+    """Return the tolerances as rows of name and text."""
+
+    def displacement(metres: float) -> str:
+        if np.isnan(metres):
+            return "not computed"
+        return f"±{1e3 * metres:.2g} mm" if metres < design.mirror.rim else "not critical"
+
+    return [
+        ("axial position", displacement(tolerances.axial)),
+        ("lateral position", displacement(tolerances.lateral)),
+        ("tilt", f"±{np.degrees(tolerances.tilt):.2g}°"),
+        ("surface slope", f"±{np.degrees(tolerances.slope) * 60:.2g}′"),
+    ]
+
+
+def describe_tolerance_limits(design: MirrorDesign) -> list[str]:
+    """Return what the tolerances keep, in short lines."""
+    distance = format_length(design.specification.working_distance)
+    return [f"Each causes at most {MAX_ERROR_PX} px", f"at {distance}; the mirror's image", "stays on the sensor."]

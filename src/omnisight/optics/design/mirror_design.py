@@ -1,6 +1,6 @@
 """Design of a mirror camera from its specification."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,10 @@ from omnisight.optics.telecentric import Telecentric
 # Defaults: half angle of the lens at the rim of the mirror (a common C-mount lens), and diameter of the rim.
 DEFAULT_LENS_HALF_ANGLE_RAD = np.radians(20.0)
 DEFAULT_DIAMETER_M = 0.06
+# Radius of the smallest hole as a share of the rim radius: at its apex, a cone has no slope.
+MIN_HOLE_FRACTION = 1e-6
+# A hole smaller than this angle is rounding.
+MIN_HOLE_RAD = 1e-6
 # Half angles of the narrowest and the widest practical lens.
 MIN_LENS_HALF_ANGLE_RAD, MAX_LENS_HALF_ANGLE_RAD = np.radians(0.2), np.radians(70.0)
 
@@ -32,7 +36,7 @@ class MirrorDesign:
     specification
         The requirements.
     mirror
-        Shape and rim, metres.
+        Shape, rim and hole, metres. The hole is the part that would show more than `down` below the horizon.
     distance
         From the lens centre (for a telecentric lens: its front) to the mirror's vertex, metres.
     focal
@@ -60,6 +64,21 @@ class MirrorDesign:
         """Pixel of the axis: the centre of the sensor."""
         width, height = self.specification.size
         return (width - 1) / 2, (height - 1) / 2
+
+    def direction(self, rho: float) -> float:
+        """Return the angle from straight down, radians, that the mirror shows at a distance from its axis (metres)."""
+        # A ray that leaves the lens at beta is reflected by a surface of inclination alpha to 2 alpha + beta.
+        slope = 2 * rho * float(self.mirror.profile(np.array(rho * rho))[1])
+        return float(2 * np.arctan(slope) + self._lens_angle(rho))
+
+    def image_radius(self, rho: float) -> float:
+        """Return the image radius, px, of the mirror's points at a distance from its axis (metres)."""
+        size = rho * self.magnification if self.magnification else np.tan(self._lens_angle(rho)) * (self.focal or 0.0)
+        return float(size / self.specification.pixel)
+
+    def _lens_angle(self, rho: float) -> float:
+        """Return the angle from the axis at which the lens sees a point of the mirror; 0 for a telecentric lens."""
+        return 0.0 if self.focal is None else float(np.arctan2(rho, self.distance + float(self.mirror.sag(rho))))
 
     def system(self, *, across: float = 0.0, along: float = 0.0, tilt: float = 0.0) -> Catadioptric:
         """Return the camera for ray tracing, optionally with a displaced (metres) or tilted (radians) mirror."""
@@ -126,7 +145,7 @@ def design_mirror(specification: MirrorSpecification) -> MirrorDesign:
     if kind.parallel:
         distance = specification.distance or distance
         magnification, circle = image_radius / rim, image_radius / specification.pixel
-        return MirrorDesign(specification, mirror, distance, None, magnification, circle)
+        return _cut_hole(MirrorDesign(specification, mirror, distance, None, magnification, circle))
     focal = specification.focal or image_radius / np.tan(beta)
     circle = float(focal * np.tan(beta) / specification.pixel)
     if circle > specification.max_image_radius / specification.pixel * (1 + 1e-9):
@@ -135,7 +154,17 @@ def design_mirror(specification: MirrorSpecification) -> MirrorDesign:
             f" {min(specification.size)} px: use {_mm(image_radius / np.tan(beta))}, a smaller mirror or a larger"
             " distance"
         )
-    return MirrorDesign(specification, mirror, distance, float(focal), None, circle)
+    return _cut_hole(MirrorDesign(specification, mirror, distance, float(focal), None, circle))
+
+
+def _cut_hole(design: MirrorDesign) -> MirrorDesign:
+    """Return the design without the part of the mirror that shows more than `down` below the horizon."""
+    lowest, rim = np.pi / 2 - design.specification.down, design.mirror.rim
+    first = MIN_HOLE_FRACTION * rim
+    if design.direction(first) > lowest - MIN_HOLE_RAD:
+        return design
+    hole = float(brentq(lambda rho: design.direction(rho) - lowest, first, rim))  # pyright: ignore[reportArgumentType]
+    return replace(design, mirror=replace(design.mirror, hole=hole))
 
 
 def _lens_half_angle(specification: MirrorSpecification, kind: MirrorKind) -> float:

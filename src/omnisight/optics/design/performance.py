@@ -68,7 +68,7 @@ class Resolution:
 
 @dataclass(frozen=True)
 class BlindSpot:
-    """The region below the camera where it sees only itself, or nothing.
+    """The region below the camera where it sees only itself, or nothing: the hole of the mirror.
 
     Attributes
     ----------
@@ -128,18 +128,22 @@ def blind_spot(design: MirrorDesign) -> BlindSpot:
             return np.inf
         return float(np.hypot(*(origin - origin[2] / bearing[2] * bearing)[:2])) - lens_radius
 
-    first, last = MIN_RADIUS_FRACTION * design.circle, design.circle * EDGE_FRACTION
+    hole = design.image_radius(design.mirror.hole)
+    first, last = max(MIN_RADIUS_FRACTION * design.circle, hole / EDGE_FRACTION), design.circle * EDGE_FRACTION
     if clearance(last) <= 0:
         return BlindSpot(design.specification.theta, design.circle)
-    if clearance(first) >= 0:  # a cone shows nothing straight down
-        return BlindSpot(float(_theta(system.rays(_right(design, np.array(first))).bearings)), 0.0)
+    if clearance(first) >= 0:  # a cone and a mirror with a hole show nothing straight down
+        return BlindSpot(float(_theta(system.rays(_right(design, np.array(first))).bearings)), hole)
     radius = float(brentq(clearance, first, last))  # pyright: ignore[reportArgumentType]
     return BlindSpot(float(_theta(system.rays(_right(design, np.array(radius))).bearings)), radius)
 
 
 def resolution(design: MirrorDesign, first: float) -> Resolution:
     """Compute the resolution from an image radius (px) outwards to the rim."""
-    radii = np.linspace(max(first, MIN_RADIUS_FRACTION * design.circle), design.circle * EDGE_FRACTION, CURVE_SAMPLES)
+    innermost = max(first, design.image_radius(design.mirror.hole)) / EDGE_FRACTION
+    radii = np.linspace(
+        max(innermost, MIN_RADIUS_FRACTION * design.circle), design.circle * EDGE_FRACTION, CURVE_SAMPLES
+    )
     jacobians = ray_jacobians(design.system(), _right(design, radii))
     theta = _theta(jacobians.rays.bearings)
     # By symmetry the bearing moves within its meridional plane along u, and across it along v.
@@ -192,7 +196,8 @@ def _max_image_shift(design: MirrorDesign, moved: Catadioptric, pixels: Array) -
     """Return the largest image displacement (px) of distant points at pixels (N, 2)."""
     rays, _, d_bearings = ray_jacobians(moved, pixels)
     turn = design.system().rays(pixels).bearings - rays.bearings
-    return float(np.linalg.norm(np.linalg.pinv(d_bearings) @ turn[:, :, None], axis=1).max())
+    both = np.isfinite(turn).all(1) & np.isfinite(d_bearings).all((1, 2))  # not in the hole of either
+    return float(np.linalg.norm(np.linalg.pinv(d_bearings[both]) @ turn[both, :, None], axis=1).max())
 
 
 def evaluate_design(design: MirrorDesign) -> Performance:

@@ -21,7 +21,8 @@ class MirrorSpecification:
     kind
         One of `KINDS`.
     up, down
-        Field of view above and below the horizon, radians.
+        Field of view above and below the horizon, radians. The rim of the mirror shows `up`, the edge of its hole
+        `down`.
     size
         (width, height) of the sensor, px.
     pixel

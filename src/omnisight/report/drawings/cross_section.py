@@ -38,6 +38,7 @@ path { fill: none; }
 .dot { fill: #c2571a; stroke: #fff; stroke-width: 1.5; }
 .dot.lens-dot { fill: #1f5fc4; }
 .dot.caustic-dot { fill: #bd2a2a; }
+.block { fill: none; stroke: #18212d; stroke-width: 1; }
 .frame { fill: none; stroke: #d8dee7; }
 .grid { stroke: #d8dee7; stroke-width: 0.7; }
 .line { stroke-width: 2.2; stroke-linejoin: round; }
@@ -51,8 +52,9 @@ path { fill: none; }
 """
 
 
-def svg_document(*content: Markup, width: float, height: float, title: str) -> str:
-    """Return an SVG document on white; screen readers read `title`."""
+def svg_document(*content: Markup, width: float, height: float, title: str, units_per_mm: float | None = None) -> str:
+    """Return an SVG document on white; screen readers read `title`. `units_per_mm` gives it a size in millimetres."""
+    size = [width, height] if units_per_mm is None else [f"{side / units_per_mm:g}mm" for side in (width, height)]
     return (
         element(
             "svg",
@@ -61,8 +63,8 @@ def svg_document(*content: Markup, width: float, height: float, title: str) -> s
             element("rect", width=width, height=height, fill="#fff"),
             *content,
             xmlns="http://www.w3.org/2000/svg",
-            width=width,
-            height=height,
+            width=size[0],
+            height=size[1],
             viewBox=f"0 0 {format_coordinate(width)} {format_coordinate(height)}",
             role="img",
         )

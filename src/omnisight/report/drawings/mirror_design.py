@@ -8,14 +8,23 @@ from omnisight.optics.design.description import describe_field, describe_lens, d
 from omnisight.optics.design.mirror_design import MirrorDesign
 from omnisight.optics.design.performance import Performance
 from omnisight.optics.design.shapes import KINDS
-from omnisight.report.axes import Axes, legend
+from omnisight.report.axes import Axes, legend, nice_floor
 from omnisight.report.drawings.cross_section import CrossSection, svg_document
+from omnisight.report.drawings.title_block import scale_bar, surface_table, title_block, tolerance_table
 from omnisight.report.html import Markup, element, join
 
 Array = NDArray[np.float64]
 
-WIDTH, HEIGHT = 980.0, 664.0
-SECTION_BOX, CHART_BOX = (20.0, 84.0, 600.0, 644.0), (672.0, 132.0, 950.0, 480.0)
+# A4, landscape, with 4 units per mm; the frame leaves the margin that printers need.
+UNITS_PER_MM = 4.0
+WIDTH, HEIGHT = 297 * UNITS_PER_MM, 210 * UNITS_PER_MM
+SECTION_BOX, CHART_BOX = (36.0, 100.0, 630.0, 800.0), (728.0, 122.0, 1148.0, 290.0)
+TEXT_LEFT, TOLERANCE_LEFT, TABLE_TOP = 694.0, 958.0, 468.0
+TITLE_BOX = (688.0, 704.0, 1152.0, 804.0)
+# Scales of engineering drawings (ISO 5455), as millimetres of the drawing per millimetre.
+SCALES = {f"{n}:1": float(n) for n in (50, 20, 10, 5, 2, 1)} | {
+    f"1:{n}": 1 / n for n in (2, 5, 10, 20, 50, 100, 200, 500, 1000)
+}
 # Space above the mirror for its dimension, and below the lens for the camera, in units of the drawing.
 SPACE_ABOVE, SPACE_BELOW = 64.0, 118.0
 NUM_RAYS = 5
@@ -27,31 +36,47 @@ def draw_design(design: MirrorDesign, performance: Performance) -> str:
     """Return the drawing as an SVG document."""
     title = f"{design.specification.kind.capitalize()} mirror, {describe_field(design, performance)}"
     kind = KINDS[design.specification.kind].description
+    scale, section = _scaled_section(design, performance)
     return svg_document(
-        element("text", title, x=20.0, y=30.0, class_="title"),
-        element("text", f"mirror: {describe_shape(design)}", x=20.0, y=51.0, class_="small"),
-        element("text", f"lens: {describe_lens(design)}", x=20.0, y=69.0, class_="small"),
-        _cross_section(design, performance),
+        element("rect", x=20.0, y=20.0, width=WIDTH - 40, height=HEIGHT - 40, class_="block"),
+        element("text", title, x=36.0, y=50.0, class_="title"),
+        element("text", f"mirror: {describe_shape(design)}", x=36.0, y=71.0, class_="small"),
+        element("text", f"lens: {describe_lens(design)}", x=36.0, y=89.0, class_="small"),
+        _cross_section(design, performance, section),
+        scale_bar(section, nice_floor(120 / section.scale), (SECTION_BOX[0] + 8, SECTION_BOX[3] - 8)),
         _chart(design, performance),
+        surface_table(design, (TEXT_LEFT, TABLE_TOP)),
+        tolerance_table(design, performance, (TOLERANCE_LEFT, TABLE_TOP)),
+        title_block(design, scale, TITLE_BOX),
         width=WIDTH,
         height=HEIGHT,
+        units_per_mm=UNITS_PER_MM,
         title=f"Cross section of a mirror camera: {kind}; {describe_field(design, performance)}.",
     )
 
 
-def _cross_section(design: MirrorDesign, performance: Performance) -> Markup:
+def _scaled_section(design: MirrorDesign, performance: Performance) -> tuple[str, CrossSection]:
+    """Return the largest standard scale at which mirror, lens and viewpoint fit, and the section at that scale."""
+    rim, distance = 1e3 * design.mirror.rim, 1e3 * design.distance
+    highest = max(
+        distance + 1e3 * float(design.mirror.sag(design.mirror.rim)), 1e3 * float(performance.viewpoint.point[2])
+    )
+    left, upper, right, lower = SECTION_BOX
+    largest = min((lower - upper - SPACE_ABOVE - SPACE_BELOW) / highest, (right - left) / (4.2 * rim))
+    name, ratio = next(
+        ((name, ratio) for name, ratio in SCALES.items() if ratio * UNITS_PER_MM <= largest), list(SCALES.items())[-1]
+    )
+    scale = ratio * UNITS_PER_MM
+    return name, CrossSection((0.0, (highest - (SPACE_BELOW - SPACE_ABOVE) / scale) / 2), scale, SECTION_BOX)
+
+
+def _cross_section(design: MirrorDesign, performance: Performance, section: CrossSection) -> Markup:
     rim, body = 1e3 * design.mirror.rim, 1e3 * design.specification.body
     distance = 1e3 * design.distance
     top = distance + 1e3 * float(design.mirror.sag(design.mirror.rim))
     viewpoint = 1e3 * performance.viewpoint.point[[0, 2]]
     telecentric = design.focal is None
     camera_width = max(2 * rim, body) if telecentric else body
-    left, upper, right, lower = SECTION_BOX
-    highest = max(top, float(viewpoint[1]))
-    scale = min((lower - upper - SPACE_ABOVE - SPACE_BELOW) / highest, (right - left) / (4.2 * rim))
-    section = CrossSection((0.0, (highest - (SPACE_BELOW - SPACE_ABOVE) / scale) / 2), scale, SECTION_BOX)
-    rho = np.linspace(-rim, rim, 240)
-    surface = np.stack([rho, distance + 1e3 * design.mirror.sag(np.abs(rho) / 1e3)], -1)
     rays, virtual = _rays(design, performance, section)
     dimension_x = -max(rim, camera_width / 2)
     label = "viewpoint" if design.central else "best viewpoint"
@@ -65,14 +90,42 @@ def _cross_section(design: MirrorDesign, performance: Performance) -> Markup:
         ),
         section.camera(camera_width, 2 * rim if telecentric else 0.6 * body),
         *_caustic(design, performance, section),
-        section.mirror(surface),
+        *_mirror(design, section),
         section.dot((0, 0), "lens-dot", 3.5) if not telecentric else None,
         section.dot(viewpoint),
         *_angles(design, performance, section, viewpoint),
         section.dimension([(-rim, top), (rim, top)], f"{2 * rim:.4g} mm", (0, -34), side="above"),
         section.dimension([(dimension_x, 0), (dimension_x, distance)], f"{distance:.4g} mm", (-26, 0), side="left"),
+        *_depth_dimensions(design, section, float(viewpoint[1])),
         section.text(label, viewpoint, (0, -13 if design.central else 21), "middle", "view"),
     )
+
+
+def _mirror(design: MirrorDesign, section: CrossSection) -> list[Markup]:
+    """Draw the mirror on both sides of its hole."""
+    rim, hole = design.mirror.rim, design.mirror.hole
+    sides = [(-rim, rim)] if hole == 0 else [(-rim, -hole), (hole, rim)]
+    profiles = [np.linspace(first, last, 240) for first, last in sides]
+    return [
+        section.mirror(1e3 * np.stack([rho, design.distance + design.mirror.sag(np.abs(rho))], -1)) for rho in profiles
+    ]
+
+
+def _depth_dimensions(design: MirrorDesign, section: CrossSection, viewpoint: float) -> list[Markup]:
+    """Draw the dimensions of the rim's depth, of the viewpoint and of the hole, from the vertex."""
+    mirror, vertex = design.mirror, 1e3 * design.distance
+    rim, hole, depth = 1e3 * mirror.rim, 1e3 * mirror.hole, 1e3 * float(mirror.sag(mirror.rim))
+    parts = [
+        section.dimension([(rim, vertex + depth), (rim, vertex)], f"{depth:.4g} mm", (26, 0), side="right"),
+        section.dimension(
+            [(-rim, vertex), (-rim, viewpoint)], f"{abs(viewpoint - vertex):.4g} mm", (-26, 0), side="left"
+        ),
+    ]
+    if hole:
+        parts.append(
+            section.dimension([(-hole, vertex), (hole, vertex)], f"hole {2 * hole:.4g} mm", (0, 30), side="above")
+        )
+    return parts
 
 
 def _rays(design: MirrorDesign, performance: Performance, section: CrossSection) -> tuple[list[Markup], list[Markup]]:
@@ -167,7 +220,7 @@ def _chart(design: MirrorDesign, performance: Performance) -> Markup:
         axes.frame(),
         axes.clip(axes.line(elevation, around, "around"), axes.line(elevation, up, "up")),
         legend([("line up", "vertical"), ("line around", "horizontal")], (left + 14, top + 18), (0.0, 19.0)),
-        _key_figures(design, performance, (left - 34, bottom + 70)),
+        _key_figures(design, performance, (left - 34, bottom + 62)),
     )
 
 
