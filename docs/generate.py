@@ -95,6 +95,17 @@ def conventions() -> str:
     return "\n".join(lines)
 
 
+def readers() -> str:
+    """Return the table of the programs that read each format, and of their limits."""
+    lines = ["| format | models | read by | right up to | beyond |", "|---|---|---|---|---|"]
+    for value in _formats().values():
+        for reader in dict.fromkeys(value.READERS.values()):
+            models = ", ".join(model for model, other in value.READERS.items() if other == reader)
+            limit = "every angle" if reader.theta_max_deg == 180 else f"{reader.theta_max_deg:g}°"
+            lines.append(f"| {_plain(value.TITLE)} | {models} | {_plain(reader.name)} | {limit} | {reader.beyond} |")
+    return "\n".join(lines)
+
+
 def corner_formats() -> str:
     """Return the table of corner file formats."""
     from omnisight.corners import corner_format_names, get_corner_format
@@ -187,7 +198,7 @@ def file(name: str, fallback: str = "") -> str:
 MARKS = {
     function.__name__: function
     for function in (
-        *(models, ray_models, formats, corner_formats, conventions, matrix, candidates, commands),
+        *(models, ray_models, formats, corner_formats, conventions, readers, matrix, candidates, commands),
         *(examples, api, members, image, file),
     )
 }

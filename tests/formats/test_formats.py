@@ -290,7 +290,7 @@ def test_dropped_fields_are_noted(tmp_path):
         extra={"serial": 7},
     )
     notes = save(camera, tmp_path / "camera", format="ros").notes
-    assert notes == ("not written: the calibrated field of view, the calibration figures, the covariance, serial",)
+    assert notes[0] == "not written: the calibrated field of view, the calibration figures, the covariance, serial"
 
 
 def test_unknown_fields_are_kept_in_native_file(read, tmp_path):

@@ -66,7 +66,7 @@ def test_woodscape_real_file(data, tmp_path):
     assert camera.project(POINTS)[0] == pytest.approx(woodscape(POINTS, given["intrinsic"]), abs=1e-9)
     written = save(camera, tmp_path / "again.json", format="woodscape")
     assert written.error_px < 1e-9
-    assert written.notes == ()
+    assert [note for note in written.notes if not note.startswith("reader:")] == []
     assert json.loads((tmp_path / "again.json").read_text())["extrinsic"] == given["extrinsic"]
 
 

@@ -1,7 +1,9 @@
 """Camera matrices and lists of distortion coefficients as OpenCV and ROS define them."""
 
+import math
 from typing import Any
 
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build, number, numbers
 from omnisight.models import CameraModel
 
@@ -16,6 +18,21 @@ NAMES = {
 FISHEYE = {"fisheye", "equidistant", "kannalabrandt", "kannalabrandt4"}
 PLAIN = {"pinhole", "plumbbob", "radtan", "radialtangential", "brown", "rational", "rationalpolynomial"}
 MAX_SKEW_PX = 1e-12  # rounding of a skew or a zero in the camera matrix
+# What OpenCV does with the coefficients. cv2.fisheye clamps theta_d, the radius in focal lengths, to pi/2.
+CV2_PERSPECTIVE = Reader("cv2.projectPoints (OpenCV 5.0)", 90, "projects points to the opposite side of the image")
+CV2_FISHEYE = Reader(
+    "cv2.fisheye (OpenCV 5.0)",
+    90,
+    "unprojects pixels to smaller angles, and past 90 degrees projects points to the opposite side, without a flag",
+    max_radius=math.pi / 2,
+)
+CV2_OMNIDIR = Reader("cv2.omnidir.projectPoints (OpenCV 5.0)")
+CV2_READERS = {
+    "kannala_brandt": CV2_FISHEYE,
+    "mei": CV2_OMNIDIR,
+    "unified": CV2_OMNIDIR,
+    **dict.fromkeys(("radial_tangential", "rational", "pinhole"), CV2_PERSPECTIVE),
+}
 
 
 def is_fisheye(value: Any, name: str) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from omnisight.camera import Camera
+from omnisight.formats._readers import Reader
 from omnisight.rig import Rig
 
 
@@ -24,7 +25,7 @@ class SaveResult:
     error_px
         The largest difference (px) over the image between the camera and the file that was written.
     notes
-        What the format cannot hold, one sentence each.
+        What the format cannot hold, and where its reader stops or errs, one sentence each.
     """
 
     path: Path
@@ -45,12 +46,18 @@ class Format(Protocol):
         The frame, pixel origin and order of numbers, in one line.
     MODELS
         The camera models that the format holds exactly, the most usual first.
+    COMMENT
+        A comment line with {} for its text; empty if the format has no comments.
+    READERS
+        The program that usually reads each model, and its limit as measured; without an entry it was not measured.
     """
 
     TITLE: str
     SUFFIX: str
     CONVENTION: str
     MODELS: tuple[str, ...]
+    COMMENT: str
+    READERS: Mapping[str, Reader]
 
     def matches(self, text: str) -> bool:
         """Return whether the text of a file is in this format."""

@@ -14,6 +14,7 @@ from omnisight.extensions import module_in, names_in
 from omnisight.formats._export import max_difference_px
 from omnisight.formats._files import encode, read_file
 from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResult
+from omnisight.formats._readers import reader_note
 from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
@@ -153,6 +154,9 @@ def save(
         return _save_rays(camera, Path(path), chosen, name)
     try:
         text, notes = chosen.serialize(camera)
+        note = reader_note(camera, chosen.READERS)
+        if chosen.COMMENT:
+            text += chosen.COMMENT.format(note) + "\n"
         again = next(iter(chosen.parse(text).values()))
     except ValueError as error:
         raise FormatError(f"{path}: {chosen.TITLE}: {error}") from error
@@ -162,7 +166,7 @@ def save(
             f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing was written"
         )
     _write(path, text)
-    return SaveResult(Path(path), error_px, notes)
+    return SaveResult(Path(path), error_px, notes if format == "native" else (*notes, note))
 
 
 def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> SaveResult:

@@ -17,6 +17,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import HALF_PIXEL, build_with_zeros, image_size, mapping, number
 from omnisight.formats._yaml import read_map, scalar
 from omnisight.models import CameraModel
@@ -55,6 +56,8 @@ KNOWN = {
     *("intrinsicId", "width", "height", "type", "distortionType", "distortionParams", "focalLength", "pixelRatio"),
     *("pxFocalLength", "principalPoint", "sensorWidth", "sensorHeight"),
 }
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

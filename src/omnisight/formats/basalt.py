@@ -7,6 +7,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import (
     alpha_from_unified,
     build,
@@ -33,6 +34,8 @@ LENSES = {
 MODELS = tuple(model for model, _ in LENSES.values())
 PLANE = ("fx", "fy", "cx", "cy")
 AT_IMU = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._scaramuzza import FIXED_TERMS, export_xy, model_of_xy
 from omnisight.formats._values import build_with_zeros, image_size, mapping, number
 from omnisight.formats._yaml import flow, read_map
@@ -52,6 +53,8 @@ STRETCH = {"c": "ac", "d": "ad", "e": "ae", "cx": "cx", "cy": "cy"}
 INVERSE_TERMS = 20  # that CamOdoCal reads; older builds read 6
 MAX_CENTRE_OFFSET = 0.1  # of the image side; a centre farther off may be row, column
 KNOWN = {"model_type", "image_width", "image_height"} | {group for _, groups in LENSES.values() for group in groups}
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

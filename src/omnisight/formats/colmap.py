@@ -13,6 +13,7 @@ from omnisight.camera import Camera
 from omnisight.formats._export import check_whole_sphere, export
 from omnisight.formats._files import encode, is_binary
 from omnisight.formats._limits import MAX_CAMERAS, SEARCHED_CHARS
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import (
     HALF_PIXEL,
     MAX_SIDE_PX,
@@ -61,6 +62,11 @@ MODEL_NUMBERS = (
 COUNT, CAMERA = struct.Struct("<Q"), struct.Struct("<IiQQ")  # camera id, model number, width, height
 MODELS = tuple(dict.fromkeys(("kannala_brandt", *(model for _, model, _ in NAMES))))
 LINE = re.compile(r"^[ \t]*\d{1,18}[ \t]+[A-Z][A-Z_0-9]*[ \t]+[-+.\d]+(?:[ \t]|\r?$)", re.MULTILINE)
+COMMENT = "# {}"
+WHOLE = Reader("pycolmap 4.2")
+NO_PIXEL = Reader("pycolmap 4.2", 90, "returns no pixel")
+LOST_SIGN = Reader("pycolmap 4.2", 90, "projects points but unprojects pixels to the opposite direction")
+READERS = dict.fromkeys(MODELS, NO_PIXEL) | {"division": LOST_SIGN, "equirectangular": WHOLE}
 
 
 def matches(text: str) -> bool:

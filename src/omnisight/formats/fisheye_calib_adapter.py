@@ -6,6 +6,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._scaramuzza import model_of_xy
 from omnisight.formats._values import (
     alpha_from_unified,
@@ -33,6 +34,8 @@ LENSES = {
 }
 MODELS = tuple(LENSES)
 STRETCH = ("c", "d", "e", "cx", "cy", "coefficients")
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

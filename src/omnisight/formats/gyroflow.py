@@ -13,6 +13,7 @@ from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import export, kept_fields, unknown_fields
 from omnisight.formats._opencv_lens import camera_matrix, coefficients_of, focal_and_centre, lens
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import image_size, mapping, number, numbers
 from omnisight.formats._yaml import read_map
 
@@ -27,6 +28,8 @@ KEPT = (
     *("name", "note", "calibrated_by", "camera_brand", "camera_model", "lens_model", "camera_setting", "identifier"),
     *("orig_dimension", "output_dimension", "frame_readout_time", "fps", "num_images", "date", "calibrator_version"),
 )
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

@@ -19,6 +19,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._export import check_supported, dropped_fields, export, unknown_fields, with_mean_focal
 from omnisight.formats._limits import MAX_CAMERAS, SEARCHED_CHARS
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build, build_with_zeros, image_size, number
 
 TITLE = "Hugin project"
@@ -47,6 +48,10 @@ LINE = re.compile(r"^i[ \t]+(?=[^\n]*[ \t]f[-+.\d=])(?=[^\n]*[ \t]v[-+.\d=])", r
 WORD = re.compile(r'([A-Za-z]+)(=?)("[^"\n]*"|[^\s"]*)')
 NUMBERS = ("a", "b", "c", "d", "e", "g", "t")
 NEWTON_ITERATIONS, NEWTON_TOLERANCE = 100, 1e-14
+COMMENT = "# {}"
+FLAT = Reader("pano_trafo (Hugin 2022.0)", 90, "returns no pixel")
+WIDE = Reader("pano_trafo (Hugin 2022.0)")
+READERS = dict.fromkeys(MODELS, WIDE) | dict.fromkeys(("pinhole", "radial_tangential", "orthographic"), FLAT)
 
 
 def matches(text: str) -> bool:

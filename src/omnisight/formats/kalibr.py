@@ -9,6 +9,7 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, kept_fields, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build_with_zeros, image_size, number, numbers, rotation_matrix
 from omnisight.formats._yaml import flow, read_map
 from omnisight.geometry.pose import Pose
@@ -35,6 +36,8 @@ EUROC = {"radial-tangential": "radtan"}
 KNOWN = {"camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "distortion_coefficients", "resolution"}
 # What a chain of one camera keeps; T_cn_cnm1 refers to the preceding camera.
 KEPT = ("rostopic", "T_cam_imu", "timeshift_cam_imu", "line_delay")
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

@@ -21,6 +21,7 @@ from omnisight.formats._export import unknown_fields
 from omnisight.formats._files import encode, is_binary
 from omnisight.formats._limits import SEARCHED_CHARS
 from omnisight.formats._mat import HDF5_ERROR, HDF5_SIGNATURES, SIGNATURE, read_mat
+from omnisight.formats._readers import Reader
 from omnisight.formats._scaramuzza import export_xy, model_of, model_of_xy
 from omnisight.formats._values import FIRST_PIXEL, image_size, number, numbers
 from omnisight.formats._yaml import read_map, scalar
@@ -42,6 +43,8 @@ EXTRACT_COMMAND = (
     "i = {}.Intrinsics; s = struct('MappingCoefficients', i.MappingCoefficients, 'ImageSize', i.ImageSize,"
     " 'DistortionCenter', i.DistortionCenter, 'StretchMatrix', i.StretchMatrix); save('s.mat', 's', '-v7')"
 )
+COMMENT = "% {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

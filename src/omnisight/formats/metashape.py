@@ -14,6 +14,7 @@ from omnisight.camera import Camera
 from omnisight.formats._export import check_whole_sphere, export, unknown_fields
 from omnisight.formats._limits import HEAD_CHARS
 from omnisight.formats._opencv_storage import read_xml
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import HALF_PIXEL, build, image_size, number, whole_sphere
 from omnisight.formats._yaml import scalar
 from omnisight.models import CameraModel
@@ -40,6 +41,8 @@ PROJECTIONS = {
     "equirectangular": "spherical",
 }
 KIND = re.compile(r"<calibration[ >]")
+COMMENT = "<!-- {} -->"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

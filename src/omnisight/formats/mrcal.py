@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from omnisight.camera import Camera
 from omnisight.formats._export import export, unknown_fields
 from omnisight.formats._limits import HEAD_CHARS
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build_with_zeros, image_size, numbers
 from omnisight.formats._yaml import flow, read_map
 
 TITLE = "mrcal cameramodel"
 SUFFIX = ".cameramodel"
-CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; rt_cam_ref is Rodrigues, then translation"
+CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; extrinsics are Rodrigues, then translation"
 PLANE = "fx fy cx cy"
 LENSES = {
     "LENSMODEL_OPENCV8": ("rational", f"{PLANE} k1 k2 p1 p2 k3 k4 k5 k6"),
@@ -23,8 +24,13 @@ LENSES = {
 }
 MODELS = tuple(dict.fromkeys(model for model, _ in LENSES.values()))
 KNOWN = {"lensmodel", "intrinsics", "imagersize"}
+# The pose of the camera, cam_from_ref. mrcal 2.5 writes the first name; every release reads the second.
 KEPT = ("rt_cam_ref", "extrinsics")
 FIELD = re.compile(r"""["']lensmodel["']\s*:""")
+COMMENT = "# {}"
+FLAT = Reader("mrcal 2.2", 90, "projects points to the opposite side of the image, without a flag")
+WIDE = Reader("mrcal 2.2")
+READERS = dict.fromkeys(MODELS, FLAT) | dict.fromkeys(("stereographic", "equirectangular"), WIDE)
 
 
 def matches(text: str) -> bool:
@@ -53,12 +59,12 @@ def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
         ((kind, names) for kind, (model, names) in LENSES.items() if model == camera.model.name), ("", "")
     )
     exported = export(camera, MODELS, names.split())
-    pose = next((key for key in KEPT if key in camera.extra), "rt_cam_ref")
+    pose = next((camera.extra[key] for key in KEPT if key in camera.extra), [0.0] * 6)
     fields = {
         "lensmodel": f"'{kind}'",
         "intrinsics": flow([exported.values[name] for name in names.split()]),
         "imagersize": flow(list(exported.size)),
-        pose: flow(camera.extra.get(pose, [0.0] * 6)),
+        "extrinsics": flow(pose),
     }
     body = "".join(f"    '{key}': {value},\n" for key, value in fields.items())
     return exported.result(f"{{\n{body}}}\n", KEPT)

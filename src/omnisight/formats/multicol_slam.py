@@ -11,6 +11,7 @@ from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import unknown_fields
 from omnisight.formats._limits import MAX_INVERSE_TERMS
+from omnisight.formats._readers import Reader
 from omnisight.formats._scaramuzza import FIXED_TERMS, export_xy, model_of_xy
 from omnisight.formats._values import image_size, number
 from omnisight.formats._yaml import flow, read_map
@@ -21,6 +22,8 @@ MODELS = ("ocam",)
 CONVENTION = "z back, so a0 < 0; u0 is x; the stretch [c d; e 1] acts on x, y; integer pixel = pixel centre"
 PLANE = {"c": "Camera.c", "d": "Camera.d", "e": "Camera.e", "cx": "Camera.u0", "cy": "Camera.v0"}
 COUNTS = ("Camera.nrpol", "Camera.nrinvpol")
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

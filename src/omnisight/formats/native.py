@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.formats._export import unknown_fields
 from omnisight.formats._limits import HEAD_CHARS, MAX_DISTINCT_CAMERAS, MAX_NAME_CHARS, MAX_PARAMETERS
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import (
     MAX_SIDE_PX,
     build_mirrored,
@@ -38,6 +39,8 @@ KEYS = {
 RMS_DEFINITION = "root mean square of the residual length |d|, px, over all corners"
 CAMERA, RAY_CAMERA, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
 MAX_OPTICAL_PARTS = 9  # a lens and its mirrors
+COMMENT = ""
+READERS = dict.fromkeys(MODELS, Reader("omnisight"))
 
 
 def matches(text: str) -> bool:

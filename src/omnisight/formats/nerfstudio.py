@@ -16,6 +16,7 @@ from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import check_whole_sphere, export, kept_fields, unknown_fields
 from omnisight.formats._limits import MAX_DISTINCT_CAMERAS
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import HALF_PIXEL, build, build_with_zeros, image_size, number, whole_sphere
 from omnisight.formats._yaml import read_map
 
@@ -39,6 +40,8 @@ PLANE = ("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x", "camera_angle_y
 COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
 KNOWN = {*PLANE, *COEFFICIENTS, "camera_model", "is_fisheye"}
 KEPT = ("frames", "fisheye_crop_radius", "applied_transform", "applied_scale", "ply_file_path", "orientation_override")
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

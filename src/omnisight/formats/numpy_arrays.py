@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.formats._export import check_supported, dropped_fields
 from omnisight.formats._npz import ARRAY_SIGNATURE, NUMBER_KINDS, ZIP_SIGNATURE, read_npz
-from omnisight.formats._opencv_lens import camera_matrix, coefficients_of
+from omnisight.formats._opencv_lens import CV2_READERS, camera_matrix, coefficients_of
 from omnisight.formats._values import build
 from omnisight.formats.opencv import SIZE_NOT_WRITTEN, cameras_of
 
@@ -23,6 +23,8 @@ TITLE = "NumPy npz of K and D"
 SUFFIX = ".npz"
 MODELS = ("kannala_brandt", "mei", "radial_tangential", "rational", "pinhole", "unified")
 CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; k1 k2 p1 p2 k3 ..., of a fisheye k1 k2 k3 k4"
+COMMENT = ""
+READERS = CV2_READERS
 
 
 def matches(text: str) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.formats._export import check_supported, dropped_fields, known_size
 from omnisight.formats._limits import MAX_INVERSE_TERMS
+from omnisight.formats._readers import Reader
 from omnisight.formats._scaramuzza import inverse_polynomial, model_of, radii_and_angles
 from omnisight.formats._values import image_size, number
 from omnisight.models.ocam import Ocam
@@ -22,6 +23,8 @@ CONVENTION = (
 ROWS = ("direct polynomial", "inverse polynomial", "centre (row column)", "stretch (c d e)", "size (height width)")
 COUNT_AND_NUMBER = re.compile(r"\s*\d{1,2}\s+[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?:\s|$)")
 MAX_INVERSE_DIFFERENCE_PX = 0.5  # an inverse polynomial that differs more is kept for inspection
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

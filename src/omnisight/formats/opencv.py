@@ -8,6 +8,7 @@ from omnisight.camera import Camera
 from omnisight.formats._export import check_supported, dropped_fields, unknown_fields
 from omnisight.formats._limits import HEAD_CHARS, SEARCHED_CHARS
 from omnisight.formats._opencv_lens import (
+    CV2_READERS,
     camera_matrix,
     coefficients_of,
     focal_and_centre,
@@ -37,6 +38,8 @@ SIZE = {"imagesize", "size", "resolution"}
 OTHER_FORMATS = re.compile(r"^(?:model_type|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
 SIZE_NOT_WRITTEN = "the image size is not known and is not written"
 KIND = {"fisheye", "fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
+COMMENT = "# {}"
+READERS = CV2_READERS
 
 
 def matches(text: str) -> bool:

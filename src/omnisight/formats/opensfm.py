@@ -7,6 +7,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import check_whole_sphere, export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build, build_with_zeros, image_size, mapping, number, whole_sphere
 from omnisight.formats._yaml import read_map
 
@@ -30,6 +31,8 @@ TWO_FOCALS = {
 }
 SPHERES = ("equirectangular", "spherical")
 MODELS = ("kannala_brandt", "radial_tangential", "equirectangular")
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build, build_with_zeros, image_size
 from omnisight.formats._yaml import flow, read_map
 from omnisight.models import CameraModel
@@ -31,6 +32,8 @@ LENSES = {
 }
 MODELS = tuple(LENSES)
 TYPES = {"kannalabrandt8": FISHEYE, "pinhole": BROWN, "rectified": ()}
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._scaramuzza import export_xy, model_of_xy
 from omnisight.formats._values import image_size, numbers
 from omnisight.formats._yaml import read_map
@@ -35,6 +36,8 @@ DEFAULTS: dict[str, Any] = {
     "rms_std_list": [],
 }
 ROUNDING = 1e-12  # of the 1 in the stretch matrix
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

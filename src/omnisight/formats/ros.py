@@ -13,6 +13,7 @@ from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, kept_fields, unknown_fields
 from omnisight.formats._limits import SEARCHED_CHARS
 from omnisight.formats._opencv_lens import (
+    CV2_READERS,
     camera_matrix,
     coefficients_of,
     focal_and_centre,
@@ -50,6 +51,8 @@ MESSAGE_PATTERNS = (
     re.compile(r"""(?:^|[{,])[ \t]*["']?[Kk]["']?[ \t]*:[ \t\n]*[\[\-]""", re.MULTILINE),
     re.compile(r"""["']?distortion_model["']?[ \t]*:"""),
 )
+COMMENT = "# {}"
+READERS = CV2_READERS
 
 
 def matches(text: str) -> bool:

@@ -15,6 +15,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import check_whole_sphere, export, kept_fields, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build, image_size, mapping, whole_sphere
 from omnisight.formats._yaml import flow, read_map
 
@@ -34,6 +35,8 @@ FLAT_PREFIX = "Camera."
 MAX_SEARCHED_CHARS = 100_000  # NESTED takes longer than a search for a key
 KEPT = ("setup", "fps", "color_order", "focal_x_baseline", "depth_threshold")
 NESTED = re.compile(r"^Camera[ \t]*:[ \t]*\n(?:(?:[ \t]+\S[^\n]*|[ \t]*|#[^\n]*)\n)*?[ \t]+model[ \t]*:", re.MULTILINE)
+COMMENT = "# {}"
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:

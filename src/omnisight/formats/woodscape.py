@@ -13,6 +13,7 @@ from typing import Any
 
 from omnisight.camera import Camera
 from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._readers import Reader
 from omnisight.formats._values import build, image_size, mapping, number
 from omnisight.formats._yaml import read_map
 
@@ -26,6 +27,8 @@ CONVENTION = (
 KIND = re.compile(r'"model"\s*:\s*"radial_poly"')
 POWERS = ("k1", "k2", "k3", "k4")
 KNOWN = {"model", "poly_order", "aspect_ratio", "cx_offset", "cy_offset", "width", "height", *POWERS}
+COMMENT = ""
+READERS: Mapping[str, Reader] = {}  # not measured
 
 
 def matches(text: str) -> bool:
