@@ -54,8 +54,11 @@ def explain_too_few_detections(observations: Observations, required: int) -> str
         summary = f"{number} of {total} images have enough corners; at least {required} are needed, 10 to 20 are good"
         return "\n".join([summary, *(f"  {note}" for note in detections.notes), *notes])
     if detections.board is None:
-        summary = f"no checkerboard detected in {total} images, so its size is unknown"
-        return "\n".join([f"{summary}: specify --pattern, inner corners as columns x rows, such as 9x6", *notes])
+        summary = f"no checkerboard detected in {total} images"
+        advice = (
+            detections.hint or "its size is unknown: specify --pattern, inner corners as columns x rows, such as 9x6"
+        )
+        return "\n".join([f"{summary}: {advice}", *notes])
     kind = "board" if detections.board.kind == "checkerboard" else detections.board.kind
     summary = f"{detections.board} {kind} detected in {number} of {total} images"
     if number:
@@ -71,7 +74,8 @@ def explain_no_detection(detections: Detections) -> str:
     if isinstance(detections.board, PointTarget):
         summary = f"none of {total} images has enough corners"
     elif detections.board is None:
-        summary = f"no checkerboard detected in {total} images: specify --pattern, such as 9x6, or --target"
+        advice = detections.hint or "specify --pattern, such as 9x6, or --target"
+        summary = f"no checkerboard detected in {total} images: {advice}"
     else:
         advice = detections.hint or board_advice(detections.board)
         summary = f"{detections.board} board detected in none of {total} images: {advice}"

@@ -24,6 +24,7 @@ from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, 
 from omnisight.targets.raw_detections import RawDetections, detect_in_file
 from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
 from omnisight.targets.set_field import estimate_set_field, sample_indices
+from omnisight.targets.unspecified_board import marker_board_hint
 
 Pattern = tuple[int, int]
 Progress = Callable[[int, int], None]
@@ -47,7 +48,8 @@ def detect_boards(
     ----------
     paths : iterable of str or Path
     board : Board, optional
-        Without one, checkerboards are detected, of the size that most images agree on.
+        Without one, checkerboards are detected, of the size that most images agree on; if there is none, but a board
+        with markers, `hint` of the result describes it.
     square : float, optional
         Side in metres of such a checkerboard's squares.
     apply_exif : bool
@@ -63,7 +65,8 @@ def detect_boards(
     size = most_common_size([(raw.size, bool(raw.grids or raw.boards)) for _, raw in readable])
     used = [(path, raw) for path, raw in readable if raw.size == size]
     pattern = most_common_pattern([raw.grids for _, raw in used])
-    if board is None and pattern is not None:
+    hint = marker_board_hint(used, pattern, apply_exif=apply_exif) if board is None else None
+    if board is None and pattern is not None and hint is None:
         board = Checkerboard(*pattern, square=square)
     field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
@@ -76,7 +79,8 @@ def detect_boards(
         notes += note
     if board is not None:
         notes += mirrored_markers_note(images, board)
-    hint = _pattern_hint([raw for _, raw in used], images, board, pattern) if isinstance(board, Checkerboard) else None
+    if hint is None and isinstance(board, Checkerboard):
+        hint = _pattern_hint([raw for _, raw in used], images, board, pattern)
     return Detections(board, images, hint, field, tuple(notes))
 
 

@@ -119,7 +119,7 @@ class Detections:
     images : list of ImageDetection
         One per path, in the order given.
     hint : str or None
-        What to change if the images show another board than the requested one.
+        What to change if the images show another board than the requested one, or a board with markers.
     field : ImageField or None
         The part of the images that the lens or mirror covers.
     notes : tuple of str

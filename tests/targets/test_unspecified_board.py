@@ -1,0 +1,88 @@
+"""Boards with markers in images for which no board is specified."""
+
+import cv2
+import numpy as np
+import pytest
+
+from drawn import POSES, shot
+from omnisight.images import write_image
+from omnisight.targets import detect_boards
+from omnisight.targets.boards.aprilgrid import AprilGrid
+from omnisight.targets.boards.charuco import Charuco
+from omnisight.targets.detectors.markers.recognition import recognize_markers
+from prints import APRIL, CHARUCO, pose, render
+
+BOARDS = [
+    (CHARUCO, "DICT_5X5_50"),
+    (Charuco(6, 6, square=0.024, marker=0.016, dictionary="DICT_4X4_250"), "DICT_4X4_50"),
+    (Charuco(8, 5, square=0.024, marker=0.018, dictionary="DICT_6X6_250", legacy=True), "DICT_6X6_50"),
+    (APRIL, "DICT_APRILTAG_36h11"),
+    (AprilGrid(4, 5, tag=0.024, spacing=0.2), "DICT_APRILTAG_36h11"),
+]
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(("board", "dictionary"), BOARDS)
+def test_kind_size_and_dictionary_are_recognized(board, dictionary, mirrored):
+    image, _ = render(board, "fisheye", pose(board, 20, roll=70), mirrored=mirrored)
+    found = recognize_markers([np.full((480, 640), 128, np.uint8), image])
+    assert (found.kind, found.columns, found.rows) == (board.kind, board.columns, board.rows)
+    assert found.dictionary == dictionary
+
+
+def test_charuco_printed_white_on_black_is_recognized():
+    found = recognize_markers([255 - render(CHARUCO, "fisheye", pose(CHARUCO, 20))[0]])
+    assert (found.kind, found.columns, found.rows) == ("charuco", 9, 6)
+
+
+def test_a_grid_of_markers_is_recognized():
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    board = cv2.aruco.GridBoard((5, 7), 0.04, 0.01, dictionary)
+    found = recognize_markers([np.asarray(board.generateImage((600, 840), marginSize=40))])
+    assert (found.kind, found.columns, found.rows, found.dictionary) == ("grid", 5, 7, "DICT_6X6_50")
+
+
+def test_a_checkerboard_and_noise_are_no_markers():
+    noise = np.random.default_rng(0).integers(0, 256, (300, 400), dtype=np.uint8)
+    assert recognize_markers([shot(POSES[0])[0], noise]) is None
+
+
+def test_an_unspecified_board_with_markers_is_described(tmp_path):
+    paths = [tmp_path / f"{i}.png" for i in range(3)]
+    for i, path in enumerate(paths):
+        write_image(path, render(APRIL, "fisheye", pose(APRIL, 20, roll=50 * i))[0])
+    detections = detect_boards(paths, cache=False)
+    assert detections.board is None
+    assert detections.hint == (
+        "the images show an AprilGrid of 5x4 tags. Describe it, with its lengths as measured: omnisight target make"
+        " aprilgrid 5x4 --tag 30mm --spacing 0.3 -o board.pdf, and specify --target board.json"
+    )
+
+
+def test_markers_are_not_searched_where_checkerboards_are_complete(tmp_path, monkeypatch):
+    def fail(grays):
+        raise AssertionError("markers searched")
+
+    monkeypatch.setattr("omnisight.targets.unspecified_board.recognize_markers", fail)
+    for i in range(3):
+        write_image(tmp_path / f"{i}.png", shot(POSES[i])[0])
+    paths = sorted(tmp_path.glob("*.png"))
+    assert len(detect_boards(paths, cache=False).found) == 3
+    blank = tmp_path / "blank.png"
+    write_image(blank, np.full((480, 640), 128, np.uint8))
+    with pytest.raises(AssertionError, match="markers searched"):
+        detect_boards([blank], cache=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("charuco_phone", "a ChArUco board of 8x6 inner corners with markers of DICT_4X4_50"),
+        ("aruco_grid", "a grid of 6x4 markers of DICT_6X6_50, which no target describes"),
+    ],
+)
+def test_real_boards_with_markers_are_recognized(data, name, message):
+    detections = detect_boards(sorted((data("everyday") / name).glob("*.jpg")))
+    assert detections.board is None
+    assert message in detections.hint
