@@ -145,3 +145,12 @@ def test_miscounted_pattern_gives_a_hint_with_the_right_one(tmp_path, gray):
     assert inferred.board == Checkerboard(9, 6, 0.03)
     assert all(d.board == inferred.board for p in inferred.found for d in p.boards)
     assert len(inferred.found) == 2
+
+
+@pytest.mark.parametrize(("pattern", "noted"), [((6, 9), True), ((9, 6), False), (None, False)])
+def test_a_pattern_with_columns_and_rows_exchanged_is_noted(tmp_path, gray, pattern, noted):
+    write_image(tmp_path / "a.png", gray)
+    board = None if pattern is None else Checkerboard(*pattern)
+    detections = detect_boards([tmp_path / "a.png"], board, cache=False)
+    assert len(detections.images[0].boards[0]) == 54
+    assert any("the 6x9 board is a 9x6 board rotated by 90°" in note for note in detections.notes) == noted

@@ -79,6 +79,11 @@ def detect_boards(
         notes += note
     if board is not None:
         notes += mirrored_markers_note(images, board)
+    if isinstance(board, Checkerboard) and board.columns < board.rows and any(image.boards for image in images):
+        notes.append(
+            f"the {board} board is a {board.rows}x{board.columns} board rotated by 90°: the camera is the same, and"
+            " the x axis of its poses is along the shorter side"
+        )
     if hint is None and isinstance(board, Checkerboard):
         hint = _pattern_hint([raw for _, raw in used], images, board, pattern)
     return Detections(board, images, hint, field, tuple(notes))
