@@ -104,7 +104,9 @@ def state_and_corners(model, reach=None):
     x, y = np.meshgrid(np.tan(theta), (-0.01, 0.0, 0.01))
     corners = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], -1)
     state = State(model, np.eye(3)[None], np.array([[0.0, 0.0, 1.0]]))
-    return state, Observations.from_arrays([corners], [model.project_numpy(corners + state.translations)[0]], size=SIZE)
+    pixels = model.project_numpy(corners + state.translations)[0]
+    # Beyond the fold some lie outside the image.
+    return state, dataclasses.replace(Observations.from_arrays([corners], [pixels], size=(0, 0)), size=SIZE)
 
 
 def moved(state, step):

@@ -78,5 +78,5 @@ def test_readout_of_columns_is_not_taken_for_that_of_rows():
 
 def test_too_few_corners_per_view_give_no_result():
     views = observe_boards(lens(140), 140, np.random.default_rng(0), count=3)
-    few = observe([(x[:8], p[:8]) for x, p in views])
+    few = observe([(x[::7], p[::7]) for x, p in views])
     assert run_rolling_shutter_test(resect(lens(140), few), few) is None
