@@ -175,7 +175,9 @@ def test_split_half_test_works_with_very_many_corners():
     truth = lens(180)
     exact = observe_boards(truth, 180, np.random.default_rng(0), count=12, noise=0.0)
     rng = np.random.default_rng(1)
-    views = [(np.tile(x, (60, 1)), np.tile(p, (60, 1))) for x, p in exact]
+    # Sixty corners side by side, 1e-5 squares apart: far less than their noise.
+    shifts = np.repeat(np.arange(60)[:, None] * (1e-5, 0.0, 0.0), len(exact[0][0]), axis=0)
+    views = [(np.tile(x, (60, 1)) + shifts, np.tile(p, (60, 1))) for x, p in exact]
     views = observe([(x, p + rng.normal(0, NOISE, p.shape)) for x, p in views])
     assert len(views.pixels) > 30_000
     best, camera = fit("equisolid", truth, views)

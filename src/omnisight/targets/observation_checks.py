@@ -13,7 +13,7 @@ COVARIANCE_TOLERANCE = 1e-6
 # A corner at the edge of the image is located up to this distance beyond it, px.
 EDGE_TOLERANCE_PX = 0.5
 # Different corners are at least some pixels apart; equal ones agree up to rounding in a file.
-SAME_PIXEL_PX = 1e-3
+SAME_PIXEL_PX = 1e-6
 # Board points of a view agree to this fraction of its extent if they are the same point.
 SAME_POINT = 1e-7
 # Extent across a line over the extent along it, below which board points are collinear.
