@@ -99,8 +99,9 @@ def readers() -> str:
     """Return the table of the programs that read each format, and of their limits."""
     lines = ["| format | models | read by | right up to | beyond |", "|---|---|---|---|---|"]
     for value in _formats().values():
-        for reader in dict.fromkeys(value.READERS.values()):
-            models = ", ".join(model for model, other in value.READERS.items() if other == reader)
+        held = {model: value.READERS[model] for model in value.MODELS if model in value.READERS}
+        for reader in dict.fromkeys(held.values() if value.TITLE != "omnisight JSON" else ()):
+            models = ", ".join(model for model, other in held.items() if other == reader)
             limit = "every angle" if reader.theta_max_deg == 180 else f"{reader.theta_max_deg:g}°"
             lines.append(f"| {_plain(value.TITLE)} | {models} | {_plain(reader.name)} | {limit} | {reader.beyond} |")
     return "\n".join(lines)

@@ -45,14 +45,49 @@ def test_all_files_are_written_and_described_in_the_readme(written):
     assert names == {
         *(f"{kind}/{i:06d}.png" for kind in kinds for i in range(3)),
         *("README.txt", "settings.json", "poses.txt", "images.txt", "depth.txt", "camera.json", "instances.json"),
+        *("vignette.png", "pcalib.txt"),
     }
-    for name in (*(f"{kind}/" for kind in kinds), "poses.txt", "images.txt", "camera.json", "instances.json"):
+    described = ("poses.txt", "images.txt", "camera.json", "instances.json", "vignette", "pcalib.txt")
+    for name in (*(f"{kind}/" for kind in kinds), *described):
         assert name in text
     assert json.loads((written / "settings.json").read_text())["scene"] == "lines"
     # As the TUM data sets' rgb.txt, whose readers skip three lines of comment.
     lines = (written / "images.txt").read_text().splitlines()
     assert [line[:1] for line in lines[:4]] == ["#", "#", "#", "0"]
-    assert lines[4] == "0.033333 images/000001.png"
+    # Spread over the motion of a walking person.
+    seconds = float(lines[4].removesuffix(" images/000001.png"))
+    assert 1 < seconds < 10
+    assert float(lines[5].removesuffix(" images/000002.png")) == pytest.approx(2 * seconds, abs=2e-6)
+
+
+def test_photometric_files_invert_the_image(run, small, tmp_path):
+    """Without noise and blur, response^-1(image) = 2^exposure vignette light."""
+    out = tmp_path / "out"
+    options = ("--noise", 0, "--blur", 0, "--frames", 1, "--exposure", -1, "--vignette", 0.5, "-o", out)
+    assert run("simulate", "lines", "--camera", small, *options)[0] == 0
+    image, settings = read_image(out / "images" / "000000.png"), json.loads((out / "settings.json").read_text())
+    inverse = np.array((out / "pcalib.txt").read_text().split(), float) / 255
+    vignette = cv2.imread(str(out / "vignette.png"), cv2.IMREAD_UNCHANGED) / 65535
+    pose = read_trajectory(out / "poses.txt").poses[0]
+    light = Renderer(load(out / "camera.json"), pose, scene_named("lines"), vignette=0).light()
+    inside = vignette > 0.4
+    assert inside.mean() > 0.6
+    assert vignette[32, 32] == pytest.approx(1, abs=1e-3)
+    expected = 2.0 ** settings["exposure"] * vignette[..., None] * light
+    off = np.abs(inverse[image] - expected)[inside & (light < 1).all(-1)]
+    assert np.quantile(off, 0.99) < 0.01
+
+
+def test_street_depth_beyond_65_metres_is_kept(run, small, tmp_path):
+    out = tmp_path / "out"
+    options = ("--frames", 1, "--rays", 1, "--trajectory", "still", "-o", out)
+    assert run("simulate", "street", "--camera", small, *options)[0] == 0
+    steps = json.loads((out / "settings.json").read_text())["depth_steps_per_metre"]
+    depth = cv2.imread(str(out / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED) / steps
+    truth = Renderer(SMALL, read_trajectory(out / "poses.txt").poses[0], scene_named("street")).truth().depth
+    far = truth > 66
+    assert far.any()
+    np.testing.assert_allclose(depth[far], truth[far], atol=0.5 / steps + 1e-3)
 
 
 def test_files_agree_with_the_ground_truth_at_their_poses(written):

@@ -206,21 +206,21 @@ def test_dense_correspondences_have_the_same_colour():
 
 
 def test_rolling_shutter_of_a_still_camera_equals_a_global_shutter():
-    from omnisight.simulation.trajectory import preset_trajectory
+    from omnisight.simulation.preset_motion import preset_trajectory
 
     camera, scene = om.fisheye(96, 180), still_life()
-    rows = preset_trajectory("still", ((-0.1, -0.1, -0.1), (0.3, 0.3, 0.3)), 1.0).row_poses(0.4, 96, 0.03)
+    rows = preset_trajectory("still", ((-0.1, -0.1, -0.1), (0.3, 0.3, 0.3))).row_poses(0.4, 96, 0.03)
     rolling, still = Renderer(camera, rows, scene), Renderer(camera, rows[0], scene)
     assert (rolling().image == still().image).all()
     np.testing.assert_array_equal(rolling.truth().depth, still.truth().depth)
 
 
 def test_each_row_of_a_rolling_shutter_has_its_own_pose():
-    from omnisight.simulation.trajectory import preset_trajectory
+    from omnisight.simulation.preset_motion import preset_trajectory
 
     camera, scene = om.perspective(70, (80, 60)), still_life()
-    motion = preset_trajectory("line", ((-0.1, -0.1, -0.8), (0.1, 0.1, 0.8)), 1.0)
-    rows = motion.row_poses(0.5, 60, 0.4)
+    motion = preset_trajectory("line", ((-0.1, -0.1, -0.8), (0.1, 0.1, 0.8)))
+    rows = motion.row_poses(1.0, 60, 0.4)
     rolling = Renderer(camera, rows, scene)
     truth = rolling.truth()
     for row in (0, 17, 30, 59):

@@ -6,6 +6,7 @@ from render_cameras import GRAY, POSE, pixels_of, still_life
 
 import omnisight as om
 from omnisight.simulation import Renderer, Scene, Texture, box, ellipsoid, render
+from omnisight.simulation.procedural_textures import materials
 from omnisight.simulation.texture import LINEAR
 
 # -- energy ------------------------------------------------------------------------------------------------------
@@ -41,6 +42,41 @@ def test_texture_filtering_preserves_the_mean_light(any_camera):
     light = Renderer(om.perspective(60, (80, 60)), POSE, Scene((shell,)), vignette=0).light()
     assert abs(light.mean() - 0.5) < 0.01
     assert light.std() < 0.06
+
+
+@pytest.mark.parametrize(("distance", "most"), [(8, 0.06), (17, 0.08), (25, 0.18), (40, 0.25)])
+def test_bricks_at_four_rays_match_many_rays(distance, most):
+    """Moire is the difference from 144 rays per pixel, relative to the contrast; courses are 1 to 5 px high."""
+    wall = Texture(materials.bricks(np.random.default_rng(0), 20, 10, (158, 92, 72), 150))
+    scene = Scene((box((-10, -5, distance), (10, 5, distance + 0.1), wall, "wall", glow=1.0),))
+    camera, pose = om.perspective(20, (120, 100)), om.Pose(om.look(yaw=3).T, np.zeros(3))
+    few, many = (
+        Renderer(camera, pose, scene, samples=n, vignette=0).light()[15:85, :, 1].astype(float) for n in (2, 12)
+    )
+    assert np.std(few - many) < most * np.std(many)
+    assert np.std(few) == pytest.approx(np.std(many), rel=0.08)
+
+
+def test_joints_cover_each_pixel_by_their_exact_share():
+    """All rows of joints have the same total, wherever they fall on the pixel grid."""
+    share = materials.joint_share(704, 7.04, 0.14)
+    fine = materials.joint_share(704 * 50, 7.04 * 50, 0.14).reshape(704, 50).mean(1)
+    np.testing.assert_allclose(share, fine, atol=1e-5)
+    assert share.mean() == pytest.approx(0.14, abs=1e-6)
+    joints = [share[round(k * 7.04 - 1) : round(k * 7.04 + 3)].sum() for k in range(1, 99)]
+    np.testing.assert_allclose(joints, 0.14 * 7.04, atol=1e-4)
+
+
+def test_repeated_texture_renders_as_its_copies():
+    rng = np.random.default_rng(0)
+    tile = rng.integers(0, 255, (16, 16, 3)).astype(np.uint8)
+    tile = np.concatenate([tile, tile[:, ::-1]], 1)
+    tile = np.concatenate([tile, tile[::-1]])  # continues seamlessly
+    images = []
+    for texture in (Texture(tile, (4, 2)), Texture(np.tile(tile, (2, 4, 1)))):
+        scene = Scene((box((-2, -1, 3), (2, 1, 3.1), texture, "wall", glow=1.0),))
+        images.append(Renderer(om.perspective(60, (120, 90)), om.Pose(), scene, vignette=0).light())
+    np.testing.assert_allclose(images[0], images[1], atol=2e-2)
 
 
 def test_exposure_doubles_the_light_per_stop():
@@ -83,6 +119,48 @@ def test_no_light_and_no_ground_truth_outside_the_image_circle():
     assert (truth.instances[dark] == 0).all()
     assert (truth.instances[seen] == 1).all()
     assert np.isnan(truth.depth[dark]).all()
+
+
+def gray_light(camera, **options):
+    """Return the light of a uniform scene, relative to its own."""
+    shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
+    return Renderer(camera, om.Pose(), Scene((shell,)), **options).light()[..., 0] / LINEAR[119]
+
+
+@pytest.mark.parametrize("camera", [om.perspective(90, (161, 121)), om.fisheye(161, 180), om.perspective(30, (90, 90))])
+def test_every_lens_loses_the_same_share_of_light_at_the_edge_of_its_image(camera):
+    light = gray_light(camera, vignette=0.4, samples=1)
+    seen = light > 0
+    height, width = light.shape
+    assert light[height // 2, width // 2] == pytest.approx(1, abs=1e-3)
+    assert light[seen].min() == pytest.approx(0.6, abs=0.02)
+
+
+@pytest.mark.parametrize("panorama", [om.sphere(128), om.sphere(128, azimuth=(-60, 60)), om.cylinder(128)])
+def test_panoramas_have_no_vignetting(panorama):
+    assert gray_light(panorama, vignette=0.4) == pytest.approx(1, abs=1e-6)
+
+
+def test_vignetting_of_a_mirror_camera_is_that_of_its_lens():
+    from omnisight.pipeline.design import DesignOptions, design
+
+    camera = design(DesignOptions(kind="spherical", sensor=(161, 121), pixel=30e-6)).camera
+    renderer = Renderer(camera, om.Pose(), Scene(()), theta=(camera.theta_min, camera.theta_max), vignette=0.4)
+    share = renderer.vignetting()
+    shown = share > 0.5
+    rows, columns = np.nonzero(shown)
+    radius = np.hypot(columns - 80, rows - 60)
+    expected = 1 - 0.4 * (radius / 58.8) ** 4
+    inside = (radius < 56) & (radius > 20)
+    assert inside.sum() > 5000
+    np.testing.assert_allclose(share[shown][inside], expected[inside], atol=0.02)
+
+
+def test_vignetting_is_the_ratio_of_light_with_and_without_it():
+    camera = om.fisheye(81, 180)
+    shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
+    renderer = Renderer(camera, om.Pose(), Scene((shell,)), theta=(0.3, 1.4), vignette=0.5)
+    np.testing.assert_allclose(renderer.light()[..., 1], renderer.vignetting() * LINEAR[119], atol=1e-6)
 
 
 def test_vignette_darkens_only_the_edge():

@@ -199,10 +199,10 @@ def test_boards_of_the_scene_are_detected_at_their_positions():
 
 def test_corners_under_a_rolling_shutter_match_the_ground_truth():
     """The scene point at the pixel of a corner is that corner, with one camera pose per row."""
-    from omnisight.simulation.trajectory import preset_trajectory
+    from omnisight.simulation.preset_motion import preset_trajectory
 
     camera = om.perspective(70, (320, 240))
-    rows = preset_trajectory("line", ((-1.5, -0.1, -0.1), (1.5, 0.1, 0.1)), 1.0).row_poses(0.5, 240, 0.2)
+    rows = preset_trajectory("line", ((-1.5, -0.1, -0.1), (1.5, 0.1, 0.1))).row_poses(1.5, 240, 0.2)
     rows = [om.Pose(translation=pose.translation) for pose in rows]  # sideways
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.8))))
     rolling = Renderer(camera, rows, Scene(()))

@@ -7,14 +7,8 @@ from scipy.spatial.transform import Rotation, Slerp
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.simulation import trajectory as module
-from omnisight.simulation.trajectory import (
-    PRESETS,
-    Trajectory,
-    preset_trajectory,
-    quaternion,
-    read_trajectory,
-    write_trajectory,
-)
+from omnisight.simulation.preset_motion import PRESETS, preset_trajectory
+from omnisight.simulation.trajectory import Trajectory, quaternion, read_trajectory, write_trajectory
 
 FREE = ((-1.0, -0.5, -2.0), (1.0, 0.5, 2.0))
 
@@ -126,19 +120,19 @@ def test_too_large_files_are_rejected(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_preset_trajectory_stays_in_its_box(name):
-    motion = preset_trajectory(name, FREE, 4.0)
+    motion = preset_trajectory(name, FREE)
     places = np.array([pose.translation for pose in motion.poses])
     assert (places >= np.array(FREE[0]) - 1e-12).all()
     assert (places <= np.array(FREE[1]) + 1e-12).all()
-    assert (motion.times[0], motion.times[-1]) == (0.0, 4.0)
-    for pose in motion.poses:
+    assert motion.times[0] == 0.0
+    for pose in motion.poses[::20]:
         np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(pose.rotation) > 0
 
 
 @pytest.mark.parametrize("name", ["loop", "line"])
 def test_camera_looks_along_the_motion(name):
-    motion = preset_trajectory(name, FREE, 4.0)
+    motion = preset_trajectory(name, FREE)
     places = np.array([pose.translation for pose in motion.poses])
     way = np.diff(places, axis=0) * (1, 0, 1)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
@@ -146,15 +140,39 @@ def test_camera_looks_along_the_motion(name):
     assert ((way * ahead).sum(1) > 0.98).all()
 
 
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("free", [FREE, ((-1.2, -0.6, -6.0), (1.2, 0.6, 18.0)), ((-0.1, 0, -0.1), (0.1, 0, 0.1))])
+def test_preset_motion_is_that_of_a_walking_person(name, free):
+    motion = preset_trajectory(name, free)
+    step = np.diff(motion.times)[:, None]
+    places = np.array([pose.translation for pose in motion.poses])
+    speed = np.diff(places, axis=0) / step
+    ahead = np.array([pose.rotation[:, 2] for pose in motion.poses])
+    turned = np.arccos(np.clip((ahead[1:] * ahead[:-1]).sum(1), -1, 1)) / step[:, 0]
+    assert np.linalg.norm(speed, axis=1).max() <= 1.4 * 1.001
+    assert np.degrees(turned).max() <= 45.5
+    # Along and across the path, the limits may be reached at the same time.
+    assert np.linalg.norm(np.diff(speed, axis=0) / step[1:], axis=1).max() < 0.7 * np.sqrt(2) * 1.05
+    if name == "line":
+        assert np.linalg.norm(speed[[0, -1]], axis=1).max() < 0.02
+
+
+def test_long_motion_repeats_a_loop():
+    once, long = preset_trajectory("loop", FREE), preset_trajectory("loop", FREE, 60.0)
+    assert long.times[-1] >= 60
+    period = once.times[-1]
+    np.testing.assert_allclose(long.at(1.5 + 2 * period).translation, once.at(1.5).translation, atol=1e-9)
+
+
 def test_loop_is_closed():
-    motion = preset_trajectory("loop", FREE, 4.0)
+    motion = preset_trajectory("loop", FREE)
     np.testing.assert_allclose(motion.poses[0].translation, motion.poses[-1].translation, atol=1e-12)
     np.testing.assert_allclose(motion.poses[0].rotation, motion.poses[-1].rotation, atol=1e-12)
 
 
 def test_invalid_trajectories_are_rejected():
     with pytest.raises(ValueError, match="unknown trajectory 'jump'; choose one of: line, loop"):
-        preset_trajectory("jump", FREE, 1.0)
+        preset_trajectory("jump", FREE)
     with pytest.raises(ValueError, match="a time for each pose, got 2 and 1"):
         Trajectory(np.array((0.0, 1.0)), (om.Pose(),))
     with pytest.raises(ValueError, match="must increase"):

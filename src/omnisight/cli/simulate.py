@@ -48,21 +48,21 @@ def simulate(
     output
         Folder of the data set; created if needed. A folder with other content is refused.
     trajectory
-        loop, line, turn or still; or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
-        (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
+        loop, line, turn or still, at the speed of a walking person; or a file of world_from_cam poses (world_from_rig
+        for a rig), in the TUM format (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
     up
         Orientation of the camera on loop, line, turn and still: top is level; back looks down, as below a mirror; front
         looks up.
     frames
         Maximum number of images: 60, or all poses of a file.
     fps
-        Images per second: 30, or the timestamps of a file.
+        Images per second. By default the images are spread over the motion, or have the timestamps of a file.
     rays
         Rays per pixel: 1, 4, 9 or 16.
     exposure
         Exposure, stops.
     vignette
-        Relative loss of light at the image circle, 0 to 1.
+        Relative loss of light at the edge of the lens's image, 0 to 1; panoramas have none.
     blur
         Standard deviation of the lens blur, px.
     noise

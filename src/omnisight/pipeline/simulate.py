@@ -18,16 +18,17 @@ from omnisight.geometry.rotation import look
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
-from omnisight.simulation.dataset import Dataset, MountedCamera
+from omnisight.simulation.dataset import Dataset, MountedCamera, depth_steps_per_metre
+from omnisight.simulation.preset_motion import PRESETS, preset_trajectory
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.scenes import scene_named
 from omnisight.simulation.sensor import check_sensor
-from omnisight.simulation.trajectory import PRESETS, Trajectory, preset_trajectory, read_trajectory
+from omnisight.simulation.trajectory import Trajectory, read_trajectory
 
 Progress = Callable[[str, int, int], None]
 
-DEFAULT_FRAMES, DEFAULT_FPS = 60, 30.0
+DEFAULT_FRAMES = 60
 # Larger requests are mistakes, and would fill the disk or the memory.
 MAX_FRAMES, MAX_IMAGE_PIXELS = 100_000, 50_000_000
 # Pixels per side sampled to decide whether the image circle shows anything.
@@ -48,21 +49,21 @@ class SimulateOptions:
     output
         Folder of the data set. It is created if needed; a folder with other content is refused.
     trajectory
-        loop, line, turn or still; or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
-        (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
+        loop, line, turn or still, at the speed of a walking person; or a file of world_from_cam poses (world_from_rig
+        for a rig), in the TUM format (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
     up
         Orientation of the camera on the trajectories loop, line, turn and still: "top" is level; "back" looks down, as
         below a mirror; "front" looks up.
     frames
         Maximum number of images: 60, or all poses of a file.
     fps
-        Images per second: 30, or the timestamps of a file.
+        Images per second. By default the images are spread over the motion, or have the timestamps of a file.
     rays
         Rays per pixel: 1, 4, 9 or 16.
     exposure
         Exposure, stops.
     vignette
-        Relative loss of light at the image circle, 0 to 1.
+        Relative loss of light at the edge of the lens's image, 0 to 1; panoramas have none.
     blur
         Standard deviation of the lens blur, px.
     noise
@@ -178,7 +179,8 @@ def simulate(
     notes = _collision_notes(scene, motion, times, cameras)
     for note in notes if warn else ():
         warn(note)  # pyright: ignore[reportOptionalCall]
-    dataset = Dataset.create(options.output, cameras, exact=options.exact, jpeg=options.jpeg)
+    steps = depth_steps_per_metre(scene)
+    dataset = Dataset.create(options.output, cameras, exact=options.exact, jpeg=options.jpeg, depth_steps=steps)
     report("build the scene", 1, 1)
     total = len(times) * len(cameras)
     for k, camera in enumerate(cameras):
@@ -188,10 +190,12 @@ def simulate(
             rng = np.random.default_rng((options.seed, k, i))
             rendered = renderer(rng=rng, exposure=options.exposure, blur=options.blur, noise=options.noise)
             dataset.write_frame(camera, i, rendered.image, renderer.truth())
+            if i == 0:
+                dataset.write_photometry(camera, renderer.vignetting())
         poses = tuple(motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
         dataset.write_camera(camera, Trajectory(times, poses), options.scene, scene.names)
     report("render", total, total)
-    settings = _settings(options, len(times))
+    settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
     dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)))
     seconds = time.perf_counter() - start
     return SimulatedDataset(options.output, tuple(cameras), len(times), settings, tuple(notes), seconds)
@@ -253,8 +257,9 @@ def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, NDA
     """Return the motion and the times of its images."""
     name = options.trajectory
     if name in PRESETS:
-        count, rate = options.frames or DEFAULT_FRAMES, options.fps or DEFAULT_FPS
-        level = preset_trajectory(name, scene.free, count / rate)
+        count = options.frames or DEFAULT_FRAMES
+        level = preset_trajectory(name, scene.free, count / options.fps if options.fps else 0.0)
+        rate = options.fps or count / level.times[-1]
         poses = tuple(pose @ Pose(look(up=options.up)) for pose in level.poses)
         return Trajectory(level.times, poses), np.arange(count) / rate
     presets = ", ".join(PRESETS)

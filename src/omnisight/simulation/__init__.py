@@ -3,13 +3,14 @@
 from omnisight.simulation.board import BoardInScene, board_solid
 from omnisight.simulation.board_poses import board_poses
 from omnisight.simulation.example_cameras import DEMO_BOARD, CameraSetup, fisheye_setup, mirror_setup
+from omnisight.simulation.preset_motion import preset_trajectory
 from omnisight.simulation.render import GroundTruth, RenderedImage, Renderer, dense_correspondences, render
 from omnisight.simulation.scene import Hits, Scene
 from omnisight.simulation.scenes import scene_named, scene_names
 from omnisight.simulation.sensor import develop
 from omnisight.simulation.solids import Solid, box, cylinder, ellipsoid, rectangle, roof
 from omnisight.simulation.texture import Texture
-from omnisight.simulation.trajectory import Trajectory, preset_trajectory, read_trajectory, write_trajectory
+from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_trajectory
 
 __all__ = [
     "DEMO_BOARD",

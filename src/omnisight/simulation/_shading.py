@@ -11,10 +11,10 @@ from omnisight.compiled import njit_driver, njit_helper
 from omnisight.simulation._shapes import CYLINDER, ELLIPSOID, RECTANGLE, chart, place
 from omnisight.simulation._trace import first_hit, to_local, world_normal
 
-# Texture samples along the longer side of a ray's footprint.
-MAX_PROBES = 8
+# Texture samples along the longer side of a ray's footprint, and across it.
+MAX_PROBES, ROWS = 12, 2
 # Scale of the footprint for filtering; less than 1, because several rays per pixel are averaged.
-FOOTPRINT_SCALE = 0.75
+FOOTPRINT_SCALE = 0.85
 # Colours of sunlight and skylight (red, green, blue).
 SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
 # Offset of shadow rays from the surface, metres, against self-intersection.
@@ -51,33 +51,44 @@ def _texel(world, level, u, v):
 
 
 @njit_helper
+def _wrap(u, repeats):
+    """Return the position within one copy of a repeated texture."""
+    return u - math.floor(u) if repeats > 1 else u
+
+
+@njit_helper
 def _filtered(world, texture, u, v, ux, vx, uy, vy):
     """Return the mean light of a texture over the parallelogram with sides (ux, vx), (uy, vy) about (u, v).
 
-    Anisotropic filtering: samples along the longer side, in the mipmap level of the shorter side.
+    Anisotropic filtering: two rows of samples along the longer side, each in the mipmap level of half the shorter side.
+    Their mean is close to that of the area; one row would blur or alias.
     """
     first, count = world.textures[texture, 0], world.textures[texture, 1]
     width, height = world.levels[first, 1], world.levels[first, 2]
+    columns, rows = world.textures[texture, 2], world.textures[texture, 3]
+    u, ux, uy, v, vx, vy = u * columns, ux * columns, uy * columns, v * rows, vx * rows, vy * rows
     a, b = math.hypot(ux * width, vx * height), math.hypot(uy * width, vy * height)
     if a < b:
-        a, b, ux, vx = b, a, uy, vy
+        a, b, ux, vx, uy, vy = b, a, uy, vy, ux, vx
     a, b = a * FOOTPRINT_SCALE, b * FOOTPRINT_SCALE
     if not a > 1.0:
-        return _texel(world, first, u, v)
-    probes = int(min(math.ceil(a / max(b, 1.0)), MAX_PROBES))
-    level = max(0.0, math.log2(a / probes))
+        return _texel(world, first, _wrap(u, columns), _wrap(v, rows))
+    across = ROWS if b > 1.0 else 1
+    probes = int(min(math.ceil(across * a / max(b, 1.0)), MAX_PROBES))
+    level = max(0.0, math.log2(max(b / across, a / probes)))
     low = int(min(level, count - 1.0))
     share = level - low if low + 1 < count else 0.0
-    r = g = b = 0.0
-    for i in range(probes):
-        s = (i + 0.5) / probes - 0.5
-        p, q = u + s * ux, v + s * vx
+    red = green = blue = 0.0
+    for i in range(probes * across):
+        s, t = (i // across + 0.5) / probes - 0.5, (i % across + 0.5) / across - 0.5
+        p, q = _wrap(u + s * ux + t * uy, columns), _wrap(v + s * vx + t * vy, rows)
         r0, g0, b0 = _texel(world, first + low, p, q)
         if share > 0:
             r1, g1, b1 = _texel(world, first + low + 1, p, q)
             r0, g0, b0 = r0 + share * (r1 - r0), g0 + share * (g1 - g0), b0 + share * (b1 - b0)
-        r, g, b = r + r0, g + g0, b + b0
-    return r / probes, g / probes, b / probes
+        red, green, blue = red + r0, green + g0, blue + b0
+    taken = probes * across
+    return red / taken, green / taken, blue / taken
 
 
 @njit_helper

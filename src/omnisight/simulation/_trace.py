@@ -32,7 +32,7 @@ class World(NamedTuple):
     light
         Light on the faces, 1 for daylight.
     textures
-        (T, 2): first row in `levels`, number of levels.
+        (T, 4): first row in `levels`, number of levels, and repetitions to the right and down.
     levels
         (L, 3): start in `texels`, width and height.
     texels

@@ -15,7 +15,9 @@ from omnisight.geometry.pose import Pose
 from omnisight.images import write_bytes, write_image
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation.render import GroundTruth
+from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import encode_jpeg
+from omnisight.simulation.texture import LINEAR
 from omnisight.simulation.trajectory import Trajectory, format_timestamps, write_trajectory
 
 # First words of the README: they identify a folder that may be overwritten.
@@ -23,10 +25,11 @@ MARKER = "A data set rendered by omnisight simulate."
 FOLDERS = ("images", "depth", "normals", "instances")
 FILES = (
     *("settings.json", "rig.json", "poses.txt", "images.txt", "depth.txt"),
-    *("camera.json", "instances.json"),
+    *("camera.json", "instances.json", "vignette.png", "vignette.npy", "pcalib.txt"),
 )
-DEPTH_STEPS_PER_METRE = 1000.0
 MAX_UINT16 = 65535
+# Depth resolutions of 16-bit images: fine for rooms, and KITTI's, which reaches 256 m.
+FINE_DEPTH_STEPS, COARSE_DEPTH_STEPS = 1000.0, 256.0
 # Header of the TUM file lists.
 LIST_HEADER = "# {kind} of a camera in the {scene}\n# rendered by omnisight simulate\n# timestamp filename\n"
 
@@ -46,10 +49,14 @@ poses.txt    TUM format: timestamp tx ty tz qx qy qz qw, world_from_cam, seconds
 images.txt, depth.txt
              timestamp and file of each image, as rgb.txt and depth.txt of the TUM data sets.
 camera.json  the camera, readable by omnisight.
+vignette     {vignette}
+pcalib.txt   the light of each of the 256 levels, times 255, as in TUM's visual odometry benchmark: the inverse of the
+             sRGB response. An image without noise, blur and JPEG is response(2^exposure vignette light).
 {rig}
 Depth, normals and instances are sampled at the pixel's centre and have no noise.
 """
 
+VIGNETTE = ": the share of the light of the image's brightest part, without exposure."
 ROLLING_SHUTTER = """
              Rolling shutter of {rolling:g} ms: row v of H is read (v - H // 2) / (H - 1) of that after the timestamp.
              The pose is that of row H // 2. The ground truth of each row is as seen from its own pose."""
@@ -59,8 +66,8 @@ EXACT_FORMATS = (
     "float32, NumPy .npy: unit vectors in the camera frame, towards the camera; NaN is sky or nothing.",
 )
 ROUNDED_FORMATS = (
-    f"16 bits: distance along the bearing, not z, {DEPTH_STEPS_PER_METRE:g} steps per metre; 0 is sky, nothing,\n"
-    f"             or more than {MAX_UINT16 / DEPTH_STEPS_PER_METRE:.3f} m.",
+    "16 bits: distance along the bearing, not z, {steps:g} steps per metre; 0 is sky, nothing,\n"
+    "             or more than {farthest:.3f} m.",
     "16 bits per channel: red, green, blue = 65535 (n + 1) / 2 of the unit normal's x, y, z in the\n"
     "             camera frame, towards the camera; 0 0 0 is sky or nothing.",
 )
@@ -96,9 +103,12 @@ class Dataset:
     cameras: Sequence[MountedCamera]
     exact: bool
     jpeg: int | None
+    depth_steps: float
 
     @classmethod
-    def create(cls, folder: Path, cameras: Sequence[MountedCamera], *, exact: bool, jpeg: int | None) -> Self:
+    def create(
+        cls, folder: Path, cameras: Sequence[MountedCamera], *, exact: bool, jpeg: int | None, depth_steps: float
+    ) -> Self:
         """Create the folder, or clear one that holds an older data set.
 
         Raises
@@ -121,7 +131,7 @@ class Dataset:
         for camera in cameras:
             for name in FOLDERS:
                 (folder / camera.name / name).mkdir(parents=True, exist_ok=True)
-        return cls(folder, cameras, exact, jpeg)
+        return cls(folder, cameras, exact, jpeg, depth_steps)
 
     def write_frame(self, camera: MountedCamera, number: int, image: NDArray[np.uint8], truth: GroundTruth) -> None:
         """Write one image and its ground truth."""
@@ -133,14 +143,22 @@ class Dataset:
         write_image(folder / "instances" / f"{name}.png", truth.instances.astype(np.uint16))
         if self.exact:
             for kind, values in (("depth", truth.depth), ("normals", truth.normals)):
-                file = io.BytesIO()
-                np.save(file, values.astype(np.float32), allow_pickle=False)
-                write_bytes(folder / kind / f"{name}.npy", file.getvalue())
+                _write_array(folder / kind / f"{name}.npy", values)
             return
-        steps = np.rint(np.nan_to_num(truth.depth) * DEPTH_STEPS_PER_METRE)
+        steps = np.rint(np.nan_to_num(truth.depth) * self.depth_steps)
         write_image(folder / "depth" / f"{name}.png", np.where(steps > MAX_UINT16, 0, steps).astype(np.uint16))
         packed = np.rint((np.nan_to_num(truth.normals, nan=-1.0) + 1) / 2 * MAX_UINT16).astype(np.uint16)
         write_image(folder / "normals" / f"{name}.png", packed)
+
+    def write_photometry(self, camera: MountedCamera, vignetting: NDArray[np.float32]) -> None:
+        """Write the photometric ground truth of one camera: vignetting (H, W) and response."""
+        folder = self.folder / camera.name
+        if self.exact:
+            _write_array(folder / "vignette.npy", vignetting)
+        else:
+            write_image(folder / "vignette.png", np.rint(vignetting * MAX_UINT16).astype(np.uint16))
+        inverse_response = " ".join(f"{255 * light:.6f}" for light in LINEAR)
+        write_bytes(folder / "pcalib.txt", f"{inverse_response}\n".encode())
 
     def write_camera(self, camera: MountedCamera, trajectory: Trajectory, scene: str, names: Sequence[str]) -> None:
         """Write the camera file, poses, instance names and file lists of one camera."""
@@ -170,12 +188,28 @@ class Dataset:
             settings="\n".join(f"{name:20} {value}" for name, value in settings.items() if value is not None),
             layout="Each camera has a folder with the following files.\n" if is_rig else "",
             image=f"JPEG of quality {self.jpeg}, sRGB." if self.jpeg else "PNG, sRGB.",
-            depth=depth,
+            depth=depth.format(steps=self.depth_steps, farthest=MAX_UINT16 / self.depth_steps),
             normals=normals,
+            vignette=".npy, float32" if self.exact else ".png, 16 bits, 65535 for 1" + VIGNETTE,
             shutter=ROLLING_SHUTTER.format(rolling=rolling) * (rolling > 0),
             rig="rig.json     the rig; poses.txt beside it holds world_from_rig.\n" if is_rig else "",
         )
         write_bytes(self.folder / "README.txt", text.encode())
+
+
+def depth_steps_per_metre(scene: Scene) -> float:
+    """Return the finest depth resolution at which 16 bits reach everything from the free space of a scene."""
+    bounds = np.array([solid.bounds() for solid in scene.solids]).reshape(-1, 2, 3)
+    low, high = np.array(scene.free, float)
+    farthest = np.maximum(high - bounds[:, 0], bounds[:, 1] - low)
+    distance = float(np.linalg.norm(farthest, axis=1).max(initial=0.0))
+    return FINE_DEPTH_STEPS if distance * FINE_DEPTH_STEPS <= MAX_UINT16 else COARSE_DEPTH_STEPS
+
+
+def _write_array(path: Path, values: NDArray[Any]) -> None:
+    file = io.BytesIO()
+    np.save(file, values.astype(np.float32), allow_pickle=False)
+    write_bytes(path, file.getvalue())
 
 
 def _clear(folder: Path) -> None:

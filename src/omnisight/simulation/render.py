@@ -17,6 +17,7 @@ from omnisight.simulation.camera_protocol import RenderableCamera
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.scenes import scene_named
 from omnisight.simulation.sensor import develop
+from omnisight.simulation.vignetting import lens_extent
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -89,7 +90,8 @@ class Renderer:
     samples
         Rays per side of a pixel.
     vignette
-        Relative loss of light at the image circle.
+        Relative loss of light at the edge of the lens's image: the image circle, or the farthest corner. It grows with
+        the fourth power of the distance from the principal point. Panoramas have none.
 
     Raises
     ------
@@ -250,8 +252,7 @@ class Renderer:
                 lambda first, last, f=fixed, p=part: _shading.render_rows(*f, p, first, last), len(part), ROWS_PER_TASK
             )
             if self.vignette or self.theta != (0.0, np.pi):
-                centres = rays if self.samples == 1 else self._rays(rows, columns, 1)
-                part *= self._vignetting(centres.bearings)[..., None]
+                part *= self.vignetting(rows, columns)[..., None]
         return result
 
     def _window(self, board: BoardInScene) -> tuple[slice, slice]:
@@ -277,14 +278,28 @@ class Renderer:
         with np.errstate(invalid="ignore"):
             return (theta >= self.theta[0]) & (theta <= self.theta[1])
 
-    def _vignetting(self, bearings: Array) -> Floats:
-        """Return the relative brightness by angle from the axis, with soft edges of the field of view."""
-        theta = angle_from_axis(bearings)
+    def vignetting(self, rows: slice = slice(None), columns: slice = slice(None)) -> Floats:
+        """Return the share of light (H, W) that reaches each pixel of a window: the lens's, and its image circle's."""
+        v, u = np.arange(self._height)[rows], np.arange(self._width)[columns]
+        light = np.ones((len(v), len(u)))
+        if self.vignette and self._lens_extent is not None:
+            (cx, cy), radius = self._lens_extent
+            light -= self.vignette * np.minimum(np.hypot(u - cx, v[:, None] - cy) / radius, 1) ** 4
         near, far = self.theta
-        light = 1 - self.vignette * (theta / min(far, np.pi)) ** 4
-        light *= np.clip((far - theta) / EDGE_RAD + 0.5, 0, 1) if far < np.pi else 1
-        light *= np.clip((theta - near) / EDGE_RAD + 0.5, 0, 1) if near > 0 else 1
+        if self.theta != (0.0, np.pi):
+            theta = angle_from_axis(self._rays(_bounds(v), _bounds(u), 1).bearings)
+            light *= np.clip((far - theta) / EDGE_RAD + 0.5, 0, 1) if far < np.pi else 1
+            light *= np.clip((theta - near) / EDGE_RAD + 0.5, 0, 1) if near > 0 else 1
         return np.nan_to_num(light).astype(np.float32)
+
+    @cached_property
+    def _lens_extent(self) -> tuple[tuple[float, float], float] | None:
+        return lens_extent(self.camera, self._in_view)
+
+
+def _bounds(indices: NDArray[np.int64]) -> slice:
+    """Return the slice of consecutive indices."""
+    return slice(int(indices[0]), int(indices[-1]) + 1)
 
 
 def _chunks(rows: slice, rays_per_row: int) -> Iterator[slice]:

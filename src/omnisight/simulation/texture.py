@@ -36,9 +36,12 @@ class Texture:
     ----------
     image
         (h, w, 3) uint8 RGB in sRGB, u to the right and v down.
+    repeat
+        Copies of the image to the right and down on the face.
     """
 
     image: Bytes
+    repeat: tuple[int, int] = (1, 1)
 
     @classmethod
     def plain(cls, colour: tuple[int, int, int]) -> "Texture":

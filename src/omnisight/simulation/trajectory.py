@@ -1,4 +1,4 @@
-"""Trajectories: poses over time, their interpolation, preset motions and files."""
+"""Trajectories: poses over time, their interpolation and files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,16 +12,12 @@ from omnisight.geometry.rotation import exp, log
 from omnisight.images import write_bytes
 
 Array = NDArray[np.float64]
-Corner = tuple[float, float, float]
 
 COLUMNS = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 # Limits for hostile files: bytes, rows, metres and characters.
 MAX_FILE_BYTES, MAX_POSES = 64 << 20, 500_000
 MAX_COORDINATE_M = 1e9
 MAX_NUMBER_CHARS = 40
-PRESETS = ("line", "loop", "still", "turn")
-# Poses of a preset motion; poses between them are interpolated.
-PRESET_POSES = 96
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,50 +71,6 @@ class Trajectory:
         """
         offsets = (np.arange(height) - height // 2) / max(height - 1, 1) * readout
         return [self.at(time + offset) for offset in offsets]
-
-
-def preset_trajectory(name: str, free: tuple[Corner, Corner], duration: float) -> Trajectory:
-    """Return a preset motion within a box of free space.
-
-    Parameters
-    ----------
-    name
-        "loop": a closed loop, looking ahead; "line": along the longest side, looking ahead; "turn": rotation in place;
-        "still".
-    free
-        Low and high corner of the box, metres.
-    duration
-        Seconds.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown.
-    """
-    if name not in PRESETS:
-        raise ValueError(f"unknown trajectory {name!r}; choose one of: {', '.join(PRESETS)}")
-    low, high = np.array(free, float)
-    middle, half = (low + high) / 2, (high - low) / 2
-    share = np.linspace(0, 1, PRESET_POSES)
-    turn = 2 * np.pi * share
-    if name == "loop":
-        # Height and roll vary, as for a hand-held camera.
-        places = middle + half * np.stack([-np.cos(turn), 0.3 * np.sin(2 * turn), np.sin(turn)], -1)
-        heading = np.arctan2(half[0] * np.sin(turn), half[2] * np.cos(turn))
-        leaning = 0.06 * np.sin(2 * turn + 0.7)
-    elif name == "line":
-        along = half * (np.arange(3) == np.argmax(half))
-        places = middle + (2 * share[:, None] - 1) * along
-        heading = np.full(PRESET_POSES, np.arctan2(along[0], along[2]))
-        leaning = 0.03 * np.sin(3 * turn)
-    else:
-        places, leaning = np.tile(middle, (PRESET_POSES, 1)), np.zeros(PRESET_POSES)
-        heading = turn if name == "turn" else np.zeros(PRESET_POSES)
-    poses = [
-        Pose(exp(np.array((0, yaw, 0))) @ exp(np.array((0, 0, roll))), place)
-        for yaw, roll, place in zip(heading, leaning, places, strict=True)
-    ]
-    return Trajectory(share * duration, tuple(poses))
 
 
 def quaternion(rotation: ArrayLike) -> Array:

@@ -119,18 +119,18 @@ def _tree(bounds: Array) -> tuple[Array, NDArray[np.int64], list[int]]:
 
 def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
     """Concatenate all levels of all textures; return their tables `textures`, `levels` and `texels`."""
-    rows: list[tuple[int, int]] = []
+    rows: list[tuple[int, int, int, int]] = []
     levels: list[tuple[int, int, int]] = []
     texels: list[NDArray[np.uint8]] = [np.zeros((0, 3), np.uint8)]
     start = 0
     for texture in textures:
-        rows.append((len(levels), len(texture.levels)))
+        rows.append((len(levels), len(texture.levels), *texture.repeat))
         for level in texture.levels:
             levels.append((start, level.shape[1], level.shape[0]))
             texels.append(level.reshape(-1, 3))
             start += level.shape[0] * level.shape[1]
     return (
-        np.array(rows, np.int64).reshape(-1, 2),
+        np.array(rows, np.int64).reshape(-1, 4),
         np.array(levels, np.int64).reshape(-1, 3),
         np.concatenate(texels),
     )

@@ -51,6 +51,26 @@ def shaded(colour: Colour, change: Floats, tint: tuple[float, float, float] | No
     return np.asarray(np.array(colour, np.float32) + tinted, np.float32)
 
 
+def joint_share(count: int, period: float, joint: float, phase: Any = 0.0) -> Floats:
+    """Return the share of each of `count` pixels that joints cover: the exact mean over the pixel, without aliasing.
+
+    Parameters
+    ----------
+    count
+        Number of pixels in a row.
+    period
+        Pixels from joint to joint.
+    joint
+        Width of a joint as a share of the period; a joint begins each period.
+    phase
+        (..., 1) offset in periods.
+    """
+    edges = np.arange(count + 1) / period + phase
+    whole = np.floor(edges)
+    covered = whole * joint + np.minimum(edges - whole, joint)
+    return np.asarray(np.diff(covered, axis=-1) * period, np.float32)
+
+
 def plaster(rng: Rng, width: float, height: float, colour: Colour, *, trim: bool = False) -> Bytes:
     """Draw a painted wall, optionally with skirting board and cornice; sizes in metres."""
     shape = (px(height), px(width))
@@ -160,10 +180,13 @@ def bricks(rng: Rng, width: float, height: float, colour: Colour, density: float
     column = along.astype(int)
     tones = rng.normal(0, 13, (row.max() + 1, column.max() + 1)).astype(np.float32)
     tone = tones[row, column]
-    gap = (down % 1 < 0.14) | (along - column < 0.05)
+    bed = joint_share(rows, course, 0.14)[:, None]
+    upright = joint_share(columns, stone, 0.05, 0.5 * np.arange(2)[:, None])[row[:, 0] % 2]
+    mortar = (1 - (1 - bed) * (1 - upright))[..., None]
     image = shaded(colour, tone + fractal_noise(rng, (rows, columns), density, 4.0))
-    image[gap] = shaded((176, 168, 156), fractal_noise(rng, (rows, columns), 30, 4.0))[gap]
-    return to_8bit(image)
+    return to_8bit(
+        image * (1 - mortar) + mortar * shaded((176, 168, 156), fractal_noise(rng, (rows, columns), 0.5 * density, 4.0))
+    )
 
 
 def tiles(rng: Rng, width: float, height: float, colour: Colour, density: float) -> Bytes:
@@ -172,7 +195,8 @@ def tiles(rng: Rng, width: float, height: float, colour: Colour, density: float)
     v, u = np.mgrid[:rows, :columns].astype(np.float32)
     row, column = np.floor(v / (0.28 * density)), np.floor(u / (0.22 * density))
     tones = rng.normal(0, 12, (int(row.max()) + 1, int(column.max()) + 1)).astype(np.float32)
-    bulge = 16 * np.sin(np.pi * ((u / (0.22 * density)) % 1)) - 26 * ((v / (0.28 * density)) % 1 > 0.86)
+    edge = joint_share(rows, 0.28 * density, 0.14, 0.14)[:, None]  # the lower end of each row of tiles
+    bulge = 16 * np.sin(np.pi * ((u / (0.22 * density)) % 1)) - 26 * edge
     stains = fractal_noise(rng, (rows, columns), 2 * density, 5.0)
     return to_8bit(shaded(colour, tones[row.astype(int), column.astype(int)] + bulge.astype(np.float32) + stains))
 
@@ -183,8 +207,8 @@ def paving(rng: Rng, width: float, depth: float, side: float, density: float, co
     v, u = np.mgrid[:rows, :columns].astype(np.float32) / (side * density)
     tones = rng.normal(0, 9, (int(v.max()) + 1, int(u.max()) + 1)).astype(np.float32)
     image = shaded(colour, tones[v.astype(int), u.astype(int)] + fractal_noise(rng, (rows, columns), density, 5.0))
-    image[(u % 1 < 0.03) | (v % 1 < 0.03)] *= 0.6
-    return to_8bit(image)
+    across, along = (joint_share(count, side * density, 0.03) for count in (columns, rows))
+    return to_8bit(image * (1 - 0.4 * (1 - (1 - across) * (1 - along[:, None])))[..., None])
 
 
 def asphalt(rng: Rng, width: float, depth: float, density: float) -> Bytes:
@@ -201,17 +225,14 @@ def asphalt(rng: Rng, width: float, depth: float, density: float) -> Bytes:
         image[top : top + deep, left : left + wide] *= rng.uniform(0.82, 1.1)
     for _ in range(int(width * depth / 6)):
         line = np.cumsum(rng.normal(0, 0.12 * density, (14, 2)), 0) + rng.uniform((0, 0), shape[::-1])
-        cv2.polylines(image, [line.astype(np.int32)], False, (62, 62, 64), 1, cv2.LINE_AA)
+        cv2.polylines(image, [line.astype(np.int32)], False, (62, 62, 64), max(round(density / 64), 1), cv2.LINE_AA)
     return to_8bit(image)
 
 
 def grass(rng: Rng, width: float, depth: float, density: float) -> Bytes:
-    """Draw a meadow."""
-    shape = (px(depth, density), px(width, density))
-    return to_8bit(
-        shaded(
-            (108, 128, 66),
-            fractal_noise(rng, shape, 12 * density, 6.0) + smooth_noise(rng, shape, 1, 8.0),
-            (1, 0.9, 0.6),
-        )
-    )
+    """Draw a meadow that continues seamlessly if repeated: it is mirrored in both directions."""
+    shape = (px(depth / 2, density), px(width / 2, density))
+    blades = smooth_noise(rng, shape, (0.06 * density, 0.012 * density), 10.0)
+    quarter = to_8bit(shaded((108, 128, 66), fractal_noise(rng, shape, 2 * density, 4.0) + blades, (1, 0.9, 0.6)))
+    half = np.concatenate([quarter, quarter[:, ::-1]], 1)
+    return np.concatenate([half, half[::-1]])

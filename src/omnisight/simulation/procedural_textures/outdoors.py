@@ -10,7 +10,9 @@ from omnisight.simulation.procedural_textures.materials import Colour, Rng
 Bytes = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
-PIXELS_PER_METRE = 64.0
+PIXELS_PER_METRE = 150.0
+# Line widths and margins below are in pixels of 1/64 m.
+FINE = PIXELS_PER_METRE / 64
 WALLS: tuple[Colour, ...] = (
     *((158, 92, 72), (206, 190, 160), (178, 120, 92), (196, 204, 206), (222, 196, 140)),
     *((142, 78, 66), (188, 172, 158), (206, 158, 132), (170, 186, 176), (232, 222, 200)),
@@ -51,9 +53,10 @@ def front(rng: Rng, width: float, height: float) -> Bytes:
         paint = tuple(int(c) for c in rng.integers(20, 110, 3))
         cv2.rectangle(wall, (round(0.2 * m), top), (wall.shape[1] - round(0.2 * m), bottom), paint, -1)
         words = SIGNS[int(rng.integers(len(SIGNS)))]
-        (wide, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, 1.1, 2)
-        at = ((wall.shape[1] - wide) // 2, bottom - 9)
-        cv2.putText(wall, words, at, cv2.FONT_HERSHEY_DUPLEX, 1.1, (240, 230, 200), 2, ANTIALIASED)
+        size, thick = 1.1 * FINE, round(2 * FINE)
+        (wide, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, size, thick)
+        at = ((wall.shape[1] - wide) // 2, bottom - round(9 * FINE))
+        cv2.putText(wall, words, at, cv2.FONT_HERSHEY_DUPLEX, size, (240, 230, 200), thick, ANTIALIASED)
     cv2.rectangle(wall, (0, 0), (wall.shape[1], round(0.3 * m)), stone, -1)
     for x in range(0, wall.shape[1], round(0.4 * m)):
         cv2.rectangle(wall, (x, round(0.16 * m)), (x + round(0.2 * m), round(0.3 * m)), (168, 160, 150), -1)
@@ -65,28 +68,29 @@ def _window(wall: Bytes, rng: Rng, place: tuple[float, float, float, float]) -> 
 
     u, v, width, height = (round(x * PIXELS_PER_METRE) for x in place)
     frame = (236, 234, 228)
-    cv2.rectangle(wall, (u - 5, v - 5), (u + width + 5, v + height + 5), (120, 112, 104), -1)
-    cv2.rectangle(wall, (u - 2, v - 2), (u + width + 2, v + height + 2), frame, -1)
+    for wide, tone in ((round(5 * FINE), (120, 112, 104)), (round(2 * FINE), frame)):
+        cv2.rectangle(wall, (u - wide, v - wide), (u + width + wide, v + height + wide), tone, -1)
     share = np.linspace(0, 1, height)[:, None, None]
     pane = (
         (1 - share) * np.array((128, 152, 176)) + share * np.array((44, 54, 66)) + rng.normal(0, 5, (height, width, 1))
     )
     if rng.random() < 0.6:  # curtains
         cloth, side = rng.integers(150, 235, 3), int(width * rng.uniform(0.15, 0.32))
-        pane[:, :side] = pane[:, -side:] = cloth * (0.75 + 0.12 * np.sin(np.arange(side) * 0.9))[None, :, None]
+        pane[:, :side] = pane[:, -side:] = cloth * (0.75 + 0.12 * np.sin(np.arange(side) * 0.9 / FINE))[None, :, None]
     if rng.random() < 0.35:  # a blind
         pane[: int(height * rng.uniform(0.2, 0.6))] = rng.integers(170, 230, 3)
     rows, columns = wall[v : v + height, u : u + width].shape[:2]
     wall[v : v + height, u : u + width] = materials.to_8bit(pane)[:rows, :columns]
-    for x in (u + width // 2,):
-        cv2.rectangle(wall, (x - 2, v), (x + 2, v + height), frame, -1)
-    cv2.rectangle(wall, (u, v + height // 3 - 2), (u + width, v + height // 3 + 1), frame, -1)
-    cv2.rectangle(wall, (u - 9, v + height + 5), (u + width + 9, v + height + 12), (206, 200, 188), -1)
+    x, y, bar = u + width // 2, v + height // 3, round(2 * FINE)
+    cv2.rectangle(wall, (x - bar, v), (x + bar, v + height), frame, -1)
+    cv2.rectangle(wall, (u, y - bar), (u + width, y + bar), frame, -1)
+    out, upper, lower = (round(n * FINE) for n in (9, 5, 12))
+    cv2.rectangle(wall, (u - out, v + height + upper), (u + width + out, v + height + lower), (206, 200, 188), -1)
     if rng.random() < 0.4:  # flowers on the sill
         for _ in range(40):
-            at = (int(rng.integers(u, u + width)), int(rng.normal(v + height - 3, 4)))
+            at = (int(rng.integers(u, u + width)), int(rng.normal(v + height - 3 * FINE, 4 * FINE)))
             tone = ((70, 120, 50), (200, 60, 70), (230, 180, 60))[int(rng.integers(3))]
-            cv2.circle(wall, at, int(rng.integers(2, 5)), tone, -1, ANTIALIASED)
+            cv2.circle(wall, at, round(rng.uniform(2, 5) * FINE), tone, -1, ANTIALIASED)
 
 
 def _door(wall: Bytes, rng: Rng, middle: float, floor: float) -> None:
@@ -95,15 +99,17 @@ def _door(wall: Bytes, rng: Rng, middle: float, floor: float) -> None:
     m = PIXELS_PER_METRE
     left, right, top, bottom = (round(x * m) for x in (middle - 0.5, middle + 0.5, floor - 2.25, floor))
     paint = tuple(int(c) for c in rng.integers(30, 130, 3))
-    cv2.rectangle(wall, (left - 9, top - 9), (right + 9, bottom), (210, 204, 192), -1)
+    rim = round(9 * FINE)
+    cv2.rectangle(wall, (left - rim, top - rim), (right + rim, bottom), (210, 204, 192), -1)
     cv2.rectangle(wall, (left, top), (right, bottom), paint, -1)
     for v0, v1 in ((0.05, 0.25), (0.3, 0.6), (0.65, 0.95)):
         near, far = (round(left + s * (right - left)) for s in (0.15, 0.85))
         start, end = (near, round(top + v0 * (bottom - top))), (far, round(top + v1 * (bottom - top)))
-        cv2.rectangle(wall, start, end, tuple(int(c * 0.7) for c in paint), 2)
-    cv2.circle(wall, (right - 9, (top + bottom) // 2), 3, (214, 190, 110), -1, ANTIALIASED)
+        cv2.rectangle(wall, start, end, tuple(int(c * 0.7) for c in paint), round(2 * FINE))
+    cv2.circle(wall, (right - rim, (top + bottom) // 2), round(3 * FINE), (214, 190, 110), -1, ANTIALIASED)
     number = str(int(rng.integers(1, 99)))
-    cv2.putText(wall, number, (right + 12, top + 30), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 90), 2, ANTIALIASED)
+    at = (right + round(12 * FINE), top + round(30 * FINE))
+    cv2.putText(wall, number, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * FINE, (40, 50, 90), round(2 * FINE), ANTIALIASED)
 
 
 def road(rng: Rng, width: float, length: float) -> Bytes:
@@ -124,47 +130,48 @@ def road(rng: Rng, width: float, length: float) -> Bytes:
         paint[top : top + round(3.4 * m)] = 0
         for u in np.arange(0.4, width - 0.4, 1.0):
             paint[top : top + round(3 * m), round(u * m) : round((u + 0.5) * m)] = 1
-    worn = 0.72 + 0.035 * materials.fractal_noise(rng, (rows, columns), 30, 2.5)
+    worn = 0.72 + 0.035 * materials.fractal_noise(rng, (rows, columns), 0.5 * PIXELS_PER_METRE, 2.5)
     share = (paint * np.clip(worn, 0, 1))[..., None]
     image = materials.to_8bit(image * (1 - share) + share * np.array((226, 224, 214), np.float32))
     for _ in range(int(length / 9)):
         at = (int(rng.uniform(0.2, 0.8) * columns), int(rng.integers(rows)))
         cv2.circle(image, at, round(0.33 * m), (74, 72, 70), -1, ANTIALIASED)
-        cv2.circle(image, at, round(0.29 * m), (104, 100, 96), 2, ANTIALIASED)
+        cv2.circle(image, at, round(0.29 * m), (104, 100, 96), round(2 * FINE), ANTIALIASED)
         for k in range(-3, 4):
-            cv2.line(image, (at[0] - 14, at[1] + 5 * k), (at[0] + 14, at[1] + 5 * k), (92, 88, 84), 1, ANTIALIASED)
+            y, half = at[1] + round(5 * FINE * k), round(14 * FINE)
+            cv2.line(image, (at[0] - half, y), (at[0] + half, y), (92, 88, 84), round(FINE), ANTIALIASED)
     return image
 
 
 def car_side(rng: Rng, paint: Colour, *, cabin: bool) -> Bytes:
-    """Draw the side of a car's body, or of its cabin with the windows."""
+    """Draw the side of a car's body, or of its cabin with the windows; 4.2 m are 640 px."""
     import cv2
 
-    image = np.full((96, 320, 3), paint, np.uint8)
+    image = np.full((192, 640, 3), paint, np.uint8)
     if cabin:
-        for left, right in ((14, 154), (166, 306)):
-            cv2.rectangle(image, (left, 10), (right, 92), (52, 62, 72), -1)
-            cv2.line(image, (left + 20, 88), (left + 60, 14), (110, 124, 136), 6, ANTIALIASED)
+        for left, right in ((28, 308), (332, 612)):
+            cv2.rectangle(image, (left, 20), (right, 184), (52, 62, 72), -1)
+            cv2.line(image, (left + 40, 176), (left + 120, 28), (110, 124, 136), 12, ANTIALIASED)
     else:
-        for x in (104, 196):
-            cv2.line(image, (x, 0), (x, 88), tuple(int(c * 0.6) for c in paint), 2, ANTIALIASED)
-            cv2.rectangle(image, (x + 12, 18), (x + 34, 24), (30, 30, 32), -1)
-        cv2.rectangle(image, (0, 78), (320, 96), (36, 36, 38), -1)
-        cv2.line(image, (0, 34), (320, 30), tuple(min(int(c * 1.25), 255) for c in paint), 2, ANTIALIASED)
+        for x in (208, 392):
+            cv2.line(image, (x, 0), (x, 176), tuple(int(c * 0.6) for c in paint), 4, ANTIALIASED)
+            cv2.rectangle(image, (x + 24, 36), (x + 68, 48), (30, 30, 32), -1)
+        cv2.rectangle(image, (0, 156), (640, 192), (36, 36, 38), -1)
+        cv2.line(image, (0, 68), (640, 60), tuple(min(int(c * 1.25), 255) for c in paint), 4, ANTIALIASED)
     return materials.to_8bit(image + rng.normal(0, 2, image.shape))
 
 
 def car_end(paint: Colour, *, back: bool) -> Bytes:
-    """Draw the front or the back of a car's body."""
+    """Draw the front or the back of a car's body; 1.7 m are 384 px."""
     import cv2
 
-    image = np.full((80, 192, 3), paint, np.uint8)
+    image = np.full((160, 384, 3), paint, np.uint8)
     light = (190, 36, 30) if back else (240, 240, 226)
-    for left in (8, 148):
-        cv2.rectangle(image, (left, 14), (left + 36, 34), light, -1)
-    cv2.rectangle(image, (66, 44), (126, 62), (236, 236, 230), -1)
-    cv2.putText(image, "OMNI 5", (70, 58), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (20, 20, 24), 1, ANTIALIASED)
-    cv2.rectangle(image, (0, 66), (192, 80), (40, 40, 42), -1)
+    for left in (16, 296):
+        cv2.rectangle(image, (left, 28), (left + 72, 68), light, -1)
+    cv2.rectangle(image, (132, 88), (252, 124), (236, 236, 230), -1)
+    cv2.putText(image, "OMNI 5", (140, 116), cv2.FONT_HERSHEY_SIMPLEX, 0.84, (20, 20, 24), 2, ANTIALIASED)
+    cv2.rectangle(image, (0, 132), (384, 160), (40, 40, 42), -1)
     return image
 
 

@@ -12,6 +12,7 @@ from omnisight.simulation.texture import Texture
 
 Rng = np.random.Generator
 
+DENSITY = outdoors.PIXELS_PER_METRE
 GROUND = 1.6
 START, END = -42.0, 66.0
 KERB, WALL, BACK = 3.6, 6.8, 16.0
@@ -51,16 +52,17 @@ def _ground(rng: Rng) -> list[Solid]:
     def flat(name: str, x0: float, x1: float, y: float, image: Texture) -> Solid:
         return rectangle((x0, y, END), (x1 - x0, 0, 0), (0, 0, -long), image, name)
 
-    stone = Texture(materials.paving(rng, 4.0, 0.3, 0.8, 60, (150, 148, 144)))
+    stone = Texture(materials.paving(rng, 4.0, 0.3, 0.8, DENSITY, (150, 148, 144)))
     solids = [flat("road", -KERB, KERB, GROUND, Texture(outdoors.road(rng, 2 * KERB, long)))]
     for side in (-1, 1):
         x0, x1 = sorted((side * KERB, side * WALL))
-        slabs = Texture(materials.paving(rng, x1 - x0, long, 0.5, 60, (164, 160, 152)))
+        # The slabs are 0.5 m long, so that a joint hides where the texture repeats.
+        slabs = Texture(materials.paving(rng, x1 - x0, long / 9, 0.5, DENSITY, (164, 160, 152)), (1, 9))
         solids.append(flat(f"pavement {side}", x0, x1, GROUND - 0.12, slabs))
         kerb = sorted((side * KERB, side * (KERB + 0.12)))
         solids.append(box((kerb[0], GROUND - 0.121, START), (kerb[1], GROUND, END), stone, f"pavement {side}"))
     wide = 300.0
-    meadow = Texture(materials.grass(rng, wide, wide, 5))
+    meadow = Texture(materials.grass(rng, 15.0, 15.0, DENSITY), (20, 20))
     solids.append(rectangle((-wide / 2, GROUND + 0.03, wide / 2), (wide, 0, 0), (0, 0, -wide), meadow, "meadow"))
     return solids
 
@@ -68,6 +70,7 @@ def _ground(rng: Rng) -> list[Solid]:
 def _houses(rng: Rng, side: int) -> list[Solid]:
     """Return a row of houses on one side (-1 left, 1 right)."""
     solids: list[Solid] = []
+    gables: dict[float, Texture] = {}
     z, number = START + 2, 0
     while z < END - 7:
         number += 1
@@ -75,12 +78,14 @@ def _houses(rng: Rng, side: int) -> list[Solid]:
         name = f"house {side * number}"
         setback = float(rng.choice((0.0, 0.0, 0.25)))
         x0, x1 = sorted((side * (WALL + setback), side * BACK))
-        gable = Texture(materials.bricks(rng, BACK - WALL, tall, (150, 96, 78), 36))
+        if tall not in gables:
+            gables[tall] = Texture(materials.bricks(rng, BACK - WALL, tall, (150, 96, 78), DENSITY))
+        gable = gables[tall]
         front = Texture(outdoors.front(rng, width, tall))
         walls = {"left" if side > 0 else "right": front, "other": gable}
         solids.append(box((x0, GROUND - tall, z), (x1, GROUND, z + width), walls, name))
         colour = ((150, 78, 58), (92, 88, 92), (128, 70, 54))[int(rng.integers(3))]
-        slope = Texture(materials.tiles(rng, width, 5.5, colour, 40))
+        slope = Texture(materials.tiles(rng, width, 5.5, colour, DENSITY))
         # The roof is built with its ridge along x and rotated into the street direction: x becomes z, z becomes -x.
         turned = Pose(exp(np.array((0, -np.pi / 2, 0))))
         over = 0.35
@@ -106,8 +111,8 @@ def _far_end(rng: Rng) -> list[Solid]:
         solids += tree(place, leaf, bark, f"grove {i + 1}", rng, tall=8.0)
         place = (-26.0 + 6.5 * i, GROUND, END + 12 + 5.0 * (i % 2))
         solids += tree(place, leaf, bark, f"wood {i + 1}", rng, tall=7.0)
-    stone = Texture(materials.bricks(rng, 8, 16, (196, 182, 156), 40))
-    slate = Texture(materials.tiles(rng, 8, 6, (92, 92, 102), 30))
+    stone = Texture(materials.bricks(rng, 8, 16, (196, 182, 156), DENSITY))
+    slate = Texture(materials.tiles(rng, 8, 6, (92, 92, 102), DENSITY))
     solids.append(box((-4, GROUND - 17, END + 14), (4, GROUND, END + 22), stone, "tower"))
     solids.append(
         roof((-4.3, GROUND - 24, END + 13.7), (4.3, GROUND - 17, END + 22.3), {"near": slate, "other": stone}, "tower")
