@@ -28,7 +28,7 @@ def test_axial_writes_a_non_central_camera(run, shots, tmp_path):
     assert (status, err) == (0, "")
     camera = om.load(tmp_path / "camera.json")
     # The printed figures are those of the written camera; the central one is printed for comparison.
-    assert re.search(rf"^axial .* \d+ +{camera.calibration['rms']:.3f} +\d\.\d+ +selected *$", out, re.MULTILINE)
+    assert re.search(rf"^axial .* \d+ +{camera.calibration['rms']:.3f} +\d\.\d+ +\d+% +selected *$", out, re.MULTILINE)
     assert re.search(r"^\w+ +\d+ +\d\.\d+ +\d\.\d+ +central, for comparison$", out, re.MULTILINE)
     assert re.search(r"^camera    axial .*, 640x480, calibrated to", out, re.MULTILINE)
     assert isinstance(camera, om.RayCamera)

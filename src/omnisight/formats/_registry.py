@@ -166,7 +166,7 @@ def save(
             f"{path}: {chosen.TITLE}: reads back {error_px:.3g} px off, {max_error:g} allowed; nothing was written"
         )
     _write(path, text)
-    return SaveResult(Path(path), error_px, notes if format == "native" else (*notes, note))
+    return SaveResult(Path(path), error_px, notes if name == "native" else (*notes, note))
 
 
 def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> SaveResult:

@@ -102,7 +102,10 @@ def checked_view(
 
 def _check_distinct(name: str, points: Array, pixels: Array) -> None:
     """Raise ValueError if a board point or a pixel occurs twice, or the corners lie on one line."""
-    if (pair := _equal_rows(points, SAME_POINT * float(np.ptp(points, axis=0).max()))) is not None:
+    extent = float(np.ptp(points, axis=0).max())
+    is_plane = points.shape[1] == 2 or bool(np.ptp(points[:, 2]) <= SAME_POINT * extent)
+    # The planes of a rigid body share the points of their common edges, each detected once per plane.
+    if is_plane and (pair := _equal_rows(points, SAME_POINT * extent)) is not None:
         i, k = pair
         raise ValueError(
             f"{name}: rows {i} and {k} are the same board point {points[i].tolist()}, at the pixels"
