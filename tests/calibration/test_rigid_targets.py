@@ -96,7 +96,7 @@ def test_pose_is_resected_without_a_start(shape):
         "a line of boards": np.concatenate([face(0), face(0) + np.array([0, 0, 3.0]), face(0) + np.array([9.0, 0, 0])]),
         "cloud": rng.uniform(-3, 3, (20, 3)),
     }[shape]
-    views, bearings, poses = [], [], []
+    views, bearings, poses, placeholder = [], [], [], np.random.default_rng(2).uniform(0, 900, (len(points), 2))
     for _ in range(40):
         rotation, translation = (
             so3.exp(2 * rng.normal(size=3)),
@@ -106,7 +106,7 @@ def test_pose_is_resected_without_a_start(shape):
         bearings.append(
             in_camera / np.linalg.norm(in_camera, axis=1, keepdims=True) + rng.normal(0, 5e-4, in_camera.shape)
         )
-        views.append((points, np.zeros((len(points), 2))))
+        views.append((points, placeholder))  # the bearings determine the pose
         poses.append((rotation, translation - rotation @ points.mean(0)))
     flat = observe(views)
     unit = np.concatenate(bearings)
