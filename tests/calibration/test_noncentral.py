@@ -278,7 +278,7 @@ def test_corners_invisible_in_a_mirror_have_a_constant_cost():
     """The cost is not lower near the blind spot in the image centre."""
     system = off_focus().system
     board = np.array([[x, y, 0.0] for y in range(2) for x in range(3)]) * 0.03
-    views = observe([(board, np.tile([640.0, 512.0], (6, 1)))], SIZE)
+    views = observe([(board, np.array([640.0, 512.0]) + 100 * board[:, :2])], SIZE)
     costs = []
     for x in (0.0, 0.1, 0.2):
         # In front of the mirror, where nothing is visible.

@@ -16,7 +16,7 @@ from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import parts_by_view, view_scatter
 from omnisight.calibration.estimation_options import Loss
-from omnisight.calibration.residual_weights import ResidualWeights
+from omnisight.calibration.residual_weights import MIN_SIGMA_PX, ResidualWeights
 from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.calibration.state import State
 from omnisight.models import Projector
@@ -128,7 +128,7 @@ def _whitened_scores(candidate: Candidate, observations: Observations, loss: Los
     weights = ResidualWeights.estimate(candidate.state, observations, loss)
     problem = Bundle(observations, candidate.free_parameters, weights)
     _, gradients = parts_by_view(problem, candidate.state)
-    return gradients @ problem.linearize(candidate.state).half_covariance() / max(weights.sigma, 1e-300)
+    return gradients @ problem.linearize(candidate.state).half_covariance() / max(weights.sigma, MIN_SIGMA_PX)
 
 
 def _linear_gain(scores: Array, is_second: Bools) -> float:
@@ -181,7 +181,7 @@ def _refitted_gain(
         scatter.append(view_scatter(replace(candidate, state=state), part))
     total = 2 * Bundle(observations, candidate.free_parameters, weights).cost(candidate.state)
     variance = remaining / max(measured, 1) * max(*scatter, 1.0)
-    return (total - remaining) / max(variance, 1e-300), (first, second)
+    return (total - remaining) / max(variance, MIN_SIGMA_PX**2), (first, second)
 
 
 def _describe(
