@@ -293,6 +293,15 @@ def test_dropped_fields_are_noted(tmp_path):
     assert notes[0] == "not written: the calibrated field of view, the calibration figures, the covariance, serial"
 
 
+@pytest.mark.parametrize(("variance", "kept"), [(4.5e12, True), (1e25, False), (np.inf, False), (np.nan, False)])
+def test_a_camera_is_saved_whatever_its_covariance(variance, kept, tmp_path):
+    model = model_class("mei").example()
+    covariance = np.full((len(model.params),) * 2, variance)
+    save(Camera(model, (1024, 768), covariance=covariance), tmp_path / "camera.json")
+    read = load(tmp_path / "camera.json").covariance
+    assert np.array_equal(read, covariance) if kept else read is None
+
+
 def test_unknown_fields_are_kept_in_native_file(read, tmp_path):
     for name in ("kalibr", "opencv", "ros", "camodocal", "fisheye_calib_adapter"):
         camera = read(text_of(name, "kannala_brandt") + "serial: 7\nsize_mm: [6.4, 4.8]\nversion: old\n")

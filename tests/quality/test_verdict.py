@@ -95,6 +95,22 @@ def test_static_camera_and_board_count_as_one_image():
     assert calibration.reasons[0].startswith("10 images repeat another one (view 0 = view 2, ")
 
 
+@pytest.mark.parametrize(("poses", "verdict"), [(1, "do not use"), (4, "usable")])
+def test_nearly_identical_images_count_as_one(poses, verdict):
+    truth, rng = lens(180), np.random.default_rng(0)
+    middle = BOARD.points.mean(0)
+    views = []
+    for k in range(15):
+        base = so3.exp([0.6, 0.3, 0.0]) if k % poses == 0 else so3.exp([-0.5, 0.5 * (k % poses) - 0.8, 0.0])
+        rotation = so3.exp(np.radians(1.0) * rng.normal(size=3)) @ base
+        translation = [2.0 * (k % poses), 0.5, 7.0] + rng.normal(0, 0.1, 3)
+        pixels, _ = truth.project((BOARD.points - middle) @ rotation.T + translation)
+        views.append((BOARD.points, pixels + rng.normal(0, 0.1, pixels.shape)))
+    calibration = calibrate(observe(views))
+    assert str(calibration.verdict) == verdict
+    assert any("show nearly the same board pose" in reason for reason in calibration.reasons)
+
+
 def test_one_repeated_image_among_many_is_good_with_a_remark():
     exact = observe_boards(lens(180), 180, np.random.default_rng(0), count=14, noise=0.0)
     calibration = calibrate(with_noise([*exact, exact[3]], 0.1), model="equisolid", flat=True)

@@ -23,19 +23,19 @@ MAX_ROTATION_ERROR = 1e-6  # of an entry of a rotation matrix; larger errors are
 FOCAL_LENGTHS = ("fx", "fy", "a0")
 
 
-def number(value: Any, name: str) -> float:
-    """Return a number of a file; raise ValueError if it is not a number, not finite or absurd."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_VALUE:
+def number(value: Any, name: str, limit: float = MAX_VALUE) -> float:
+    """Return a number of a file; raise ValueError if it is not a number, not finite or beyond a limit."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= limit:
         raise ValueError(f"{name} must be a number, got {value!r}")
     return float(value) if abs(value) >= MIN_NONZERO_VALUE else 0.0
 
 
-def numbers(values: Any, name: str, count: int | None = None) -> list[float]:
+def numbers(values: Any, name: str, count: int | None = None, limit: float = MAX_VALUE) -> list[float]:
     """Return a list of numbers, of this length if one is given."""
     if not isinstance(values, list) or (count is not None and len(values) != count):
         actual = f"{len(values)}" if isinstance(values, list) else repr(values)
         raise ValueError(f"{name} must be a list of {'' if count is None else f'{count} '}numbers, got {actual}")
-    return [number(value, f"{name}[{i}]") for i, value in enumerate(values)]
+    return [number(value, f"{name}[{i}]", limit) for i, value in enumerate(values)]
 
 
 def rotation_matrix(rows: Any, name: str) -> NDArray[np.float64]:

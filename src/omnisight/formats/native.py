@@ -13,6 +13,7 @@ from omnisight.formats._limits import HEAD_CHARS, MAX_DISTINCT_CAMERAS, MAX_NAME
 from omnisight.formats._readers import Reader
 from omnisight.formats._values import (
     MAX_SIDE_PX,
+    MAX_VALUE,
     build_mirrored,
     check_bounds,
     check_model,
@@ -38,6 +39,7 @@ KEYS = {
 }
 RMS_DEFINITION = "root mean square of the residual length |d|, px, over all corners"
 CAMERA, RAY_CAMERA, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
+MAX_COVARIANCE = MAX_VALUE**2  # of two parameters of the largest size
 MAX_OPTICAL_PARTS = 9  # a lens and its mirrors
 COMMENT = ""
 READERS = dict.fromkeys(MODELS, Reader("omnisight"))
@@ -173,10 +175,17 @@ def _covariance(data: dict[str, Any], count: int) -> NDArray[np.float64] | None:
         return None
     if not isinstance(rows, list) or len(rows) != count:
         raise ValueError(f"covariance must have {count} rows of {count} numbers")
-    matrix = np.array([numbers(row, "covariance", count) for row in rows])
+    matrix = np.array([numbers(row, "covariance", count, MAX_COVARIANCE) for row in rows])
     if (np.diagonal(matrix) < 0).any():
         raise ValueError("covariance has a negative variance")
     return matrix
+
+
+def _covariance_rows(covariance: NDArray[np.float64] | None) -> list[list[float]] | None:
+    """Return the rows of a covariance; None if it is not finite or too large to be read, which means unknown."""
+    if covariance is None or not (np.abs(covariance) <= MAX_COVARIANCE).all():
+        return None
+    return covariance.tolist()
 
 
 def to_json(camera: Camera | RayCamera) -> dict[str, Any]:
@@ -196,7 +205,7 @@ def to_json(camera: Camera | RayCamera) -> dict[str, Any]:
         "theta_min_deg": float(np.degrees(camera.theta_min)),
         "calibration": dict(camera.calibration),
         "rms_definition": RMS_DEFINITION,
-        "covariance": None if camera.covariance is None else camera.covariance.tolist(),
+        "covariance": _covariance_rows(camera.covariance),
         "provenance": dict(camera.provenance),
         # A key of another tool that equals one of ours is renamed.
         **{(f"extra_{key}" if key in KEYS else key): value for key, value in camera.extra.items()},

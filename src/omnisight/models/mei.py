@@ -5,7 +5,7 @@ from typing import Self
 
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import RadialTangentialDistortion
-from omnisight.models.unified import UnifiedProfile
+from omnisight.models.unified import XI_PRIOR_SIGMA, UnifiedProfile
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,12 @@ class Mei(RadialTangentialDistortion, UnifiedProfile):
     fy: float = parameter("focal length along y (gamma)", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    xi: float = parameter("distance of the second viewpoint from the sphere's centre", low=-0.999, start_scale=0.4)
+    xi: float = parameter(
+        "distance of the second viewpoint from the sphere's centre",
+        low=-0.999,
+        start_scale=0.4,
+        prior_sigma=XI_PRIOR_SIGMA,
+    )
     k1: float = parameter("radial distortion")
     k2: float = parameter("radial distortion")
     p1: float = parameter("tangential distortion", start_zero=True)

@@ -13,6 +13,10 @@ from omnisight.models._projector import Array
 # The focus of a conic mirror that holds the lens, by its distance from the vertex.
 LensFocus = Literal["far", "near"]
 
+# Standard deviation of the prior on xi: mirrors have at most 1 and lenses up to about 4; beyond, the projection is
+# almost orthographic and images hardly determine xi.
+XI_PRIOR_SIGMA = 10.0
+
 
 class UnifiedProfile(ProfileCamera):
     """r = sin(theta) / (cos(theta) + xi)."""
@@ -62,7 +66,9 @@ class Unified(UnifiedProfile):
     fy: float = parameter("focal length along y (gamma)", unit="px")
     cx: float = parameter("principal point", unit="px")
     cy: float = parameter("principal point", unit="px")
-    xi: float = parameter("distance of the second viewpoint from the sphere's centre", low=-0.999)
+    xi: float = parameter(
+        "distance of the second viewpoint from the sphere's centre", low=-0.999, prior_sigma=XI_PRIOR_SIGMA
+    )
     skew: float = parameter("skew of the pixel axes", unit="px", default=0.0, free=False)
 
     @classmethod

@@ -3,7 +3,13 @@
 from omnisight.calibration.model_selection import MIN_VIEWS
 from omnisight.quality.evidence import Check, Evidence, Level
 from omnisight.quality.identifiability import unidentifiable_parameters
-from omnisight.quality.repeated_views import find_repeated_views, list_pairs
+from omnisight.quality.repeated_views import (
+    MIN_DISPLACEMENT,
+    MIN_TILT_DEG,
+    count_independent_views,
+    find_repeated_views,
+    list_pairs,
+)
 
 PRIORITY = 0
 
@@ -17,13 +23,18 @@ def check(evidence: Evidence) -> Check:
     """Check for enough images with different board poses."""
     count = len(evidence.observations)
     repeated = find_repeated_views(evidence.observations)
-    distinct = count - len(repeated)
+    distinct = count_independent_views(evidence.candidate.state, evidence.observations)
     sentences: list[str] = []
     level = Level.USABLE if len(repeated) > MAX_REPEATED_SHARE * count else Level.GOOD
     if repeated:
         sentences.append(
             f"{len(repeated)} images repeat another one ({list_pairs(repeated)}) and add no information: move the board"
             " between images."
+        )
+    if distinct < min(MIN_GOOD_VIEWS, count - len(repeated)):
+        sentences.append(
+            f"The {count} images show nearly the same board {'pose' if distinct == 1 else 'poses'}: they differ by less"
+            f" than {MIN_TILT_DEG:.0f}° of tilt and {MIN_DISPLACEMENT:.0%} of the image."
         )
     if distinct < MIN_VIEWS:
         level = Level.DO_NOT_USE
