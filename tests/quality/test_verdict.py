@@ -103,7 +103,7 @@ def test_nearly_identical_images_count_as_one(poses, verdict):
     for k in range(15):
         base = so3.exp([0.6, 0.3, 0.0]) if k % poses == 0 else so3.exp([-0.5, 0.5 * (k % poses) - 0.8, 0.0])
         rotation = so3.exp(np.radians(1.0) * rng.normal(size=3)) @ base
-        translation = [2.0 * (k % poses), 0.5, 7.0] + rng.normal(0, 0.1, 3)
+        translation = rng.normal((2.0 * (k % poses), 0.5, 7.0), 0.1)
         pixels, _ = truth.project((BOARD.points - middle) @ rotation.T + translation)
         views.append((BOARD.points, pixels + rng.normal(0, 0.1, pixels.shape)))
     calibration = calibrate(observe(views))
