@@ -192,7 +192,8 @@ def scene(cell: Cell) -> Scene:
     for points, pixels in shown:
         good = rng.random(len(pixels)) >= cell.outliers
         anywhere = rng.uniform(0, np.array(SIZE) - 1.0, pixels.shape)
-        views.append((points, np.where(good[:, None], pixels + rng.normal(0, 1, pixels.shape) * cell.noise, anywhere)))
+        noisy = np.clip(pixels + rng.normal(0, 1, pixels.shape) * cell.noise, 0, np.array(SIZE) - 1.0)
+        views.append((points, np.where(good[:, None], noisy, anywhere)))
         clean.append(good)
     state = State(model, np.array(rotations), np.array(translations))
     observations = Observations.from_arrays(*zip(*views, strict=True), size=SIZE)

@@ -262,7 +262,7 @@ def observe(session: Session, truth: GroundTruth, board: Checkerboard, rng: np.r
             measured = pixels[ids] + rng.normal(0, session.noise, (len(ids), 2))
             bad = rng.random(len(ids)) < session.wrong
             measured[bad] += rng.uniform(-40, 40, (int(bad.sum()), 2))
-            views.append((whole[ids], measured))
+            views.append((whole[ids], np.clip(measured, 0, np.array(SIZE) - 1.0)))
             names.append(f"{i}.{k}")
     points, corners = zip(*views, strict=True)
     observations = Observations.from_arrays(points, corners, size=SIZE, names=names)
