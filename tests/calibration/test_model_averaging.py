@@ -38,11 +38,14 @@ def test_probabilities_follow_the_held_out_errors():
     assert [c.probability for c in found] == pytest.approx([0.5, 0.5, 0.0], abs=1e-9)
 
 
-def test_models_that_agree_add_nothing_to_the_covariance():
+def test_models_that_agree_add_only_the_small_number_of_views_to_the_covariance():
     (one, _), observations, inliers = candidates()
+    views = len(observations)
     twins = with_probabilities([one, replace(one, name="twin")], observations, inliers)
     averaged = averaged_covariance(twins[0], twins, observations)
-    np.testing.assert_allclose(averaged, camera_covariance(one, observations), rtol=1e-6, atol=1e-18)
+    own = camera_covariance(one, observations)
+    np.testing.assert_allclose(averaged, own * (1 + 2 / (views - 1)), rtol=1e-6, atol=1e-18)
+    np.testing.assert_array_equal(averaged_covariance(twins[0], twins[:1], observations), own)
     errors = expected_errors(twins, observations)
     assert errors[0] == pytest.approx(errors[1], rel=1e-9)
 
@@ -52,7 +55,8 @@ def test_disagreement_is_added_to_the_covariance():
     focal = one.state.model.fx * 1.001
     other = resect(one.state.model.with_values({"fx": focal, "fy": focal}), observations)
     pair = with_probabilities([one, replace(one, name="larger", state=other)], observations, inliers)
-    added = averaged_covariance(pair[0], pair, observations) - camera_covariance(one, observations)
+    factor = 1 + 2 / (len(observations) - 1)
+    added = averaged_covariance(pair[0], pair, observations) / factor - camera_covariance(one, observations)
     fx = one.state.model.param_names.index("fx")
     # Half of the mixture has a focal length larger by 0.1 %.
     assert added[fx, fx] == pytest.approx(0.5 * (0.001 * one.state.model.fx) ** 2, rel=0.2)

@@ -40,6 +40,10 @@ def test_json_contains_all_statistics(run, corners, camera_file):
     assert result["beyond"]["corners"] == 0
     assert result["calibrated_deg"] == pytest.approx(np.degrees(1.4))
     assert result["compared"] == []
+    assert [pose["image"] for pose in result["poses"]] == [row["name"] for row in result["images"]]
+    for pose in result["poses"]:
+        assert np.allclose(np.array(pose["rotation"]) @ np.transpose(pose["rotation"]), np.eye(3))
+        assert np.linalg.eigvalsh(pose["covariance"]).min() > 0
 
 
 def test_cameras_are_compared_on_the_same_corners(run, corners, camera_file, tmp_path):

@@ -50,13 +50,16 @@ def view_scatter(candidate: Candidate, observations: Observations) -> float:
     where A_k corrects for the leverage of view k (Bell and McCaffrey, Bias reduction in standard errors for linear
     regression with multi-stage samples, Survey Methodology 28, 2002). From 20 views this matrix is too uncertain to be
     used directly; its mean over all directions gives the factor by which H^-1 is too small. Directions determined by
-    one view alone, and by priors, keep the variance of corner noise.
+    one view alone, and by priors, keep the variance of corner noise. For a camera that was not fitted to these views,
+    g_k is that at the minimum of the linearized cost.
     """
     state, free_parameters = candidate.state, candidate.free_parameters
     weights = ResidualWeights.estimate(state, observations)
     variance = residual_variance(weights, observations, free_parameters)
     problem = Bundle(observations, free_parameters, weights)
-    root = problem.linearize(state).half_covariance()
+    normal = problem.linearize(state)
+    root = normal.half_covariance()
+    to_minimum = -root @ (root.T @ normal.reduced()[1])
     count = root.shape[1]
     if not count or not variance > 0:
         return 1.0
@@ -64,7 +67,7 @@ def view_scatter(candidate: Candidate, observations: Observations) -> float:
     for part, gradient in zip(*parts_by_view(problem, state), strict=True):
         values, vectors = np.linalg.eigh(root.T @ part @ root)
         leverage = np.where(values > MAX_LEVERAGE, 0.0, np.maximum(values, 0.0))
-        score = np.where(leverage > 0, vectors.T @ (root.T @ gradient), 0.0)
+        score = np.where(leverage > 0, vectors.T @ (root.T @ (gradient + part @ to_minimum)), 0.0)
         compared += float(leverage.sum())
         scattered += float((score**2 / (1 - leverage)).sum())
     rest = max(count - compared, 0.0)

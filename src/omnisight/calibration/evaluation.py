@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.bundle_adjustment import refine
+from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.model_selection import MIN_VIEWS
+from omnisight.calibration.pose_covariance import pose_covariances
 from omnisight.calibration.prescription import resect_prescription
 from omnisight.calibration.resection import resect
 from omnisight.calibration.residual_weights import OUTLIER_SIGMA, ResidualWeights
@@ -127,6 +129,19 @@ class Evaluation:
     def outliers(self) -> Bools:
         """(N,) which corners are outliers or outside the model's domain."""
         return ~(self.lengths <= OUTLIER_SIGMA * robust_sigma(self.lengths[self.in_domain]))
+
+    @cached_property
+    def pose_covariances(self) -> Array:
+        """(V, 6, 6) covariance of `state.cam_from_board`, see `pose_covariance`; a camera without one counts as exact.
+
+        Steps (w, v) of `Pose.moved`: rotation vector in radians and translation in the unit of the board.
+        """
+        model, warp = self.state.model, bool(self.state.warp.any())
+        fitted = Candidate.from_state(model.name, self.state, self.observations, FreeParameters.of(model, warp=warp))
+        exact = np.zeros((len(model.params),) * 2)
+        return pose_covariances(
+            fitted, self.observations, exact if self.camera.covariance is None else self.camera.covariance
+        )
 
     def statistics(self, which: Bools | None = None) -> ResidualStatistics:
         """Return the statistics of all corners in the domain, or of some of them (N,)."""

@@ -100,6 +100,9 @@ def averaged_covariance(
     p) is the difference of the two. The mixture has the covariance sum_j P_j (A_j C_j A_j^T + d_j d_j^T) about the
     selected camera.
 
+    The probabilities rest on V views. If a model was selected by them, the errors follow Student's t distribution with
+    n = V - 1 degrees of freedom, which to first order has the variance 1 + 2/n.
+
     Parameters
     ----------
     best
@@ -113,8 +116,9 @@ def averaged_covariance(
     """
     own = noise_covariance(best, observations, loss=loss)
     others = [c for c in not_rejected(candidates) if c.name != best.name]
+    factor = 1 + 2 / max(len(observations) - 1, 1) if len(candidates) > 1 else 1.0
     if not others:
-        return variance_inflation(best, observations) * own
+        return factor * variance_inflation(best, observations) * own
     points = best.state.points(observations)[0][observations.thinned_rows(COMPARED_CORNERS)]
     pixels, _, d_point, d_params = best.state.model.project_with_jacobians(points)
     free = best.free_parameters.directions
@@ -134,7 +138,7 @@ def averaged_covariance(
         within += other.probability * mapping @ noise_covariance(other, observations, loss=loss) @ mapping.T
         spread += other.probability * np.outer(difference, difference)
         total += other.probability
-    return (variance_inflation(best, observations) * within + spread) / total
+    return factor * (variance_inflation(best, observations) * within + spread) / total
 
 
 def _held_out_lengths(candidate: Candidate) -> Array:

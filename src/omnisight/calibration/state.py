@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration._bundle_kernel import transform_points, whitened_lengths
+from omnisight.geometry.pose import Pose
 from omnisight.models import CameraModel, Projector
 from omnisight.targets.observations import Observations
 
@@ -52,6 +53,11 @@ class State:
         """Return the board points in the camera frame (N, 3), and rotated but not translated (N, 3)."""
         o = observations
         return transform_points(o.points, o.warp_basis, self.warp, o.view_of_row, self.rotations, self.translations)
+
+    @property
+    def cam_from_board(self) -> tuple[Pose, ...]:
+        """Pose of the board in every view."""
+        return tuple(Pose(r, t) for r, t in zip(self.rotations, self.translations, strict=True))
 
     def subset(self, views: NDArray[np.intp]) -> "State":
         """Return the state of some of the views."""

@@ -29,6 +29,20 @@ def image_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return rows
 
 
+def _poses(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Return cam_from_board of every view with its covariance."""
+    state, names = evaluation.state, evaluation.observations.names
+    return [
+        {
+            "image": name,
+            "rotation": pose.rotation.tolist(),
+            "translation": pose.translation.tolist(),
+            "covariance": covariance.tolist(),
+        }
+        for name, pose, covariance in zip(names, state.cam_from_board, evaluation.pose_covariances, strict=True)
+    ]
+
+
 def common_corners(evaluations: Mapping[str, Evaluation]) -> NDArray[np.bool_]:
     """Return the corners (N,) in the domain of all cameras, on which they are compared."""
     return np.all([evaluation.in_domain for evaluation in evaluations.values()], axis=0)
@@ -41,6 +55,7 @@ def print_json(evaluations: Mapping[str, Evaluation]) -> None:
     result = {
         **_summary(*first),
         "images": image_rows(first[1]),
+        "poses": _poses(first[1]),
         "notes": _notes(first[1]),
         "common_corners": int(common.sum()),
         "compared": [

@@ -1,6 +1,7 @@
 """The result of a calibration."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.model_selection import Selection
 from omnisight.calibration.noncentral import NonCentralSelection
 from omnisight.calibration.ocamcalib import OcamCalibResult
+from omnisight.calibration.pose_covariance import pose_covariances
 from omnisight.calibration.redetection import RedetectionStats
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
@@ -109,6 +111,15 @@ class Calibration:
     def residual_lengths(self) -> Array:
         """(N,) residual length of each corner, px."""
         return self.state.lengths(self.observations)
+
+    @cached_property
+    def pose_covariances(self) -> Array | None:
+        """(V, 6, 6) covariance of `state.cam_from_board`, see `pose_covariance`; None if that of the camera is unknown.
+
+        Steps (w, v) of `Pose.moved`: rotation vector in radians and translation in the unit of the board.
+        """
+        covariance = self.camera.covariance
+        return None if covariance is None else pose_covariances(self.best, self.observations, covariance)
 
     def figures(self) -> dict[str, Any]:
         """Return what a camera file stores of the calibration."""
