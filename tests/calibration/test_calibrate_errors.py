@@ -41,7 +41,7 @@ def test_view_without_corners_is_an_error_with_its_name():
 def test_copies_of_one_image_are_an_error_with_their_names():
     view = observe_boards(lens(180), 180, np.random.default_rng(0))[3]
     observations = observe([view] * 3, names=["a.png", "b.png", "c.png"])
-    message = r"3 images with a board, but only 1 distinct ones \(a\.png = b\.png, a\.png = c\.png\).*--force"
+    message = r"3 images with a board, of which only 1 is distinct \(a\.png = b\.png, a\.png = c\.png\).*--force"
     with pytest.raises(ValueError, match=message):
         calibrate(observations)
     forced = calibrate(observations, model="kannala_brandt", force=True)

@@ -146,7 +146,7 @@ def test_too_few_distinct_images_are_rejected_with_the_copies(refuses, shots, tm
     for name in "abc":
         shutil.copy(shots / "2.png", tmp_path / f"{name}.png")
     error = refuses("calibrate", tmp_path, *QUICK)
-    assert "3 images with a board, but only 1 distinct ones (a.png = b.png, a.png = c.png): at least 3 are" in error
+    assert "3 images with a board, of which only 1 is distinct (a.png = b.png, a.png = c.png): at least 3 are" in error
     assert "move and tilt the board between images (--force calibrates anyway)" in error
 
 

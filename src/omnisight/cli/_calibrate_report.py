@@ -88,16 +88,17 @@ def print_report(calibration: Calibration, written: SaveResult | None, *, verbos
 def _print_images(out: "Console", rows: list[dict[str, Any]], verbose: bool) -> None:
     from rich.table import Table
 
-    table = Table("image", "corners", "rms px", "max px", "note", box=None, pad_edge=False)
-    for column in table.columns[1:5]:
-        column.justify = "right"
     shown = rows
     if len(rows) > MAX_IMAGES and not verbose:
         worst = sorted(range(len(rows)), key=lambda i: -(np.inf if rows[i]["rms"] is None else rows[i]["rms"]))
         shown = [rows[i] for i in sorted(worst[:MAX_IMAGES])]
+    has_notes = any(row["note"] for row in shown)
+    table = Table("image", "corners", "rms px", "max px", *["note"] * has_notes, box=None, pad_edge=False)
+    for column in table.columns[1:4]:
+        column.justify = "right"
     for row in shown:
         figures = ["" if row[key] is None else f"{row[key]:.2f}" for key in ("rms", "worst")]
-        table.add_row(row["name"], str(row["corners"] or "-"), *figures, row["note"])
+        table.add_row(row["name"], str(row["corners"] or "-"), *figures, *[row["note"]] * has_notes)
     out.print(table)
     if len(shown) < len(rows):
         out.print(f"({len(shown)} of {len(rows)} images, those with the largest rms; --verbose prints all)")

@@ -71,7 +71,8 @@ def print_report(evaluations: Mapping[str, Evaluation]) -> None:
     out = console()
     rows = [row for row in image_rows(evaluation) if row["corners"] or row["outside_domain"]]
     worst = sorted(rows, key=lambda row: -(row["rms"] if row["rms"] is not None else np.inf))[:MAX_IMAGES]
-    table = _table("image" if len(worst) == len(rows) else f"worst of {len(rows)} images", "note")
+    title = "image" if len(worst) == len(rows) else f"worst of {len(rows)} images"
+    table = _table(title, "note" if any(row["note"] for row in worst) else "")
     for row in worst:
         table.add_row(row["name"], *_cells(row), row["note"])
     out.print(table)

@@ -166,11 +166,11 @@ def check_observations(observations: Observations, options: CalibrateOptions, de
     if hint and not options.force:
         raise ValueError(f"{hint} (--force calibrates anyway)")
     repeated = find_repeated_views(observations)
-    if count - len(repeated) < required:
+    if (distinct := count - len(repeated)) < required:
         raise ValueError(
-            f"{count} images with a board, but only {count - len(repeated)} distinct ones ({list_pairs(repeated)}): at"
-            f" least {MIN_VIEWS} are needed, 10 to 20 are good; move and tilt the board between images (--force"
-            " calibrates anyway)"
+            f"{count} images with a board, of which only {distinct} {'is' if distinct == 1 else 'are'} distinct"
+            f" ({list_pairs(repeated)}): at least {MIN_VIEWS} are needed, 10 to 20 are good; move and tilt the board"
+            " between images (--force calibrates anyway)"
         )
     if options.method == "ocamcalib" and not observations.is_planar:
         raise ValueError("--method ocamcalib is for flat boards; these board points do not lie in a plane")

@@ -29,7 +29,7 @@ SEARCH_LIMITS_PX = (OUTLIER_PX, 2.0, INLIER_PX, 1.2)
 # An arc is curved, not straight, if its bend exceeds the largest of: this multiple of the typical bend, this many
 # standard errors of its rms, and this distance.
 BEND_RATIO, BEND_SIGMAS, MIN_BEND_PX = 2.0, 5.0, 0.04
-# Shorter lines hardly bend, straight or not: they are dropped where so many longer ones exist.
+# Short lines are hardly curved even if distorted: they are dropped where so many longer ones exist.
 LONG_LINE_RAD, MIN_LONG_LINES = np.radians(12.0), 12
 
 
