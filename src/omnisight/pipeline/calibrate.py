@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.board_consistency import leave_out_inconsistent_boards
 from omnisight.calibration.candidate import MAX_COMPARED_CORNERS, Candidate
 from omnisight.calibration.estimation_options import EstimationOptions
 from omnisight.calibration.initial_camera import estimate_initial_camera
@@ -85,6 +86,7 @@ def calibrate(
     observations = drop_images(load_observations(source, options, progress=progress), options.drop)
     check_observations(observations, options, design)
     detected = time.perf_counter()
+    observations = leave_out_inconsistent_boards(observations)
     initial = estimate_initial_camera(observations)
     observations, redetection = redetect(observations, initial, apply_exif=options.apply_exif, progress=report)
     redetected = time.perf_counter()
