@@ -146,7 +146,7 @@ def test_images_without_a_board_are_no_error(run, tmp_path):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 + 90 * i, np.uint8))
     status, out, _ = run("detect", tmp_path)
     assert status == 0
-    assert "no checkerboard; for a board with markers or circles specify --target" in out
+    assert "no board; specify --pattern or --target" in out
     assert line_of(out, "0.png").split()[1] == "-"
     status, out, _ = run("detect", tmp_path, "--pattern", "9x6")
     assert status == 0

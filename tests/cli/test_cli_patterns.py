@@ -65,7 +65,10 @@ def test_no_board_in_any_image_asks_for_the_pattern(refuses, tmp_path):
     for i in range(3):
         write_image(tmp_path / f"{i}.png", np.full((480, 640), 90 * i, np.uint8))
     message = refuses("calibrate", tmp_path)
-    assert "no checkerboard detected in 3 images: its size is unknown: specify --pattern" in message
+    assert (
+        "no checkerboard, markers or grid of circles detected in 3 images: if they show a board, specify --pattern"
+        in message
+    )
     message = refuses("calibrate", tmp_path, "--pattern", "9x6")
     assert "9x6 board detected in 0 of 3 images: does --pattern count inner corners" in message
     assert "0.png: no 9x6 board detected" in message

@@ -4,13 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
+import omnisight as om
 from drawn import POSES, shot
 from omnisight.images import write_image
 from omnisight.targets import detect_boards
+from omnisight.targets.boards import board_class
 from omnisight.targets.boards.aprilgrid import AprilGrid
 from omnisight.targets.boards.charuco import Charuco
 from omnisight.targets.detectors.markers.recognition import recognize_markers
-from prints import APRIL, CHARUCO, pose, render
+from prints import APRIL, CHARUCO, CIRCLES, pose, render
 
 BOARDS = [
     (CHARUCO, "DICT_5X5_50"),
@@ -47,16 +49,33 @@ def test_a_checkerboard_and_noise_are_no_markers():
     assert recognize_markers([shot(POSES[0])[0], noise]) is None
 
 
-def test_an_unspecified_board_with_markers_is_described(tmp_path):
+@pytest.mark.parametrize(
+    ("board", "unit"),
+    [(CHARUCO, "square"), (AprilGrid(4, 5, tag=0.024, spacing=0.2), "tag"), (APRIL, "tag"), (CIRCLES, "spacing")],
+    ids=lambda value: getattr(value, "kind", None),
+)
+def test_unspecified_boards_are_used_with_lengths_relative_to_one(tmp_path, board, unit):
     paths = [tmp_path / f"{i}.png" for i in range(3)]
     for i, path in enumerate(paths):
-        write_image(path, render(APRIL, "fisheye", pose(APRIL, 20, roll=50 * i))[0])
-    detections = detect_boards(paths, cache=False)
-    assert detections.board is None
-    assert detections.hint == (
-        "the images show an AprilGrid of 5x4 tags. Describe it, with its lengths as measured: omnisight target make"
-        " aprilgrid 5x4 --tag 30mm --spacing 0.3 -o board.pdf, and specify --target board.json"
+        write_image(path, render(board, "fisheye", pose(board, 10, roll=50 * i))[0])
+    found = detect_boards(paths, cache=False)
+    assert (found.board.kind, found.board.size, found.board.unit) == (board.kind, board.size, "squares")
+    truth = {name: length / getattr(board, unit) for name, length in board.lengths().items()}
+    assert found.board.lengths() == pytest.approx(truth, rel=0.15)
+    np.testing.assert_allclose(
+        found.board.points * getattr(board, unit), board.points, atol=0.02 * getattr(board, unit)
     )
+    assert len(found.found) == 3
+    assert found.assumption.startswith(f"{board.kind} {board}, recognized: ")
+    assert f"lengths in {unit}s" in found.assumption
+    assert board_class(board.kind).from_dict(found.board.to_dict()) == found.board
+
+
+def test_square_is_the_scale_of_an_unspecified_board(tmp_path):
+    write_image(tmp_path / "a.png", render(CHARUCO, "fisheye", pose(CHARUCO, 10))[0])
+    found = detect_boards([tmp_path / "a.png"], square=0.024, cache=False)
+    assert (found.board.square, found.board.unit) == (0.024, "m")
+    assert "square 24mm" in found.assumption
 
 
 def test_markers_are_not_searched_where_checkerboards_are_complete(tmp_path, monkeypatch):
@@ -76,13 +95,11 @@ def test_markers_are_not_searched_where_checkerboards_are_complete(tmp_path, mon
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("charuco_phone", "a ChArUco board of 8x6 inner corners with markers of DICT_4X4_50"),
-        ("aruco_grid", "a grid of 6x4 markers of DICT_6X6_50, which no target describes"),
-    ],
+    ("name", "board", "rms"), [("charuco_phone", "charuco 8x6", 0.35), ("circles_asymmetric", "circles 4x11", 0.55)]
 )
-def test_real_boards_with_markers_are_recognized(data, name, message):
-    detections = detect_boards(sorted((data("everyday") / name).glob("*.jpg")))
-    assert detections.board is None
-    assert message in detections.hint
+def test_real_boards_are_recognized_and_calibrate(data, name, board, rms):
+    calibration = om.calibrate(data("everyday") / name)
+    detections = calibration.observations.detections
+    assert detections.assumption.startswith(board)
+    assert len(detections.found) == len(detections.images)
+    assert calibration.rms < rms

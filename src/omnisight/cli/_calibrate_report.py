@@ -51,6 +51,7 @@ def print_json(calibration: Calibration) -> None:
     result: dict[str, Any] = {
         "images": rows,
         "pattern": None if detections is None else str(detections.board),
+        "assumption": "" if detections is None else detections.assumption,
         "model": calibration.camera.model.name,
         "rms": calibration.rms,
         "mean": calibration.mean,
@@ -77,6 +78,8 @@ def print_report(calibration: Calibration, written: SaveResult | None, *, verbos
     out, rows = console(), image_rows(calibration)
     _print_images(out, rows, verbose)
     _print_models(out, calibration)
+    if (detections := calibration.observations.detections) is not None and detections.assumption:
+        _print_row(out, "board", detections.assumption)
     _print_row(out, "camera", _camera_summary(calibration))
     _print_row(out, "accuracy", _accuracy_summary(calibration))
     if verbose:
@@ -211,7 +214,7 @@ def _remarks(calibration: Calibration, rows: list[dict[str, Any]]) -> Iterator[s
     if ambiguous := sum(not d.located for image in detections.images for d in image.boards):
         yield f"{ambiguous} boards are only partly visible, with ambiguous corner numbers; the camera is unaffected"
     if board.unit == "squares":
-        yield "lengths are in squares (no --square given); the camera is unaffected"
+        yield "lengths are in squares (the size of the board is not specified); the camera is unaffected"
 
 
 def _describe_warp(calibration: Calibration) -> str:

@@ -18,6 +18,7 @@ def as_json(search: Detections) -> None:
         "format": "omnisight-corners",
         "pattern": None if search.board is None else str(search.board),
         "target": None if search.board is None else search.board.to_dict(),
+        "assumption": search.assumption,
         "hint": search.hint,
         "notes": list(search.notes),
         "field": None if field is None else field.describe(),
@@ -57,6 +58,8 @@ def print_report(search: Detections) -> None:
         )
     out.print(table)
     out.print()
+    if search.assumption:
+        out.print(f"board     {search.assumption}", soft_wrap=True)
     notes = [*search.notes]
     if search.hint:
         notes.append(search.hint)
@@ -71,7 +74,7 @@ def print_report(search: Detections) -> None:
 
 def _result(search: Detections) -> str:
     if search.board is None:
-        return "no checkerboard; for a board with markers or circles specify --target"
+        return "no board; specify --pattern or --target"
     kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
     corners = sum(len(d) for image in search.images for d in image.boards)
     return f"{kind}{search.board} in {len(search.found)} of {len(search.images)} images, {corners} corners"

@@ -54,11 +54,7 @@ def explain_too_few_detections(observations: Observations, required: int) -> str
         summary = f"{number} of {total} images have enough corners; at least {required} are needed, 10 to 20 are good"
         return "\n".join([summary, *(f"  {note}" for note in detections.notes), *notes])
     if detections.board is None:
-        summary = f"no checkerboard detected in {total} images"
-        advice = (
-            detections.hint or "its size is unknown: specify --pattern, inner corners as columns x rows, such as 9x6"
-        )
-        return "\n".join([f"{summary}: {advice}", *notes])
+        return "\n".join([_describe_no_board(total), *notes])
     kind = "board" if detections.board.kind == "checkerboard" else detections.board.kind
     summary = f"{detections.board} {kind} detected in {number} of {total} images"
     if number:
@@ -74,12 +70,18 @@ def explain_no_detection(detections: Detections) -> str:
     if isinstance(detections.board, PointTarget):
         summary = f"none of {total} images has enough corners"
     elif detections.board is None:
-        advice = detections.hint or "specify --pattern, such as 9x6, or --target"
-        summary = f"no checkerboard detected in {total} images: {advice}"
+        summary = _describe_no_board(total)
     else:
         advice = detections.hint or board_advice(detections.board)
         summary = f"{detections.board} board detected in none of {total} images: {advice}"
     return "\n".join([summary, *_list_notes(detections)])
+
+
+def _describe_no_board(total: int) -> str:
+    return (
+        f"no checkerboard, markers or grid of circles detected in {total} images: if they show a board, specify"
+        " --pattern, its inner corners as columns x rows such as 9x6, or --target"
+    )
 
 
 def describe_image_outliers(observations: Observations, rms: Sequence[float | None]) -> str | None:

@@ -24,7 +24,7 @@ from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, 
 from omnisight.targets.raw_detections import RawDetections, detect_in_file
 from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
 from omnisight.targets.set_field import estimate_set_field, sample_indices
-from omnisight.targets.unspecified_board import marker_board_hint
+from omnisight.targets.unspecified_board import recognize_board
 
 Pattern = tuple[int, int]
 Progress = Callable[[int, int], None]
@@ -48,10 +48,10 @@ def detect_boards(
     ----------
     paths : iterable of str or Path
     board : Board, optional
-        Without one, checkerboards are detected, of the size that most images agree on; if there is none, but a board
-        with markers, `hint` of the result describes it.
+        Without one, checkerboards are detected, of the size that most images agree on; or else a board with markers or
+        circles is recognized, and `assumption` of the result states what was assumed of it.
     square : float, optional
-        Side in metres of such a checkerboard's squares.
+        Side in metres of such a board's squares or markers, or the spacing of its circles.
     apply_exif : bool
         Rotate images by their EXIF orientation first.
     cache : bool
@@ -65,8 +65,10 @@ def detect_boards(
     size = most_common_size([(raw.size, bool(raw.grids or raw.boards)) for _, raw in readable])
     used = [(path, raw) for path, raw in readable if raw.size == size]
     pattern = most_common_pattern([raw.grids for _, raw in used])
-    hint = marker_board_hint(used, pattern, apply_exif=apply_exif) if board is None else None
-    if board is None and pattern is not None and hint is None:
+    if board is None and (recognized := recognize_board(used, pattern, square=square, apply_exif=apply_exif)):
+        found = detect_boards(paths, recognized.board, apply_exif=apply_exif, cache=cache, progress=progress)
+        return replace(found, assumption=recognized.assumption)
+    if board is None and pattern is not None:
         board = Checkerboard(*pattern, square=square)
     field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
@@ -84,7 +86,8 @@ def detect_boards(
             f"the {board} board is a {board.rows}x{board.columns} board rotated by 90°: the camera is the same, and"
             " the x axis of its poses is along the shorter side"
         )
-    if hint is None and isinstance(board, Checkerboard):
+    hint = None
+    if isinstance(board, Checkerboard):
         hint = _pattern_hint([raw for _, raw in used], images, board, pattern)
     return Detections(board, images, hint, field, tuple(notes))
 
@@ -153,7 +156,7 @@ def _image_detection(
 
 def _note(raw: RawDetections, detections: Sequence[Detection], board: Board | None) -> str:
     if board is None:
-        return "no checkerboard detected"
+        return "no board detected"
     if not detections:
         columns, rows = raw.grids[0].pattern if raw.grids else (0, 0)
         return f"no {board} board detected" + (f", but one of {columns}x{rows}" if raw.grids else "")

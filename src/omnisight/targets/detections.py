@@ -119,11 +119,13 @@ class Detections:
     images : list of ImageDetection
         One per path, in the order given.
     hint : str or None
-        What to change if the images show another board than the requested one, or a board with markers.
+        What to change if the images show another board than the requested one.
     field : ImageField or None
         The part of the images that the lens or mirror covers.
     notes : tuple of str
         What the user should know of the set: several sizes, duplicates, mirrored images.
+    assumption : str
+        What was recognized and assumed of a board that was not specified; empty for a checkerboard.
     """
 
     board: Board | PointTarget | None
@@ -131,6 +133,7 @@ class Detections:
     hint: str | None = None
     field: ImageField | None = None
     notes: tuple[str, ...] = ()
+    assumption: str = ""
 
     @property
     def size(self) -> tuple[int, int]:

@@ -1,24 +1,54 @@
-"""Recognize boards with markers in images for which no board is specified."""
+"""Recognize boards with markers or circles in images for which no board is specified."""
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.images import read_image, to_gray8
+from omnisight.targets.boards import Board
+from omnisight.targets.boards.aprilgrid import AprilGrid
+from omnisight.targets.boards.charuco import Charuco
+from omnisight.targets.boards.circles import CircleGrid
+from omnisight.targets.detectors import detect
+from omnisight.targets.detectors.circles.recognition import recognize_discs
 from omnisight.targets.detectors.markers.recognition import MarkerArrangement, recognize_markers
+from omnisight.targets.length import format_length
 from omnisight.targets.raw_detections import RawDetections
 
-# Images, evenly spaced in the set, in which markers are searched.
+# Images, evenly spaced in the set, in which markers and circles are searched.
 SEARCHED_IMAGES = 3
 # Part of the images that show all corners of one checkerboard, from which the board is no other.
 MIN_COMPLETE_SHARE = 0.5
+# Largest marker that is assumed, over the square of a ChArUco board.
+MAX_MARKER_SQUARES = 0.95
+# Gap between tags over their side of the grids that Kalibr prints by default.
+KALIBR_SPACING = 0.3
+# Error of an estimated spacing: a wide lens bends the lines by a percent.
+SAME_SPACING = 0.01
+# Cross-ratio of tags that are a side apart, which is the most, and cross-ratios whose median is reliable.
+MIN_CROSS_RATIO, MIN_CROSS_RATIOS = 4 / 3, 10
 
 
-def marker_board_hint(
-    images: Sequence[tuple[Path, RawDetections]], pattern: tuple[int, int] | None, *, apply_exif: bool
-) -> str | None:
-    """Return how to specify the board with markers that images show; None if they show none, or a checkerboard.
+class RecognizedBoard(NamedTuple):
+    """A board recognized in images, and what was assumed of it, for the user."""
+
+    board: Board
+    assumption: str
+
+
+def recognize_board(
+    images: Sequence[tuple[Path, RawDetections]],
+    pattern: tuple[int, int] | None,
+    *,
+    square: float | None,
+    apply_exif: bool,
+) -> RecognizedBoard | None:
+    """Return the board with markers or circles that images show; None if they show none, or a checkerboard.
 
     Parameters
     ----------
@@ -26,6 +56,8 @@ def marker_board_hint(
         Images of one size.
     pattern : (int, int) or None
         The checkerboard that most of them show.
+    square : float or None
+        Side in metres of a square or of a marker, or the spacing of circles.
     apply_exif : bool
         Rotate images by their EXIF orientation.
     """
@@ -34,24 +66,77 @@ def marker_board_hint(
         return None
     sampled = np.unique(np.linspace(0, len(images) - 1, SEARCHED_IMAGES).round().astype(np.intp))
     grays = [to_gray8(read_image(images[i][0], apply_exif=apply_exif)) for i in sampled]
+    length = square or 1.0
     found = recognize_markers(grays)
-    return None if found is None else _hint(found)
+    board = None if found is None else _marker_board(found, grays, length)
+    if board is None and pattern is None:
+        board = _circle_board(grays, length)
+    if board is None:
+        return None
+    board = replace(board, relative=square is None)
+    return RecognizedBoard(board, _assumption(board))
 
 
-def _hint(found: MarkerArrangement) -> str:
-    """Return what the images show, and how to specify it."""
-    size, markers = f"{found.columns}x{found.rows}", f"markers of {found.dictionary}"
-    if found.kind == "grid":
-        return (
-            f"the images show a grid of {size} {markers}, which no target describes: use a ChArUco board (omnisight"
-            " target make charuco)"
-        )
+def _marker_board(found: MarkerArrangement, grays: Sequence[NDArray[np.uint8]], length: float) -> Board | None:
     if found.kind == "charuco":
-        what = f"a ChArUco board of {size} inner corners with {markers}"
-        options = f"--square 30mm --marker 22mm --dictionary {found.dictionary}"
-    else:
-        what, options = f"an AprilGrid of {size} tags", "--tag 30mm --spacing 0.3"
+        marker = min(1 / found.pitch, MAX_MARKER_SQUARES) * length
+        return Charuco(found.columns, found.rows, length, marker, found.dictionary)
+    if found.kind == "aprilgrid":
+        board = AprilGrid(found.columns, found.rows, length, KALIBR_SPACING)
+        return replace(board, spacing=_measured_spacing(board, grays))
+    return None
+
+
+def _measured_spacing(board: AprilGrid, grays: Sequence[NDArray[np.uint8]]) -> float:
+    """Return the gap between tags over their side, from the detected points; that of `board` if there are too few.
+
+    Four points on a line, at 0, 1, 1 + s and 2 + s, have the cross-ratio (1 + s)^2 / (s (2 + s)) in every view.
+    """
+    ratios = [np.zeros(0)]
+    for detection in (detection for gray in grays for detection in detect(gray, board)):
+        pixels = np.full((board.size, 2), np.nan)
+        pixels[detection.ids] = detection.pixels
+        grid = pixels.reshape(2 * board.rows, 2 * board.columns, 2)
+        for table in (grid, grid.swapaxes(0, 1)):
+            a, b, c, d = (table[:, k : table.shape[1] - 3 + k : 2] for k in range(4))
+            ac, bd, bc, ad = (np.linalg.norm(q - p, axis=2) for p, q in ((a, c), (b, d), (b, c), (a, d)))
+            ratios.append((ac * bd / (bc * ad)).ravel())
+    ratio = np.concatenate(ratios)
+    ratio = ratio[np.isfinite(ratio) & (ratio > MIN_CROSS_RATIO)]
+    if len(ratio) < MIN_CROSS_RATIOS:
+        return board.spacing
+    middle = float(np.median(ratio))
+    spacing = float(np.sqrt(middle / (middle - 1))) - 1
+    return board.spacing if abs(spacing - board.spacing) < SAME_SPACING else spacing
+
+
+def _circle_board(grays: Sequence[NDArray[np.uint8]], length: float) -> Board | None:
+    """Return the grid of circles that most images show; None if less than half of them show one."""
+    found = [arrangement for gray in grays if (arrangement := recognize_discs(gray)) is not None]
+    if not found or 2 * len(found) < len(grays):
+        return None
+    counts = Counter((each.columns, each.rows) for each in found if each.is_asymmetric)
+    if not counts:
+        return None
+    size, _ = counts.most_common(1)[0]
+    diameter = float(np.median([each.diameter for each in found if (each.columns, each.rows) == size]))
+    return CircleGrid(*size, spacing=length, diameter=diameter * length)
+
+
+def _assumption(board: Board) -> str:
+    """Return what was recognized and assumed, and how to specify it."""
+    lengths = board.lengths()
+    unit, length = next(iter(lengths.items()))
+    described: list[str] = []
+    for name, value in board.to_dict().items():
+        if name in lengths and name != unit:
+            described.append(f"{name} {lengths[name] / length:.2g} {unit}s")
+        elif name == "spacing" and name not in lengths:
+            described.append(f"{name} {value:.3g}")
+        elif name == "dictionary":
+            described.append(str(value))
+    scale = f"lengths in {unit}s" if board.relative else f"{unit} {format_length(length)}"
     return (
-        f"the images show {what}. Describe it, with its lengths as measured: omnisight target make {found.kind} {size}"
-        f" {options} -o board.pdf, and specify --target board.json"
+        f"{board.kind} {board}, recognized: {', '.join([*described, scale])}. To specify it, describe it with omnisight"
+        f" target make {board.kind} {board} and use --target"
     )

@@ -76,10 +76,6 @@ class MarkerBoard(Board):
     def is_symmetric(self) -> bool:
         return False
 
-    @property
-    def unit(self) -> str:
-        return "m"
-
     def variants(self) -> list[BoardVariant]:
         """Return the board itself, then the boards that it is easily confused with."""
         return [BoardVariant(self, np.arange(self.size), "")]

@@ -4,7 +4,7 @@ import re
 import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from types import NoneType
 from typing import Any, ClassVar, Self, get_args, get_type_hints
 
@@ -29,6 +29,13 @@ class Board(ABC):
     "default": (0.75, "square") for three quarters of another field or (0.3, None) for a number. The default applies
     to a new board that is printed; nothing is assumed of an existing one. A length of None is unknown: `points` are
     then in squares.
+
+    Attributes
+    ----------
+    columns, rows : int
+    relative : bool
+        Whether only the ratios of the lengths are known, as of a board that was recognized in images: lengths and
+        `points` are then in squares, sides of a marker or spacings.
     """
 
     # Name in files and on the command line: that of its module.
@@ -38,6 +45,7 @@ class Board(ABC):
 
     columns: int
     rows: int
+    relative: bool = field(default=False, kw_only=True)
 
     @property
     @abstractmethod
@@ -45,9 +53,9 @@ class Board(ABC):
         """Positions (N, 3) of the points, in `unit`; x to the right on the print, y down, z = 0."""
 
     @property
-    @abstractmethod
     def unit(self) -> str:
         """Unit of `points`: 'm', or 'squares' if no length is known."""
+        return "squares" if self.relative else "m"
 
     @property
     @abstractmethod
@@ -102,8 +110,10 @@ class Board(ABC):
         return {name: value for name, value in values.items() if value is not None}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the content of a target file: lengths as text with their unit."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        """Return the content of a target file: lengths as text with their unit, or as numbers if they are relative."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "relative"}
+        if self.relative:
+            return {"target": self.kind, **values, "relative": True}
         return {"target": self.kind, **values, **{k: format_length(v) for k, v in self.lengths().items()}}
 
     @classmethod
@@ -120,13 +130,15 @@ class Board(ABC):
         known = {f.name: f for f in fields(cls)}
         given = {k: v for k, v in values.items() if k != "target"}
         if unknown := [k for k in given if k not in known]:
-            raise ValueError(
-                f"the target {cls.kind} has no {', '.join(map(reprlib.repr, unknown))}; it has {', '.join(known)}"
-            )
+            names = ", ".join(name for name in known if name != "relative")
+            raise ValueError(f"the target {cls.kind} has no {', '.join(map(reprlib.repr, unknown))}; it has {names}")
         if missing := [k for k, f in known.items() if f.default is MISSING and k not in given]:
             raise ValueError(f"the target {cls.kind} needs {', '.join(missing)}")
         types = get_type_hints(cls)
-        return cls(**{k: _field_value(v, known[k], get_args(types[k]) or (types[k],)) for k, v in given.items()})
+        relative = given.get("relative") is True
+        return cls(
+            **{k: _field_value(v, known[k], get_args(types[k]) or (types[k],), relative) for k, v in given.items()}
+        )
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows}"
@@ -149,18 +161,18 @@ def grid_points(columns: int, rows: int, step: float) -> NDArray[np.float64]:
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) * step
 
 
-def _field_value(value: Any, field: Field[Any], types: tuple[type, ...]) -> Any:
+def _field_value(value: Any, target_field: Field[Any], types: tuple[type, ...], relative: bool) -> Any:
     """Return the checked value of a field, or raise ValueError with what was expected."""
     if value is None and NoneType in types:
         return None
-    if field.metadata.get("length"):
+    if target_field.metadata.get("length") and not relative:
         expected = "a length in quotes with its unit, such as '30mm'"
         if isinstance(value, str) and len(value) <= MAX_TEXT_LENGTH:
             try:
                 # 18 * 1e-3 is not 0.018: a board must equal the one that was written.
                 return round(parse_length(value), 12)
             except ValueError as error:
-                raise ValueError(f"{field.name}: {error}") from None
+                raise ValueError(f"{target_field.name}: {error}") from None
     elif bool in types:
         expected = "true or false"
         if isinstance(value, bool):
@@ -177,4 +189,4 @@ def _field_value(value: Any, field: Field[Any], types: tuple[type, ...]) -> Any:
         expected = f"text of at most {MAX_TEXT_LENGTH} characters"
         if isinstance(value, str) and len(value) <= MAX_TEXT_LENGTH:
             return value
-    raise ValueError(f"{field.name} is {reprlib.repr(value)}: expected {expected}")
+    raise ValueError(f"{target_field.name} is {reprlib.repr(value)}: expected {expected}")

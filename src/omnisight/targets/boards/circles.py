@@ -59,10 +59,6 @@ class CircleGrid(Board):
         return self.rows % 2 == 0
 
     @property
-    def unit(self) -> str:
-        return "m"
-
-    @property
     def quiet_zone(self) -> float:
         return self.spacing
 
