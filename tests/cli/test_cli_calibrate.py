@@ -56,7 +56,9 @@ def test_the_output_is_short_and_verbose_adds_tests_and_timings(run, shots):
     assert status == 0
     added = {line[:10].strip() for line in verbose.splitlines()} - {line[:10].strip() for line in out.splitlines()}
     assert added >= {"spline", "central", "redetect", "remark", "time"}
-    assert remarks(verbose) == ["lengths are in squares (the size of the board is not specified); the camera is unaffected"]
+    assert remarks(verbose) == [
+        "lengths are in squares (the size of the board is not specified); the camera is unaffected"
+    ]
 
 
 def test_the_camera_file_contains_model_convention_and_board(run, shots, tmp_path):

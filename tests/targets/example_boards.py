@@ -7,8 +7,8 @@ import pytest
 from omnisight.targets.boards import board_class
 from omnisight.targets.printing.drawing import Disc
 
-checkerboard, charuco, aprilgrid, circles = (
-    board_class(kind) for kind in ("checkerboard", "charuco", "aprilgrid", "circles")
+checkerboard, charuco, aprilgrid, circles, symmetric_circles = (
+    board_class(kind) for kind in ("checkerboard", "charuco", "aprilgrid", "circles", "symmetric_circles")
 )
 EXAMPLES = {
     "checkerboard": [checkerboard(9, 6, 0.03), checkerboard(8, 6, 0.02), checkerboard(6, 6, 0.02)],
@@ -20,6 +20,7 @@ EXAMPLES = {
     ],
     "aprilgrid": [aprilgrid(6, 6, 0.03, 0.3), aprilgrid(3, 2, 0.05, 0.2), aprilgrid(1, 1, 0.05, 1.0)],
     "circles": [circles(4, 11, 0.02, 0.016), circles(3, 8, 0.03, 0.03), circles(7, 7, 0.02, 0.02)],
+    "symmetric_circles": [symmetric_circles(7, 5, 0.03, 0.018), symmetric_circles(5, 5, 0.02, 0.012)],
 }
 BOARDS = [pytest.param(board, id=f"{kind}-{board}") for kind, boards in EXAMPLES.items() for board in boards]
 SCALE = 1200.0  # px per metre: about 30 dpi, no more than a camera sees

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from omnisight.targets.boards.charuco import Charuco
 from omnisight.targets.boards.circles import CircleGrid, disc_centroid_offset
+from omnisight.targets.boards.symmetric_circles import SymmetricCircles
 from omnisight.targets.detectors import detect, measure
 from omnisight.targets.detectors.circles import _canonical_ids
 from pace import assert_quick
@@ -17,6 +18,15 @@ def middles(board, lens, placed, truth, *, mirrored=False):
     """Return where the images of the discs have their middles."""
     shift = disc_centroid_offset(projector(lens, placed), board.points, board.diameter / 2)
     return truth + shift * ([-1, 1] if mirrored else [1, 1])
+
+
+def rotations(board, truth):
+    """Return the places of the board's points after each rotation that maps the board onto itself."""
+    turned = [truth, truth[::-1]] if board.is_symmetric else [truth]
+    if isinstance(board, SymmetricCircles) and board.columns == board.rows:
+        quarter = np.rot90(truth.reshape(board.rows, board.columns, 2)).reshape(-1, 2)
+        turned += [quarter, quarter[::-1]]
+    return turned
 
 
 def inside(pixels, margin):
@@ -47,7 +57,16 @@ def test_points_of_marker_boards_match_the_truth(board, lens, angle, distance):
     assert found.note == ""
 
 
-@pytest.mark.parametrize("board", [CIRCLES, CircleGrid(5, 8, spacing=0.02, diameter=0.016)], ids=str)
+@pytest.mark.parametrize(
+    "board",
+    [
+        CIRCLES,
+        CircleGrid(5, 8, spacing=0.02, diameter=0.016),
+        SymmetricCircles(7, 5, spacing=0.028, diameter=0.016),
+        SymmetricCircles(6, 6, spacing=0.028, diameter=0.016),
+    ],
+    ids=lambda board: f"{board.kind} {board}",
+)
 @pytest.mark.parametrize(("lens", "angle", "distance"), VIEWS)
 def test_centres_of_discs_match_the_truth(board, lens, angle, distance):
     placed = pose(board, angle, distance=distance)
@@ -55,7 +74,7 @@ def test_centres_of_discs_match_the_truth(board, lens, angle, distance):
     (found,) = detect(image, board)
     assert len(found) >= 0.9 * inside(truth, 16).sum()
     truth = middles(board, lens, placed, truth)
-    rms, normalised = min(errors(found, t) for t in ((truth, truth[::-1]) if board.is_symmetric else (truth,)))
+    rms, normalised = min(errors(found, t) for t in rotations(board, truth))
     assert rms < 0.05
     assert 0.5 < normalised < 2
     assert found.located

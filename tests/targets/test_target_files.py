@@ -126,7 +126,7 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
         (APRILGRID + "low_id: 7\n", "low_id is 7: an aprilgrid whose first tag is not number 0 is not"),
         (APRILGRID + "colour: 7\n", "Kalibr's aprilgrid has no 'colour'"),
         (CHECKERBOARD.replace("0.03", "0.04"), "rowSpacingMeters 0.04: a checkerboard has squares"),
-        (CIRCLES.replace("True", "False"), "asymmetricGrid is False: only asymmetric grids"),
+        (CIRCLES.replace("True", "3"), "asymmetricGrid is 3: expected true or false"),
         ("tagCols: !!python/object/apply:os.system ['true']\ntarget_type: aprilgrid\n", 'tagCols is "!!python/obj'),
     ],
 )

@@ -36,7 +36,7 @@ def target(
     action
         make.
     kind
-        checkerboard, charuco, aprilgrid or circles.
+        checkerboard, charuco, aprilgrid, circles (staggered rows) or symmetric_circles.
     pattern
         Columns x rows: inner corners of a checkerboard or charuco (10x7 squares have 9x6), tags, circles.
     square
@@ -51,7 +51,7 @@ def target(
         aprilgrid: side of a tag with its black border.
     spacing
         aprilgrid: gap between tags over a tag's side, 0.3 by default. circles: distance of a row from
-        the next with its unit, such as 18mm.
+        the next with its unit, such as 18mm; symmetric_circles: distance of neighbouring circles.
     diameter
         circles: diameter of a circle; the spacing by default.
     paper
@@ -76,7 +76,7 @@ def target(
         corners = ", and its corners after every quarter turn" if board.columns == board.rows else ""
         print(
             f"note     {kind} {board} looks the same upside-down{corners}: it calibrates one camera, but two cameras"
-            f" cannot agree which way up it is. {asymmetric_alternative(board)} is unambiguous"
+            f" cannot agree which way up it is. {asymmetric_alternative(board) or 'A ChArUco board'} is unambiguous"
         )
     print(f"next     omnisight calibrate images/ --target {files.json}")
     print(f"written  {files.pdf}, {files.svg.name}, {files.json.name}")

@@ -88,11 +88,11 @@ def write_target(board: Board, output: str | Path | None = None, paper: str | No
     return TargetFiles(page, paper, pdf, svg, json)
 
 
-def asymmetric_alternative(board: Board) -> Board:
-    """Return a board with one row or column more or less that has a unique orientation."""
+def asymmetric_alternative(board: Board) -> Board | None:
+    """Return a board with one row or column more or less that has a unique orientation; None if there is none."""
     steps = ((1, 0), (0, 1), (-1, 0), (0, -1))
     others = [dataclasses.replace(board, columns=board.columns + i, rows=board.rows + j) for i, j in steps]
-    return next(other for other in others if not other.is_symmetric)
+    return next((other for other in others if not other.is_symmetric), None)
 
 
 def _number(name: str, text: str) -> float:

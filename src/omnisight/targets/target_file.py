@@ -191,13 +191,10 @@ def _checkerboard(kalibr: _Fields) -> dict[str, Any]:
 
 
 def _circlegrid(kalibr: _Fields) -> dict[str, Any]:
-    if (asymmetric := kalibr.take("asymmetricGrid")) is not True:
-        raise ValueError(
-            f"asymmetricGrid is {reprlib.repr(asymmetric)}: only asymmetric grids (true) are supported; symmetric"
-            " ones look the same from several sides"
-        )
+    if not isinstance(asymmetric := kalibr.take("asymmetricGrid"), bool):
+        raise ValueError(f"asymmetricGrid is {reprlib.repr(asymmetric)}: expected true or false")
     return {
-        "target": "circles",
+        "target": "circles" if asymmetric else "symmetric_circles",
         "columns": kalibr.count("targetCols"),
         "rows": kalibr.count("targetRows"),
         "spacing": kalibr.length("spacingMeters"),

@@ -14,6 +14,7 @@ from omnisight.targets.boards import Board
 from omnisight.targets.boards.aprilgrid import AprilGrid
 from omnisight.targets.boards.charuco import Charuco
 from omnisight.targets.boards.circles import CircleGrid
+from omnisight.targets.boards.symmetric_circles import SymmetricCircles
 from omnisight.targets.detectors import detect
 from omnisight.targets.detectors.circles.recognition import recognize_discs
 from omnisight.targets.detectors.markers.recognition import MarkerArrangement, recognize_markers
@@ -115,12 +116,10 @@ def _circle_board(grays: Sequence[NDArray[np.uint8]], length: float) -> Board | 
     found = [arrangement for gray in grays if (arrangement := recognize_discs(gray)) is not None]
     if not found or 2 * len(found) < len(grays):
         return None
-    counts = Counter((each.columns, each.rows) for each in found if each.is_asymmetric)
-    if not counts:
-        return None
-    size, _ = counts.most_common(1)[0]
-    diameter = float(np.median([each.diameter for each in found if (each.columns, each.rows) == size]))
-    return CircleGrid(*size, spacing=length, diameter=diameter * length)
+    (shape, _), *_ = Counter(each[:3] for each in found).most_common(1)
+    diameter = float(np.median([each.diameter for each in found if each[:3] == shape]))
+    columns, rows, is_staggered = shape
+    return (CircleGrid if is_staggered else SymmetricCircles)(columns, rows, length, diameter * length)
 
 
 def _assumption(board: Board) -> str:

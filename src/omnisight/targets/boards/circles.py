@@ -37,6 +37,8 @@ class CircleGrid(Board):
 
     kind: ClassVar[str] = "circles"
     detector: ClassVar[str] = "circles"
+    # Whether every second row is shifted by half a step.
+    is_staggered: ClassVar[bool] = True
 
     spacing: float = field(metadata={"length": True})
     diameter: float | None = field(default=None, metadata={"length": True, "default": (1.0, "spacing")})
@@ -46,12 +48,16 @@ class CircleGrid(Board):
             raise ValueError(f"a grid of circles needs {MIN_COLUMNS} columns and {MIN_ROWS} rows or more, got {self}")
         if not 0 < self.spacing < np.inf:
             raise ValueError(f"a grid of circles needs a positive spacing in metres, got {self.spacing}")
-        nearest = self.spacing * 2**0.5
-        if self.diameter is not None and not 0 < self.diameter < nearest:
+        if self.diameter is not None and not 0 < self.diameter < self.pitch:
             raise ValueError(
-                f"circles of {self.diameter * 1e3:g} mm that are {nearest * 1e3:.4g} mm apart: the diameter must be"
+                f"circles of {self.diameter * 1e3:g} mm that are {self.pitch * 1e3:.4g} mm apart: the diameter must be"
                 " positive, and less than that"
             )
+
+    @property
+    def pitch(self) -> float:
+        """Distance of a disc's centre from the nearest one."""
+        return self.spacing * 2**0.5
 
     @property
     def is_symmetric(self) -> bool:
@@ -81,7 +87,7 @@ class CircleGrid(Board):
     @property
     def extent(self) -> tuple[float, float, float, float]:
         radius = self._known_radius()
-        right, bottom = (2 * self.columns - 1) * self.spacing, (self.rows - 1) * self.spacing
+        right, bottom, _ = self.points.max(axis=0).tolist()
         return -radius, -radius, right + radius, bottom + radius
 
     def drawing(self) -> list[Shape]:

@@ -1,4 +1,4 @@
-"""Detect asymmetric grids of circles: dark blobs, joined to lattices, assigned to the board, and measured."""
+"""Detect grids of circles: dark blobs, joined to lattices, assigned to the board, and measured."""
 
 from dataclasses import replace
 from typing import Any
@@ -26,20 +26,22 @@ Array = NDArray[np.float64]
 
 # Part of the board's discs that may contradict its position, such as one that a hand covers; or one disc.
 MAX_CONTRADICTIONS = 0.04
-# Radius around a disc's centre, over the spacing, that is free of others: half of the distance to the next centre.
-CLEARANCE_SPACINGS = 0.7
+# Radius around a disc's centre, over the distance of the next one, that is free of others: almost half.
+CLEARANCE_SHARE = 0.495
+# Largest diameter of a disc over the distance of the next one.
+MAX_DIAMETER_SHARE = 0.955
 
 
 def detect(gray: NDArray[np.uint8], board: CircleGrid) -> list[Detection]:
-    """Detect an asymmetric grid of circles, dark on bright or bright on dark.
+    """Detect a grid of circles, dark on bright or bright on dark.
 
     What is measured is the centre of a disc's image, not the image of its centre: `CircleGrid.measurement_offset`
     is the difference, once the camera is known. Part of a board is enough if its surroundings show which part.
 
-    With an odd number of rows, a grid and its mirror image differ by a rotation only: the step to the next row is taken
-    to be clockwise of the step to the next column. With an even number, a mirror image is recognized and its ids are
-    right; but the board looks the same upside-down, and the rotation that begins nearer the top left of the image is
-    taken.
+    With an odd number of staggered rows, a grid and its mirror image differ by a rotation only: the step to the next
+    row is taken to be clockwise of the step to the next column. With an even number, a mirror image is recognized and
+    its ids are right; but the board looks the same upside-down, and the rotation that begins nearer the top left of the image is
+    taken. Straight rows and their mirror image look the same, and are taken as not mirrored.
 
     Returns
     -------
@@ -61,7 +63,7 @@ def measure(gray: NDArray[Any], board: CircleGrid, pixels: Array, steps: Array, 
     """Measure the centres of the discs' images near predicted pixels."""
     radius = (board.diameter or board.spacing) / 2
     matrices = np.swapaxes(steps, 1, 2) * (radius / board.window_step)
-    return fit_ellipses(gray, pixels, matrices, CLEARANCE_SPACINGS * board.spacing / radius)
+    return fit_ellipses(gray, pixels, matrices, CLEARANCE_SHARE * board.pitch / radius)
 
 
 def _assign_and_measure(
@@ -71,7 +73,7 @@ def _assign_and_measure(
     centres, matrices = blobs.centres[lattice.blobs], blobs.matrices[lattice.blobs]
     empty = _paper_cells(gray, lattice.cells, centres, matrices)
     for mirrored in (False, True):
-        positions = board_positions(lattice.cells, empty, board.columns, board.rows, mirrored=mirrored)
+        positions = board_positions(lattice.cells, empty, board, mirrored=mirrored)
         if not positions or positions[0].contradictions > max(1.0, MAX_CONTRADICTIONS * board.size):
             continue
         distinct = {_canonical_ids(position.ids, board) for position in positions}
@@ -88,6 +90,10 @@ def _canonical_ids(ids: NDArray[np.int64], board: CircleGrid) -> tuple[int, ...]
     rotations = [ids]
     if board.is_symmetric:
         rotations.append(np.where(ids < 0, ids, board.size - 1 - ids))
+    if board.columns == board.rows and not board.is_staggered:
+        row, column = np.divmod(ids, board.columns)
+        quarter = np.where(ids < 0, ids, column * board.columns + board.columns - 1 - row)
+        rotations += [quarter, np.where(ids < 0, ids, board.size - 1 - quarter)]
     return min(tuple(ids.tolist()) for ids in rotations)
 
 
@@ -149,7 +155,7 @@ def _estimate_diameter(rough: LocalMap, matrices: Array, board: CircleGrid) -> f
     """Return the diameter of the discs on the board, from their outlines."""
     with np.errstate(invalid="ignore"):
         squares = np.linalg.det(matrices) / np.abs(np.linalg.det(rough.jacobian))
-    return min(2 * float(np.sqrt(np.nanmedian(squares))), 1.35 * board.spacing)
+    return min(2 * float(np.sqrt(np.nanmedian(squares))), MAX_DIAMETER_SHARE * board.pitch)
 
 
 def _map(pixels: Array, points: Array, targets: Array, board: CircleGrid, *, leave_out: bool = False) -> LocalMap:

@@ -1,8 +1,8 @@
-"""Join discs into the lattice of an asymmetric grid, and find its positions on the board.
+"""Join discs into the lattice of a grid, and find its positions on the board.
 
-The nearest neighbour of a disc is a diagonal step away, and so are three more, a quarter turn apart: the grid is a
-square lattice that stands on its corner. A disc's ellipse is what the lens locally makes of a circle, so quarter turns
-and equal distances can be recognized in every image, however flat the ellipse.
+The nearest neighbour of a disc is as far away as three more, a quarter turn apart: the grid is a square lattice, which
+stands on its corner if every second row is shifted. A disc's ellipse is what the lens locally makes of a circle, so
+quarter turns and equal distances can be recognized in every image, however flat the ellipse.
 """
 
 from collections import deque
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from omnisight.targets.boards.circles import CircleGrid
 from omnisight.targets.detection_limits import SEARCH_RADIUS_STEPS
 from omnisight.targets.detectors.circles.blobs import Blobs
 from omnisight.targets.subpixel.local_map import NUM_ANCHORS
@@ -32,7 +33,7 @@ NEIGHBOURS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
 class DiscLattice(NamedTuple):
-    """Discs of one grid: which blobs (N,), and their cells (N, 2), as counts of the two diagonal steps.
+    """Discs of one grid: which blobs (N,), and their cells (N, 2), as counts of the two steps.
 
     The second step is clockwise of the first, as seen.
     """
@@ -143,10 +144,11 @@ class _Grower:
         return None
 
 
-def board_positions(cells: Cells, empty: Cells, columns: int, rows: int, *, mirrored: bool) -> list[BoardPosition]:
-    """Return the most likely positions of a lattice on an asymmetric grid.
+def board_positions(cells: Cells, empty: Cells, board: CircleGrid, *, mirrored: bool) -> list[BoardPosition]:
+    """Return the most likely positions of a lattice on a grid.
 
-    With x and y in spacings, the discs are where x + y is even in the rectangle of 2 columns by rows. Rotated by 180°,
+    With x and y in spacings, the discs of staggered rows are where x + y is even in the rectangle of 2 columns by rows;
+    those of straight rows are everywhere in columns by rows. Staggered rows, rotated by 180°,
     that is itself if the number of rows is even; mirrored top to bottom, if it is odd: then a mirror image cannot be
     recognized, and is taken as none.
 
@@ -156,7 +158,7 @@ def board_positions(cells: Cells, empty: Cells, columns: int, rows: int, *, mirr
         The discs.
     empty : (M, 2) array of int
         Where paper is seen, but no disc.
-    columns, rows : int
+    board : CircleGrid
     mirrored : bool
         Whether the image is taken as a mirror image.
 
@@ -166,17 +168,18 @@ def board_positions(cells: Cells, empty: Cells, columns: int, rows: int, *, mirr
         All positions with the least contradictions: discs off the board, and its discs where there is paper.
     """
     best, min_contradictions = list[BoardPosition](), len(cells)
+    columns = 2 * board.columns if board.is_staggered else board.columns
     for quarters in range(4):
-        discs, paper = (_in_spacings(c, quarters, mirrored) for c in (cells, empty))
+        discs, paper = (_in_spacings(c, board, quarters, mirrored) for c in (cells, empty))
         low, high = discs.min(axis=0), discs.max(axis=0)
         # At most a third may be off the board on any side; more cannot be its discs.
         slack = (high - low) // 3 + 1
-        for x in range(-low[0] - slack[0], 2 * columns - high[0] + slack[0]):
-            for y in range(-low[1] - slack[1], rows - high[1] + slack[1]):
-                if (x + y) % 2:
+        for x in range(-low[0] - slack[0], columns - high[0] + slack[0]):
+            for y in range(-low[1] - slack[1], board.rows - high[1] + slack[1]):
+                if board.is_staggered and (x + y) % 2:
                     continue
-                ids = _ids(discs + np.array([x, y]), columns, rows)
-                contradictions = int((ids < 0).sum() + (_ids(paper + np.array([x, y]), columns, rows) >= 0).sum())
+                ids = _ids(discs + np.array([x, y]), board)
+                contradictions = int((ids < 0).sum() + (_ids(paper + np.array([x, y]), board) >= 0).sum())
                 if contradictions < min_contradictions:
                     best, min_contradictions = [], contradictions
                 if contradictions == min_contradictions:
@@ -184,9 +187,11 @@ def board_positions(cells: Cells, empty: Cells, columns: int, rows: int, *, mirr
     return best
 
 
-def _in_spacings(cells: Cells, quarters: int, mirrored: bool) -> Cells:
+def _in_spacings(cells: Cells, board: CircleGrid, quarters: int, mirrored: bool) -> Cells:
     """Return x and y (N, 2) in spacings of cells, relative to cell (0, 0), after some quarter turns."""
-    x, y = cells[:, 0] - cells[:, 1], cells[:, 0] + cells[:, 1]
+    x, y = cells.T
+    if board.is_staggered:
+        x, y = x - y, x + y
     if mirrored:
         x = -x
     for _ in range(quarters):
@@ -194,7 +199,8 @@ def _in_spacings(cells: Cells, quarters: int, mirrored: bool) -> Cells:
     return np.stack([x, y], axis=1)
 
 
-def _ids(places: Cells, columns: int, rows: int) -> Cells:
+def _ids(places: Cells, board: CircleGrid) -> Cells:
     x, y = places.T
-    inside = (x >= 0) & (x < 2 * columns) & (y >= 0) & (y < rows)
-    return np.where(inside, y * columns + x // 2, -1)
+    steps = 2 if board.is_staggered else 1
+    inside = (x >= 0) & (x < steps * board.columns) & (y >= 0) & (y < board.rows)
+    return np.where(inside, y * board.columns + x // steps, -1)

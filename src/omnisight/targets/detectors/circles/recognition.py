@@ -19,7 +19,7 @@ class DiscArrangement(NamedTuple):
     ----------
     columns, rows : int
         Circles in a row, and rows.
-    is_asymmetric : bool
+    is_staggered : bool
         Whether every second row is shifted by half a step.
     diameter : float
         Of a circle, over the spacing of the board.
@@ -27,7 +27,7 @@ class DiscArrangement(NamedTuple):
 
     columns: int
     rows: int
-    is_asymmetric: bool
+    is_staggered: bool
     diameter: float
 
 
