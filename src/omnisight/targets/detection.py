@@ -24,6 +24,7 @@ from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, 
 from omnisight.targets.raw_detections import RawDetections, detect_in_file
 from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
 from omnisight.targets.set_field import estimate_set_field, sample_indices
+from omnisight.targets.undistorted_copies import leave_out_undistorted_copies
 from omnisight.targets.unspecified_board import recognize_board
 
 Pattern = tuple[int, int]
@@ -74,6 +75,8 @@ def detect_boards(
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
     images = [with_field_remark(image, field) for image in images]
     notes: list[str] = []
+    if board is not None:
+        images, notes = leave_out_undistorted_copies(images, board)
     if size is not None:
         notes += filter(None, [sizes_note([(path.name, raw.size) for path, raw in readable], size)])
         images = images if apply_exif else _with_orientation_remark(images, results)

@@ -67,7 +67,7 @@ class ImageDetection:
     ----------
     path : Path
     size : (int, int) or None
-        Width and height in pixels; None if the file cannot be read, or is left out for its size.
+        Width and height in pixels; None if the file cannot be read or is left out.
     boards : tuple of Detection
         One per time that the board is seen, the one with most points first.
     note : str

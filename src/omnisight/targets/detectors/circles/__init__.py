@@ -40,8 +40,8 @@ def detect(gray: NDArray[np.uint8], board: CircleGrid) -> list[Detection]:
 
     With an odd number of staggered rows, a grid and its mirror image differ by a rotation only: the step to the next
     row is taken to be clockwise of the step to the next column. With an even number, a mirror image is recognized and
-    its ids are right; but the board looks the same upside-down, and the rotation that begins nearer the top left of the image is
-    taken. Straight rows and their mirror image look the same, and are taken as not mirrored.
+    its ids are right; but the board looks the same upside-down, and the rotation that begins nearer the top left of the
+    image is taken. Straight rows and their mirror image look the same, and are taken as not mirrored.
 
     Returns
     -------
