@@ -79,6 +79,15 @@ def test_unspecified_boards_are_used_with_lengths_relative_to_one(tmp_path, boar
     assert board_class(board.kind).from_dict(found.board.to_dict()) == found.board
 
 
+def test_a_grid_of_separate_markers_is_named(tmp_path):
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
+    board = cv2.aruco.GridBoard((5, 7), 0.04, 0.01, dictionary)
+    write_image(tmp_path / "a.png", np.asarray(board.generateImage((600, 840), marginSize=40)))
+    found = detect_boards([tmp_path / "a.png"], cache=False)
+    assert found.board is None
+    assert found.hint.startswith("the images show a grid of 5x7 separate markers of DICT_6X6_50")
+
+
 def test_square_is_the_scale_of_an_unspecified_board(tmp_path):
     write_image(tmp_path / "a.png", render(CHARUCO, "fisheye", pose(CHARUCO, 10))[0])
     found = detect_boards([tmp_path / "a.png"], square=0.024, cache=False)

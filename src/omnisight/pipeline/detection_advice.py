@@ -54,7 +54,7 @@ def explain_too_few_detections(observations: Observations, required: int) -> str
         summary = f"{number} of {total} images have enough corners; at least {required} are needed, 10 to 20 are good"
         return "\n".join([summary, *(f"  {note}" for note in detections.notes), *notes])
     if detections.board is None:
-        return "\n".join([_describe_no_board(total), *notes])
+        return "\n".join([_describe_no_board(detections), *notes])
     kind = "board" if detections.board.kind == "checkerboard" else detections.board.kind
     summary = f"{detections.board} {kind} detected in {number} of {total} images"
     if number:
@@ -70,14 +70,17 @@ def explain_no_detection(detections: Detections) -> str:
     if isinstance(detections.board, PointTarget):
         summary = f"none of {total} images has enough corners"
     elif detections.board is None:
-        summary = _describe_no_board(total)
+        summary = _describe_no_board(detections)
     else:
         advice = detections.hint or board_advice(detections.board)
         summary = f"{detections.board} board detected in none of {total} images: {advice}"
     return "\n".join([summary, *_list_notes(detections)])
 
 
-def _describe_no_board(total: int) -> str:
+def _describe_no_board(detections: Detections) -> str:
+    total = len(detections.images)
+    if detections.hint:
+        return f"no supported board detected in {total} images: {detections.hint}"
     return (
         f"no checkerboard, markers or grid of circles detected in {total} images: if they show a board, specify"
         " --pattern, its inner corners as columns x rows such as 9x6, or --target"

@@ -66,10 +66,11 @@ def detect_boards(
     size = most_common_size([(raw.size, bool(raw.grids or raw.boards)) for _, raw in readable])
     used = [(path, raw) for path, raw in readable if raw.size == size]
     pattern = most_common_pattern([raw.grids for _, raw in used])
-    if board is None and (recognized := recognize_board(used, pattern, square=square, apply_exif=apply_exif)):
+    recognized = None if board else recognize_board(used, pattern, square=square, apply_exif=apply_exif)
+    if recognized is not None and recognized.board is not None:
         found = detect_boards(paths, recognized.board, apply_exif=apply_exif, cache=cache, progress=progress)
         return replace(found, assumption=recognized.assumption)
-    if board is None and pattern is not None:
+    if board is None and recognized is None and pattern is not None:
         board = Checkerboard(*pattern, square=square)
     field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
@@ -89,7 +90,7 @@ def detect_boards(
             f"the {board} board is a {board.rows}x{board.columns} board rotated by 90°: the camera is the same, and"
             " the x axis of its poses is along the shorter side"
         )
-    hint = None
+    hint = None if recognized is None else recognized.assumption
     if isinstance(board, Checkerboard):
         hint = _pattern_hint([raw for _, raw in used], images, board, pattern)
     return Detections(board, images, hint, field, tuple(notes))

@@ -36,9 +36,12 @@ MIN_CROSS_RATIO, MIN_CROSS_RATIOS = 4 / 3, 10
 
 
 class RecognizedBoard(NamedTuple):
-    """A board recognized in images, and what was assumed of it, for the user."""
+    """A board recognized in images, and what was assumed of it, for the user.
 
-    board: Board
+    The board is None if it is of a kind that is not supported.
+    """
+
+    board: Board | None
     assumption: str
 
 
@@ -70,6 +73,8 @@ def recognize_board(
     length = square or 1.0
     found = recognize_markers(grays)
     board = None if found is None else _marker_board(found, grays, length)
+    if found is not None and board is None:
+        return RecognizedBoard(None, _unsupported(found))
     if board is None and pattern is None:
         board = _circle_board(grays, length)
     if board is None:
@@ -120,6 +125,14 @@ def _circle_board(grays: Sequence[NDArray[np.uint8]], length: float) -> Board | 
     diameter = float(np.median([each.diameter for each in found if each[:3] == shape]))
     columns, rows, is_staggered = shape
     return (CircleGrid if is_staggered else SymmetricCircles)(columns, rows, length, diameter * length)
+
+
+def _unsupported(found: MarkerArrangement) -> str:
+    """Return which markers are arranged as no supported board, and what to use."""
+    return (
+        f"the images show a grid of {found.columns}x{found.rows} separate markers of {found.dictionary}, which is not"
+        " supported: use a ChArUco board (omnisight target make charuco)"
+    )
 
 
 def _assumption(board: Board) -> str:
