@@ -228,3 +228,13 @@ def test_check_added_as_a_file_takes_part_in_the_verdict(tmp_path):
     tests = Path(__file__).resolve().parents[1]
     done = subprocess.run([sys.executable, "-c", script], cwd=tests, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_camera_without_visible_cells_outside_the_middle_has_no_gap():
+    corners, visible = np.zeros((2, 8), np.intp), np.zeros((2, 8), bool)
+    corners[:, :], visible[0] = 9, True
+    coverage = Coverage(np.radians([0.0, 10.0, 20.0]), corners, visible)
+    assert coverage.gap == 0.0
+    everywhere = Coverage(coverage.edges, np.zeros((2, 8), np.intp), np.ones((2, 8), bool))
+    assert everywhere.gap == pytest.approx(2 * np.pi)
+    assert everywhere.empty_side().count(",") == 6

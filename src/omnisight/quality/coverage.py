@@ -78,9 +78,9 @@ class Coverage:
     @property
     def gap(self) -> float:
         """Widest range of visible azimuths (radians) without corners outside the innermost ring."""
-        if not (self.covered & self.visible)[1:].any():
-            return 2 * np.pi
         sectors = np.flatnonzero(self.covered[1:].any(0) | ~self.visible[1:].any(0))
+        if not len(sectors):
+            return 2 * np.pi
         steps = np.diff(np.append(sectors, sectors[0] + SECTORS))
         return float((steps.max() - 1) * 2 * np.pi / SECTORS)
 
