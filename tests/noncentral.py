@@ -149,4 +149,4 @@ def calibrate_noncentral(central, *, design=None, spline=None):
     options = om.CalibrateOptions(flat=True)
     design = None if design is None else om.RayCamera(design, SIZE)
     selection = select_noncentral(central.selection, design, spline, central.observations, options)
-    return assess(selection, central.observations, ~central.outliers, None, options)
+    return assess(selection, central.observations, ~central.outliers, central.quality.spline_baseline, options)

@@ -20,7 +20,9 @@ from noncentral import (
     sphere,
 )
 from omnisight.calibration.bundle_adjustment import Bundle
+from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE, gain_p_value
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import MIN_OUTSIDE_COST_PX, State
 from omnisight.geometry import rotation as so3
@@ -28,6 +30,7 @@ from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.unified import Unified
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.central_error import align_central
+from omnisight.quality.noncentral_test import compare_central
 
 NOISE = 0.1
 # Root mean square length of a residual of pure noise, px.
@@ -98,7 +101,8 @@ def test_noncentrality_test_is_positive(case):
 def test_verdict_of_the_central_camera_recommends_the_axial_model(case):
     reasons = " ".join(case.central.verdict.reasons)
     assert str(case.central.verdict) != "good"
-    assert "Use --model axial" in reasons
+    assert "use --model axial (tried: held-out error 0." in reasons
+    assert "split-half difference " in reasons
     assert "--model spline" not in reasons
     assert "axial" not in " ".join(case.axial.verdict.reasons)
     assert [check.name for check in case.axial.verdict.checks if check.level] in ([], ["coverage"])
@@ -289,3 +293,40 @@ def test_corners_invisible_in_a_mirror_have_a_constant_cost():
         assert not bundle.linearize(state).local_gradient.any()
     assert costs[0] > 6 * 5 * MIN_OUTSIDE_COST_PX / 2
     assert costs == [costs[0]] * 3
+
+
+@pytest.mark.parametrize("model", ["radial_polynomial", "equidistant"])
+def test_a_central_camera_is_not_called_noncentral_because_of_a_poor_model(model):
+    lens = KannalaBrandt(fx=330, fy=330, cx=640, cy=512, k1=-0.06, k2=0.02, k3=-0.006, k4=0.0004)
+    views, _ = observe_boards(om.Camera(lens, SIZE), 8, noise=0.2, reach=(0.0, 1.2), distance=(0.2, 0.6))
+    calibration = calibrate(views, model=model, flat=True)
+    assert not calibration.quality.noncentrality.is_noncentral
+    assert "--model axial" not in " ".join(calibration.reasons)
+
+
+def test_noncentrality_is_not_claimed_without_the_spline_baseline(case):
+    test = case.central.quality.noncentrality
+    inliers, camera = ~case.central.outliers, case.axial.camera
+    central = case.central.best
+    axial = test.axial
+    without = compare_central(central, axial, camera, case.observations, inliers, None)
+    assert without.p_value < CLAIM_SIGNIFICANCE
+    assert not without.is_noncentral
+    assert without.is_inconclusive
+    assert "without a reliable spline baseline, the lens model may be the cause" in str(without)
+
+
+@pytest.mark.parametrize(
+    ("gains", "expected"),
+    # Sums of ranks as high as these have 1, 2 and 5 of the 16 choices of the signs.
+    [((1.0, 2.0, 3.0, 4.0), 1 / 16), ((-1.0, 2.0, 3.0, 4.0), 2 / 16), ((-1.0, -2.0, 3.0, 400.0), 5 / 16)],
+)
+def test_p_value_of_a_gain_is_that_of_the_signed_rank_test(gains, expected):
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+    views = observe([(points, 10 + 100 * points[:, :2] + k) for k in range(len(gains))], SIZE)
+    lens = KannalaBrandt.example()
+    state = State(lens, np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3)))
+    candidate = Candidate("lens", state, FreeParameters.of(lens), 16, 1.0, 1.0)
+    squares = 1.0 + np.repeat(np.array(gains) - min(gains), 4), np.full(16, 1.0 - min(gains))
+    one, other = (dataclasses.replace(candidate, held_out_lengths=np.sqrt(s)) for s in squares)
+    assert gain_p_value(other, one, views, np.ones(16, bool)) == pytest.approx(expected)

@@ -37,7 +37,7 @@ def test_one_image_does_not_determine_the_distortion_and_eight_do():
     one = calibrate(observe(views[:1]), model="kannala_brandt", force=True, flat=True)
     (reason,) = [reason for reason in one.reasons if "not determine all parameters" in reason]
     assert "k4 (±" in reason
-    assert "--model equidistant --square-pixels" in reason
+    assert "--model" not in " ".join(one.reasons)
     eight = calibrate(observe(views), model="kannala_brandt", flat=True)
     assert focal_relative_sigma(eight.camera) < 0.5 * focal_relative_sigma(one.camera)
     assert not any("determine all parameters" in reason for reason in eight.reasons)

@@ -192,7 +192,7 @@ def test_halves_differ_more_than_predicted_for_a_model_that_does_not_fit():
     assert test is not None
     assert test.ratio > 3
     (reason,) = [reason for reason in calibration.reasons if "The cameras of two halves" in reason]
-    assert "the model does not fit this lens: use --model auto" in reason
+    assert "the model does not fit this lens: use --model spline (tried: held-out error " in reason
     # Each half has half of the images, and both have errors: the difference is twice the error of the camera.
     assert calibration.quality.uncertainty.rms() > 0.25 * test.difference
 

@@ -29,6 +29,11 @@ MIN_VIEWS = 3
 MAX_RMS_RATIO = 1.5
 # Relative reduction of the held-out error that matters: below, the model with fewer parameters is taken.
 MIN_RELATIVE_GAIN = 0.01
+# Significance of a reduction that selects between models: one standard error (Breiman et al., Classification and
+# Regression Trees, 1984, sec. 3.4.3).
+SELECTION_SIGNIFICANCE = 0.16
+# Significance of a reduction at which a camera is called non-central, and another model is advised.
+CLAIM_SIGNIFICANCE = 0.01
 # Factor by which the injective domain of a model must exceed the angle that corners cover. A spline ends at 1.05.
 MIN_DOMAIN_MARGIN = 1.03
 
@@ -156,20 +161,48 @@ def select_model(
     return Selection(best, (best, *_ranked([*weighted, *rest], best)), reason)
 
 
-def is_better(one: Candidate, other: Candidate, observations: Observations, inliers: Bools) -> bool:
+def is_better(
+    one: Candidate,
+    other: Candidate,
+    observations: Observations,
+    inliers: Bools,
+    significance: float = SELECTION_SIGNIFICANCE,
+) -> bool:
     """Return whether a candidate has a lower held-out error than another, relevantly and significantly.
 
-    Relevantly: by more than `MIN_RELATIVE_GAIN`. Significantly: the mean over the views of the difference of squared
-    errors exceeds its standard error. Only corners inside the domain of both cameras count.
+    Relevantly: by more than `MIN_RELATIVE_GAIN`. Significantly: by chance, it would be with less than this probability,
+    see `gain_p_value`.
     """
+    first, second = _comparable_squares(one, other, inliers)
+    is_relevant = bool(first.sum() < (1 - MIN_RELATIVE_GAIN) ** 2 * second.sum())
+    return is_relevant and gain_p_value(one, other, observations, inliers) < significance
+
+
+def gain_p_value(one: Candidate, other: Candidate, observations: Observations, inliers: Bools) -> float:
+    """Return the probability that chance lowers the held-out error from one candidate to the other as much or more.
+
+    This is the one-sided signed-rank test (Wilcoxon, Individual comparisons by ranking methods, Biometrics Bulletin 1,
+    1945) of the differences of the squared errors of each view. A view is one sample, because its corners have common
+    errors; ranks keep a view with large errors from deciding alone. Only corners inside the domain of both cameras
+    count.
+    """
+    first, second = _comparable_squares(one, other, inliers)
+    gain = np.bincount(observations.view_of_row, second - first, len(observations))
+    ranks = np.empty(len(gain), np.intp)
+    ranks[np.argsort(np.abs(gain))] = np.arange(1, len(gain) + 1)
+    distribution = np.ones(1)  # of the sum of the ranks of positive differences, if each sign is a coin toss
+    for rank in range(1, len(gain) + 1):
+        distribution = np.pad(distribution, (0, rank)) / 2 + np.pad(distribution, (rank, 0)) / 2
+    return float(min(distribution[ranks[gain > 0].sum() :].sum(), 1.0))
+
+
+def _comparable_squares(one: Candidate, other: Candidate, inliers: Bools) -> tuple[Array, Array]:
+    """Return the squared held-out errors (N,) of two candidates; zero for corners that do not count."""
     assert one.held_out_lengths is not None
     assert other.held_out_lengths is not None
     first, second = one.held_out_lengths, other.held_out_lengths
     use = inliers & (first < MIN_OUTSIDE_COST_PX) & (second < MIN_OUTSIDE_COST_PX)
-    if (first[use] ** 2).sum() >= (1 - MIN_RELATIVE_GAIN) ** 2 * (second[use] ** 2).sum():
-        return False
-    gain = np.bincount(observations.view_of_row, np.where(use, second**2 - first**2, 0.0), len(observations))
-    return bool(gain.mean() > gain.std(ddof=1) / np.sqrt(len(observations)))
+    return np.where(use, first**2, 0.0), np.where(use, second**2, 0.0)
 
 
 def _ranked(candidates: Sequence[Candidate], best: Candidate) -> list[Candidate]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.candidate import Candidate
+from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.camera import Camera
 from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX, CameraChange
 from omnisight.quality.coverage import Coverage
@@ -108,11 +109,27 @@ class Evidence:
         return not self.is_camera_changed and self.spline_baseline is not None and self.spline_baseline.is_significant
 
     @property
-    def alternative(self) -> str:
-        """Command-line option for a better model."""
+    def advice(self) -> str:
+        """The better model that was tried, with its gain, as an instruction; empty if there is none."""
         if self.is_noncentral:
-            return "--model axial"
-        return "--model spline" if self.is_auto else "--model auto or --model spline"
+            return self._axial_advice
+        baseline = self.spline_baseline
+        if baseline is None or not self.is_model_too_simple or baseline.p_value >= CLAIM_SIGNIFICANCE:
+            return ""
+        spline_rms = baseline.candidate.held_out_rms or 0.0
+        return f"use --model spline (tried: held-out error {baseline.model_held_out_rms:.2f} -> {spline_rms:.2f} px)"
+
+    @property
+    def _axial_advice(self) -> str:
+        """The advice to use an axial camera; empty if halves of the images do not agree better on it."""
+        test, central = self.noncentrality, self.split_half
+        assert test is not None
+        gain = f"held-out error {test.central_rms:.2f} -> {test.axial_rms:.2f} px"
+        if central is not None and (axial := test.axial_split_half) is not None:
+            if axial.difference >= central.difference:
+                return ""
+            gain += f", split-half difference {central.difference:.2f} -> {axial.difference:.2f} px"
+        return f"use --model axial (tried: {gain})"
 
     def grade(self, value_px: float, limits: tuple[float, float]) -> Level:
         """Return the level of an error (px), given the largest good and the largest usable one at 1000 px width."""

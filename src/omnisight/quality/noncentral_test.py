@@ -1,6 +1,6 @@
 """Non-central test: whether an entrance pupil that shifts along the axis explains held-out views better."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -8,14 +8,17 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance
-from omnisight.calibration.model_selection import is_better
+from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE, gain_p_value, is_better
 from omnisight.calibration.noncentral import PUPIL_COEFFICIENTS, fit_axial
 from omnisight.calibration.residual_weights import OUTLIER_SIGMA
 from omnisight.camera import Camera
+from omnisight.models import Projector
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.central_error import DISTANCES_BOARD_WIDTHS, DISTANCES_M, CentralApproximationError
+from omnisight.quality.central_limit import central_limit
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.quality.spline_baseline import SplineBaseline
+from omnisight.quality.split_half import SplitHalfTest, run_split_half_test
 from omnisight.ray_camera import RayCamera
 from omnisight.targets.observations import Observations
 
@@ -33,7 +36,10 @@ class NonCentralityTest:
     Attributes
     ----------
     is_noncentral
-        Whether the shift lowers the held-out error relevantly and significantly, and below that of a central spline.
+        Whether the shift lowers the held-out error relevantly and at the significance `CLAIM_SIGNIFICANCE`, both for
+        this lens and for the spline baseline, which can represent any central lens.
+    p_value
+        Probability that chance lowers the held-out error as much for this lens.
     doubt
         Why the test is inconclusive; empty if it is not.
     central_rms, axial_rms
@@ -48,9 +54,12 @@ class NonCentralityTest:
         Error of the central camera at three distances.
     axial
         The camera with the shift.
+    axial_split_half
+        Split-half test of the camera with the shift; None if the camera is not non-central, or there are few views.
     """
 
     is_noncentral: bool
+    p_value: float
     doubt: str
     central_rms: float
     axial_rms: float
@@ -60,6 +69,7 @@ class NonCentralityTest:
     board_widths: tuple[float, ...] | None
     central_error: CentralApproximationError
     axial: Candidate
+    axial_split_half: SplitHalfTest | None = None
 
     @property
     def is_inconclusive(self) -> bool:
@@ -82,7 +92,7 @@ class NonCentralityTest:
         """Describe the result in one sentence."""
         errors = (
             f"held-out error {self.axial_rms:.3f} px with an entrance pupil shift of {self.length(self.shift)} ±"
-            f" {self.length(self.shift_sigma)}, {self.central_rms:.3f} px without"
+            f" {self.length(self.shift_sigma)}, {self.central_rms:.3f} px without (p = {self.p_value:.2g})"
         )
         if self.is_noncentral:
             return f"the camera is non-central: {errors}"
@@ -96,6 +106,8 @@ class NonCentralityTest:
         return {
             "is_noncentral": self.is_noncentral,
             "is_inconclusive": self.is_inconclusive,
+            "p_value": _finite(self.p_value),
+            "significance": CLAIM_SIGNIFICANCE,
             "central_held_out_rms": _finite(self.central_rms),
             "axial_held_out_rms": _finite(self.axial_rms),
             "shift": _finite(self.shift),
@@ -144,7 +156,14 @@ def run_noncentrality_test(
         theta_min=camera.theta_min,
         covariance=camera_covariance(axial, observations),
     )
-    return compare_central(best, axial, axial_camera, observations, inliers, baseline)
+    test = compare_central(best, axial, axial_camera, observations, inliers, baseline)
+    if not test.is_noncentral:
+        return test
+
+    def as_camera(model: Projector, covariance: Array) -> Camera:
+        return central_limit(replace(axial_camera, model=model, covariance=covariance))
+
+    return replace(test, axial_split_half=run_split_half_test(axial, observations, as_camera, loss="huber"))
 
 
 def compare_central(
@@ -171,20 +190,21 @@ def compare_central(
     model, lens = camera.model, central.state.central_model
     assert isinstance(model, Axial)
     assert camera.covariance is not None
-    better = is_better(axial, central, observations, inliers)
-    spline_rms = None if baseline is None else baseline.candidate.held_out_rms
-    spline_is_better = spline_rms is not None and spline_rms < (axial.held_out_rms or 0.0)
     cone = camera.theta_min, camera.theta_max or model.theta_max
     shift = PupilShift.between(model, camera.covariance, cone)
-    doubt = "a central spline has a lower held-out error than both" if better and spline_is_better else ""
-    if not better and shift.length > OUTLIER_SIGMA * shift.length_sigma:
+    p_value = gain_p_value(axial, central, observations, inliers)
+    doubt = ""
+    if is_better(axial, central, observations, inliers):
+        doubt = _doubt(p_value, central, baseline)
+    elif shift.length > OUTLIER_SIGMA * shift.length_sigma:
         doubt = "the shift is significant: more images, very near, far and close to the image circle, decide"
     width = float(np.ptp(observations.extent, axis=0).max())
     in_metres = camera.unit == "m"
     distances = DISTANCES_M if in_metres else tuple(width * widths for widths in DISTANCES_BOARD_WIDTHS)
     points = axial.state.points(observations)[0][inliers]
     return NonCentralityTest(
-        better and not spline_is_better,
+        not doubt and is_better(axial, central, observations, inliers),
+        p_value,
         doubt,
         central.scored(inliers).held_out_rms or 0.0,
         axial.held_out_rms or 0.0,
@@ -195,6 +215,28 @@ def compare_central(
         CentralApproximationError.of(lens, model, points, size=camera.size, cone=cone, distances=distances),
         axial,
     )
+
+
+def _doubt(p_value: float, central: Candidate, baseline: SplineBaseline | None) -> str:
+    """Return why a lower held-out error with a shift does not prove a non-central camera; empty if it does.
+
+    A lens model that does not fit gains from a shift too. The spline baseline, which can represent any central lens,
+    must gain as well. The hypothesis of a central camera is rejected only if both comparisons reject it, so the level
+    is that of one of them.
+    """
+    if p_value >= CLAIM_SIGNIFICANCE:
+        return f"the gain is not significant at {CLAIM_SIGNIFICANCE:g}; more images decide"
+    if central.name == "spline":
+        return ""
+    if baseline is None or not baseline.is_reliable:
+        return "without a reliable spline baseline, the lens model may be the cause; more images decide"
+    spline, observations, inliers = baseline.candidate, baseline.observations, baseline.inliers
+    axial = fit_axial(spline, observations, PUPIL_COEFFICIENTS, loss="huber")
+    axial = axial.cross_validated(observations, inliers, loss="huber")
+    if is_better(axial, spline, observations, inliers, CLAIM_SIGNIFICANCE):
+        return ""
+    p_spline = gain_p_value(axial, spline, observations, inliers)
+    return f"a spline, which fits any central lens, does not gain significantly from a shift (p = {p_spline:.2g})"
 
 
 def _finite(value: float) -> float | None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.free_parameters import FreeParameters
-from omnisight.calibration.model_selection import MAX_RMS_RATIO, is_better
+from omnisight.calibration.model_selection import MAX_RMS_RATIO, gain_p_value, is_better
 from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.state import State
 from omnisight.geometry.sphere import angle_from_axis
@@ -29,6 +29,8 @@ class SplineBaseline:
     ----------
     candidate
         The spline, fitted to a subset of the corners.
+    observations, inliers
+        This subset, and (N,) the inliers of it.
     edges
         (R + 1,) angles from the axis between the rings, radians.
     model_rms, spline_rms
@@ -38,14 +40,24 @@ class SplineBaseline:
         no better.
     is_significant
         Whether the spline is better relevantly and significantly, see `is_better`.
+    p_value
+        Probability that chance makes the spline as much better, see `gain_p_value`.
     """
 
     candidate: Candidate
+    observations: Observations
+    inliers: NDArray[np.bool_]
     edges: Array
     model_rms: Array
     spline_rms: Array
     model_error: float
     is_significant: bool
+    p_value: float
+
+    @property
+    def model_held_out_rms(self) -> float:
+        """Held-out rms of the selected model on the corners of the spline, px."""
+        return float(np.sqrt((self.model_rms**2).mean()))
 
     @property
     def worst_ring(self) -> int:
@@ -55,8 +67,7 @@ class SplineBaseline:
     @property
     def is_reliable(self) -> bool:
         """Whether there were enough views to fit the spline: its held-out error is not far above that of the model."""
-        rms = float(np.sqrt((self.model_rms**2).mean()))
-        return (self.candidate.held_out_rms or 0.0) <= MAX_RMS_RATIO * rms
+        return (self.candidate.held_out_rms or 0.0) <= MAX_RMS_RATIO * self.model_held_out_rms
 
     def __str__(self) -> str:
         """Describe the result in one sentence."""
@@ -127,4 +138,7 @@ def fit_spline_baseline(
     model_rms, spline_rms = (np.sqrt(np.bincount(ring, values, RINGS) / count) for values in squares)
     model_error = float(np.sqrt(max(squares[0].mean() - squares[1].mean(), 0.0)))
     is_significant = is_better(spline, best, observations, inliers)
-    return SplineBaseline(spline, edges, model_rms, spline_rms, model_error, is_significant)
+    p_value = gain_p_value(spline, best, observations, inliers)
+    return SplineBaseline(
+        spline, observations, inliers, edges, model_rms, spline_rms, model_error, is_significant, p_value
+    )

@@ -20,8 +20,8 @@ def check(evidence: Evidence) -> Check:
     level = evidence.grade(error, MAX_HELD_OUT_PX)
     if level:
         action = (
-            f"{evidence.camera.model.name} does not describe this camera; use {evidence.alternative}."
-            if evidence.is_model_too_simple
+            f"{evidence.camera.model.name} does not describe this camera; {evidence.advice}."
+            if evidence.advice
             else "look at the images with the largest residuals (--draw), and drop those that are blurred or whose"
             " board is not flat (--drop)."
         )
@@ -31,6 +31,6 @@ def check(evidence: Evidence) -> Check:
             "held-out error",
             Level.USABLE,
             f"The held-out error is {error / rms:.1f} times the rms ({error:.2f} and {rms:.2f} px), which indicates"
-            " overfitting: add images, or use a model with fewer parameters.",
+            " overfitting: add images.",
         )
     return Check("held-out error")

@@ -42,8 +42,7 @@ def check(evidence: Evidence) -> Check:
         names = f" ({', '.join(unknown)})" if unknown else ""
         sentences.append(
             f"{distinct} distinct {'image does' if distinct == 1 else 'images do'} not determine all parameters{names},"
-            " although residuals are small: take 10 to 20 images with the board tilted and everywhere in the image, or"
-            " use a model with fewer parameters (--model equidistant --square-pixels)."
+            " although residuals are small: take 10 to 20 images with the board tilted and everywhere in the image."
         )
     elif distinct < MIN_GOOD_VIEWS:
         level = Level.USABLE

@@ -23,5 +23,5 @@ def check(evidence: Evidence) -> Check:
         "injectivity",
         Level.USABLE,
         f"The model is not injective beyond {np.degrees(fold):.0f}° off-axis, and corners reach"
-        f" {np.degrees(reach):.0f}°: put the board farther out, or try another --model.",
+        f" {np.degrees(reach):.0f}°: put the board farther out.",
     )

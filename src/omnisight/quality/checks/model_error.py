@@ -21,5 +21,5 @@ def check(evidence: Evidence) -> Check | None:
         "model error",
         level,
         f"The model error of {evidence.camera.model.name} is {baseline.model_error:.2f} px (difference from a spline"
-        f" fit), which the stated uncertainty does not include: use {evidence.alternative}.",
+        f" fit), which the stated uncertainty does not include: {evidence.advice or 'add images'}.",
     )

@@ -22,9 +22,9 @@ def check(evidence: Evidence) -> Check | None:
     if evidence.is_camera_changed:
         cause = "the images are of two cameras, or the camera changed."
     elif evidence.is_noncentral:
-        cause = "the camera is non-central: use --model axial."
+        cause = "the camera is non-central."
     elif evidence.is_model_too_simple:
-        cause = f"the model does not fit this lens: use {evidence.alternative}."
+        cause = f"the model does not fit this lens: {evidence.advice or 'add images'}."
     else:
         cause = (
             "a board that is not flat or not to scale, a lens that refocused, or blur; the stated uncertainty includes"

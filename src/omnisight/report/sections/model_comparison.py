@@ -75,8 +75,8 @@ def _spline_guide() -> Guide:
         f"Camera models fitted to the same corners. {HELD_OUT} The reference is a spline, which can represent any"
         " lens; the chart compares both over the angle from the axis.",
         "A held-out error close to the rms, and no ring in which the spline is clearly better.",
-        "If the held-out error is much larger than the rms, add images. If the spline is clearly better in a ring that"
-        " you use, calibrate with --model spline.",
+        "If the held-out error is much larger than the rms, add images. The verdict advises --model spline if the"
+        " spline is significantly better.",
     )
 
 

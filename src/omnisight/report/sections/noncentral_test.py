@@ -45,7 +45,7 @@ def _central_guide(test: NonCentralityTest) -> Guide:
         "A held-out error that the shift does not reduce, and errors below the residuals at your working distances.",
         "Calibrate with --model axial if you measure nearer or farther than the boards were. The file then has an"
         " origin and a bearing for each pixel."
-        if test.is_noncentral or test.is_inconclusive
+        if test.is_noncentral
         else "No action needed if you work at the distances of the boards. To reduce the uncertainty of the shift, add"
         " images with the board very near and far, up to the image circle: only together they separate the shift from"
         " the lens profile.",

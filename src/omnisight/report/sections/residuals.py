@@ -102,7 +102,7 @@ def residuals(data: ReportData) -> Section:
 
 def _model_advice(data: ReportData) -> str:
     if data.is_central and data.camera.model.name != "spline":
-        return "try --model spline, and see Models compared"
+        return "see Models compared"
     return "compare it with the standard deviation of the residuals"
 
 
