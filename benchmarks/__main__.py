@@ -16,6 +16,7 @@ The following run one at a time and take options, for example `python -m benchma
     noncentrality rates of false and true claims of the non-central test. 30 minutes, --cameras 20 3 minutes
     verdict      agreement of the verdict with the true error. 10 minutes
     model_choice stated uncertainty against the true error when boards are hardly tilted. 1 hour, --seeds 3 6 minutes
+    paper_boards sheets that bend differently in each image. 10 minutes, --seeds 2 2 minutes
     convergence  share of calibrations that reach the optimum. 1 hour, with --quick 5 minutes
 
 `python -m benchmarks.lines` evaluates the calibration from lines. The environment is described in CONTRIBUTING.md.
@@ -33,7 +34,16 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 import cv2
 
 RACES = ("points", "views", "calibration", "render", "startup")
-EVALUATIONS = ("boards", "solvers", "noncentral", "noncentrality", "verdict", "model_choice", "convergence")
+EVALUATIONS = (
+    "boards",
+    "solvers",
+    "noncentral",
+    "noncentrality",
+    "verdict",
+    "model_choice",
+    "paper_boards",
+    "convergence",
+)
 
 
 def main(arguments: Sequence[str]) -> None:

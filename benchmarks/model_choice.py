@@ -9,7 +9,7 @@ Errors are root mean squares over the calibrated field of view after the best ro
 import argparse
 import warnings
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
@@ -63,21 +63,23 @@ def run(trial: Trial) -> Run:
         return judged(Case(str(trial), trial.seed), NOISE_PX, truth, calibrate(observations))
 
 
-def scene(trial: Trial) -> tuple[GroundTruth, Observations]:
-    """Simulate the corners of a trial; deterministic."""
+def scene(trial: Trial, bend: Callable[[Array], Array] = np.asarray) -> tuple[GroundTruth, Observations]:
+    """Simulate the corners of a trial; deterministic. `bend` moves the points (N, 3) of the board in each view."""
     rng = np.random.default_rng(zlib.crc32(str(trial).encode()))
     fov = CAMERAS[trial.camera]
     half = np.radians(fov / 2)
     lenses = {name: lens for every in LENSES.values() for name, lens in every.items()}
     model = scaled(lenses[trial.camera], float(half), RIM_PX, rng)
     truth = GroundTruth(f"{trial.camera} {fov}", model, 0.0, float(half))
-    views = [_view(truth, trial, rng) for _ in range(trial.images)]
+    views = [_view(truth, trial, bend, rng) for _ in range(trial.images)]
     return truth, Observations.from_arrays(*zip(*views, strict=True), size=SIZE)
 
 
-def _view(truth: GroundTruth, trial: Trial, rng: np.random.Generator) -> tuple[Array, Array]:
+def _view(
+    truth: GroundTruth, trial: Trial, bend: Callable[[Array], Array], rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Place a board in view and simulate its corners: board points (N, 3) and pixels (N, 2)."""
-    points = BOARD.points - BOARD.points.mean(0)
+    points = bend(BOARD.points - BOARD.points.mean(0))
     while True:
         width = np.radians(rng.uniform(MIN_WIDTH_DEG, MAX_WIDTH_DEG))
         facing = trial.seed % 2 == 0

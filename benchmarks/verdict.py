@@ -61,7 +61,10 @@ class Error:
 
 @dataclass(frozen=True)
 class Run:
-    """One calibration: its errors over the calibrated cone and over the whole field, and its verdict."""
+    """One calibration: its errors over the calibrated cone and over the whole field, and its verdict.
+
+    `failed` are the checks that failed, `noted` those that failed or made a remark.
+    """
 
     case: Case
     lens: str
@@ -71,6 +74,7 @@ class Run:
     field: Error
     level: Level
     failed: tuple[str, ...]
+    noted: tuple[str, ...]
     reasons: tuple[str, ...]
     seconds: float
 
@@ -109,6 +113,7 @@ def judged(case: Case, noise: float, truth: GroundTruth, found: Calibration, sec
         _error(found, bearings, pixels),
         found.verdict.level,
         tuple(f"{check.name}{'!' * (check.level - 1)}" for check in checks),
+        tuple(check.name for check in found.verdict.checks if check.sentence),
         found.reasons,
         seconds,
     )

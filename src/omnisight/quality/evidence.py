@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.camera import Camera
+from omnisight.quality.board_bend import BoardBendTest
 from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX, CameraChange
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest
@@ -67,6 +68,8 @@ class Evidence:
         Results of the tests; None if there are too few views.
     camera_change
         Two cameras that explain the images better than one, if so.
+    board_bend
+        How much different bends of the board explain; None if there are too few corners.
     is_auto
         Whether the model was selected automatically.
     """
@@ -81,6 +84,7 @@ class Evidence:
     spline_baseline: SplineBaseline | None
     noncentrality: NonCentralityTest | None
     camera_change: CameraChange | None
+    board_bend: BoardBendTest | None
     is_auto: bool
 
     @property
@@ -97,6 +101,12 @@ class Evidence:
     def is_camera_changed(self) -> bool:
         """Whether two cameras explain the images better than one, and differ relevantly."""
         return self.camera_change is not None and self.grade(self.camera_change.error, MAX_CHANGE_ERROR_PX) > Level.GOOD
+
+    @property
+    def is_board_bending(self) -> bool:
+        """Whether the board bends differently in each image, given one camera and a model that fits it."""
+        is_explained = self.is_camera_changed or self.is_noncentral or self.is_model_too_simple
+        return not is_explained and self.board_bend is not None and self.board_bend.is_positive
 
     @property
     def is_noncentral(self) -> bool:

@@ -15,6 +15,7 @@ from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.models import CameraModel, Projector
 from omnisight.optics.models.axial import Axial
+from omnisight.quality.board_bend import BoardBendTest, run_board_bend_test
 from omnisight.quality.camera_change import CameraChange, find_camera_change
 from omnisight.quality.central_limit import central_limit, in_central_frame
 from omnisight.quality.coverage import Coverage
@@ -49,6 +50,8 @@ class QualityReport:
         Whether the entrance pupil shifts along the axis; None with too few views.
     camera_change
         Two cameras that explain the images better than one; None if one does.
+    board_bend
+        How much different bends of the board explain; None if there are too few corners.
     verdict
         Whether the calibration can be used, and what to do if not.
     """
@@ -59,6 +62,7 @@ class QualityReport:
     spline_baseline: SplineBaseline | None
     noncentrality: NonCentralityTest | None
     camera_change: CameraChange | None
+    board_bend: BoardBendTest | None
     verdict: Verdict
 
     def __repr__(self) -> str:
@@ -77,6 +81,7 @@ class QualityReport:
             "split_half": self.split_half and self.split_half.as_dict(),
             "spline_baseline": self.spline_baseline and self.spline_baseline.as_dict(),
             "camera_change": self.camera_change and self.camera_change.as_dict(),
+            "board_bend": self.board_bend and self.board_bend.as_dict(),
         }
 
 
@@ -156,6 +161,7 @@ def _assess(
     # A shift of the entrance pupil separates near boards from far ones, which resembles two cameras.
     if camera_change is not None and noncentrality is not None and noncentrality.axial.rms < camera_change.rms:
         camera_change = None
+    board_bend = run_board_bend_test(best.state, observations)
     evidence = Evidence(
         camera,
         best,
@@ -167,7 +173,8 @@ def _assess(
         baseline,
         noncentrality,
         camera_change,
+        board_bend,
         is_auto,
     )
     verdict = Verdict.of(evidence)
-    return QualityReport(uncertainty, coverage, split_half, baseline, noncentrality, camera_change, verdict)
+    return QualityReport(uncertainty, coverage, split_half, baseline, noncentrality, camera_change, board_bend, verdict)

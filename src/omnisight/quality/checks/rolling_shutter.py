@@ -9,7 +9,7 @@ PRIORITY = 11
 
 def check(evidence: Evidence) -> Check:
     """Check for motion during the exposure; it matters if the uncertainty, which includes its effect, is large."""
-    if evidence.is_model_too_simple or evidence.is_camera_changed:
+    if evidence.is_model_too_simple or evidence.is_camera_changed or evidence.is_board_bending:
         return Check("rolling shutter")
     test = run_rolling_shutter_test(evidence.candidate.state, evidence.observations)
     sentence = "" if test is None else test.sentence

@@ -25,6 +25,8 @@ def check(evidence: Evidence) -> Check | None:
         cause = "the camera is non-central."
     elif evidence.is_model_too_simple:
         cause = f"the model does not fit this lens: {evidence.advice or 'add images'}."
+    elif evidence.is_board_bending:
+        cause = "the board bends differently in each image; the stated uncertainty includes it."
     else:
         cause = (
             "a board that is not flat or not to scale, a lens that refocused, or blur; the stated uncertainty includes"
