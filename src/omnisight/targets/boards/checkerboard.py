@@ -56,7 +56,8 @@ class Checkerboard(Board):
         ValueError
             If either cannot be read, or the unit is missing.
         """
-        return cls(**parse_pattern(pattern), square=None if square is None else parse_length(square))
+        size = parse_pattern(pattern)
+        return cls(size["columns"], size["rows"], None if square is None else parse_length(square))
 
     @property
     def is_symmetric(self) -> bool:
