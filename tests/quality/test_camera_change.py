@@ -7,7 +7,7 @@ from calibrating import calibrate, observe
 from lenses import lens, observe_boards
 
 
-def two_cameras(in_order, magnification=1.02, shift=10.0, views=20):
+def two_cameras(in_order, magnification=1.02, shift=10.0, views=20, name="{0}.png"):
     """Return observations of a lens whose magnification and principal point change, and which views changed."""
     first = lens(180)
     values = first.to_dict()
@@ -15,7 +15,7 @@ def two_cameras(in_order, magnification=1.02, shift=10.0, views=20):
     second = first.with_values({**focal, "cx": values["cx"] + shift})
     shots = [observe_boards(model, 180, np.random.default_rng(4), count=views) for model in (first, second)]
     changed = np.arange(views) >= views // 2 if in_order else np.arange(views) % 2 == 1
-    names = [f"{i}.png" for i in range(views)]
+    names = [name.format(i, ("left", "right")[int(second)]) for i, second in enumerate(changed)]
     return observe([shots[int(second)][i] for i, second in enumerate(changed)], names=names), changed
 
 
@@ -33,6 +33,24 @@ def test_change_of_focus_and_crop_is_found_and_named(in_order):
     expected = "The camera changed at image 10.png" if in_order else "The images are of two cameras"
     assert calibration.reasons[0].startswith(expected)
     assert not any("--model axial" in reason or "rolling" in reason for reason in calibration.reasons)
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_two_cameras_are_named_by_the_patterns_of_their_files(in_order):
+    observations, is_right = two_cameras(in_order, magnification=1.004, shift=3.0, name="{1}{0}.png")
+    calibration = calibrate(observations)
+    change = calibration.quality.camera_change
+    assert change is not None
+    assert change.patterns == ("left*.png", "right*.png")
+    np.testing.assert_array_equal(change.is_second, is_right)
+    assert str(calibration.verdict) != "good"
+    assert calibration.reasons[0].startswith("The images are of 2 cameras, 'left*.png', 'right*.png'")
+
+
+def test_names_alone_do_not_make_two_cameras():
+    views = observe_boards(lens(180), 180, np.random.default_rng(7), count=16)
+    observations = observe(views, names=[f"{('left', 'right')[i % 2]}{i}.png" for i in range(16)])
+    assert calibrate(observations).quality.camera_change is None
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -3,10 +3,11 @@
 Focus, zoom or binning may change during a set, or a folder may hold images of two cameras. The scores of the views, the
 gradients of the camera parameters with their poses eliminated, then point in opposite directions (tests of parameter
 constancy: Zeileis and Hornik, Generalized M-fluctuation tests for parameter instability, Statistica Neerlandica 61,
-2007). The best split by order and the best split into any two clusters are refitted and compared with one camera by the
-Bayesian information criterion, a view being one sample.
+2007). The splits by file name, the best split by order and the best split into any two clusters are refitted and
+compared with one camera by the Bayesian information criterion, a view being one sample.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.residual_weights import MIN_SIGMA_PX, ResidualWeights
 from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.calibration.state import State
+from omnisight.images.name_patterns import patterns_by_name
 from omnisight.models import Projector
 from omnisight.targets.observations import Observations
 
@@ -44,6 +46,8 @@ class CameraChange:
         (V,) which views belong to the second camera.
     names
         Names of the images.
+    patterns
+        Patterns of the file names, one for each camera, if the names divide the images in the same way; else empty.
     in_order
         Whether all images of the second camera follow those of the first.
     evidence
@@ -60,6 +64,7 @@ class CameraChange:
 
     is_second: Bools
     names: tuple[str, ...]
+    patterns: tuple[str, ...]
     in_order: bool
     evidence: float
     rms: float
@@ -81,6 +86,7 @@ class CameraChange:
         """Return the figures by name."""
         return {
             "in_order": self.in_order,
+            "patterns": list(self.patterns),
             "second_camera": list(self.names_of(second=True)),
             "evidence": self.evidence,
             "difference_px": self.difference,
@@ -109,17 +115,20 @@ def find_camera_change(candidate: Candidate, observations: Observations, *, loss
     if views < 2 * MIN_VIEWS_EACH or not candidate.parameters:
         return None
     scores = _whitened_scores(candidate, observations, loss)
-    # Length of the description of a split, in nats: one of V positions, or a label for each view.
-    splits = [(_best_split_in_order(scores), np.log(views)), (_best_clusters(scores), views * np.log(2))]
+    # Length of the description of a split, in nats: one of the splits by name, one of V positions, or a label per view.
+    by_name = _splits_by_name(observations.names)
+    splits = [(is_second, np.log(len(by_name)), patterns) for is_second, patterns in by_name]
+    splits += [(_best_split_in_order(scores), np.log(views), ()), (_best_clusters(scores), views * np.log(2), ())]
     camera_cost = candidate.free_parameters.count * np.log(views)
     changes = list[CameraChange]()
-    for is_second, split_cost in splits:
+    for is_second, split_cost, patterns in splits:
         penalty = camera_cost + 2 * split_cost
         if is_second is None or _linear_gain(scores, is_second) < penalty + MIN_EVIDENCE:
             continue
         gain, states = _refitted_gain(candidate, observations, is_second, loss)
         if gain >= penalty + MIN_EVIDENCE:
-            changes.append(_describe(states, candidate, observations, is_second, gain - penalty))
+            change = _describe(states, candidate, observations, is_second, gain - penalty)
+            changes.append(replace(change, patterns=patterns))
     return max(changes, key=lambda change: change.evidence, default=None)
 
 
@@ -135,6 +144,18 @@ def _linear_gain(scores: Array, is_second: Bools) -> float:
     """Return the decrease of chi squared by a second camera for some of the views, to first order."""
     share = is_second.mean()
     return float(((scores[is_second] - scores.mean(0)).sum(0) ** 2).sum() / (share * (1 - share)))
+
+
+def _splits_by_name(names: Sequence[str]) -> list[tuple[Bools, tuple[str, ...]]]:
+    """Return splits (V,) of one pattern of the file names from the others, with all patterns."""
+    splits = list[tuple[Bools, tuple[str, ...]]]()
+    for patterns in map(np.array, patterns_by_name(names)):
+        distinct = tuple(dict.fromkeys(patterns.tolist()))
+        for pattern in distinct[1:]:
+            is_second = patterns == pattern
+            if min(is_second.sum(), (~is_second).sum()) >= MIN_VIEWS_EACH:
+                splits.append((is_second, distinct))
+    return splits
 
 
 def _best_split_in_order(scores: Array) -> Bools:
@@ -196,6 +217,7 @@ def _describe(
     return CameraChange(
         is_second,
         tuple(observations.names),
+        patterns=(),
         in_order=bool(is_second[np.argmax(is_second) :].all()),
         evidence=float(evidence),
         rms=float(np.sqrt((lengths**2).mean())),

@@ -99,8 +99,11 @@ class Evidence:
 
     @property
     def is_camera_changed(self) -> bool:
-        """Whether two cameras explain the images better than one, and differ relevantly."""
-        return self.camera_change is not None and self.grade(self.camera_change.error, MAX_CHANGE_ERROR_PX) > Level.GOOD
+        """Whether two cameras explain the images better than one, and differ relevantly or by file names."""
+        change = self.camera_change
+        if change is None or change.patterns:
+            return change is not None
+        return self.grade(change.error, MAX_CHANGE_ERROR_PX) > Level.GOOD
 
     @property
     def is_board_bending(self) -> bool:

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from omnisight.images.name_patterns import patterns_by_name
+
 Size = tuple[int, int]
 
 FRACTIONS = {2: "half", 3: "a third", 4: "a quarter"}
@@ -48,9 +50,15 @@ def sizes_note(images: Sequence[tuple[str, Size]], used: Size) -> str | None:
         names = by_size[size]
         part = f"{len(names)} of {_text(size)} ({', '.join(names[:MAX_NAMES])}{', ...' * (len(names) > MAX_NAMES)})"
         parts.append(f"{part}, rotated by 90°?" if size == used[::-1] else part)
+    action = "Another size is another camera: calibrate it separately"
+    for patterns in patterns_by_name([name for name, _ in images]):
+        size_by_pattern = dict(zip(patterns, (size for _, size in images), strict=True))
+        if all(size_by_pattern[pattern] == size for pattern, (_, size) in zip(patterns, images, strict=True)):
+            quoted = [f"'{pattern}'" for pattern in size_by_pattern]
+            action = f"{', '.join(quoted[:MAX_NAMES])} are different cameras: calibrate each separately"
     ratios = [f"{_text(size)} is {ratio}: resize them" for size in others if (ratio := _ratio(size, used))]
     first = f"images have {len(by_size)} sizes: {'; '.join(parts)}"
-    return ". ".join([first, *ratios, "Another size is another camera: calibrate it separately"])
+    return ". ".join([first, *ratios, action])
 
 
 def _ratio(size: Size, used: Size) -> str | None:

@@ -1,7 +1,7 @@
 """Check that all images are of one camera that did not change."""
 
 from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX
-from omnisight.quality.evidence import Check, Evidence
+from omnisight.quality.evidence import Check, Evidence, Level
 from omnisight.quality.wording import list_first
 
 PRIORITY = 1
@@ -16,7 +16,13 @@ def check(evidence: Evidence) -> Check:
         f"magnification x{change.magnification:.4f}, principal point shifted by {change.shift:.1f} px, difference"
         f" {change.difference:.1f} px"
     )
-    if change.in_order:
+    if change.patterns:
+        quoted = [f"'{pattern}'" for pattern in change.patterns]
+        sentence = (
+            f"The images are of {len(quoted)} cameras, {list_first(quoted)} ({effect}): calibrate each separately,"
+            f" as in omnisight calibrate {quoted[0]}."
+        )
+    elif change.in_order:
         sentence = (
             f"The camera changed at image {change.first_changed}, by focus, zoom, binning or crop ({effect}): calibrate"
             " the images before and from there on separately."
@@ -27,4 +33,5 @@ def check(evidence: Evidence) -> Check:
             f"The images are of two cameras, or of one that changed to and fro: {len(second)} of {len(change.names)}"
             f" differ from the others ({list_first(second)}; {effect}). Calibrate them separately."
         )
-    return Check("camera change", evidence.grade(change.error, MAX_CHANGE_ERROR_PX), sentence)
+    # Images of two cameras are never a good set, however similar the cameras are.
+    return Check("camera change", max(evidence.grade(change.error, MAX_CHANGE_ERROR_PX), Level.USABLE), sentence)
