@@ -15,6 +15,7 @@ from omnisight.camera import Camera
 from omnisight.geometry.rotation import look
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import UnreadableImage, read_image, to_gray8
+from omnisight.images.interlacing import deinterlace
 from omnisight.models import CameraModel
 from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection
 from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST
@@ -158,7 +159,7 @@ class _ImageSearch:
         if image.size is None or (not image.boards and self.failures >= MAX_FAILURES):
             return image, RedetectionStats()
         try:
-            gray = to_gray8(read_image(image.path, apply_exif=self.apply_exif))
+            gray = deinterlace(to_gray8(read_image(image.path, apply_exif=self.apply_exif)))
         except UnreadableImage:  # it was readable before: keep the first detection
             return image, RedetectionStats()
         return self._measure_again(gray, image, index) if image.boards else self._search_views(gray, image)

@@ -147,7 +147,7 @@ def _image_detection(
             if detection is not None:
                 detections.append(detection)
                 assigned.append(grid)
-    return ImageDetection(
+    image = ImageDetection(
         path,
         raw.size,
         tuple(detections),
@@ -156,6 +156,7 @@ def _image_detection(
         exposure=assigned[0].white if assigned else raw.exposure,
         blur=assigned[0].blur if assigned else float("nan"),
     )
+    return image.with_remark("interlaced: only the even rows are used") if raw.interlaced else image
 
 
 def _note(raw: RawDetections, detections: Sequence[Detection], board: Board | None) -> str:

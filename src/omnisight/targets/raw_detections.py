@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import decode_image, downsample, exif_orientation, read_bytes, to_gray8
+from omnisight.images.interlacing import deinterlace
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard
 from omnisight.targets.cache import cache_key, load_entry, save_entry
@@ -17,7 +18,7 @@ from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.detectors.checkerboard.grid_search import find_grids
 
 # Part of the keys of cached detections: increase it whenever detections change.
-DETECTOR_VERSION = 4
+DETECTOR_VERSION = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,8 @@ class RawDetections:
         Gray level of the brightest quarter of that part: 255 is overexposed.
     orientation : int
         The EXIF orientation, 1 to 8.
+    interlaced : bool
+        Whether the image is interlaced, and its first field was used.
     key : str
         Digest of the file's content and of how it was read.
     thumbnail : (h, w) array of uint8 or None
@@ -50,6 +53,7 @@ class RawDetections:
     sharpness: float
     exposure: float
     orientation: int
+    interlaced: bool
     key: str
     thumbnail: NDArray[np.uint8] | None = None
 
@@ -93,6 +97,7 @@ def grids_or_boards(
 def _detect_in_gray(gray: NDArray[np.uint8], board: Board | None, orientation: int, key: str) -> RawDetections:
     import cv2
 
+    frame, gray = gray, deinterlace(gray)
     grids, boards = grids_or_boards(gray, board)
     pixels = [grid.pixels[grid.present] for grid in grids] + [b.pixels for b in boards]
     part = gray
@@ -101,7 +106,8 @@ def _detect_in_gray(gray: NDArray[np.uint8], board: Board | None, orientation: i
         part = gray[max(int(top), 0) : int(bottom) + 2, max(int(left), 0) : int(right) + 2]
     sharpness = float(cv2.Laplacian(part, cv2.CV_32F).var() / max(float(part.var()), 1.0))
     size = (gray.shape[1], gray.shape[0])
-    return RawDetections(size, grids, boards, sharpness, float(np.percentile(part, 75)), orientation, key)
+    exposure = float(np.percentile(part, 75))
+    return RawDetections(size, grids, boards, sharpness, exposure, orientation, gray is not frame, key)
 
 
 def _to_entry(raw: RawDetections) -> dict[str, Any]:
@@ -120,6 +126,7 @@ def _to_entry(raw: RawDetections) -> dict[str, Any]:
         ],
         "sharpness": raw.sharpness,
         "exposure": raw.exposure,
+        "interlaced": raw.interlaced,
     }
 
 
@@ -141,7 +148,8 @@ def _from_entry(entry: dict[str, Any], orientation: int, key: str) -> RawDetecti
         if min(width, height) < 1 or not all(_is_valid(board) for board in boards):
             return None
         sharpness, exposure = float(entry["sharpness"]), float(entry["exposure"])
-        return RawDetections((width, height), grids, boards, sharpness, exposure, orientation, key)
+        interlaced = bool(entry["interlaced"])
+        return RawDetections((width, height), grids, boards, sharpness, exposure, orientation, interlaced, key)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
         return None
 

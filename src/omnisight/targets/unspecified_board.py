@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import read_image, to_gray8
+from omnisight.images.interlacing import deinterlace
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.aprilgrid import AprilGrid
 from omnisight.targets.boards.charuco import Charuco
@@ -69,7 +70,7 @@ def recognize_board(
     if not images or complete >= MIN_COMPLETE_SHARE * len(images):
         return None
     sampled = np.unique(np.linspace(0, len(images) - 1, SEARCHED_IMAGES).round().astype(np.intp))
-    grays = [to_gray8(read_image(images[i][0], apply_exif=apply_exif)) for i in sampled]
+    grays = [deinterlace(to_gray8(read_image(images[i][0], apply_exif=apply_exif))) for i in sampled]
     length = square or 1.0
     found = recognize_markers(grays)
     board = None if found is None else _marker_board(found, grays, length)
