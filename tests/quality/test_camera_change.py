@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibrating import calibrate, observe
+from calibrating import SIZE, calibrate, observe
 from lenses import lens, observe_boards
 
 
@@ -26,6 +26,7 @@ def test_change_of_focus_and_crop_is_found_and_named(in_order):
     change = calibration.quality.camera_change
     assert change is not None
     assert change.in_order is in_order
+    assert change.orientation == ""
     assert (change.is_second == changed).mean() >= 0.9
     assert change.magnification == pytest.approx(1.02, abs=0.005)
     assert change.shift == pytest.approx(10.0, abs=2.0)
@@ -62,3 +63,21 @@ def test_one_camera_does_not_change(seed):
 def test_few_views_tell_nothing():
     observations, _ = two_cameras(in_order=True, views=6)
     assert calibrate(observations).quality.camera_change is None
+
+
+@pytest.mark.parametrize(("directions", "orientation"), [((-1, 1), "mirrored"), ((-1, -1), "rotated by 180°")])
+def test_images_that_were_mirrored_or_rotated_are_named(directions, orientation):
+    model = lens(180)
+    model = model.with_values({"cx": model.to_dict()["cx"] + 8})
+    views = observe_boards(model, 180, np.random.default_rng(1), count=16)
+    last = np.array(SIZE) - 1
+    # The corners of a plain board are numbered in the image: those of a mirrored image start at another corner.
+    board = (np.prod(directions), 1, 1)
+    changed = [
+        (points * board, np.where(np.array(directions) < 0, last - pixels, pixels)) if i % 2 else (points, pixels)
+        for i, (points, pixels) in enumerate(views)
+    ]
+    calibration = calibrate(observe(changed, names=[f"{i}.png" for i in range(16)]))
+    assert calibration.quality.camera_change.orientation == orientation
+    assert calibration.reasons[0].startswith(f"8 of 16 images are {orientation} (1.png, 3.png, 5.png, ...)")
+    assert not any("blur" in reason for reason in calibration.reasons)

@@ -22,6 +22,7 @@ from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.calibration.state import State
 from omnisight.images.name_patterns import patterns_by_name
 from omnisight.models import Projector
+from omnisight.quality.image_orientation import find_orientation
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -32,6 +33,8 @@ MIN_VIEWS_EACH = 4
 # Decrease of the criterion that is very strong evidence (Kass and Raftery, Bayes factors, Journal of the American
 # Statistical Association 90, 1995).
 MIN_EVIDENCE = 10.0
+# Share of the gain of two cameras that one camera with some images mirrored may lack, because it has fewer parameters.
+MAX_LOST_GAIN = 0.1
 # Error (px) that a change causes in a good and in a usable camera.
 MAX_CHANGE_ERROR_PX = (0.5, 2.0)
 
@@ -48,6 +51,8 @@ class CameraChange:
         Names of the images.
     patterns
         Patterns of the file names, one for each camera, if the names divide the images in the same way; else empty.
+    orientation
+        How the images of the second camera were changed, such as "mirrored", if this alone makes the difference; or "".
     in_order
         Whether all images of the second camera follow those of the first.
     evidence
@@ -65,6 +70,7 @@ class CameraChange:
     is_second: Bools
     names: tuple[str, ...]
     patterns: tuple[str, ...]
+    orientation: str
     in_order: bool
     evidence: float
     rms: float
@@ -87,6 +93,7 @@ class CameraChange:
         return {
             "in_order": self.in_order,
             "patterns": list(self.patterns),
+            "orientation": self.orientation,
             "second_camera": list(self.names_of(second=True)),
             "evidence": self.evidence,
             "difference_px": self.difference,
@@ -120,7 +127,7 @@ def find_camera_change(candidate: Candidate, observations: Observations, *, loss
     splits = [(is_second, np.log(len(by_name)), patterns) for is_second, patterns in by_name]
     splits += [(_best_split_in_order(scores), np.log(views), ()), (_best_clusters(scores), views * np.log(2), ())]
     camera_cost = candidate.free_parameters.count * np.log(views)
-    changes = list[CameraChange]()
+    changes = list[tuple[CameraChange, State]]()
     for is_second, split_cost, patterns in splits:
         penalty = camera_cost + 2 * split_cost
         if is_second is None or _linear_gain(scores, is_second) < penalty + MIN_EVIDENCE:
@@ -128,8 +135,11 @@ def find_camera_change(candidate: Candidate, observations: Observations, *, loss
         gain, states = _refitted_gain(candidate, observations, is_second, loss)
         if gain >= penalty + MIN_EVIDENCE:
             change = _describe(states, candidate, observations, is_second, gain - penalty)
-            changes.append(replace(change, patterns=patterns))
-    return max(changes, key=lambda change: change.evidence, default=None)
+            changes.append((replace(change, patterns=patterns), states[0]))
+    if not changes:
+        return None
+    change, first = max(changes, key=lambda item: item[0].evidence)
+    return replace(change, orientation=_orientation(change, first, candidate, observations, loss))
 
 
 def _whitened_scores(candidate: Candidate, observations: Observations, loss: Loss) -> Array:
@@ -205,6 +215,18 @@ def _refitted_gain(
     return (total - remaining) / max(variance, MIN_SIGMA_PX**2), (first, second)
 
 
+def _orientation(
+    change: CameraChange, first: State, candidate: Candidate, observations: Observations, loss: Loss
+) -> str:
+    """Return the orientation of the second images if with it one camera keeps most of the gain of two cameras."""
+    weights = ResidualWeights.estimate(candidate.state, observations, loss)
+    cost = Bundle(observations, candidate.free_parameters, weights).cost(candidate.state)
+    share = (change.rms / candidate.rms) ** 2
+    return find_orientation(
+        first, observations, change.is_second, weights, cost * (share + MAX_LOST_GAIN * (1 - share))
+    )
+
+
 def _describe(
     states: tuple[State, State], candidate: Candidate, observations: Observations, is_second: Bools, evidence: float
 ) -> CameraChange:
@@ -218,6 +240,7 @@ def _describe(
         is_second,
         tuple(observations.names),
         patterns=(),
+        orientation="",
         in_order=bool(is_second[np.argmax(is_second) :].all()),
         evidence=float(evidence),
         rms=float(np.sqrt((lengths**2).mean())),

@@ -16,7 +16,13 @@ def check(evidence: Evidence) -> Check:
         f"magnification x{change.magnification:.4f}, principal point shifted by {change.shift:.1f} px, difference"
         f" {change.difference:.1f} px"
     )
-    if change.patterns:
+    second = change.names_of(second=True)
+    if change.orientation:
+        sentence = (
+            f"{len(second)} of {len(change.names)} images are {change.orientation} ({list_first(second)}), or the"
+            " others are: with that undone, one camera fits all. Use the files as the camera wrote them."
+        )
+    elif change.patterns:
         quoted = [f"'{pattern}'" for pattern in change.patterns]
         sentence = (
             f"The images are of {len(quoted)} cameras, {list_first(quoted)} ({effect}): calibrate each separately,"
@@ -28,7 +34,6 @@ def check(evidence: Evidence) -> Check:
             " the images before and from there on separately."
         )
     else:
-        second = change.names_of(second=True)
         sentence = (
             f"The images are of two cameras, or of one that changed to and fro: {len(second)} of {len(change.names)}"
             f" differ from the others ({list_first(second)}; {effect}). Calibrate them separately."
