@@ -1,4 +1,4 @@
-"""Recognition of sheets that bend differently in each image: `python -m benchmarks paper_boards`.
+"""Recognition and estimation of sheets that bend differently in each image: `python -m benchmarks paper_boards`.
 
 Four cameras are calibrated from simulated images of a sheet that is bent to another cylinder in each image, by a height
 of 0 to 5 % of its width. The lengths within the sheet do not change. The table states how often the verdict names the

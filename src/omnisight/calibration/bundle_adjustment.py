@@ -61,6 +61,8 @@ class Bundle:
         lengths[outside] = np.minimum(lengths[outside], limit)
         prior = 0.5 * float(self._prior_information(state.model) @ state.model.params**2)
         barrier = self._barrier(state)
+        if self.free_parameters.bend_sigma:
+            prior += 0.5 * self._bend_information * float((state.bends_or_zero**2).sum())
         return Huber(self.weights.threshold).cost(lengths) + prior + (barrier.cost if barrier else 0.0)
 
     def linearize(self, state: State) -> GroupedNormal:
@@ -90,9 +92,16 @@ class Bundle:
             d_point[near], d_params[near] = project_clamped_jacobians(state.model, points[near], d_params[valid])
         by_point, by_params = np.ascontiguousarray(d_point.T), np.ascontiguousarray(d_params.T)
         weighting = weights.whitening, weights.threshold
-        return normal_equation_blocks(
-            residuals, by_point, by_params, *weighting, rotated, o.warp_basis, o.view_of_row, state.rotations
+        bends, terms = state.bends_or_zero, self.free_parameters.per_view - 6
+        sheet = o.sheet, o.sheet_size, bends, terms
+        blocks = normal_equation_blocks(
+            residuals, by_point, by_params, *weighting, rotated, o.warp_basis, *sheet, o.view_of_row, state.rotations
         )
+        if terms:
+            _, _, _, local, local_gradient = blocks
+            local[:, range(6, 9), range(6, 9)] += self._bend_information
+            local_gradient[:, 6:] += self._bend_information * bends
+        return blocks
 
     def with_priors(self, corners: GroupedNormal, state: State) -> GroupedNormal:
         """Return the normal equations of the free parameters, with priors and barrier added to those of the corners."""
@@ -109,12 +118,13 @@ class Bundle:
     def move(self, state: State, step: Array) -> State:
         """Return the state moved by a step of the free parameters and of the poses, kept within bounds."""
         camera, shared = self.free_parameters.directions.shape[1], self.free_parameters.count
-        poses = step[shared:].reshape(-1, 6)
+        poses = step[shared:].reshape(-1, self.free_parameters.per_view)
         return State(
             limit_step(state.model, self.free_parameters.directions @ step[:camera]) if camera else state.model,
             so3.exp(poses[:, :3]) @ state.rotations,
-            state.translations + poses[:, 3:],
+            state.translations + poses[:, 3:6],
             state.warp + step[camera:shared] if self.free_parameters.warp else state.warp,
+            state.bends_or_zero + poses[:, 6:] if self.free_parameters.bend_sigma else state.bends,
         )
 
     @cached_property
@@ -129,6 +139,11 @@ class Bundle:
     def _barrier(self, state: State) -> LogBarrier | None:
         moves = self.free_parameters.directions.shape[1]
         return log_barrier(state, self.observations, self.weights.sigma**2) if moves else None
+
+    @property
+    def _bend_information(self) -> float:
+        """Weight of the squared bends, in the unit of the residuals."""
+        return (self.weights.sigma / self.free_parameters.bend_sigma) ** 2
 
     def _prior_information(self, model: Projector) -> Array:
         """Return the weight (P,) of each squared parameter, from its prior standard deviation about 0."""

@@ -138,7 +138,8 @@ class Candidate:
         for fold, trained in zip(folds, self.leave_out(folds, observations, weights), strict=True):
             rows = observations.rows(fold)
             start = replace(self.state.subset(fold), model=trained.model, warp=trained.warp)
-            lengths[rows] = _pose_residuals(start, observations.subset(fold), weights.subset(rows))
+            own = self.free_parameters.without_camera()
+            lengths[rows] = _pose_residuals(start, observations.subset(fold), weights.subset(rows), own)
         return replace(self, held_out_lengths=lengths).scored(inliers)
 
     def scored(self, inliers: Bools) -> "Candidate":
@@ -179,10 +180,13 @@ class Candidate:
         return candidate, part.at(kept), inliers[rows]
 
 
-def _pose_residuals(start: State, observations: Observations, weights: ResidualWeights) -> Array:
+def _pose_residuals(
+    start: State, observations: Observations, weights: ResidualWeights, free_parameters: FreeParameters
+) -> Array:
     """Pose held-out views with a given camera and warp, and return the residual lengths (N,), px."""
-    fixed = FreeParameters.none(start.model)
-    posed = refine(start, observations, free_parameters=fixed, weights=weights, tolerance=COARSE_TOLERANCE).state
+    posed = refine(
+        start, observations, free_parameters=free_parameters, weights=weights, tolerance=COARSE_TOLERANCE
+    ).state
     return posed.lengths(observations)
 
 

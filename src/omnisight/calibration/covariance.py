@@ -96,7 +96,7 @@ def noise_covariance(candidate: Candidate, observations: Observations, *, loss: 
 def residual_variance(weights: ResidualWeights, observations: Observations, free_parameters: FreeParameters) -> float:
     """Return the variance, px^2, of a corner coordinate: that of the residuals, corrected for degrees of freedom."""
     measured = observations.pixels.size
-    degrees_of_freedom = measured - free_parameters.count - 6 * len(observations)
+    degrees_of_freedom = measured - free_parameters.count - free_parameters.per_view * len(observations)
     return weights.sigma**2 * measured / max(degrees_of_freedom, 1)
 
 

@@ -1,7 +1,7 @@
 """The free parameters of a calibration that all views share: camera parameters and board warp."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -25,10 +25,13 @@ class FreeParameters:
         (P, F) derivative of the camera's P parameters by the F estimated numbers.
     warp
         Whether the board warp is estimated.
+    bend_sigma
+        Standard deviation of the prior on the bends of the board, in its unit; 0 if none are estimated.
     """
 
     directions: Array
     warp: bool = False
+    bend_sigma: float = 0.0
 
     @classmethod
     def of(
@@ -61,8 +64,17 @@ class FreeParameters:
         return cls(np.zeros((len(model.param_names), 0)))
 
     @property
+    def per_view(self) -> int:
+        """Number of values that are estimated of each view: its pose, and its bend."""
+        return 9 if self.bend_sigma else 6
+
+    def without_camera(self) -> Self:
+        """Return only what is estimated of each view."""
+        return replace(self, directions=self.directions[:, :0], warp=False)
+
+    @property
     def count(self) -> int:
-        """Number of estimated values."""
+        """Number of estimated values that all views share."""
         return self.directions.shape[1] + 2 * self.warp
 
 

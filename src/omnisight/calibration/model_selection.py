@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.board_bend import run_board_bend_test
+from omnisight.calibration.board_bend_estimation import estimate_board_bends, with_board_bends, with_half_held_out
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.estimation_options import EstimationOptions, Loss
 from omnisight.calibration.free_parameters import FreeParameters, with_square_pixels
@@ -121,12 +123,26 @@ def cross_validate(
             for i in competitive:
                 validated[i] = candidates[i].with_board_warp(observations, loss=options.loss)
             validated[simplest] = warped
+        if sigma := _confirmed_bend_sigma(validated[simplest], observations, inliers, options.loss):
+            for i in competitive:
+                validated[i] = with_board_bends(validated[i], observations, sigma, loss=options.loss)
     for done, i in enumerate(competitive):
         report("cross-validate", done, len(competitive))
         if validated[i].held_out_rms is None:
             validated[i] = validated[i].cross_validated(observations, inliers, loss=options.loss)
     report("cross-validate", len(competitive), len(competitive))
     return validated
+
+
+def _confirmed_bend_sigma(candidate: Candidate, observations: Observations, inliers: Bools, loss: Loss) -> float:
+    """Return the standard deviation of bends of the board that lower the error of held-out corners; 0 if none do."""
+    test = run_board_bend_test(candidate.state, observations)
+    if test is None or not test.is_positive:
+        return 0.0
+    bent = estimate_board_bends(candidate, observations, loss=loss)
+    one, other = (with_half_held_out(c, observations, loss=loss) for c in (bent, candidate))
+    is_confirmed = is_better(one, other, observations, inliers, CLAIM_SIGNIFICANCE)
+    return bent.free_parameters.bend_sigma if is_confirmed else 0.0
 
 
 def select_model(

@@ -50,7 +50,7 @@ def fit_axial(central: Candidate, observations: Observations, coefficients: int,
     """
     start = replace(central.state, model=Axial(central.state.central_model, (0.0,) * coefficients))
     directions = block_diag(central.free_parameters.directions, np.eye(coefficients))
-    free_parameters = FreeParameters(np.asarray(directions, float), central.free_parameters.warp)
+    free_parameters = replace(central.free_parameters, directions=np.asarray(directions, float))
     name = f"axial {central.name}, {coefficients}"
     return Candidate.fit(name, start, observations, free_parameters, loss=loss)
 
@@ -107,8 +107,8 @@ def select_prescription(
     """
     start = resect_prescription(with_wide_aperture(model, observations), observations)
     fixed = (*options.fix, *(name for name in unobservable_parameters(model) if name not in options.free))
-    warp = central.best.free_parameters.warp
-    free_parameters = FreeParameters.of(start.model, fixed=fixed, free=options.free, warp=warp)
+    estimated = FreeParameters.of(start.model, fixed=fixed, free=options.free)
+    free_parameters = replace(central.best.free_parameters, directions=estimated.directions)
     best = Candidate.fit(model.name, start, observations, free_parameters, loss=options.loss)
     if not best.rms <= MAX_RMS_RATIO * central.best.rms:
         raise ValueError(

@@ -47,4 +47,4 @@ def pose_covariances(candidate: Candidate, observations: Observations, camera_co
     response = np.concatenate([np.eye(count), -others @ schur[count:, :count]])
     shared = response @ camera_covariance @ response.T
     shared[count:, count:] += variance * others
-    return variance * inverse + np.swapaxes(gain, 1, 2) @ shared @ gain
+    return (variance * inverse + np.swapaxes(gain, 1, 2) @ shared @ gain)[:, :6, :6]

@@ -29,12 +29,16 @@ class State:
     warp
         (2,) height of the board's middle above the plane of its edges, along x and along y: z = warp_basis . warp in
         the unit of the board, positive away from the printed side (`Observations.warp_basis`).
+    bends
+        (V, 3) bend of the sheet in each view, its height b0 s^2 + b1 s t + b2 t^2 at (s, t) = `Observations.sheet`, in
+        the unit of the board; None if it is flat up to the warp.
     """
 
     model: Projector
     rotations: Array
     translations: Array
     warp: Array = field(default_factory=lambda: np.zeros(2))
+    bends: Array | None = None
 
     @property
     def central_model(self) -> CameraModel:
@@ -52,7 +56,15 @@ class State:
     def points(self, observations: Observations) -> tuple[Array, Array]:
         """Return the board points in the camera frame (N, 3), and rotated but not translated (N, 3)."""
         o = observations
-        return transform_points(o.points, o.warp_basis, self.warp, o.view_of_row, self.rotations, self.translations)
+        bent = o.sheet, o.sheet_size, self.bends_or_zero
+        return transform_points(
+            o.points, o.warp_basis, self.warp, *bent, o.view_of_row, self.rotations, self.translations
+        )
+
+    @property
+    def bends_or_zero(self) -> Array:
+        """(V, 3) bend of the sheet in each view."""
+        return np.zeros((len(self.rotations), 3)) if self.bends is None else self.bends
 
     @property
     def cam_from_board(self) -> tuple[Pose, ...]:
@@ -61,7 +73,8 @@ class State:
 
     def subset(self, views: NDArray[np.intp]) -> "State":
         """Return the state of some of the views."""
-        return replace(self, rotations=self.rotations[views], translations=self.translations[views])
+        bends = None if self.bends is None else self.bends[views]
+        return replace(self, rotations=self.rotations[views], translations=self.translations[views], bends=bends)
 
     def residuals(self, observations: Observations) -> Array:
         """Return projected minus observed pixels (N, 2), NaN outside the model's domain."""

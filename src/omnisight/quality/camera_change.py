@@ -208,7 +208,7 @@ def _refitted_gain(
         part = observations.subset(views)
         problem = Bundle(part, candidate.free_parameters, weights.subset(observations.rows(views)))
         remaining += 2 * problem.cost(state)
-        measured += part.pixels.size - candidate.free_parameters.count - 6 * len(part)
+        measured += part.pixels.size - candidate.free_parameters.count - candidate.free_parameters.per_view * len(part)
         scatter.append(view_scatter(replace(candidate, state=state), part))
     total = 2 * Bundle(observations, candidate.free_parameters, weights).cost(candidate.state)
     variance = remaining / max(measured, 1) * max(*scatter, 1.0)

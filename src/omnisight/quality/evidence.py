@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.board_bend import BoardBendTest
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.camera import Camera
-from omnisight.quality.board_bend import BoardBendTest
 from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX, CameraChange
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest

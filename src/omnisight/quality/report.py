@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.board_bend import BoardBendTest, run_board_bend_test
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.covariance import camera_covariance
 from omnisight.calibration.estimation_options import Loss
@@ -15,7 +16,6 @@ from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.models import CameraModel, Projector
 from omnisight.optics.models.axial import Axial
-from omnisight.quality.board_bend import BoardBendTest, run_board_bend_test
 from omnisight.quality.camera_change import CameraChange, find_camera_change
 from omnisight.quality.central_limit import central_limit, in_central_frame
 from omnisight.quality.coverage import Coverage
@@ -161,7 +161,7 @@ def _assess(
     # A shift of the entrance pupil separates near boards from far ones, which resembles two cameras.
     if camera_change is not None and noncentrality is not None and noncentrality.axial.rms < camera_change.rms:
         camera_change = None
-    board_bend = run_board_bend_test(best.state, observations)
+    board_bend = run_board_bend_test(replace(best.state, bends=None), observations)
     evidence = Evidence(
         camera,
         best,

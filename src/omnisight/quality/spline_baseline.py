@@ -124,7 +124,7 @@ def fit_spline_baseline(
     if best.corners > len(observations.pixels):  # compare models that were trained on the same corners
         best = best.cross_validated(observations, inliers, loss=loss)
     ((_, start),) = model_starts("spline", start, observations)
-    free_parameters = FreeParameters.of(start.model, warp=best.free_parameters.warp)
+    free_parameters = replace(best.free_parameters, directions=FreeParameters.of(start.model).directions)
     spline = Candidate.fit(
         "spline", start, observations, free_parameters, loss=loss, tolerance=COMPARISON_TOLERANCE
     ).cross_validated(observations, inliers, loss=loss)

@@ -218,6 +218,16 @@ class Observations:
         middle, half = self.extent.mean(0), np.ptp(self.extent, axis=0) / 2
         return 1 - ((self.points[:, :2] - middle) / np.where(half > 0, half, 1.0)) ** 2
 
+    @cached_property
+    def sheet(self) -> Array:
+        """(N, 2) each point relative to the middle of the board, in units of `sheet_size`."""
+        return (self.points[:, :2] - self.extent.mean(0)) / self.sheet_size
+
+    @cached_property
+    def sheet_size(self) -> float:
+        """Half of the longer side of the board."""
+        return float(np.ptp(self.extent, axis=0).max()) / 2 or 1.0
+
     def rows(self, views: Sequence[int] | NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the rows of the points of some of the views."""
         return np.concatenate([np.arange(0), *(np.arange(self.groups[i].start, self.groups[i].stop) for i in views)])

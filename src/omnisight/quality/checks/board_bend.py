@@ -13,6 +13,11 @@ def check(evidence: Evidence) -> Check | None:
     test = evidence.board_bend
     if test is None:
         return None
-    matters = evidence.is_board_bending and test.rms > MAX_BEND_PX * evidence.px_scale
-    sentence = test.sentence if evidence.is_board_bending else ""
-    return Check("board bend", Level.USABLE if matters else Level.GOOD, sentence)
+    if not evidence.is_board_bending:
+        return Check("board bend")
+    if evidence.candidate.state.bends is not None:
+        action = "The bends are estimated; a rigid plate would make the camera more certain."
+        return Check("board bend", sentence=f"{test.finding} {action}")
+    matters = test.rms > MAX_BEND_PX * evidence.px_scale
+    action = "Glue it to a rigid plate and take the images again."
+    return Check("board bend", Level.USABLE if matters else Level.GOOD, f"{test.finding} {action}")

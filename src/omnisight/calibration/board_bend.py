@@ -74,14 +74,12 @@ class BoardBendTest:
         }
 
     @property
-    def sentence(self) -> str:
-        """Finding and action; empty if the test is negative."""
-        if not self.is_positive:
-            return ""
+    def finding(self) -> str:
+        """What was found, as a sentence."""
         return (
             f"The board bends differently in each image, like paper without a backing: bends of {self.height:.1%} of"
             f" its width explain {self.explained:.0%} of the squared residuals ({self.rms:.2f} px rms, most in"
-            f" {self.name}). Glue it to a rigid plate and take the images again."
+            f" {self.name})."
         )
 
 
