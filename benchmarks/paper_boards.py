@@ -59,7 +59,7 @@ def bent(points: Array, height: float, rng: np.random.Generator) -> Array:
 def table(runs: Sequence[Run]) -> str:
     """Return the rate of recognition and the errors by height."""
     lines = [
-        "| bend | sets | recognised | good, usable, do not use | error, px: median, worst | true/stated: median, 95 % |"
+        "| bend | sets | recognized | good, usable, do not use | error, px: median, worst | true/stated: median, 95 % |"
     ]
     lines += ["|---" * 6 + "|"]
     for height in dict.fromkeys(r.case.kind.split("/")[1] for r in runs):

@@ -32,7 +32,7 @@ def test_a_bent_sheet_keeps_its_lengths(monkeypatch, pytestconfig):
 
 
 @pytest.mark.parametrize(("camera", "model"), [("kannala_brandt", "kannala_brandt"), ("equisolid", "equisolid")])
-def test_sheets_bent_differently_in_each_image_are_recognised(bent_scene, camera, model):
+def test_sheets_bent_differently_in_each_image_are_recognized(bent_scene, camera, model):
     _, observations = bent_scene(camera, 0, 0.04)
     calibration = calibrate(observations, model=model)
     test = calibration.quality.board_bend
