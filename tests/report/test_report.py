@@ -110,7 +110,7 @@ def test_report_of_a_calibration_from_arrays(central):
     assert text.count('class="residual inlier"') == len(NAMES)
 
 
-def test_report_without_quality_figures(central, tmp_path):
+def test_report_without_quality_figures(central):
     """Unknown uncertainties are reported as unknown."""
     unknown = np.full_like(central.uncertainty.pixels, np.nan)
     uncertainty = replace(central.uncertainty, pixels=unknown, angles=unknown)
@@ -123,10 +123,8 @@ def test_report_without_quality_figures(central, tmp_path):
         camera = replace(calibration.camera, covariance=covariance)
         return replace(data, calibration=replace(calibration, camera=camera))
 
-    with pytest.raises(ValueError, match="JSON compliant"):
-        # The camera file could not be written either.
-        write(data_with_covariance(np.full_like(central.camera.covariance, np.nan)), tmp_path / "report.html")
-    for covariance in (np.zeros_like(central.camera.covariance), None):
+    zero = np.zeros_like(central.camera.covariance)
+    for covariance in (zero, np.full_like(zero, np.nan), None):
         text = render_page(data_with_covariance(covariance))
         assert "unknown: not enough images" in text
         assert ">unknown<" in text
