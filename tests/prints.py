@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from omnisight.models import model_class
 from omnisight.targets.boards.aprilgrid import AprilGrid
+from omnisight.targets.boards.aruco_grid import ArucoGrid
 from omnisight.targets.boards.charuco import Charuco
 from omnisight.targets.boards.circles import CircleGrid
 from omnisight.targets.printing.drawing import Disc
@@ -20,6 +21,7 @@ CAMERAS = {
 }
 CHARUCO = Charuco(9, 6, square=0.024, marker=0.018)
 APRIL = AprilGrid(5, 4, tag=0.024, spacing=0.3)
+ARUCO_GRID = ArucoGrid(5, 4, marker=0.024, separation=0.006, dictionary="DICT_6X6_50")
 CIRCLES = CircleGrid(4, 11, spacing=0.02, diameter=0.02)
 
 

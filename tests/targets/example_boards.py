@@ -7,8 +7,8 @@ import pytest
 from omnisight.targets.boards import board_class
 from omnisight.targets.printing.drawing import Disc
 
-checkerboard, charuco, aprilgrid, circles, symmetric_circles = (
-    board_class(kind) for kind in ("checkerboard", "charuco", "aprilgrid", "circles", "symmetric_circles")
+checkerboard, charuco, aprilgrid, aruco_grid, circles, symmetric_circles = (
+    board_class(kind) for kind in ("checkerboard", "charuco", "aprilgrid", "aruco_grid", "circles", "symmetric_circles")
 )
 EXAMPLES = {
     "checkerboard": [checkerboard(9, 6, 0.03), checkerboard(8, 6, 0.02), checkerboard(6, 6, 0.02)],
@@ -19,6 +19,7 @@ EXAMPLES = {
         charuco(4, 3, 0.05, 0.04, "DICT_APRILTAG_36h11"),
     ],
     "aprilgrid": [aprilgrid(6, 6, 0.03, 0.3), aprilgrid(3, 2, 0.05, 0.2), aprilgrid(1, 1, 0.05, 1.0)],
+    "aruco_grid": [aruco_grid(6, 4, 0.03, 0.006, "DICT_6X6_50"), aruco_grid(1, 1, 0.05, 0.01)],
     "circles": [circles(4, 11, 0.02, 0.016), circles(3, 8, 0.03, 0.03), circles(7, 7, 0.02, 0.02)],
     "symmetric_circles": [symmetric_circles(7, 5, 0.03, 0.018), symmetric_circles(5, 5, 0.02, 0.012)],
 }

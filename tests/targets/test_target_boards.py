@@ -29,7 +29,7 @@ def test_every_kind_has_examples():
 
 
 def test_unknown_kind_raises_with_the_known_kinds():
-    with pytest.raises(ValueError, match="unknown kind of target 'dots'; there are: aprilgrid, charuco, checkerboard"):
+    with pytest.raises(ValueError, match="unknown kind of target 'dots'; there are: aprilgrid, aruco_grid, charuco"):
         board_class("dots")
 
 
@@ -48,14 +48,14 @@ def test_length_round_trips_through_millimetres():
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_points_lie_in_a_plane_inside_the_ink(board):
+def test_points_lie_in_a_plane_within_the_ink(board):
     points = board.points
     assert points.shape == (board.size, 3)
     assert board.unit == "m"
     assert not points[:, 2].any()
     left, top, right, bottom = board.extent
-    assert (points[:, :2] > (left, top)).all()
-    assert (points[:, :2] < (right, bottom)).all()
+    assert (points[:, :2] >= (left - 1e-9, top - 1e-9)).all()
+    assert (points[:, :2] <= (right + 1e-9, bottom + 1e-9)).all()
     assert len(np.unique(points.round(9), axis=0)) == board.size
 
 
@@ -128,6 +128,18 @@ def test_opencv_detects_the_aprilgrid(board):
         # Where tag and gap meet is a saddle, which OpenCV's refinement of tags does not use.
         saddles = cv2.cornerSubPix(image, corners.reshape(-1, 1, 2), (4, 4), (-1, -1), stop)
         assert np.linalg.norm(saddles[:, 0] - expected[board.corners[tag]], axis=1).max() < 0.2
+
+
+@pytest.mark.parametrize("board", EXAMPLES["aruco_grid"], ids=str)
+def test_opencv_detects_the_aruco_grid_and_numbers_its_points_alike(board):
+    image, expected = printed(board)
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    found, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(image)
+    assert sorted(ids.ravel()) == list(range(board.columns * board.rows))
+    for corners, marker in zip(found, ids.ravel(), strict=True):
+        assert np.linalg.norm(corners[0] - expected[4 * marker : 4 * marker + 4], axis=1).max() < 1.5
+    theirs = cv2.aruco.GridBoard((board.columns, board.rows), board.marker, board.separation, dictionary)
+    np.testing.assert_allclose(board.points, np.array(theirs.getObjPoints()).reshape(-1, 3), atol=1e-6)
 
 
 def test_aprilgrid_is_numbered_and_drawn_like_kalibr():

@@ -94,7 +94,7 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
         ("  \n", "empty file"),
         ("[1, 2]", "line 1 is '[1, 2]': expected JSON, or lines of Kalibr's YAML"),
         ("{", "line 1 is not JSON"),
-        ('{"columns": 9}', "target is missing: expected one of aprilgrid, charuco, checkerboard, circles"),
+        ('{"columns": 9}', "target is missing: expected one of aprilgrid, aruco_grid, charuco, checkerboard, circles"),
         ('{"target": "dots"}', "target is 'dots': expected one of"),
         ('{"target": ["a"]}', "target is ['a']: expected one of"),
         ('{"target": "../x"}', "target is '../x': expected one of"),

@@ -14,6 +14,7 @@ def target(
     *,
     square: str | None = None,
     marker: str | None = None,
+    separation: str | None = None,
     dictionary: str | None = None,
     legacy: bool = False,
     tag: str | None = None,
@@ -36,15 +37,19 @@ def target(
     action
         make.
     kind
-        checkerboard, charuco, aprilgrid, circles (staggered rows) or symmetric_circles.
+        checkerboard, charuco, aprilgrid, aruco_grid (OpenCV's GridBoard), circles (staggered rows) or
+        symmetric_circles.
     pattern
-        Columns x rows: inner corners of a checkerboard or charuco (10x7 squares have 9x6), tags, circles.
+        Columns x rows: inner corners of a checkerboard or charuco (10x7 squares have 9x6), tags, markers, circles.
     square
         Side of a square with its unit: 30mm.
     marker
-        charuco: side of a marker; three quarters of the square by default.
+        charuco: side of a marker; three quarters of the square by default. aruco_grid: side of a marker.
+    separation
+        aruco_grid: gap between markers with its unit; a quarter of the marker by default.
     dictionary
-        charuco: OpenCV's name of the markers' dictionary, such as 4x4_50; DICT_5X5_100 by default.
+        charuco, aruco_grid: OpenCV's name of the markers' dictionary, such as 4x4_50; DICT_5X5_100 and DICT_6X6_250
+        by default.
     legacy
         charuco: the layout of OpenCV before 4.6.
     tag
@@ -64,7 +69,7 @@ def target(
     from omnisight.targets.printing.paper import millimetres
 
     values = {"square": square, "marker": marker, "dictionary": dictionary, "legacy": legacy or None, "tag": tag}
-    values |= {"spacing": spacing, "diameter": diameter}
+    values |= {"separation": separation, "spacing": spacing, "diameter": diameter}
     board = new_board(kind, pattern, {name: value for name, value in values.items() if value is not None})
     files = write_target(board, output, paper)
     left, top, right, bottom = board.extent

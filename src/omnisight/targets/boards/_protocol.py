@@ -86,7 +86,7 @@ class Board(ABC):
 
     @property
     def bright_ahead(self) -> NDArray[np.bool_] | None:
-        """Whether the quadrant of each point (N,) towards +x and +y is a bright one; None for a board of circles."""
+        """Whether the quadrant of each point (N,) towards +x and +y is bright; None unless edges cross at points."""
         return None
 
     def measurement_offset(self, project: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> NDArray[np.float64]:

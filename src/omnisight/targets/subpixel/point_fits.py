@@ -30,7 +30,7 @@ class PointFits(NamedTuple):
         Of `pixels`, px^2, from the residuals of the fit and their correlation between neighbouring pixels.
     amplitude : (N,) array
         Half the contrast in gray levels. Corner: positive if the quadrant between both steps is the brighter one.
-        Ellipse: positive if its inside is brighter.
+        Ellipse: positive if its inside is brighter. Marker: positive if it is darker than the paper.
     blur : (N,) array
         Standard deviation of the blur, px.
     explained : (N,) array
