@@ -13,7 +13,7 @@ from omnisight.targets.boards.aprilgrid import AprilGrid
 from omnisight.targets.boards.charuco import Charuco
 from omnisight.targets.boards.symmetric_circles import SymmetricCircles
 from omnisight.targets.detectors.markers.recognition import recognize_markers
-from prints import APRIL, CHARUCO, CIRCLES, pose, render
+from prints import APRIL, ARUCO_GRID, CHARUCO, CIRCLES, pose, render
 
 DISCS = SymmetricCircles(7, 5, spacing=0.028, diameter=0.016)
 BOARDS = [
@@ -22,6 +22,7 @@ BOARDS = [
     (Charuco(8, 5, square=0.024, marker=0.018, dictionary="DICT_6X6_250", legacy=True), "DICT_6X6_50"),
     (APRIL, "DICT_APRILTAG_36h11"),
     (AprilGrid(4, 5, tag=0.024, spacing=0.2), "DICT_APRILTAG_36h11"),
+    (ARUCO_GRID, "DICT_6X6_50"),
 ]
 
 
@@ -43,7 +44,7 @@ def test_a_grid_of_markers_is_recognized():
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.GridBoard((5, 7), 0.04, 0.01, dictionary)
     found = recognize_markers([np.asarray(board.generateImage((600, 840), marginSize=40))])
-    assert (found.kind, found.columns, found.rows, found.dictionary) == ("grid", 5, 7, "DICT_6X6_50")
+    assert (found.kind, found.columns, found.rows, found.dictionary) == ("aruco_grid", 5, 7, "DICT_6X6_50")
 
 
 def test_a_checkerboard_and_noise_are_no_markers():
@@ -57,6 +58,7 @@ def test_a_checkerboard_and_noise_are_no_markers():
         (CHARUCO, "square"),
         (AprilGrid(4, 5, tag=0.024, spacing=0.2), "tag"),
         (APRIL, "tag"),
+        (ARUCO_GRID, "marker"),
         (CIRCLES, "spacing"),
         (DISCS, "spacing"),
     ],
@@ -79,13 +81,14 @@ def test_unspecified_boards_are_used_with_lengths_relative_to_one(tmp_path, boar
     assert board_class(board.kind).from_dict(found.board.to_dict()) == found.board
 
 
-def test_a_grid_of_separate_markers_is_named(tmp_path):
+def test_a_grid_of_separate_markers_of_opencv_is_used(tmp_path):
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.GridBoard((5, 7), 0.04, 0.01, dictionary)
     write_image(tmp_path / "a.png", np.asarray(board.generateImage((600, 840), marginSize=40)))
     found = detect_boards([tmp_path / "a.png"], cache=False)
-    assert found.board is None
-    assert found.hint.startswith("the images show a grid of 5x7 separate markers of DICT_6X6_50")
+    assert (found.board.kind, found.board.columns, found.board.rows) == ("aruco_grid", 5, 7)
+    assert found.board.separation == pytest.approx(0.25, abs=0.03)  # OpenCV rounds the markers' sides to pixels
+    assert len(found.images[0].detection) == found.board.size
 
 
 def test_square_is_the_scale_of_an_unspecified_board(tmp_path):
@@ -112,7 +115,12 @@ def test_markers_are_not_searched_where_checkerboards_are_complete(tmp_path, mon
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "board", "rms"), [("charuco_phone", "charuco 8x6", 0.35), ("circles_asymmetric", "circles 4x11", 0.55)]
+    ("name", "board", "rms"),
+    [
+        ("charuco_phone", "charuco 8x6", 0.35),
+        ("circles_asymmetric", "circles 4x11", 0.55),
+        ("aruco_grid", "aruco_grid 6x4", 0.6),
+    ],
 )
 def test_real_boards_are_recognized_and_calibrate(data, name, board, rms):
     calibration = om.calibrate(data("everyday") / name)

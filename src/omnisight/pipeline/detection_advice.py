@@ -79,8 +79,6 @@ def explain_no_detection(detections: Detections) -> str:
 
 def _describe_no_board(detections: Detections) -> str:
     total = len(detections.images)
-    if detections.hint:
-        return f"no supported board detected in {total} images: {detections.hint}"
     return (
         f"no checkerboard, markers or grid of circles detected in {total} images: if they show a board, specify"
         " --pattern, its inner corners as columns x rows such as 9x6, or --target"

@@ -67,10 +67,10 @@ def detect_boards(
     used = [(path, raw) for path, raw in readable if raw.size == size]
     pattern = most_common_pattern([raw.grids for _, raw in used])
     recognized = None if board else recognize_board(used, pattern, square=square, apply_exif=apply_exif)
-    if recognized is not None and recognized.board is not None:
+    if recognized is not None:
         found = detect_boards(paths, recognized.board, apply_exif=apply_exif, cache=cache, progress=progress)
         return replace(found, assumption=recognized.assumption)
-    if board is None and recognized is None and pattern is not None:
+    if board is None and pattern is not None:
         board = Checkerboard(*pattern, square=square)
     field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
@@ -90,7 +90,7 @@ def detect_boards(
             f"the {board} board is a {board.rows}x{board.columns} board rotated by 90°: the camera is the same, and"
             " the x axis of its poses is along the shorter side"
         )
-    hint = None if recognized is None else recognized.assumption
+    hint = None
     if isinstance(board, Checkerboard):
         hint = _pattern_hint([raw for _, raw in used], images, board, pattern)
     return Detections(board, images, hint, field, tuple(notes))

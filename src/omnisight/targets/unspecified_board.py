@@ -13,6 +13,7 @@ from omnisight.images import read_image, to_gray8
 from omnisight.images.interlacing import deinterlace
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.aprilgrid import AprilGrid
+from omnisight.targets.boards.aruco_grid import ArucoGrid
 from omnisight.targets.boards.charuco import Charuco
 from omnisight.targets.boards.circles import CircleGrid
 from omnisight.targets.boards.symmetric_circles import SymmetricCircles
@@ -30,6 +31,8 @@ MIN_COMPLETE_SHARE = 0.5
 MAX_MARKER_SQUARES = 0.95
 # Gap between tags over their side of the grids that Kalibr prints by default.
 KALIBR_SPACING = 0.3
+# Gaps between separate markers over their side that are plausible.
+GAP_SIDES = 0.05, 2.0
 # Error of an estimated spacing: a wide lens bends the lines by a percent.
 SAME_SPACING = 0.01
 # Cross-ratio of tags that are a side apart, which is the most, and cross-ratios whose median is reliable.
@@ -37,12 +40,9 @@ MIN_CROSS_RATIO, MIN_CROSS_RATIOS = 4 / 3, 10
 
 
 class RecognizedBoard(NamedTuple):
-    """A board recognized in images, and what was assumed of it, for the user.
+    """A board recognized in images, and what was assumed of it, for the user."""
 
-    The board is None if it is of a kind that is not supported.
-    """
-
-    board: Board | None
+    board: Board
     assumption: str
 
 
@@ -73,9 +73,7 @@ def recognize_board(
     grays = [deinterlace(to_gray8(read_image(images[i][0], apply_exif=apply_exif))) for i in sampled]
     length = square or 1.0
     found = recognize_markers(grays)
-    board = None if found is None else _marker_board(found, grays, length)
-    if found is not None and board is None:
-        return RecognizedBoard(None, _unsupported(found))
+    board: Board | None = None if found is None else _marker_board(found, grays, length)
     if board is None and pattern is None:
         board = _circle_board(grays, length)
     if board is None:
@@ -84,26 +82,32 @@ def recognize_board(
     return RecognizedBoard(board, _assumption(board))
 
 
-def _marker_board(found: MarkerArrangement, grays: Sequence[NDArray[np.uint8]], length: float) -> Board | None:
+def _marker_board(found: MarkerArrangement, grays: Sequence[NDArray[np.uint8]], length: float) -> Board:
     if found.kind == "charuco":
         marker = min(1 / found.pitch, MAX_MARKER_SQUARES) * length
         return Charuco(found.columns, found.rows, length, marker, found.dictionary)
     if found.kind == "aprilgrid":
-        board = AprilGrid(found.columns, found.rows, length, KALIBR_SPACING)
-        return replace(board, spacing=_measured_spacing(board, grays))
-    return None
+        tags = AprilGrid(found.columns, found.rows, length, KALIBR_SPACING)
+        spacing = _measured_spacing(tags, grays) or KALIBR_SPACING
+        return tags if abs(spacing - KALIBR_SPACING) < SAME_SPACING else replace(tags, spacing=spacing)
+    gap = float(np.clip(found.pitch - 1, *GAP_SIDES)) * length
+    markers = ArucoGrid(found.columns, found.rows, length, gap, found.dictionary)
+    spacing = _measured_spacing(markers, grays)
+    return replace(markers, separation=spacing * length) if spacing else markers
 
 
-def _measured_spacing(board: AprilGrid, grays: Sequence[NDArray[np.uint8]]) -> float:
-    """Return the gap between tags over their side, from the detected points; that of `board` if there are too few.
+def _measured_spacing(board: AprilGrid | ArucoGrid, grays: Sequence[NDArray[np.uint8]]) -> float | None:
+    """Return the gap between markers over their side, from the detected points; None if there are too few.
 
     Four points on a line, at 0, 1, 1 + s and 2 + s, have the cross-ratio (1 + s)^2 / (s (2 + s)) in every view.
     """
     ratios = [np.zeros(0)]
+    x, y, _ = board.points.T
+    row_order = np.lexsort([x, y])
     for detection in (detection for gray in grays for detection in detect(gray, board)):
         pixels = np.full((board.size, 2), np.nan)
         pixels[detection.ids] = detection.pixels
-        grid = pixels.reshape(2 * board.rows, 2 * board.columns, 2)
+        grid = pixels[row_order].reshape(2 * board.rows, 2 * board.columns, 2)
         for table in (grid, grid.swapaxes(0, 1)):
             a, b, c, d = (table[:, k : table.shape[1] - 3 + k : 2] for k in range(4))
             ac, bd, bc, ad = (np.linalg.norm(q - p, axis=2) for p, q in ((a, c), (b, d), (b, c), (a, d)))
@@ -111,10 +115,9 @@ def _measured_spacing(board: AprilGrid, grays: Sequence[NDArray[np.uint8]]) -> f
     ratio = np.concatenate(ratios)
     ratio = ratio[np.isfinite(ratio) & (ratio > MIN_CROSS_RATIO)]
     if len(ratio) < MIN_CROSS_RATIOS:
-        return board.spacing
+        return None
     middle = float(np.median(ratio))
-    spacing = float(np.sqrt(middle / (middle - 1))) - 1
-    return board.spacing if abs(spacing - board.spacing) < SAME_SPACING else spacing
+    return float(np.sqrt(middle / (middle - 1))) - 1
 
 
 def _circle_board(grays: Sequence[NDArray[np.uint8]], length: float) -> Board | None:
@@ -128,14 +131,6 @@ def _circle_board(grays: Sequence[NDArray[np.uint8]], length: float) -> Board | 
     return (CircleGrid if is_staggered else SymmetricCircles)(columns, rows, length, diameter * length)
 
 
-def _unsupported(found: MarkerArrangement) -> str:
-    """Return which markers are arranged as no supported board, and what to use."""
-    return (
-        f"the images show a grid of {found.columns}x{found.rows} separate markers of {found.dictionary}, which is not"
-        " supported: use a ChArUco board (omnisight target make charuco)"
-    )
-
-
 def _assumption(board: Board) -> str:
     """Return what was recognized and assumed, and how to specify it."""
     lengths = board.lengths()
@@ -143,7 +138,7 @@ def _assumption(board: Board) -> str:
     described: list[str] = []
     for name, value in board.to_dict().items():
         if name in lengths and name != unit:
-            described.append(f"{name} {lengths[name] / length:.2g} {unit}s")
+            described.append(f"{name} {lengths[name] / length:.3g} {unit}s")
         elif name == "spacing" and name not in lengths:
             described.append(f"{name} {value:.3g}")
         elif name == "dictionary":

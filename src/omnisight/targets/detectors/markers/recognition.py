@@ -38,7 +38,7 @@ class MarkerArrangement(NamedTuple):
     Attributes
     ----------
     kind : str
-        "charuco"; "aprilgrid", the grid of Kalibr; or "grid", of markers with nothing between them.
+        "charuco"; "aprilgrid", the grid of Kalibr; or "aruco_grid", of markers with nothing between them.
     columns, rows : int
         Inner corners of a ChArUco board, markers of a grid; rows as far as seen.
     dictionary : str
@@ -85,7 +85,7 @@ def _arrangement(gray: NDArray[np.uint8], names: Sequence[str], border: int) -> 
     if half_way.mean() > 0.5:
         # Two rows of squares have a marker for each column; the first square has none.
         return MarkerArrangement("charuco", columns - 1, -(-2 * (last + 1) // columns) - 1, dictionary, distance / 2)
-    kind = "aprilgrid" if border == 2 else "grid"
+    kind = "aprilgrid" if border == 2 else "aruco_grid"
     return MarkerArrangement(kind, columns, last // columns + 1, dictionary, distance)
 
 
