@@ -87,7 +87,7 @@ def test_symmetric_board_gives_a_note_with_an_alternative(make, kind, pattern, o
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("dots", "9x6"), "unknown kind of target 'dots'; there are: aprilgrid, aruco_grid, charuco, checkerboard, circles"),
+        (("dots", "9x6"), "unknown kind of target 'dots'; there are: aprilgrid, aruco_grid, charuco, checkerboard"),
         (
             ("checkerboard", "nine"),
             "cannot read the pattern 'nine': expected COLUMNSxROWS, inner corners",

@@ -98,7 +98,7 @@ class NonCentralityTest:
             return f"the camera is non-central: {errors}"
         if self.is_inconclusive:
             return f"it is undecided whether the camera is central: {errors}; {self.doubt}"
-        return f"the camera is central as far as these images show: {errors}"
+        return f"the images are consistent with a central camera: {errors}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures by name; angles in degrees."""

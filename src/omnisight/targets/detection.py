@@ -20,6 +20,7 @@ from omnisight.targets.detectors.checkerboard.board_assignment import (
     most_common_pattern,
 )
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
+from omnisight.targets.drawn_corners import leave_out_drawn_corners
 from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, sizes_note
 from omnisight.targets.raw_detections import RawDetections, detect_in_file
 from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
@@ -75,9 +76,11 @@ def detect_boards(
     field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
     images = [with_field_remark(image, field) for image in images]
-    notes: list[str] = []
+    drawn = [isinstance(raw, RawDetections) and raw.drawn_on for raw in results]
+    images, notes = leave_out_drawn_corners(images, drawn)
     if board is not None:
-        images, notes = leave_out_undistorted_copies(images, board)
+        images, copies = leave_out_undistorted_copies(images, board)
+        notes += copies
     if size is not None:
         notes += filter(None, [sizes_note([(path.name, raw.size) for path, raw in readable], size)])
         images = images if apply_exif else _with_orientation_remark(images, results)

@@ -16,9 +16,10 @@ from omnisight.targets.detections import Detection
 from omnisight.targets.detectors import detect
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.detectors.checkerboard.grid_search import find_grids
+from omnisight.targets.drawn_corners import has_drawn_corners
 
 # Part of the keys of cached detections: increase it whenever detections change.
-DETECTOR_VERSION = 5
+DETECTOR_VERSION = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,8 @@ class RawDetections:
         The EXIF orientation, 1 to 8.
     interlaced : bool
         Whether the image is interlaced, and its first field was used.
+    drawn_on : bool
+        Whether detected corners were drawn onto the image.
     key : str
         Digest of the file's content and of how it was read.
     thumbnail : (h, w) array of uint8 or None
@@ -54,6 +57,7 @@ class RawDetections:
     exposure: float
     orientation: int
     interlaced: bool
+    drawn_on: bool
     key: str
     thumbnail: NDArray[np.uint8] | None = None
 
@@ -76,12 +80,12 @@ def detect_in_file(
     entry = load_entry(key) if cache else None
     raw = None if entry is None else _from_entry(entry, orientation, key)
     if raw is None:
-        gray = to_gray8(decode_image(data, path.name, apply_exif=apply_exif))
-        raw = _detect_in_gray(gray, board, orientation, key)
+        image = decode_image(data, path.name, apply_exif=apply_exif)
+        raw = _detect_in_image(image, board, orientation, key)
         if cache:
             save_entry(key, _to_entry(raw))
         if keep_thumbnail:
-            raw = replace(raw, thumbnail=downsample(gray))
+            raw = replace(raw, thumbnail=downsample(to_gray8(image)))
     return raw
 
 
@@ -94,10 +98,11 @@ def grids_or_boards(
     return (), tuple(detect(gray, board))
 
 
-def _detect_in_gray(gray: NDArray[np.uint8], board: Board | None, orientation: int, key: str) -> RawDetections:
+def _detect_in_image(image: NDArray[Any], board: Board | None, orientation: int, key: str) -> RawDetections:
     import cv2
 
-    frame, gray = gray, deinterlace(gray)
+    frame = to_gray8(image)
+    gray = deinterlace(frame)
     grids, boards = grids_or_boards(gray, board)
     pixels = [grid.pixels[grid.present] for grid in grids] + [b.pixels for b in boards]
     part = gray
@@ -107,7 +112,8 @@ def _detect_in_gray(gray: NDArray[np.uint8], board: Board | None, orientation: i
     sharpness = float(cv2.Laplacian(part, cv2.CV_32F).var() / max(float(part.var()), 1.0))
     size = (gray.shape[1], gray.shape[0])
     exposure = float(np.percentile(part, 75))
-    return RawDetections(size, grids, boards, sharpness, exposure, orientation, gray is not frame, key)
+    drawn_on = bool(pixels) and has_drawn_corners(image, np.concatenate(pixels))
+    return RawDetections(size, grids, boards, sharpness, exposure, orientation, gray is not frame, drawn_on, key)
 
 
 def _to_entry(raw: RawDetections) -> dict[str, Any]:
@@ -127,6 +133,7 @@ def _to_entry(raw: RawDetections) -> dict[str, Any]:
         "sharpness": raw.sharpness,
         "exposure": raw.exposure,
         "interlaced": raw.interlaced,
+        "drawn_on": raw.drawn_on,
     }
 
 
@@ -148,8 +155,8 @@ def _from_entry(entry: dict[str, Any], orientation: int, key: str) -> RawDetecti
         if min(width, height) < 1 or not all(_is_valid(board) for board in boards):
             return None
         sharpness, exposure = float(entry["sharpness"]), float(entry["exposure"])
-        interlaced = bool(entry["interlaced"])
-        return RawDetections((width, height), grids, boards, sharpness, exposure, orientation, interlaced, key)
+        flags = bool(entry["interlaced"]), bool(entry["drawn_on"])
+        return RawDetections((width, height), grids, boards, sharpness, exposure, orientation, *flags, key)
     except (KeyError, IndexError, TypeError, ValueError, OverflowError):
         return None
 
