@@ -30,9 +30,13 @@ njit_helper = numba.njit(**NJIT_OPTIONS)
 
 
 def njit_driver(function: Callable[..., Any]) -> Any:
-    """Compile a loop that Python calls; the code is cached on disk. Functions that it calls are `njit_helper`s."""
+    """Compile a loop that Python calls; the code is cached on disk.
+
+    Functions that it calls are `njit_helper`s of the `_*.py` files of its folder and of all `_*_kernel.py` files.
+    """
     file = Path(str(sys.modules[function.__module__].__file__))
-    return cached_njit(function, cache_folder() / f"loops-{source_hash(file.parent, '_*.py')}", **NJIT_OPTIONS)
+    sources = source_hash(file.parent, "_*.py") + source_hash(Path(__file__).parent, "**/_*_kernel.py")
+    return cached_njit(function, cache_folder() / f"loops-{sources}", **NJIT_OPTIONS)
 
 
 def cached_njit(function: Callable[..., Any], folder: Path, **options: Any) -> Any:

@@ -1,0 +1,15 @@
+"""Compiled minimal solvers as functions that Python calls with one sample; each returns the solutions."""
+
+# Compiled code takes its types from its arguments.
+# pyright: basic
+
+import numpy as np
+
+from omnisight.compiled import njit_driver
+from omnisight.twoview import _five_point_kernel as five_point_kernel
+
+
+@njit_driver
+def five_point(a, b):
+    poses = np.empty((10, 3, 4))
+    return poses[: five_point_kernel.five_point(a, b, poses)]

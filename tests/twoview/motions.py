@@ -1,0 +1,59 @@
+"""Exact samples of the minimal solvers: bearings over the whole sphere and the motion between them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnisight import twoview
+from omnisight.geometry.rotation import exp
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def random_rotation(rng):
+    return exp(unit(rng.normal(size=3)) * rng.uniform(0, np.pi))
+
+
+def bearing_pairs(rng, count, rotation, translation):
+    """Return bearings of points all around camera a, and those of the same points in camera b."""
+    a = unit(rng.normal(size=(count, 3)))
+    points = a * rng.uniform(1, 8, (count, 1))
+    return a, unit(points @ rotation.T + translation)
+
+
+def general_motion(rng):
+    rotation, translation = random_rotation(rng), unit(rng.normal(size=3))
+    return *bearing_pairs(rng, 5, rotation, translation), np.column_stack([rotation, translation])
+
+
+def gaps(pose, a, b):
+    """Return how far the rays of each pair are apart, inf if a distance along a bearing is not positive."""
+    gaps = []
+    for p, q in zip(a @ pose[:, :3].T, b, strict=True):
+        distances, *_ = np.linalg.lstsq(np.column_stack([p, -q]), -pose[:, 3], rcond=None)
+        gap = np.linalg.norm(distances[0] * p + pose[:, 3] - distances[1] * q)
+        gaps.append(gap if (distances > 0).all() else np.inf)
+    return np.array(gaps)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A solver with its exact samples.
+
+    `sample` draws the inputs and the true pose; `residuals` are zero for the correspondences that a pose explains with
+    positive distances.
+    """
+
+    solve: Callable[..., Any]
+    sample: Callable[[np.random.Generator], Any]
+    max_solutions: int
+    residuals: Callable[..., Any] = gaps
+
+
+SUBJECTS = {
+    "five_point": Subject(twoview.five_point, general_motion, 10),
+}
