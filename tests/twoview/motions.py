@@ -30,6 +30,13 @@ def general_motion(rng):
     return *bearing_pairs(rng, 5, rotation, translation), np.column_stack([rotation, translation])
 
 
+def absolute_pose(rng):
+    rotation, translation = random_rotation(rng), 3 * rng.normal(size=3)
+    bearings = unit(rng.normal(size=(3, 3)))
+    points = (bearings * rng.uniform(1, 8, (3, 1)) - translation) @ rotation
+    return points, bearings, np.column_stack([rotation, translation])
+
+
 def gaps(pose, a, b):
     """Return how far the rays of each pair are apart, inf if a distance along a bearing is not positive."""
     gaps = []
@@ -38,6 +45,11 @@ def gaps(pose, a, b):
         gap = np.linalg.norm(distances[0] * p + pose[:, 3] - distances[1] * q)
         gaps.append(gap if (distances > 0).all() else np.inf)
     return np.array(gaps)
+
+
+def chords(pose, points, bearings):
+    """Return the distances between bearings and the directions of posed points: 2 if they are opposite."""
+    return np.linalg.norm(unit(points @ pose[:, :3].T + pose[:, 3]) - bearings, axis=1)
 
 
 @dataclass(frozen=True)
@@ -56,4 +68,5 @@ class Subject:
 
 SUBJECTS = {
     "five_point": Subject(twoview.five_point, general_motion, 10),
+    "p3p": Subject(twoview.p3p, absolute_pose, 4, chords),
 }

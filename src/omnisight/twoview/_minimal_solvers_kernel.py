@@ -7,9 +7,16 @@ import numpy as np
 
 from omnisight.compiled import njit_driver
 from omnisight.twoview import _five_point_kernel as five_point_kernel
+from omnisight.twoview import _p3p_kernel as p3p_kernel
 
 
 @njit_driver
 def five_point(a, b):
     poses = np.empty((10, 3, 4))
     return poses[: five_point_kernel.five_point(a, b, poses)]
+
+
+@njit_driver
+def p3p(points, bearings):
+    poses = np.empty((4, 3, 4))
+    return poses[: p3p_kernel.p3p(points, bearings, poses)]
