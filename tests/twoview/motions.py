@@ -30,10 +30,43 @@ def general_motion(rng):
     return *bearing_pairs(rng, 5, rotation, translation), np.column_stack([rotation, translation])
 
 
+def about_vertical(rng):
+    return exp([0, rng.uniform(-np.pi, np.pi), 0])
+
+
+def upright_motion(rng):
+    rotation, translation = about_vertical(rng), unit(rng.normal(size=3))
+    return *bearing_pairs(rng, 3, rotation, translation), np.column_stack([rotation, translation])
+
+
+def planar_motion(rng):
+    rotation, translation = about_vertical(rng), unit(rng.normal(size=3) * (1, 0, 1))
+    return *bearing_pairs(rng, 2, rotation, translation), np.column_stack([rotation, translation])
+
+
+def circular_motion(rng):
+    turn, step = rng.uniform(-np.pi, np.pi), rng.choice([-1.0, 1.0])
+    rotation = exp([0, turn, 0]).T
+    translation = -rotation @ (step * np.array([np.sin(turn / 2), 0, np.cos(turn / 2)]))
+    return *bearing_pairs(rng, 1, rotation, translation), np.column_stack([rotation, translation])
+
+
+def pure_rotation(rng):
+    rotation = random_rotation(rng)
+    return *bearing_pairs(rng, 2, rotation, np.zeros(3)), np.column_stack([rotation, np.zeros(3)])
+
+
 def absolute_pose(rng):
     rotation, translation = random_rotation(rng), 3 * rng.normal(size=3)
     bearings = unit(rng.normal(size=(3, 3)))
     points = (bearings * rng.uniform(1, 8, (3, 1)) - translation) @ rotation
+    return points, bearings, np.column_stack([rotation, translation])
+
+
+def upright_absolute_pose(rng):
+    rotation, translation = about_vertical(rng), 3 * rng.normal(size=3)
+    bearings = unit(rng.normal(size=(2, 3)))
+    points = (bearings * rng.uniform(1, 8, (2, 1)) - translation) @ rotation
     return points, bearings, np.column_stack([rotation, translation])
 
 
@@ -68,5 +101,10 @@ class Subject:
 
 SUBJECTS = {
     "five_point": Subject(twoview.five_point, general_motion, 10),
+    "upright_three_point": Subject(twoview.upright_three_point, upright_motion, 4),
+    "planar_two_point": Subject(twoview.planar_two_point, planar_motion, 2),
+    "circular_one_point": Subject(twoview.circular_one_point, circular_motion, 1),
+    "two_point_rotation": Subject(twoview.two_point_rotation, pure_rotation, 1, chords),
+    "upright_p2p": Subject(twoview.upright_p2p, upright_absolute_pose, 2, chords),
     "p3p": Subject(twoview.p3p, absolute_pose, 4, chords),
 }

@@ -1,5 +1,21 @@
 """Geometry between two images, and between an image and points, on bearings of any direction."""
 
-from omnisight.twoview.minimal_solvers import five_point, p3p
+from omnisight.twoview.minimal_solvers import (
+    circular_one_point,
+    five_point,
+    p3p,
+    planar_two_point,
+    two_point_rotation,
+    upright_p2p,
+    upright_three_point,
+)
 
-__all__ = ["five_point", "p3p"]
+__all__ = [
+    "circular_one_point",
+    "five_point",
+    "p3p",
+    "planar_two_point",
+    "two_point_rotation",
+    "upright_p2p",
+    "upright_three_point",
+]

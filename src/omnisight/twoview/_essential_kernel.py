@@ -6,6 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_helper
+from omnisight.twoview._alignment_kernel import orthonormalize
 
 
 @njit_helper
@@ -95,17 +96,3 @@ def distance_signs(rotation, t, a, b):
     along_a = t[0] * (b[1] * mz - b[2] * my) + t[1] * (b[2] * mx - b[0] * mz) + t[2] * (b[0] * my - b[1] * mx)
     along_b = t[0] * (py * mz - pz * my) + t[1] * (pz * mx - px * mz) + t[2] * (px * my - py * mx)
     return -along_a, -along_b
-
-
-@njit_helper
-def orthonormalize(rotation):
-    """Move a matrix (3, 3) that is nearly a rotation towards the nearest rotation, by a step R (3 I - R^T R)/2."""
-    gram = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            dot = rotation[0, i] * rotation[0, j] + rotation[1, i] * rotation[1, j] + rotation[2, i] * rotation[2, j]
-            gram[i, j] = (1.5 if i == j else 0.0) - 0.5 * dot
-    for i in range(3):
-        x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
-        for j in range(3):
-            rotation[i, j] = x * gram[0, j] + y * gram[1, j] + z * gram[2, j]

@@ -6,8 +6,11 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver
+from omnisight.twoview import _alignment_kernel as alignment_kernel
 from omnisight.twoview import _five_point_kernel as five_point_kernel
 from omnisight.twoview import _p3p_kernel as p3p_kernel
+from omnisight.twoview import _upright_kernel as upright_kernel
+from omnisight.twoview import _upright_p2p_kernel as upright_p2p_kernel
 
 
 @njit_driver
@@ -20,3 +23,33 @@ def five_point(a, b):
 def p3p(points, bearings):
     poses = np.empty((4, 3, 4))
     return poses[: p3p_kernel.p3p(points, bearings, poses)]
+
+
+@njit_driver
+def two_point_rotation(a, b):
+    poses = np.empty((1, 3, 4))
+    return poses[: alignment_kernel.two_point_rotation(a, b, poses)]
+
+
+@njit_driver
+def upright_three_point(a, b):
+    poses = np.empty((4, 3, 4))
+    return poses[: upright_kernel.upright_three_point(a, b, poses)]
+
+
+@njit_driver
+def planar_two_point(a, b):
+    poses = np.empty((2, 3, 4))
+    return poses[: upright_kernel.planar_two_point(a, b, poses)]
+
+
+@njit_driver
+def circular_one_point(a, b):
+    poses = np.empty((1, 3, 4))
+    return poses[: upright_kernel.circular_one_point(a, b, poses)]
+
+
+@njit_driver
+def upright_p2p(points, bearings):
+    poses = np.empty((2, 3, 4))
+    return poses[: upright_p2p_kernel.upright_p2p(points, bearings, poses)]

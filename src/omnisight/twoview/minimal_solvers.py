@@ -68,6 +68,144 @@ def p3p(points: ArrayLike, bearings: ArrayLike) -> Array:
     return kernel.p3p(*_sample(3, points, bearings))
 
 
+def upright_three_point(a: ArrayLike, b: ArrayLike) -> Array:
+    """Compute the relative poses of two cameras with a known vertical from three pairs of bearings.
+
+    The vertical is the y axis of both camera frames: rotate the bearings so before. R is a rotation about y, t is
+    general. Degenerate if a point is repeated, and if all points have zero parallax.
+
+    F. Fraundorfer, P. Tanskanen and M. Pollefeys, A minimal case solution to the calibrated relative pose problem for
+    the case of two known orientation angles, ECCV 2010.
+
+    Parameters
+    ----------
+    a, b
+        (3, 3) bearings of both cameras.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `b_from_a` with translations of unit length and S <= 4.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.upright_three_point(*_sample(3, a, b))
+
+
+def planar_two_point(a: ArrayLike, b: ArrayLike) -> Array:
+    """Compute the relative poses of a camera that moves in a plane from two pairs of bearings.
+
+    The plane is normal to the y axis of both camera frames: R is a rotation about y, t is normal to y. Degenerate if a
+    bearing lies in the plane of motion, and if a point has zero parallax.
+
+    S. Choi and J.-H. Kim, Fast and reliable minimal relative pose estimation under planar motion, Image and Vision
+    Computing 69, 2018.
+
+    Parameters
+    ----------
+    a, b
+        (2, 3) bearings of both cameras.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `b_from_a` with translations of unit length and S <= 2.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.planar_two_point(*_sample(2, a, b))
+
+
+def circular_one_point(a: ArrayLike, b: ArrayLike) -> Array:
+    """Compute the relative pose of a camera on a car from one pair of bearings.
+
+    The car drives forwards or backwards on an arc of a circle. The camera is above the rear axle, y is the vertical and
+    z points ahead: R is a rotation by the angle theta about y, and the camera moves at theta/2 to its z axis.
+    Degenerate if both bearings lie in the plane of motion, and if the point has zero parallax.
+
+    D. Scaramuzza, 1-point-RANSAC structure from motion for vehicle-mounted cameras by exploiting non-holonomic
+    constraints, IJCV 95, 2011.
+
+    Parameters
+    ----------
+    a, b
+        (1, 3) bearings of both cameras.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `b_from_a` with a translation of unit length and S <= 1.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.circular_one_point(*_sample(1, a, b))
+
+
+def two_point_rotation(a: ArrayLike, b: ArrayLike) -> Array:
+    """Compute the rotation of a camera without translation from two pairs of bearings.
+
+    If the angles between the bearings differ in both cameras, the rotation distributes the difference equally.
+    Degenerate if two bearings of a camera are parallel or opposite.
+
+    H. D. Black, A passive system for determining the attitude of a satellite, AIAA Journal 2, 1964 (TRIAD), applied to
+    the bisectors.
+
+    Parameters
+    ----------
+    a, b
+        (2, 3) bearings of both cameras.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `b_from_a` with zero translation and S <= 1.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.two_point_rotation(*_sample(2, a, b))
+
+
+def upright_p2p(points: ArrayLike, bearings: ArrayLike) -> Array:
+    """Compute the poses of a camera with a known vertical from two bearings of known points.
+
+    The vertical is the y axis of the world and of the camera frame: rotate points and bearings so before. Degenerate if
+    one point is above the other, and if both bearings are horizontal.
+
+    Z. Kukelova, M. Bujnak and T. Pajdla, Closed-form solutions to minimal absolute pose problems with known vertical
+    direction, ACCV 2010.
+
+    Parameters
+    ----------
+    points
+        (2, 3) points in the world frame.
+    bearings
+        (2, 3) bearings of the points in the camera frame.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `camera_from_world` with S <= 2, in the unit of the points; R is a rotation about y.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.upright_p2p(*_sample(2, points, bearings))
+
+
 def _sample(count: int, *arrays: ArrayLike) -> list[Array]:
     """Return the arrays of a sample as contiguous floats; raise ValueError if one is not (count, 3)."""
     sample = [np.ascontiguousarray(array, float) for array in arrays]
