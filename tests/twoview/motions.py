@@ -25,9 +25,31 @@ def bearing_pairs(rng, count, rotation, translation):
     return a, unit(points @ rotation.T + translation)
 
 
-def general_motion(rng):
+def general_motion(rng, count=5):
     rotation, translation = random_rotation(rng), unit(rng.normal(size=3))
-    return *bearing_pairs(rng, 5, rotation, translation), np.column_stack([rotation, translation])
+    return *bearing_pairs(rng, count, rotation, translation), np.column_stack([rotation, translation])
+
+
+def eight_pairs(rng):
+    return general_motion(rng, 8)
+
+
+def bearings_of_plane(rng):
+    """Return bearings of four points of a plane at the distance 1 in both cameras, the pose and the normal."""
+    rotation, translation, normal = random_rotation(rng), rng.normal(size=3), unit(rng.normal(size=3))
+    a = unit(rng.normal(size=(4, 3)))
+    a *= np.sign(a @ normal)[:, None]
+    points = a / (a @ normal)[:, None]
+    return a, unit(points @ rotation.T + translation), np.column_stack([rotation, translation]), normal
+
+
+def plane(rng):
+    return bearings_of_plane(rng)[:3]
+
+
+def poses_of_plane(a, b):
+    homographies = twoview.four_point_homography(a, b)
+    return twoview.poses_from_homography(homographies[0], a)[0] if len(homographies) else np.empty((0, 3, 4))
 
 
 def about_vertical(rng):
@@ -101,6 +123,8 @@ class Subject:
 
 SUBJECTS = {
     "five_point": Subject(twoview.five_point, general_motion, 10),
+    "eight_point": Subject(twoview.eight_point, eight_pairs, 1),
+    "four_point_homography": Subject(poses_of_plane, plane, 2),
     "upright_three_point": Subject(twoview.upright_three_point, upright_motion, 4),
     "planar_two_point": Subject(twoview.planar_two_point, planar_motion, 2),
     "circular_one_point": Subject(twoview.circular_one_point, circular_motion, 1),

@@ -2,9 +2,12 @@
 
 from omnisight.twoview.minimal_solvers import (
     circular_one_point,
+    eight_point,
     five_point,
+    four_point_homography,
     p3p,
     planar_two_point,
+    poses_from_homography,
     two_point_rotation,
     upright_p2p,
     upright_three_point,
@@ -12,9 +15,12 @@ from omnisight.twoview.minimal_solvers import (
 
 __all__ = [
     "circular_one_point",
+    "eight_point",
     "five_point",
+    "four_point_homography",
     "p3p",
     "planar_two_point",
+    "poses_from_homography",
     "two_point_rotation",
     "upright_p2p",
     "upright_three_point",

@@ -84,3 +84,14 @@ def orthonormalize(rotation):
         x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
         for j in range(3):
             rotation[i, j] = x * gram[0, j] + y * gram[1, j] + z * gram[2, j]
+
+
+@njit_helper
+def multiply(left, right):
+    """Return the product of two small matrices, for which a call of BLAS takes longer than the loop."""
+    product = np.zeros((len(left), right.shape[1]))
+    for i in range(len(left)):
+        for k in range(len(right)):
+            for j in range(right.shape[1]):
+                product[i, j] += left[i, k] * right[k, j]
+    return product

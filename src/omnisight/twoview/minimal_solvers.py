@@ -39,6 +39,64 @@ def five_point(a: ArrayLike, b: ArrayLike) -> Array:
     return kernel.five_point(*_sample(5, a, b))
 
 
+def four_point_homography(a: ArrayLike, b: ArrayLike) -> Array:
+    """Compute the homography between the bearings of points on a plane from four pairs.
+
+    The bearings b are along H a and not opposite to it. Degenerate if three bearings of a camera lie in a plane, in
+    particular if three points are collinear.
+
+    R. Hartley and A. Zisserman, Multiple View Geometry, 2004, section 4.1, on the sphere.
+
+    Parameters
+    ----------
+    a, b
+        (4, 3) bearings of both cameras.
+
+    Returns
+    -------
+    homographies
+        (S, 3, 3) with the middle singular value 1 and S <= 1.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.four_point_homography(*_sample(4, a, b))
+
+
+def poses_from_homography(homography: ArrayLike, a: ArrayLike) -> tuple[Array, Array]:
+    """Decompose a homography H = R + t n^T/d into relative poses and the normals of the plane n.x = d of camera a.
+
+    A translation along the normal has one solution, returned once or twice; all other motions usually have two. The
+    cameras may see the plane from different sides.
+
+    Z. Zhang and A. R. Hanson, 3D reconstruction based on homography mapping, ARPA Image Understanding Workshop, 1996.
+
+    Parameters
+    ----------
+    homography
+        (3, 3) homography with the middle singular value 1 and the sign that maps bearings to bearings.
+    a
+        (N, 3) bearings of points of the plane in camera a.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `b_from_a` [R | t/d] with S <= 2. All points have positive distances in both cameras.
+    normals
+        (S, 3) unit vectors, with n.a > 0 for all points; zero for a rotation without translation.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    (homography,) = _sample(3, homography)
+    (a,) = _sample(len(np.asarray(a)), a)
+    return kernel.poses_from_homography(homography, a)
+
+
 def p3p(points: ArrayLike, bearings: ArrayLike) -> Array:
     """Compute the poses of a calibrated camera from three bearings of known points.
 
@@ -66,6 +124,39 @@ def p3p(points: ArrayLike, bearings: ArrayLike) -> Array:
         If an array has another shape.
     """
     return kernel.p3p(*_sample(3, points, bearings))
+
+
+def eight_point(a: ArrayLike, b: ArrayLike, weights: ArrayLike | None = None) -> Array:
+    """Compute the relative pose of eight or more pairs of bearings by linear least squares.
+
+    Degenerate if the points lie in a plane or, with both cameras, on a ruled quadric, and if all have zero parallax.
+
+    R. I. Hartley, In defense of the eight-point algorithm, PAMI 19, 1997. The bearings are normalized by the square
+    root of the inverse of their second moments, which is nearly the identity for bearings all around the camera.
+
+    Parameters
+    ----------
+    a, b
+        (N, 3) bearings of both cameras, N >= 8.
+    weights
+        (N,) weights of the squared residuals; default: ones.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `b_from_a` with a translation of unit length and S <= 1: of the four decompositions of the essential
+        matrix that with the most pairs at positive distances. It may not be all of them.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    count = max(len(np.asarray(a)), 8)
+    weights = np.ones(count) if weights is None else np.ascontiguousarray(weights, float)
+    if weights.shape != (count,):
+        raise ValueError(f"expected weights of shape ({count},), got {weights.shape}")
+    return kernel.eight_point(*_sample(count, a, b), weights)
 
 
 def upright_three_point(a: ArrayLike, b: ArrayLike) -> Array:
