@@ -92,6 +92,22 @@ def upright_absolute_pose(rng):
     return points, bearings, np.column_stack([rotation, translation])
 
 
+def rig_pose(rng):
+    """Return points, rays (origin and bearing in a row) of a rig, and the pose of the rig."""
+    rotation, translation = random_rotation(rng), 3 * rng.normal(size=3)
+    origins, bearings = rng.normal(size=(3, 3)), unit(rng.normal(size=(3, 3)))
+    points = (origins + bearings * rng.uniform(1, 8, (3, 1)) - translation) @ rotation
+    return points, np.column_stack([origins, bearings]), np.column_stack([rotation, translation])
+
+
+def poses_of_rig(points, rays):
+    return twoview.gp3p(points, rays[:, :3], rays[:, 3:])
+
+
+def chords_of_rig(pose, points, rays):
+    return np.linalg.norm(unit(points @ pose[:, :3].T + pose[:, 3] - rays[:, :3]) - rays[:, 3:], axis=1)
+
+
 def gaps(pose, a, b):
     """Return how far the rays of each pair are apart, inf if a distance along a bearing is not positive."""
     gaps = []
@@ -131,4 +147,5 @@ SUBJECTS = {
     "two_point_rotation": Subject(twoview.two_point_rotation, pure_rotation, 1, chords),
     "upright_p2p": Subject(twoview.upright_p2p, upright_absolute_pose, 2, chords),
     "p3p": Subject(twoview.p3p, absolute_pose, 4, chords),
+    "gp3p": Subject(poses_of_rig, rig_pose, 8, chords_of_rig),
 }

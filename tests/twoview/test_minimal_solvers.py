@@ -32,9 +32,9 @@ def test_an_exact_sample_over_the_whole_sphere_yields_its_motion(subject):
 
 
 def test_samples_reach_behind_both_cameras(subject):
-    vectors = np.array([(a, b) for a, b, _ in samples(subject, 100)])
-    assert (vectors[..., 2] < 0).all(1).any()
-    assert 0.3 < np.mean(vectors[..., 2] < 0) < 0.7
+    for camera in range(2):
+        is_behind = np.array([sample[camera][:, 2] < 0 for sample in samples(subject, 100)])
+        assert 0.3 < is_behind.mean() < 0.7
 
 
 def test_every_solution_explains_its_sample_with_positive_distances(subject):
@@ -50,7 +50,8 @@ def test_a_degenerate_sample_yields_finite_poses_or_none(subject):
     for a, b, _ in samples(subject, 20):
         repeated = [np.repeat(x[:1], len(x), axis=0) for x in (a, b)]
         twice = [np.concatenate([x[:1], x[:-1]]) for x in (a, b)]
-        for sample in (repeated, twice, (unit(a), unit(a)), (np.zeros_like(a), b), (a, np.zeros_like(b))):
+        same = (a, b if a.shape != b.shape else unit(a))
+        for sample in (repeated, twice, same, (np.zeros_like(a), b), (a, np.zeros_like(b))):
             poses = subject.solve(*sample)
             assert len(poses) <= subject.max_solutions
             assert np.isfinite(poses).all()

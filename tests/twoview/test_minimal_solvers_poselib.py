@@ -20,6 +20,7 @@ SOLVERS = {
     "upright_three_point": lambda poselib, a, b: poselib.relpose_upright_3pt(a, b),
     "planar_two_point": lambda poselib, a, b: poselib.relpose_upright_planar_2pt(a, b),
     "upright_p2p": lambda poselib, points, bearings: poselib.up2p(bearings, points),
+    "gp3p": lambda poselib, points, rays: poselib.gp3p(rays[:, :3], rays[:, 3:], points),
     "p3p": lambda poselib, points, bearings: poselib.p3p(bearings, points),
 }
 

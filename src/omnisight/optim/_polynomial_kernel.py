@@ -3,13 +3,26 @@
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
+from math import comb
+
 import numpy as np
 
 from omnisight.compiled import njit_helper
 
 MAX_STEPS = 60
-# Width of a bracket in [-1, 1] that is a root.
+# Width of a bracket in [0, 1] that is a root.
 ROOT_TOLERANCE = 4e-16
+# A double root is not resolved beyond the square root of the rounding.
+MAX_DIVISIONS = 30
+SHORTEST = 0.5**MAX_DIVISIONS
+MAX_DEGREE = 10
+# Coefficients in the Bernstein basis of degree n from those of the powers: BERNSTEIN[n, i, j] = C(i, j)/C(n, j).
+BERNSTEIN = np.array(
+    [
+        [[comb(i, j) / comb(n, j) if j <= n else 0.0 for j in range(MAX_DEGREE + 1)] for i in range(MAX_DEGREE + 1)]
+        for n in range(MAX_DEGREE + 1)
+    ]
+)
 
 
 @njit_helper
@@ -34,71 +47,114 @@ def evaluate(coefficients, degree, x):
 
 @njit_helper
 def real_roots(coefficients, roots):
-    """Compute the real roots of a polynomial; return their number.
+    """Compute the simple real roots of a polynomial of degree 10 at most; return their number.
 
-    Roots outside [-1, 1] are the inverse roots of the polynomial with reversed coefficients. Double roots, which
-    rounding moves off the real axis, may not be found.
+    On [0, 1], the coefficients in the Bernstein basis have no sign change if there is no root, and one if there is one;
+    otherwise the interval is divided (A. Eigenwillig, Real root isolation, 2008). The other roots are those of the
+    polynomials in -x, 1/x and -1/x. Double roots, which rounding moves off the real axis, may not be found.
     """
-    scaled = coefficients / np.abs(coefficients).max()
-    count = _roots_in_unit_interval(scaled, roots)
-    inverse = np.empty(len(roots))
-    for k in range(_roots_in_unit_interval(scaled[::-1].copy(), inverse)):
-        if ROOT_TOLERANCE < abs(inverse[k]) < 1.0 and count < len(roots):  # the others are infinite
-            roots[count] = 1.0 / inverse[k]
-            count += 1
-    return count
-
-
-@njit_helper
-def _roots_in_unit_interval(coefficients, roots):
-    """Compute the roots in [-1, 1] in ascending order; return their number.
-
-    Between two roots of its derivative a polynomial is monotonic and has at most one root, which a Newton iteration
-    with bisection finds. The roots of the derivatives follow from those of higher derivatives.
-    """
-    degree = len(coefficients) - 1
-    derivative, stationary = np.empty(degree + 1), np.empty(degree + 2)
+    size = len(coefficients)
+    largest = np.abs(coefficients).max()
+    if not 0.0 < largest < np.inf:
+        return 0
+    variant, unit_roots = np.empty(size), np.empty(size)
+    pending, bounds = np.empty((MAX_DIVISIONS + 2, size)), np.empty((MAX_DIVISIONS + 2, 2))
     count = 0
-    for order in range(1, degree + 1):  # the derivative of degree `order`
-        for i in range(order + 1):
-            factor = 1.0
-            for k in range(degree - order):
-                factor *= i + degree - order - k
-            derivative[i] = factor * coefficients[i + degree - order]
-        for k in range(count, 0, -1):
-            stationary[k] = roots[k - 1]
-        stationary[0], stationary[count + 1] = -1.0, 1.0
-        found = 0
-        for k in range(count + 1):
-            root, is_root = _bracketed_root(derivative, order, stationary[k], stationary[k + 1])
-            if is_root:
-                roots[found] = root
-                found += 1
-        count = found
+    for k in range(4):
+        is_negative, is_inverse = k % 2 == 1, k >= 2
+        for i in range(size):
+            variant[i] = coefficients[size - 1 - i if is_inverse else i] / largest
+            if is_negative and i % 2 == 1:
+                variant[i] = -variant[i]
+        for n in range(_roots_in_unit_interval(variant, unit_roots, pending, bounds)):
+            x = unit_roots[n]
+            # Roots at 0, 1 and -1 belong to two intervals; those beyond 1/ROOT_TOLERANCE are infinite.
+            is_counted = ROOT_TOLERANCE < x < 1.0 if is_inverse else not (is_negative and x == 0.0)
+            if is_counted and count < len(roots):
+                roots[count] = 1.0 / x if is_inverse else x
+                if is_negative:
+                    roots[count] = -roots[count]
+                count += 1
     return count
 
 
 @njit_helper
-def _bracketed_root(coefficients, degree, low, high):
-    """Return the root between two bounds, and whether there is one."""
-    at_low, _ = evaluate(coefficients, degree, low)
-    at_high, _ = evaluate(coefficients, degree, high)
-    if at_low == 0.0:
-        return low, True
-    if (at_low > 0.0) == (at_high > 0.0):
-        return 0.0, False
+def _roots_in_unit_interval(coefficients, roots, pending, bounds):
+    """Compute the simple roots in [0, 1]; return their number. The segments to do overwrite the last two arrays."""
+    size = len(coefficients)
+    for i in range(size):
+        value = 0.0
+        for j in range(i + 1):
+            value += BERNSTEIN[size - 1, i, j] * coefficients[j]
+        pending[0, i] = value
+    bounds[0, 0], bounds[0, 1] = 0.0, 1.0
+    count, top = 0, 0
+    if pending[0, size - 1] == 0.0:
+        roots[0], count = 1.0, 1
+    while top >= 0 and count < len(roots):
+        segment, low, high = pending[top], bounds[top, 0], bounds[top, 1]
+        changes = _sign_changes(segment)
+        if segment[0] == 0.0:
+            roots[count] = low
+            count += 1
+        if changes == 1 and count < len(roots):
+            # The sign before the root is that of the first coefficient that is not zero.
+            first = 0
+            while segment[first] == 0.0:
+                first += 1
+            roots[count] = _bracketed_root(coefficients, low, high, segment[first] > 0.0)
+            count += 1
+        if changes > 1 and high - low > SHORTEST:
+            _divide(segment, pending[top + 1])
+            middle = 0.5 * (low + high)
+            bounds[top, 0] = bounds[top + 1, 1] = middle
+            bounds[top + 1, 0] = low
+            top += 1
+        else:
+            top -= 1
+    return count
+
+
+@njit_helper
+def _sign_changes(values):
+    """Return the number of sign changes, without zeros."""
+    changes = 0
+    last = 0.0
+    for value in values:
+        if value != 0.0:
+            if (value > 0.0 and last < 0.0) or (value < 0.0 and last > 0.0):
+                changes += 1
+            last = value
+    return changes
+
+
+@njit_helper
+def _divide(segment, left):
+    """Divide a segment in the Bernstein basis at its middle by de Casteljau's algorithm; it becomes the right half."""
+    size = len(segment)
+    for i in range(size):
+        left[i] = segment[0]
+        for j in range(size - 1 - i):
+            segment[j] = 0.5 * (segment[j] + segment[j + 1])
+
+
+@njit_helper
+def _bracketed_root(coefficients, low, high, is_positive_at_low):
+    """Return the only root between two bounds by Newton's method with bisection."""
+    degree = len(coefficients) - 1
     x = 0.5 * (low + high)
     for _ in range(MAX_STEPS):
         value, slope = evaluate(coefficients, degree, x)
-        if (value > 0.0) == (at_low > 0.0):
+        if value == 0.0:
+            break
+        if (value > 0.0) == is_positive_at_low:
             low = x
         else:
             high = x
-        step = value / slope if slope != 0.0 else np.inf
-        following = x - step
+        following = x - value / slope if slope != 0.0 else low
         if not low < following < high:
             following = 0.5 * (low + high)
-        if abs(following - x) <= ROOT_TOLERANCE or value == 0.0:
-            return following if value != 0.0 else x, True
+        if abs(following - x) <= ROOT_TOLERANCE:
+            return following
         x = following
-    return x, True
+    return x

@@ -74,7 +74,7 @@ def _axes(u, v, axes):
 
 @njit_helper
 def orthonormalize(rotation):
-    """Move a matrix (3, 3) that is nearly a rotation towards the nearest rotation, by a step R (3 I - R^T R)/2."""
+    """Move three columns that are nearly a rotation towards the nearest rotation, by a step R (3 I - R^T R)/2."""
     gram = np.empty((3, 3))
     for i in range(3):
         for j in range(3):

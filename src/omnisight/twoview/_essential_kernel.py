@@ -55,7 +55,6 @@ def decompose_essential(e, a, b, pose):
             after, last = (i + 1) % 3, (i + 2) % 3
             for j in range(3):
                 rotations[k, i, j] = cofactors[i, j] / square - scale * (t[after] * e[last, j] - t[last] * e[after, j])
-        orthonormalize(rotations[k])
         positive, negative = count_distance_signs(rotations[k], t, a, b)
         if positive > most:
             chosen, sign, most = k, 1.0, positive
@@ -65,6 +64,7 @@ def decompose_essential(e, a, b, pose):
         for j in range(3):
             pose[i, j] = rotations[chosen, i, j]
         pose[i, 3] = sign * t[i]
+    orthonormalize(pose)
     return most
 
 

@@ -9,6 +9,7 @@ from omnisight.compiled import njit_driver
 from omnisight.twoview import _alignment_kernel as alignment_kernel
 from omnisight.twoview import _eight_point_kernel as eight_point_kernel
 from omnisight.twoview import _five_point_kernel as five_point_kernel
+from omnisight.twoview import _gp3p_kernel as gp3p_kernel
 from omnisight.twoview import _homography_kernel as homography_kernel
 from omnisight.twoview import _p3p_kernel as p3p_kernel
 from omnisight.twoview import _upright_kernel as upright_kernel
@@ -74,3 +75,9 @@ def poses_from_homography(h, a):
     poses, normals = np.empty((2, 3, 4)), np.empty((2, 3))
     count = homography_kernel.poses_from_homography(h, a, poses, normals)
     return poses[:count], normals[:count]
+
+
+@njit_driver
+def gp3p(points, origins, bearings):
+    poses = np.empty((8, 3, 4))
+    return poses[: gp3p_kernel.gp3p(points, origins, bearings, poses)]

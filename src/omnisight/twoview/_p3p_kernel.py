@@ -101,17 +101,25 @@ def _refine(distances, chords, sides):
             f[k] = difference * difference + distances[i] * distances[j] * chords[k] - sides[k]
             left[k], right[k] = 2.0 * difference + distances[j] * chords[k], distances[i] * chords[k] - 2.0 * difference
             largest = max(largest, abs(f[k]))
-        if largest < 1e-15 or step == NEWTON_STEPS - 1:
+        if largest < 1e-15 or step == NEWTON_STEPS - 1 or not newton_step(left, right, f, distances):
             break
-        # Row k of the Jacobian has left[k] in column k + 1 and right[k] in column k + 2.
-        determinant = left[0] * left[1] * left[2] + right[0] * right[1] * right[2]
-        if determinant == 0.0:
-            break
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            cofactors = left[k] * left[i] * f[j] + right[k] * right[j] * f[i] - left[i] * right[j] * f[k]
-            distances[k] -= cofactors / determinant
     return largest < MAX_RESIDUAL and distances.min() > 0.0
+
+
+@njit_helper
+def newton_step(left, right, f, distances):
+    """Subtract J^-1 f from three distances; return False if J is singular.
+
+    Row k of the Jacobian J has left[k] in column k + 1 and right[k] in column k + 2, modulo 3.
+    """
+    determinant = left[0] * left[1] * left[2] + right[0] * right[1] * right[2]
+    if determinant == 0.0:
+        return False
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        cofactors = left[k] * left[i] * f[j] + right[k] * right[j] * f[i] - left[i] * right[j] * f[k]
+        distances[k] -= cofactors / determinant
+    return True
 
 
 @njit_helper

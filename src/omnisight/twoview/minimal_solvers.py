@@ -268,6 +268,34 @@ def two_point_rotation(a: ArrayLike, b: ArrayLike) -> Array:
     return kernel.two_point_rotation(*_sample(2, a, b))
 
 
+def gp3p(points: ArrayLike, origins: ArrayLike, bearings: ArrayLike) -> Array:
+    """Compute the poses of a rig or of a non-central camera from three rays to known points.
+
+    Three rays with a common origin have the solutions of `p3p`. Degenerate if the points are collinear or the rays
+    parallel.
+
+    D. Nister and H. Stewenius, A minimal solution to the generalised 3-point pose problem, JMIV 27, 2007.
+
+    Parameters
+    ----------
+    points
+        (3, 3) points in the world frame.
+    origins, bearings
+        (3, 3) origins and directions of the rays in the frame of the rig, in the unit of the points.
+
+    Returns
+    -------
+    poses
+        (S, 3, 4) `rig_from_world` with S <= 8, in the unit of the points.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+    return kernel.gp3p(*_sample(3, points, origins, bearings))
+
+
 def upright_p2p(points: ArrayLike, bearings: ArrayLike) -> Array:
     """Compute the poses of a camera with a known vertical from two bearings of known points.
 
