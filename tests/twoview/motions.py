@@ -100,6 +100,20 @@ def rig_pose(rng):
     return points, np.column_stack([origins, bearings]), np.column_stack([rotation, translation])
 
 
+def rig_motion(rng):
+    """Return seventeen pairs of rays (origin and bearing in a row) of a rig, and its motion."""
+    rotation, translation = random_rotation(rng), rng.normal(size=3)
+    origins_a, origins_b = rng.normal(size=(2, 17, 3))
+    a = unit(rng.normal(size=(17, 3)))
+    b = unit((origins_a + a * rng.uniform(1, 8, (17, 1))) @ rotation.T + translation - origins_b)
+    pose = np.column_stack([rotation, translation])
+    return np.column_stack([origins_a, a]), np.column_stack([origins_b, b]), pose
+
+
+def motions_of_rig(a, b):
+    return twoview.seventeen_point(a[:, :3], a[:, 3:], b[:, :3], b[:, 3:])
+
+
 def poses_of_rig(points, rays):
     return twoview.gp3p(points, rays[:, :3], rays[:, 3:])
 
@@ -110,10 +124,16 @@ def chords_of_rig(pose, points, rays):
 
 def gaps(pose, a, b):
     """Return how far the rays of each pair are apart, inf if a distance along a bearing is not positive."""
+    zero = np.zeros_like(a)
+    return gaps_of_rig(pose, np.column_stack([zero, a]), np.column_stack([zero, b]))
+
+
+def gaps_of_rig(pose, a, b):
     gaps = []
-    for p, q in zip(a @ pose[:, :3].T, b, strict=True):
-        distances, *_ = np.linalg.lstsq(np.column_stack([p, -q]), -pose[:, 3], rcond=None)
-        gap = np.linalg.norm(distances[0] * p + pose[:, 3] - distances[1] * q)
+    offsets = a[:, :3] @ pose[:, :3].T + pose[:, 3] - b[:, :3]
+    for p, q, offset in zip(a[:, 3:] @ pose[:, :3].T, b[:, 3:], offsets, strict=True):
+        distances, *_ = np.linalg.lstsq(np.column_stack([p, -q]), -offset, rcond=None)
+        gap = np.linalg.norm(distances[0] * p + offset - distances[1] * q)
         gaps.append(gap if (distances > 0).all() else np.inf)
     return np.array(gaps)
 
@@ -148,4 +168,5 @@ SUBJECTS = {
     "upright_p2p": Subject(twoview.upright_p2p, upright_absolute_pose, 2, chords),
     "p3p": Subject(twoview.p3p, absolute_pose, 4, chords),
     "gp3p": Subject(poses_of_rig, rig_pose, 8, chords_of_rig),
+    "seventeen_point": Subject(motions_of_rig, rig_motion, 1, gaps_of_rig),
 }

@@ -1,5 +1,6 @@
 """Geometry between two images, and between an image and points, on bearings of any direction."""
 
+from omnisight.twoview.generalized_relative_pose import seventeen_point
 from omnisight.twoview.minimal_solvers import (
     circular_one_point,
     eight_point,
@@ -23,6 +24,7 @@ __all__ = [
     "p3p",
     "planar_two_point",
     "poses_from_homography",
+    "seventeen_point",
     "two_point_rotation",
     "upright_p2p",
     "upright_three_point",
