@@ -42,6 +42,25 @@ def calibrate():
     warm_up()
 
 
-FUNCTIONS = {step.__name__: step for step in (detect, render, calibrate)}
+def solve():
+    from omnisight import twoview
+
+    for solver, count in (
+        (twoview.five_point, 5),
+        (twoview.eight_point, 8),
+        (twoview.four_point_homography, 4),
+        (twoview.upright_three_point, 3),
+        (twoview.planar_two_point, 2),
+        (twoview.circular_one_point, 1),
+        (twoview.two_point_rotation, 2),
+        (twoview.p3p, 3),
+        (twoview.upright_p2p, 2),
+    ):
+        solver(np.zeros((count, 3)), np.zeros((count, 3)))
+    twoview.poses_from_homography(np.eye(3), np.eye(3))
+    twoview.gp3p(np.eye(3), np.eye(3), np.eye(3))
+
+
+FUNCTIONS = {step.__name__: step for step in (detect, render, calibrate, solve)}
 # The longest first.
 STEPS = (*FUNCTIONS, *om.model_names())

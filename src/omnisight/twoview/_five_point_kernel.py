@@ -67,7 +67,7 @@ def essential_matrices(a, b, matrices):
             e = matrices[count]
             norm = 0.0
             for i in range(9):
-                e[i // 3, i % 3] = x * basis[0, i] + y * basis[1, i] + roots[k] * basis[2, i] + basis[3, i]
+                e[i // 3, i % 3] = x * basis[i, 0] + y * basis[i, 1] + roots[k] * basis[i, 2] + basis[i, 3]
                 norm += e[i // 3, i % 3] ** 2
             e *= np.sqrt(2.0 / norm)
             count += 1
@@ -76,7 +76,7 @@ def essential_matrices(a, b, matrices):
 
 @njit_helper
 def _null_space(a, b):
-    """Return an orthonormal basis (4, 9) of the matrices that fulfil the five epipolar constraints."""
+    """Return an orthonormal basis (9, 4), in columns, of the matrices that fulfil the five epipolar constraints."""
     m = np.empty((9, 5))
     for n in range(5):
         for i in range(3):
@@ -104,15 +104,15 @@ def _null_space(a, b):
                 dot += v[k, i] * m[i, n]
             for i in range(k, 9):
                 m[i, n] -= dot * v[k, i]
-    basis = np.zeros((4, 9))
+    basis = np.zeros((9, 4))
     for n in range(4):
-        basis[n, 5 + n] = 1.0
+        basis[5 + n, n] = 1.0
         for k in range(4, -1, -1):
             dot = 0.0
             for i in range(k, 9):
-                dot += v[k, i] * basis[n, i]
+                dot += v[k, i] * basis[i, n]
             for i in range(k, 9):
-                basis[n, i] -= dot * v[k, i]
+                basis[i, n] -= dot * v[k, i]
     return basis
 
 
@@ -120,46 +120,52 @@ def _null_space(a, b):
 def _constraints(basis):
     """Return the ten cubic constraints (10, 20) on (x, y, z)."""
     system = np.zeros((10, 20))
-    # E E^T, symmetric, and half its trace.
-    gram = np.zeros((3, 3, 10))
-    trace = np.zeros(10)
+    # E E^T - tr(E E^T)/2 I, and (E E^T - tr(E E^T)/2 I) E = 0.
+    gram, half_trace = np.zeros((3, 3, 10)), np.zeros(10)
     for i in range(3):
         for j in range(i + 1):
             for k in range(3):
-                for p in range(4):
-                    for q in range(4):
-                        gram[i, j, QUADRATIC_OF[p, q]] += basis[p, 3 * i + k] * basis[q, 3 * j + k]
+                _add_quadratic(gram[i, j], basis[3 * i + k], basis[3 * j + k], 1.0)
             gram[j, i] = gram[i, j]
         for m in range(10):
-            trace[m] += 0.5 * gram[i, i, m]
+            half_trace[m] += 0.5 * gram[i, i, m]
     for i in range(3):
         for m in range(10):
-            gram[i, i, m] -= trace[m]
-    # (E E^T - tr(E E^T)/2 I) E = 0.
+            gram[i, i, m] -= half_trace[m]
     for i in range(3):
         for j in range(3):
             for k in range(3):
-                for m in range(10):
-                    for q in range(4):
-                        system[3 * i + j, CUBIC_OF[m, q]] += gram[i, k, m] * basis[q, 3 * k + j]
+                _add_cubic(system[3 * i + j], gram[i, k], basis[3 * k + j])
     # det E = 0, along the first row.
     minor = np.empty(10)
     for j in range(3):
         following, last = (j + 1) % 3, (j + 2) % 3
         minor[:] = 0.0
-        for p in range(4):
-            for q in range(4):
-                product = basis[p, 3 + following] * basis[q, 6 + last] - basis[p, 3 + last] * basis[q, 6 + following]
-                minor[QUADRATIC_OF[p, q]] += product
-        for m in range(10):
-            for q in range(4):
-                system[9, CUBIC_OF[m, q]] += minor[m] * basis[q, j]
+        _add_quadratic(minor, basis[3 + following], basis[6 + last], 1.0)
+        _add_quadratic(minor, basis[3 + last], basis[6 + following], -1.0)
+        _add_cubic(system[9], minor, basis[j])
     return system
 
 
 @njit_helper
+def _add_quadratic(target, left, right, sign):
+    """Add the product of two linear polynomials times a sign to a quadratic polynomial."""
+    for p in range(4):
+        for q in range(4):
+            target[QUADRATIC_OF[p, q]] += sign * left[p] * right[q]
+
+
+@njit_helper
+def _add_cubic(target, quadratic, linear):
+    """Add the product of a quadratic and a linear polynomial to a cubic polynomial."""
+    for p in range(10):
+        for q in range(4):
+            target[CUBIC_OF[p, q]] += quadratic[p] * linear[q]
+
+
+@njit_helper
 def _eliminate(system):
-    """Reduce the first ten columns of a system (10, 20) to the identity; return False if it is singular."""
+    """Reduce the first ten columns of the last six rows of a system (10, 20) to the identity, if it is regular."""
     for k in range(10):
         pivot = k
         for i in range(k + 1, 10):
@@ -173,7 +179,7 @@ def _eliminate(system):
         for j in range(k, 20):
             system[k, j] *= scale
         for i in range(10):
-            if i != k:
+            if i > k or 4 <= i < k:
                 factor = system[i, k]
                 for j in range(k, 20):
                     system[i, j] -= factor * system[k, j]

@@ -16,7 +16,7 @@ def seventeen_point(origins_a: ArrayLike, bearings_a: ArrayLike, origins_b: Arra
     The lines (f, m) with direction f and moment m = o x f fulfil f_b.E f_a + f_b.R m_a + m_b.R f_a = 0. The essential
     matrix E = [t]x R is estimated first, for any R, so a rig whose cameras see no points of each other is not
     degenerate. With its rotation, the constraints are linear in t. Degenerate if all rays of the rig have a common
-    origin, if a rig of such cameras does not rotate (the scale is unknown), and if the points lie in a plane.
+    origin, and if a rig of such cameras does not rotate: the scale is unknown.
 
     H. Li, R. Hartley and J.-H. Kim, A linear approach to motion estimation using generalized camera models, CVPR 2008.
 
