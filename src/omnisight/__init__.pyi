@@ -17,6 +17,7 @@ from omnisight.models import CameraModel as CameraModel
 from omnisight.models import Projector as Projector
 from omnisight.models import model_class as model_class
 from omnisight.models import model_names as model_names
+from omnisight.optim.ransac import RansacOptions as RansacOptions
 from omnisight.pipeline.calibrate import calibrate as calibrate
 from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions as CalibrateLinesOptions
 from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_lines
@@ -46,6 +47,12 @@ from omnisight.targets import Checkerboard as Checkerboard
 from omnisight.targets import Detection as Detection
 from omnisight.targets import Detections as Detections
 from omnisight.targets.observations import Observations as Observations
+from omnisight.twoview.absolute_pose import AbsolutePose as AbsolutePose
+from omnisight.twoview.absolute_pose import resect as resect
+from omnisight.twoview.relative_pose import RelativePose as RelativePose
+from omnisight.twoview.relative_pose import relative_pose as relative_pose
+from omnisight.twoview.triangulation import Triangulation as Triangulation
+from omnisight.twoview.triangulation import triangulate as triangulate
 from omnisight.views import Remapper as Remapper
 from omnisight.views import cube_face as cube_face
 from omnisight.views import cylinder as cylinder

@@ -1,0 +1,119 @@
+"""Relative pose from noisy pairs with outliers: accuracy, true covariance, estimated noise, and precise failures."""
+
+import numpy as np
+import pytest
+from scenes import Scene, directions, errors_deg, noisy, normalized_squares, step_between, unit
+
+import omnisight as om
+from omnisight.geometry.rotation import exp
+
+
+@pytest.mark.parametrize("fov_deg", [60, 120, 190, 280, 360])
+@pytest.mark.parametrize("outliers", [0.0, 0.5, 0.7])
+def test_the_pose_is_found_in_any_field_of_view(fov_deg, outliers):
+    scene = Scene(fov_deg, outliers)
+    errors = []
+    for seed in range(4):
+        a, b, pose, inliers = scene.pairs(seed)
+        found = om.relative_pose(a, b)
+        assert found, found.reason
+        errors.append(errors_deg(found.b_from_a, pose))
+        assert (found.inliers == inliers).mean() > 0.95
+        assert np.linalg.norm(found.b_from_a.translation) == pytest.approx(1)
+    assert np.median(errors, axis=0)[0] < (0.1 if fov_deg < 150 else 0.05)
+    assert np.median(errors, axis=0)[1] < (0.3 if fov_deg < 150 else 0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [Scene(120), Scene(190), Scene(360, 0.5, 0.2)], ids=str)
+@pytest.mark.parametrize("is_known", [True, False])
+def test_covariance_is_that_of_the_errors(scene, is_known):
+    steps, covariances, sigmas = [], [], []
+    for seed in range(200):
+        a, b, pose, _ = scene.pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=scene.sigma_deg if is_known else None)
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+        sigmas.append(found.sigma_deg)
+    # The mean of 200 chi-squared variables of five degrees of freedom has the standard deviation 0.045.
+    assert 0.85 < normalized_squares(steps, covariances, 5).mean() < 1.15
+    assert np.mean(sigmas) == pytest.approx(scene.sigma_deg, rel=0.02)
+
+
+def test_covariances_of_bearings_weight_the_pairs():
+    scene = Scene(190, 0.0)
+    steps, covariances, plain = [], [], []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        a, b, pose, _ = scene.pairs(seed)
+        sigma = np.radians(np.where(rng.random(len(a)) < 0.5, 0.02, 0.4))
+        a, b = (unit(v + sigma[:, None] * rng.normal(size=v.shape)) for v in (a, b))
+        covariance = (sigma**2 + np.radians(scene.sigma_deg) ** 2)[:, None, None] * np.eye(3)
+        found = om.relative_pose(a, b, covariance, covariance)
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+        plain.append(step_between(om.relative_pose(a, b, sigma_deg=0.3).b_from_a, pose))
+    assert 0.7 < normalized_squares(steps, covariances, 5).mean() < 1.3
+    assert (np.square(steps).sum(1)).mean() < 0.5 * np.square(plain).sum(1).mean()
+
+
+def test_the_same_seed_gives_the_same_result_and_the_order_of_pairs_does_not_matter():
+    a, b, *_ = Scene(190, 0.5).pairs(3)
+    order = np.random.default_rng(0).permutation(len(a))
+    first, again, permuted = om.relative_pose(a, b), om.relative_pose(a, b), om.relative_pose(a[order], b[order])
+    assert np.array_equal(first.b_from_a.rotation, again.b_from_a.rotation)
+    assert np.array_equal(first.covariance, again.covariance)
+    assert errors_deg(first.b_from_a, permuted.b_from_a) == pytest.approx((0, 0), abs=0.01)
+
+
+def test_swapped_cameras_have_the_inverse_pose():
+    a, b, *_ = Scene(280, 0.3).pairs(5)
+    forward, backward = om.relative_pose(a, b), om.relative_pose(b, a)
+    assert errors_deg(forward.b_from_a, backward.b_from_a.inverse()) == pytest.approx((0, 0), abs=0.02)
+
+
+@pytest.mark.parametrize("fov_deg", [60, 360])
+def test_unrelated_pairs_have_no_pose(fov_deg):
+    rng = np.random.default_rng(1)
+    for count in (8, 50, 400):
+        found = om.relative_pose(directions(rng, count, fov_deg), directions(rng, count, fov_deg))
+        assert not found
+        assert found.b_from_a is None
+        assert "by chance" in found.reason or "no model" in found.reason
+
+
+def test_few_pairs_are_reported():
+    a, b, *_ = Scene().pairs(0)
+    found = om.relative_pose(a[:7], b[:7])
+    assert not found
+    assert found.reason == "7 correspondences, at least 8 are needed"
+    assert not om.relative_pose(np.empty((0, 3)), np.empty((0, 3)))
+
+
+@pytest.mark.parametrize("sigma_deg", [0.0, 0.05])
+def test_identical_and_rotated_bearings_raise_nothing(sigma_deg):
+    rng = np.random.default_rng(2)
+    a = directions(rng, 100, 190)
+    for rotation in (np.eye(3), exp([0.1, -0.2, 0.3])):
+        b = noisy(rng, a @ rotation.T, sigma_deg)
+        found = om.relative_pose(a, b)
+        if found:
+            assert errors_deg(found.b_from_a, om.Pose(rotation, found.b_from_a.translation))[0] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"bearings_a": np.ones((5, 2))}, r"bearings_a must have the shape \(N, 3\), got \(5, 2\)"),
+        ({"bearings_b": np.ones((4, 3))}, "5 bearings of camera a and 4 of camera b"),
+        ({"bearings_a": np.zeros((5, 3))}, r"bearings_a\[0\] is \[0. 0. 0.\]: not a direction"),
+        ({"bearings_a": np.full((5, 3), np.nan)}, "not a direction"),
+        ({"sigma_deg": 0.0}, "sigma_deg must be positive"),
+        ({"covariance_a": np.ones((5, 3, 3))}, "covariances of both cameras"),
+        ({"covariance_a": np.ones((5, 3)), "covariance_b": np.ones((5, 3))}, "covariances must have the shape"),
+        ({"covariance_a": np.zeros((5, 3, 3)), "covariance_b": np.zeros((5, 3, 3))}, "is not positive"),
+    ],
+)
+def test_arrays_that_hold_no_pairs_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        om.relative_pose(**({"bearings_a": np.ones((5, 3)), "bearings_b": np.ones((5, 3))} | change))
