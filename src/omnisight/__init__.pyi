@@ -6,6 +6,12 @@ from omnisight.calibration.lines.pixel_chains import PixelChains as PixelChains
 from omnisight.calibration.lines.result import LinesCalibration as LinesCalibration
 from omnisight.camera import Camera as Camera
 from omnisight.corners import read_corners as read_corners
+from omnisight.features import FeatureOptions as FeatureOptions
+from omnisight.features import Keypoints as Keypoints
+from omnisight.features import Matches as Matches
+from omnisight.features import detect_features as detect_features
+from omnisight.features import match_features as match_features
+from omnisight.features import match_guided as match_guided
 from omnisight.formats import load as load
 from omnisight.formats import load_rig as load_rig
 from omnisight.formats import save as save

@@ -1,0 +1,133 @@
+"""Detection of keypoints in the image of any camera."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.features.detection_views import DetectionView, pixel_grid, tangent_views, valid_region, whole_image
+from omnisight.features.detectors import DETECTORS, Detector
+from omnisight.features.keypoints import Keypoints, concatenate
+from omnisight.images import estimate_image_field, to_gray8
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class FeatureOptions:
+    """How keypoints are detected.
+
+    Attributes
+    ----------
+    kind
+        "sift": accurate and distinctive. "orb": binary descriptors.
+    surface
+        "views": stereographic views of the faces of a cube, which rectify the image locally. "image": the image itself.
+    max_keypoints
+        Only the strongest are returned.
+    """
+
+    kind: Literal["sift", "orb"] = "sift"
+    surface: Literal["views", "image"] = "views"
+    max_keypoints: int = 4000
+
+    def __post_init__(self) -> None:
+        """Check the names and the number."""
+        if self.kind not in DETECTORS:
+            raise ValueError(f"kind must be one of {', '.join(DETECTORS)}, got {self.kind!r}")
+        if self.surface not in ("views", "image"):
+            raise ValueError(f"surface must be 'views' or 'image', got {self.surface!r}")
+        if self.max_keypoints < 1:
+            raise ValueError(f"max_keypoints must be at least 1, got {self.max_keypoints}")
+
+
+def detect_features(
+    image: NDArray[Any], camera: Camera, options: FeatureOptions | None = None, *, mask: NDArray[Any] | None = None
+) -> Keypoints:
+    """Detect keypoints with bearings, covariances and descriptors.
+
+    The image circle limits keypoints with the support of their descriptors: the calibrated field of view of the camera,
+    or, if it is unknown, the image circle detected in the image. At the seam of a 360 image keypoints exist once.
+    The image of a mirror camera is detected without its reflection, so that it matches the image of a lens.
+
+    Parameters
+    ----------
+    image
+        (H, W), (H, W, 3) or (H, W, 4); see `to_gray8`.
+    camera
+        The camera of the image.
+    options
+        By default SIFT in views.
+    mask
+        (H, W), not 0 where keypoints are wanted; by default everywhere.
+
+    Returns
+    -------
+    The keypoints, the strongest first; none for an image without texture.
+
+    Raises
+    ------
+    ValueError
+        If the size of the image or of the mask differs from that of the camera.
+    """
+    options = options or FeatureOptions()
+    _check_size("image", image, camera)
+    if mask is not None:
+        _check_size("mask", mask, camera)
+    gray = to_gray8(image)
+    valid = _illuminated_region(gray, camera)
+    detector = DETECTORS[options.kind]
+    views = tangent_views(camera) if options.surface == "views" else whole_image(camera)
+    found = [_detect_in_view(view, gray, valid, detector, options.max_keypoints) for view in views]
+    keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])
+    if mask is not None:
+        column, row = np.clip(np.rint(keypoints.pixels).astype(int), 0, np.array(camera.size) - 1).T
+        wanted = np.asarray(mask)[row, column] != 0
+        keypoints, response = keypoints[wanted], response[wanted]
+    strongest = np.argsort(-response, kind="stable")[: options.max_keypoints]
+    return keypoints[strongest]
+
+
+def _detect_in_view(
+    view: DetectionView, gray: NDArray[np.uint8], valid: Mask, detector: Detector, count: int
+) -> tuple[Keypoints, Array]:
+    """Return the keypoints of a view and their responses."""
+    clearance = _distance_to_invalid(view(valid.astype(np.uint8) * 255) == 255)
+    raw = detector(view(gray), np.where(clearance > 1, view.cell, 0).astype(np.uint8), count)
+    column, row = np.rint(raw.pixels).astype(int).T
+    raw = raw.select(clearance[row, column] >= detector.support * raw.radius)
+    located = view.locate(raw.pixels)
+    raw, located = raw.select(located.owned), located.select(located.owned)
+    d_pixel = located.d_pixel
+    gram = d_pixel.transpose(0, 2, 1) @ d_pixel
+    scale = raw.radius * np.linalg.det(gram) ** 0.25  # the area that a pixel covers on the sphere is sqrt(det)
+    covariance = d_pixel @ d_pixel.transpose(0, 2, 1) * detector.sigma_px(raw.radius)[:, None, None] ** 2
+    return Keypoints(located.pixels, located.bearings, covariance, scale, raw.descriptors), raw.response
+
+
+def _distance_to_invalid(valid: Mask) -> NDArray[np.float32]:
+    """Return the distance (H, W), px, of each pixel to the nearest invalid one; beyond the image all are invalid."""
+    import cv2
+
+    padded = np.pad(valid.astype(np.uint8), 1)
+    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1], np.float32)
+
+
+def _illuminated_region(gray: NDArray[np.uint8], camera: Camera) -> Mask:
+    """Return which pixels (H, W) show the scene."""
+    valid = valid_region(camera)
+    if camera.theta_max is None and camera.model.period is None:
+        valid = valid & estimate_image_field([gray]).contains(pixel_grid(camera))
+    return valid
+
+
+def _check_size(name: str, array: NDArray[Any], camera: Camera) -> None:
+    height, width = array.shape[:2]
+    if (width, height) != camera.size:
+        raise ValueError(
+            f"the {name} is {width}x{height} px, but the camera {camera.width}x{camera.height}: use the camera of this"
+            " image, or scale it (`Camera.scaled`)"
+        )

@@ -1,0 +1,180 @@
+"""The images in which keypoints are detected: the image of the camera itself, or views that rectify it locally."""
+
+from functools import lru_cache
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.geometry.rotation import look
+from omnisight.models.stereographic import Stereographic
+from omnisight.views import Remapper
+from omnisight.views.cube import CUBE_FACES
+
+Array = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+# Border of a view around its face of the cube, and columns by which a periodic image is extended: the support of the
+# largest keypoints of ORB, and of those of SIFT up to a radius of 9 px; 2 % are larger.
+MARGIN_PX = 56
+# Pixels along each side of the image from whose bearings the views are determined.
+SAMPLES = 128
+
+
+class Located(NamedTuple):
+    """Pixels of a detection view in the camera.
+
+    Attributes
+    ----------
+    pixels
+        (N, 2) in the image of the camera.
+    bearings
+        (N, 3).
+    d_pixel
+        (N, 3, 2) derivative of the bearing by the pixel of the detection view.
+    owned
+        (N,) whether the direction belongs to this view; each belongs to one.
+    """
+
+    pixels: Array
+    bearings: Array
+    d_pixel: Array
+    owned: Mask
+
+    def select(self, mask: Mask) -> "Located":
+        """Return the pixels of a mask (N,)."""
+        return Located(self.pixels[mask], self.bearings[mask], self.d_pixel[mask], self.owned[mask])
+
+
+class DetectionView(Protocol):
+    """An image in which keypoints are detected, made from the image of a camera."""
+
+    def __call__(self, image: Bytes) -> Bytes:
+        """Return the view of an image (H, W), or of a mask of 0 and 255."""
+        ...
+
+    @property
+    def cell(self) -> Bytes:
+        """255 where pixels of the view may be owned."""
+        ...
+
+    def locate(self, pixels: Array) -> Located:
+        """Return the directions of pixels (N, 2) of the view."""
+        ...
+
+
+class WholeImage:
+    """The image itself, with columns repeated at the seam of a 360 image, and not mirrored."""
+
+    def __init__(self, camera: Camera) -> None:
+        period = camera.model.period
+        self._camera = camera
+        self._margin = MARGIN_PX if period is not None and abs(period - camera.width) < 0.5 else 0
+        self._mirrored = _is_mirrored(camera)
+        self.cell = np.full((camera.height, camera.width + 2 * self._margin), 255, np.uint8)
+
+    def __call__(self, image: Bytes) -> Bytes:
+        wrapped = np.pad(image, ((0, 0), (self._margin, self._margin)), "wrap")
+        return np.ascontiguousarray(wrapped[:, ::-1] if self._mirrored else wrapped)
+
+    def locate(self, pixels: Array) -> Located:
+        source = pixels.copy()
+        if self._mirrored:
+            source[:, 0] = self.cell.shape[1] - 1 - source[:, 0]
+        source[:, 0] -= self._margin
+        bearings, valid, d_pixel, _ = self._camera.model.unproject_with_jacobians(source)
+        return Located(source, bearings, d_pixel, valid & self._camera.in_image(source))
+
+
+class TangentView:
+    """A stereographic view of the face of a cube: it maps small circles to circles, at nearly constant resolution.
+
+    SIFT and ORB are invariant to rotation and scale, so that a conformal view is all they need; a perspective view
+    would stretch what is 55 degrees from its centre by 1.7 in one direction.
+    """
+
+    def __init__(self, camera: Camera, rotation: Array, seen: Array) -> None:
+        """Build the view with a rotation (view from camera), cropped to what the camera sees (N, 3) in its face."""
+        px_per_rad = float(np.median(resolution(camera, seen @ rotation)))
+        self._camera, self._rotation = camera, rotation
+        self._view = _cropped_view(seen, px_per_rad, max(camera.size) / SAMPLES)
+        self._remap = Remapper(camera, self._view, rotation, interpolation="bicubic")
+        bearings, _ = self._view.unproject(pixel_grid(self._view))
+        across = np.abs(bearings[..., :2]).max(-1)
+        # One pixel more than the face: OpenCV rounds the pixels of keypoints to look up the mask.
+        self.cell = np.where(bearings[..., 2] >= across - 2 / px_per_rad, 255, 0).astype(np.uint8)
+
+    def __call__(self, image: Bytes) -> Bytes:
+        return self._remap(image)
+
+    def locate(self, pixels: Array) -> Located:
+        bearings, valid, d_pixel, _ = self._view.model.unproject_with_jacobians(pixels)
+        source_from_view = self._rotation.T
+        in_source = bearings @ self._rotation
+        source, visible = self._camera.project(in_source)
+        owned = valid & visible & self._camera.in_image(source) & _is_in_front_face(bearings)
+        return Located(source, in_source, source_from_view @ d_pixel, owned)
+
+
+def _cropped_view(seen: Array, px_per_rad: float, spacing: float) -> Camera:
+    """Return a stereographic view of directions (N, 3), which have a spacing (px), in a face of the cube."""
+    half_face = 2 * np.tan(np.pi / 8) * px_per_rad
+    pixels, _ = Stereographic(px_per_rad, px_per_rad, 0.0, 0.0).project(seen)
+    low = np.floor(np.maximum(pixels.min(0) - spacing, -half_face) - MARGIN_PX)
+    width, height = np.ceil(np.minimum(pixels.max(0) + spacing, half_face) + MARGIN_PX) - low
+    return Camera(Stereographic(px_per_rad, px_per_rad, -low[0], -low[1]), (int(width), int(height)))
+
+
+@lru_cache(maxsize=4)
+def tangent_views(camera: Camera) -> list[DetectionView]:
+    """Return the views of the cube faces that the camera sees, at the resolution of its image."""
+    bearings, _ = camera.samples(count=SAMPLES)
+    views: list[DetectionView] = []
+    for yaw, pitch in CUBE_FACES.values():
+        rotation = look(yaw, pitch)
+        seen = bearings @ rotation.T
+        seen = seen[_is_in_front_face(seen)]
+        if len(seen):
+            views.append(TangentView(camera, rotation, seen))
+    return views
+
+
+def resolution(camera: Camera, bearings: Array) -> Array:
+    """Return the pixels per radian (N,) at bearings (N, 3), in the direction with the fewest."""
+    _, _, d_point, _ = camera.model.project_with_jacobians(bearings)
+    return np.asarray(np.linalg.svd(d_point, compute_uv=False)[:, -1], float)
+
+
+@lru_cache(maxsize=4)
+def whole_image(camera: Camera) -> list[DetectionView]:
+    """Return the image itself as the only view."""
+    return [WholeImage(camera)]
+
+
+@lru_cache(maxsize=4)
+def valid_region(camera: Camera) -> Mask:
+    """Return which pixels (H, W) of a camera have a direction in its calibrated field of view."""
+    bearings, valid = camera.unproject(pixel_grid(camera))
+    return valid & camera.calibrated(bearings)
+
+
+def pixel_grid(camera: Camera) -> Array:
+    """Return all pixels (H, W, 2)."""
+    return np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), -1).astype(float)
+
+
+def _is_in_front_face(bearings: Array) -> Mask:
+    """Return which bearings (N, 3) of a view belong to its face of the cube, without its edges."""
+    x, y, z = bearings.T
+    return (z > np.abs(x)) & (z > np.abs(y))
+
+
+def _is_mirrored(camera: Camera) -> bool:
+    """Return whether the image exchanges left and right, as behind a mirror."""
+    bearings, _ = camera.samples(count=9)
+    _, _, d_point, _ = camera.model.project_with_jacobians(bearings)
+    # Seen along the bearing, image axes without reflection turn right-handed.
+    handedness = np.einsum("ni,ni->n", np.cross(d_point[:, 0], d_point[:, 1]), bearings)
+    return bool(np.nanmedian(handedness) < 0)
