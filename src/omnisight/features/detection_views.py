@@ -138,7 +138,7 @@ def tangent_views(camera: Camera) -> list[DetectionView]:
         seen = seen[_is_in_front_face(seen)]
         if len(seen):
             views.append(TangentView(camera, rotation, seen))
-    return views
+    return views or whole_image(camera)  # a camera that sees nothing has no keypoints
 
 
 def resolution(camera: Camera, bearings: Array) -> Array:
@@ -156,8 +156,11 @@ def whole_image(camera: Camera) -> list[DetectionView]:
 @lru_cache(maxsize=4)
 def valid_region(camera: Camera) -> Mask:
     """Return which pixels (H, W) of a camera have a direction in its calibrated field of view."""
-    bearings, valid = camera.unproject(pixel_grid(camera))
-    return valid & camera.calibrated(bearings)
+    region = np.empty((camera.height, camera.width), np.bool_)
+    for row in range(camera.height):  # row by row, because all bearings need much more memory than the image
+        bearings, valid = camera.unproject(np.stack([np.arange(camera.width), np.full(camera.width, row)], -1))
+        region[row] = valid & camera.calibrated(bearings)
+    return region
 
 
 def pixel_grid(camera: Camera) -> Array:
@@ -177,4 +180,4 @@ def _is_mirrored(camera: Camera) -> bool:
     _, _, d_point, _ = camera.model.project_with_jacobians(bearings)
     # Seen along the bearing, image axes without reflection turn right-handed.
     handedness = np.einsum("ni,ni->n", np.cross(d_point[:, 0], d_point[:, 1]), bearings)
-    return bool(np.nanmedian(handedness) < 0)
+    return bool(handedness.sum() < 0)

@@ -90,6 +90,6 @@ class Detector:
 # The standard deviations are those of a normal distribution with the 90 % quantile of the errors on rendered pairs.
 # That of ORB is the rounding to pixels of the level, 1/sqrt(12).
 DETECTORS = {
-    "sift": Detector("sift", support=6.0, sigma=(0.1, 0.09)),
+    "sift": Detector("sift", support=6.0, sigma=(0.11, 0.1)),
     "orb": Detector("orb", support=ORB_PATCH_PX / 2, sigma=(0.0, 0.3)),
 }

@@ -95,7 +95,7 @@ def match_guided(a: Keypoints, b: Keypoints, b_from_a: Pose, sigma: float = 0.0,
     if not length > 0:
         raise ValueError("the translation of b_from_a is zero, so there are no epipolar curves: use match_features")
     t = b_from_a.translation / length
-    return _match(a, b, ratio, _near_epipolar_curves(a, b, b_from_a.rotation, t, sigma))
+    return _match(a, b, ratio, _on_epipolar_curves(a, b, b_from_a.rotation, t, sigma))
 
 
 def _match(a: Keypoints, b: Keypoints, ratio: float, admissible: Admissible | None) -> Matches:
@@ -173,7 +173,7 @@ def _one_match_per_location(a: Keypoints, b: Keypoints, pairs: NDArray[np.intp],
     return np.sort(keep)
 
 
-def _near_epipolar_curves(a: Keypoints, b: Keypoints, rotation: Array, t: Array, sigma: float) -> Admissible:
+def _on_epipolar_curves(a: Keypoints, b: Keypoints, rotation: Array, t: Array, sigma: float) -> Admissible:
     """Return the function that decides which pairs fulfil the epipolar constraint at positive distances."""
     essential = hat(t) @ rotation
     turned, bearings = (np.asarray(x, np.float32) for x in (a.bearings @ rotation.T, b.bearings))
@@ -187,12 +187,15 @@ def _near_epipolar_curves(a: Keypoints, b: Keypoints, rotation: Array, t: Array,
         residual = normals_in_b[rows].astype(np.float32) @ bearings.T
         variance = outer_b[rows] @ covariance_b.T + covariance_a[rows] @ outer_a.T
         near = residual**2 <= MAX_EPIPOLAR_SIGMA**2 * variance
+        i, j = np.nonzero(near)  # few pairs
+        near[i, j] = at_positive_distances(i + rows.start, j)
+        return near
+
+    def at_positive_distances(i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
         # Distances from both cameras times the squared sine of the parallax, which the noise makes negative far away.
-        cosine = turned[rows] @ bearings.T
-        noise = MAX_EPIPOLAR_SIGMA * np.hypot(sigma_a[rows, None], sigma_b)
-        from_a = cosine * along_b - along_a[rows, None]
-        from_b = along_b - cosine * along_a[rows, None]
-        return near & (from_a > -noise) & (from_b > -noise)
+        cosine = np.einsum("ni,ni->n", turned[i], bearings[j])
+        noise = MAX_EPIPOLAR_SIGMA * np.hypot(sigma_a[i], sigma_b[j])
+        return (cosine * along_b[j] - along_a[i] > -noise) & (along_b[j] - cosine * along_a[i] > -noise)
 
     return admissible
 
