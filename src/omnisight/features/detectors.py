@@ -88,8 +88,8 @@ class Detector:
 
 
 # The standard deviations are those of a normal distribution with the 90 % quantile of the errors on rendered pairs.
-# That of ORB is the rounding to pixels of the level, 1/sqrt(12).
+# Most of that of ORB is the rounding to pixels of the level, 1/sqrt(12) of the radius.
 DETECTORS = {
     "sift": Detector("sift", support=6.0, sigma=(0.11, 0.1)),
-    "orb": Detector("orb", support=ORB_PATCH_PX / 2, sigma=(0.0, 0.3)),
+    "orb": Detector("orb", support=ORB_PATCH_PX / 2, sigma=(0.0, 0.34)),
 }
