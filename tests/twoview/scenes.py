@@ -24,14 +24,22 @@ class Scene:
     sigma_deg: float = 0.05
     count: int = 300
 
+    def motion(self, rng):
+        """Return the pose of camera b."""
+        return Pose(exp(unit(rng.normal(size=3)) * np.radians(self.fov_deg) / 6), unit(rng.normal(size=3)))
+
+    def distances(self, rng, bearings):
+        """Return the distances (N, 1) of points along bearings of camera a."""
+        return rng.uniform(2, 10, (len(bearings), 1))
+
     def pairs(self, seed):
         """Return noisy bearings of both cameras, the true pose, and which pairs are inliers."""
         rng = np.random.default_rng(seed)
-        pose = Pose(exp(unit(rng.normal(size=3)) * np.radians(self.fov_deg) / 6), unit(rng.normal(size=3)))
+        pose = self.motion(rng)
         a, points = np.empty((0, 3)), np.empty((0, 3))
         while len(a) < self.count:
             candidates = directions(rng, 4 * self.count, self.fov_deg)
-            x = candidates * rng.uniform(2, 10, (len(candidates), 1))
+            x = candidates * self.distances(rng, candidates)
             seen = unit(pose @ x)[:, 2] > np.cos(np.radians(self.fov_deg / 2))
             a, points = np.concatenate([a, candidates[seen]]), np.concatenate([points, x[seen]])
         a, b = a[: self.count], unit(pose @ points[: self.count])

@@ -27,8 +27,11 @@ REJECTION_PROBABILITY = 0.01
 INITIAL_CHANCE, MIN_CHANCE, MAX_CHANCE = 0.05, 1e-3, 0.5
 # Share of inliers that the first sequential tests assume: smaller than in any problem that can be solved.
 INITIAL_INLIER_SHARE = 0.1
-# Models that gain this fraction of what the best model gains on no model are optimized too.
-PROMISING_GAIN = 0.5
+# A minimal sample's model is optimized locally if no sample had a better one, or if it gains this fraction of what the
+# best optimized model gains on no model.
+PROMISING_GAIN = 0.8
+# Samples drawn at least: with little parallax, the cost has several minima.
+MIN_ITERATIONS = 50
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
 
@@ -86,7 +89,8 @@ def estimate(problem, sample, models, threshold, confidence, max_iterations, see
         of outliers only if there is no model.
     """
     count = len(problem[0])
-    best, best_score, share = np.full(models.shape[1:], np.nan), threshold * count, INITIAL_INLIER_SHARE
+    best, share = np.full(models.shape[1:], np.nan), INITIAL_INLIER_SHARE
+    best_score = best_of_samples = threshold * count
     tested, consistent = 1.0 / INITIAL_CHANCE, 1.0
     state, needed, iteration = np.uint64(seed), max_iterations, 0
     while iteration < needed:
@@ -94,20 +98,29 @@ def estimate(problem, sample, models, threshold, confidence, max_iterations, see
         state = _draw(state, count, sample)
         for k in range(solve_minimal(problem, sample, models)):
             chance = min(max(consistent / tested, MIN_CHANCE), min(MAX_CHANCE, 0.8 * share))
-            # Noise of a minimal sample costs much of what its model could gain.
-            limit = threshold * count - PROMISING_GAIN * (threshold * count - best_score)
+            limit = max(best_of_samples, threshold * count - PROMISING_GAIN * (threshold * count - best_score))
             score, seen, hits = _score(problem, models[k], count, threshold, limit, share, chance)
             if score >= limit:
                 tested += seen
                 consistent += hits
                 continue
+            best_of_samples = min(score, best_of_samples)
             model, score = _locally_optimized(problem, models[k], count, threshold)
             if score >= best_score:
                 continue
             best[:], best_score = model, score
             share = max(_inlier_share(problem, best, count, threshold), INITIAL_INLIER_SHARE)
-            needed = min(max_iterations, _samples_needed(share, len(sample), confidence))
+            needed = min(max_iterations, max(MIN_ITERATIONS, _samples_needed(share, len(sample), confidence)))
     return best, best_score, iteration
+
+
+@njit_driver
+def squared_errors(problem, model):
+    """Return the squared residuals (N,) of all observations over their variances."""
+    squares = np.empty(len(problem[0]))
+    for i in range(len(squares)):
+        squares[i] = squared_error(problem, model, i)
+    return squares
 
 
 @njit_helper

@@ -47,8 +47,8 @@ def fit_mixture(
     *,
     retract: Callable[[State, Array], State],
     outlier_density: float,
+    feature: Callable[[State], Array | None],
     scale: float | None = None,
-    feature: Callable[[State], Array] | None = None,
 ) -> Mixture[State]:
     """Estimate a state, and the scale of its residuals unless it is known, by expectation maximization.
 
@@ -70,14 +70,14 @@ def fit_mixture(
     scale
         Standard deviation of the inliers' residuals; None if it is to be estimated, starting from 1.
     feature
-        state -> (N,) quantity on which the share of outliers depends.
+        state -> quantity (N,) on which the share of outliers depends; None if it is the same for all.
     """
     state, sigma = start, 1.0 if scale is None else scale
     residuals, jacobian = linearize(state)
     share = np.full(len(residuals), 0.5)
     for _ in range(MAX_ROUNDS):
         probability = _inlier_probability(residuals, sigma, share, outlier_density)
-        share = _outlier_share(probability, None if feature is None else feature(state))
+        share = _outlier_share(probability, feature(state))
         gradient, information = _normal_equations(residuals, jacobian, probability)
         step = -np.linalg.pinv(information, hermitian=True) @ gradient
         state = retract(state, step)

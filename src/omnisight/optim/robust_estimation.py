@@ -69,8 +69,8 @@ class RobustProblem(Protocol[State]):
         """Return the residuals (N, D) over their standard deviations, NaN if impossible, and Jacobians (N, D, P)."""
         ...
 
-    def feature(self, state: State) -> Array:
-        """Return a quantity (N,) on which the share of outliers depends."""
+    def feature(self, state: State) -> Array | None:
+        """Return a quantity (N,) on which the share of outliers depends; None if it is the same for all."""
         ...
 
     def retract(self, state: State, step: Array) -> State:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import estimate_robustly
-from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances, unit_bearings
+from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances, unit_bearings, whitening
 
 Array = NDArray[np.float64]
 
@@ -175,12 +175,3 @@ class AbsolutePoseProblem:
     def retract(self, state: Pose, step: Array) -> Pose:
         """Move a pose."""
         return state.moved(step)
-
-
-def whitening(bearings: Array, covariance: Array) -> Array:
-    """Return the maps (N, 2, 3) of chords at bearings to two components of unit variance in the tangent plane.
-
-    With covariance = V diag(v) V^T and v_1 = 0 along the bearing, these are the other columns of V over sqrt(v).
-    """
-    variances, axes = np.linalg.eigh(covariance)
-    return np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]

@@ -67,6 +67,16 @@ class BearingPairs:
         """Return the number of pairs."""
         return len(self.a)
 
+    def __getitem__(self, use: NDArray[np.bool_]) -> "BearingPairs":
+        """Return the pairs of a mask (N,)."""
+        return replace(
+            self,
+            a=self.a[use],
+            b=self.b[use],
+            covariance_a=self.covariance_a[use],
+            covariance_b=self.covariance_b[use],
+        )
+
     @property
     def variance(self) -> Array:
         """Variance (N,) of the angle between both bearings along any direction, square radians."""
@@ -116,3 +126,12 @@ def tangent_covariances(bearings: Array, covariance: ArrayLike | None, sigma_deg
     if len(bad):
         raise ValueError(f"the covariance of bearing {bad[0]} is not positive across the bearing")
     return tangent
+
+
+def whitening(bearings: Array, covariance: Array) -> Array:
+    """Return the maps (N, 2, 3) of chords at bearings to two components of unit variance in the tangent plane.
+
+    With covariance = V diag(v) V^T and v_1 = 0 along the bearing, these are the other columns of V over sqrt(v).
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    return np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]

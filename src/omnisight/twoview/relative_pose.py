@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
-from omnisight.optim.robust_estimation import estimate_robustly
+from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.epipolar import distances, epipolar_residuals, is_behind
+from omnisight.twoview.motion_model import MotionModel, select_motion
 
 Array = NDArray[np.float64]
 
@@ -22,11 +23,13 @@ class RelativePose:
     Attributes
     ----------
     b_from_a : Pose or None
-        x_b = R x_a + t, with t of unit length.
+        x_b = R x_a + t, with t of unit length, or zero if `motion` is "rotation only".
     covariance : (6, 6) array
         Covariance of a step (w, v) of `Pose.moved`, square radians; zero along the translation.
     inliers : (N,) array of bool
         Pairs that are more probably inliers than outliers.
+    motion : MotionModel
+        The model of the motion that explains the pairs best; "no overlap" if no pose was found.
     sigma_deg : float
         Standard deviation of the bearings, root mean square over both cameras: the given or the estimated one.
     score : float
@@ -40,6 +43,7 @@ class RelativePose:
     b_from_a: Pose | None
     covariance: Array = field(repr=False)
     inliers: NDArray[np.bool_] = field(repr=False)
+    motion: MotionModel
     sigma_deg: float
     score: float
     iterations: int
@@ -62,7 +66,8 @@ def relative_pose(
 
     LO-RANSAC with Nister's five-point solver finds the inliers; the pose is then the maximum-likelihood estimate under
     a mixture of Gaussian noise and outliers. Bearings may have any direction, also behind the camera. A pair is an
-    inlier only if its point has positive distances along both bearings.
+    inlier only if its point has positive distances along both bearings. A rotation without translation, a dominant
+    plane, planar motion and insufficient parallax are recognized, see `MotionModel`.
 
     Parameters
     ----------
@@ -83,12 +88,31 @@ def relative_pose(
     """
     pairs = BearingPairs.of(bearings_a, bearings_b, covariance_a, covariance_b, sigma_deg)
     found = estimate_robustly(RelativePoseProblem(pairs), options)
-    sigma_deg = found.scale * float(np.degrees(np.sqrt(pairs.variance.mean() / 2))) if len(pairs) else float("nan")
     covariance = np.full((6, 6), np.nan)
     if found.state is not None:
+        pairs = replace(pairs.scaled(found.scale), is_noise_known=True)
         basis = tangent_basis(found.state)
         covariance = basis @ found.covariance @ basis.T
-    return RelativePose(found.state, covariance, found.inliers, sigma_deg, found.score, found.iterations, found.reason)
+    motion, rotation = select_motion(pairs, found, covariance, options)
+    if rotation is not None and rotation.state is not None:
+        return _rotation_only(pairs, rotation, motion)
+    sigma = _sigma_deg(pairs)
+    return RelativePose(
+        found.state, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason
+    )
+
+
+def _rotation_only(pairs: BearingPairs, rotation: RobustEstimate[Array], motion: MotionModel) -> RelativePose:
+    """Return the relative pose of cameras in one place."""
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = rotation.covariance
+    sigma = rotation.scale * _sigma_deg(pairs)
+    pose = Pose(np.asarray(rotation.state, float))
+    return RelativePose(pose, covariance, rotation.inliers, motion, sigma, rotation.score, rotation.iterations)
+
+
+def _sigma_deg(pairs: BearingPairs) -> float:
+    return float(np.degrees(np.sqrt(pairs.variance.mean() / 2))) if len(pairs) else float("nan")
 
 
 @dataclass(frozen=True, eq=False)

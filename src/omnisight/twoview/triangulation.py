@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.twoview.absolute_pose import whitening
-from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances
+from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances, whitening
 
 Array = NDArray[np.float64]
 

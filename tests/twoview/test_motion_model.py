@@ -1,0 +1,84 @@
+"""The motion model of pairs of bearings is recognized, and a rotation has no translation."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from scenes import Scene, normalized_squares, step_between, unit
+
+import omnisight as om
+from omnisight.geometry.rotation import exp
+
+
+class Rotation(Scene):
+    def motion(self, rng):
+        return om.Pose(super().motion(rng).rotation)
+
+
+class Planar(Scene):
+    def motion(self, rng):
+        return om.Pose(exp([0, rng.uniform(0.1, 0.4), 0]), unit(rng.normal(size=3) * [1, 0, 1]))
+
+
+class Plane(Scene):
+    """Points of a plane three baselines away."""
+
+    def distances(self, rng, bearings):
+        along = bearings @ unit(np.array([0.2, 1.0, 0.3]))
+        return np.where(along > 0.1, 3 / along, np.nan)[:, None]
+
+
+class Far(Scene):
+    """Points at 120 to 600 baselines, whose parallax is a few times the noise."""
+
+    def distances(self, rng, bearings):
+        return 60 * super().distances(rng, bearings)
+
+
+KINDS = {"general": Scene, "rotation only": Rotation, "planar motion": Planar, "dominant plane": Plane}
+
+
+@pytest.mark.parametrize("fov_deg", [60, 190, 360])
+@pytest.mark.parametrize("outliers", [0.0, 0.5])
+@pytest.mark.parametrize("name", KINDS)
+def test_the_motion_model_is_recognized(name, fov_deg, outliers):
+    names = Counter()
+    for seed in range(6):
+        a, b, *_ = KINDS[name](fov_deg, outliers).pairs(seed)
+        names[om.relative_pose(a, b).motion.name] += 1
+    assert names[name] >= 5, names
+
+
+def test_a_rotation_has_no_translation_and_a_true_covariance():
+    steps, covariances = [], []
+    for seed in range(100):
+        a, b, pose, _ = Rotation(190, 0.5, count=100).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.05)
+        assert found
+        assert found.motion.name == "rotation only"
+        assert not found.b_from_a.translation.any()
+        steps.append(step_between(found.b_from_a, pose)[:3])
+        covariances.append(found.covariance[:3, :3])
+    # The mean of 100 chi-squared variables of three degrees of freedom has the standard deviation 0.08.
+    assert 0.76 < normalized_squares(steps, covariances, 3).mean() < 1.24
+
+
+def test_identical_bearings_are_a_rotation_by_zero():
+    a, *_ = Scene().pairs(0)
+    found = om.relative_pose(a, a)
+    assert found.motion.name == "rotation only"
+    assert np.abs(found.b_from_a.rotation - np.eye(3)).max() < 1e-9
+
+
+def test_distant_points_of_a_narrow_field_leave_the_direction_unknown():
+    for seed in range(10):
+        a, b, *_ = Far(60, 0.0).pairs(seed)
+        assert om.relative_pose(a, b).motion.name in ("rotation only", "insufficient parallax")
+
+
+def test_unrelated_pairs_do_not_overlap():
+    rng = np.random.default_rng(0)
+    a, b = (unit(rng.normal(size=(100, 3))) for _ in range(2))
+    found = om.relative_pose(a, b)
+    assert found.motion.name == "no overlap"
+    assert "by chance" in found.motion.figure
