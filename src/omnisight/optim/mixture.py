@@ -79,7 +79,7 @@ def fit_mixture(
         probability = _inlier_probability(residuals, sigma, share, outlier_density)
         share = _outlier_share(probability, feature(state))
         gradient, information = _normal_equations(residuals, jacobian, probability)
-        step = -np.linalg.pinv(information, hermitian=True) @ gradient
+        step = -np.asarray(np.linalg.lstsq(information, gradient, rcond=None)[0], float)
         state = retract(state, step)
         residuals, jacobian = linearize(state)
         before = sigma

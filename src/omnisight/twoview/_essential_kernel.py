@@ -22,7 +22,15 @@ def poses_from_essential(e, a, b, poses):
     poses
         (S, 3, 4), receives [R | t] with x_b = R x_a + t and t of unit length.
     """
-    return 1 if decompose_essential(e, a, b, poses[0]) == len(a) else 0
+    # The first pair has positive distances for one of the four decompositions.
+    pose = poses[0]
+    if decompose_essential(e, a[:1], b[:1], pose) == 0:
+        return 0
+    for n in range(1, len(a)):
+        along_a, along_b = distance_signs(pose[:, :3], pose[:, 3], a[n], b[n])
+        if not (along_a > 0.0 and along_b > 0.0):
+            return 0
+    return 1
 
 
 @njit_helper

@@ -1,6 +1,7 @@
 """Pairs of bearings of two cameras, with their covariances."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -77,7 +78,7 @@ class BearingPairs:
             covariance_b=self.covariance_b[use],
         )
 
-    @property
+    @cached_property
     def variance(self) -> Array:
         """Variance (N,) of the angle between both bearings along any direction, square radians."""
         return np.trace(self.covariance_a + self.covariance_b, axis1=1, axis2=2) / 2
