@@ -11,6 +11,7 @@ The speed comparisons with other libraries run in a few minutes, all of them or 
 The following run one at a time and take options, for example `python -m benchmarks boards --quick`:
 
     features     detection and matching of features on rendered pairs. 10 minutes, with --quick 2
+    twoview      poses and points from bearings with outliers; pycolmap, PoseLib. 10 minutes, with --quick 1
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
     noncentral   errors of central and axial models for non-central cameras. 5 minutes
@@ -37,6 +38,7 @@ import cv2
 RACES = ("points", "views", "calibration", "render", "startup")
 EVALUATIONS = (
     "features",
+    "twoview",
     "boards",
     "solvers",
     "noncentral",
