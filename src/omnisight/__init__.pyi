@@ -55,6 +55,8 @@ from omnisight.targets import Detections as Detections
 from omnisight.targets.observations import Observations as Observations
 from omnisight.twoview.absolute_pose import AbsolutePose as AbsolutePose
 from omnisight.twoview.absolute_pose import resect as resect
+from omnisight.twoview.epipolar_curves import epipolar_curve as epipolar_curve
+from omnisight.twoview.epipolar_curves import epipoles as epipoles
 from omnisight.twoview.relative_pose import RelativePose as RelativePose
 from omnisight.twoview.relative_pose import relative_pose as relative_pose
 from omnisight.twoview.triangulation import Triangulation as Triangulation
