@@ -4,6 +4,7 @@ from omnisight.images.collect import IMAGE_SUFFIXES, collect_images, expand_path
 from omnisight.images.gray import to_gray8
 from omnisight.images.headers import exif_orientation
 from omnisight.images.image_field import ImageField, downsample, estimate_image_field
+from omnisight.images.mask import read_mask
 from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
 from omnisight.images.video import MAX_FRAMES, VIDEO_SUFFIXES, Clip, Frame
 from omnisight.images.write import write_bytes, write_image
@@ -24,6 +25,7 @@ __all__ = [
     "expand_path",
     "read_bytes",
     "read_image",
+    "read_mask",
     "to_gray8",
     "write_bytes",
     "write_image",

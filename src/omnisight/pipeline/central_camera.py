@@ -1,11 +1,13 @@
-"""Read the central camera of a calibration file, or the one that approximates a non-central camera at a distance."""
+"""Read the central camera of a calibration file, or the one that approximates a non-central camera, for an image."""
 
+import dataclasses
 import re
 from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.targets.length import parse_length
+from omnisight.views.remapper import is_resized, size_mismatch
 
 MAX_ERROR_PX = 1.0  # of the central approximation at its distance
 
@@ -56,6 +58,23 @@ def central_camera(
             " specify a larger distance, or inf"
         )
     return central
+
+
+def fit_camera(camera: Camera, size: tuple[int, int], image: str, *, scale: bool) -> Camera:
+    """Return the camera for an image of a size, scaled on request.
+
+    Raises
+    ------
+    ValueError
+        If the size does not fit; the message starts with the name of the image.
+    """
+    if min(camera.size) < 1:  # a file without an image size
+        return dataclasses.replace(camera, size=size)
+    if size == camera.size:
+        return camera
+    if not (scale and is_resized(size, camera.size)):
+        raise ValueError(f"{image}: {size_mismatch(size, camera.size)}")
+    return dataclasses.replace(camera.scaled(size[0] / camera.width), size=size)
 
 
 def _parse_distance(text: str, unit: str) -> float:

@@ -15,10 +15,10 @@ from omnisight.formats import save
 from omnisight.geometry.rotation import look
 from omnisight.images import collect_images, read_image, write_image
 from omnisight.images.output_paths import output_paths, refuse_overwrite
-from omnisight.pipeline.central_camera import central_camera
+from omnisight.pipeline.central_camera import central_camera, fit_camera
 from omnisight.views.cube import CUBE_FACES, cube_cross, cube_rotation
 from omnisight.views.maps import extrapolation_mask, visible_fraction
-from omnisight.views.remapper import Interpolation, Remapper, is_resized, magnification, size_mismatch
+from omnisight.views.remapper import Interpolation, Remapper, magnification
 from omnisight.views.view_cameras import (
     FisheyeProjection,
     cube_face,
@@ -235,7 +235,7 @@ def view(
                 raise ValueError(
                     f"{path.name}: {size[0]}x{size[1]}, others {source.width}x{source.height}: view it apart"
                 )
-            source = _fit_camera(source, size, path, scale=options.scale_camera)
+            source = fit_camera(source, size, path.name, scale=options.scale_camera)
             remappers = remappers or [_remapper(source, target, rotation, options) for rotation in rotations]
             result = cube_cross([remap(image) for remap in remappers])
             if options.mark:
@@ -321,14 +321,3 @@ def _prepare_output(images: Sequence[Path], output: Path, others: list[Path]) ->
 
 def _remapper(source: Camera, target: Camera, rotation: Array, options: ViewOptions) -> Remapper:
     return Remapper(source, target, rotation, interpolation=options.interpolation, antialias=options.antialias)
-
-
-def _fit_camera(camera: Camera, size: tuple[int, int], path: Path, *, scale: bool) -> Camera:
-    """Return the camera for images of a size, scaled on request; raise if the size does not fit."""
-    if min(camera.size) < 1:  # a file without an image size
-        return dataclasses.replace(camera, size=size)
-    if size == camera.size:
-        return camera
-    if not (scale and is_resized(size, camera.size)):
-        raise ValueError(f"{path.name}: {size_mismatch(size, camera.size)}")
-    return dataclasses.replace(camera.scaled(size[0] / camera.width), size=size)

@@ -87,6 +87,11 @@ def relative_pose(
         If arrays have the wrong shape or do not hold directions and covariances.
     """
     pairs = BearingPairs.of(bearings_a, bearings_b, covariance_a, covariance_b, sigma_deg)
+    return estimate_relative_pose(pairs, options)
+
+
+def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacOptions()) -> RelativePose:
+    """Estimate the relative pose of pairs of bearings; see `relative_pose`."""
     found = estimate_robustly(RelativePoseProblem(pairs), options)
     covariance = np.full((6, 6), np.nan)
     if found.state is not None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.lines.arc_detection import deduplicate_static_arcs, detect_arcs
 from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.polyline_file import read_polylines
-from omnisight.images import estimate_image_field, read_bytes, read_image, to_gray8
+from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -127,11 +127,7 @@ def _common_size(paths: Sequence[Path], apply_exif: bool) -> tuple[int, int]:
 
 def _read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
     """Read the mask (H, W) of the pixels where lines are searched."""
-    gray = to_gray8(read_image(path))
-    if gray.shape[::-1] != size:
-        raise ValueError(f"{path}: is {gray.shape[1]} x {gray.shape[0]} px, the images are {size[0]} x {size[1]} px")
-    # A PBM bitmap stores black on white, so that its set pixels decode as black.
-    allowed = gray < 128 if read_bytes(path)[:2] in (b"P1", b"P4") else gray > 127
+    allowed = read_mask(path, size)
     if not allowed.any():
         raise ValueError(f"{path}: the mask allows no pixel; paint the areas where lines are searched white")
     return allowed

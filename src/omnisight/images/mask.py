@@ -1,0 +1,24 @@
+"""Masks: images that are white where pixels are used."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.images.gray import to_gray8
+from omnisight.images.read import read_bytes, read_image
+
+
+def read_mask(path: str | Path, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Read the mask (H, W) of the pixels to use: white ones, or those that are set in a PBM file.
+
+    Raises
+    ------
+    ValueError
+        If the file is not an image of the size (width, height).
+    """
+    gray = to_gray8(read_image(path))
+    if gray.shape[::-1] != size:
+        raise ValueError(f"{path}: is {gray.shape[1]} x {gray.shape[0]} px, the image is {size[0]} x {size[1]} px")
+    # A PBM bitmap stores black on white, so that its set pixels decode as black.
+    return gray < 128 if read_bytes(path)[:2] in (b"P1", b"P4") else gray > 127
