@@ -137,6 +137,17 @@ def test_guided_matching_rejects_negative_distances():
     assert len(match_guided(keypoints(code, in_a), keypoints(code, far), POSE)) == 100
 
 
+def test_guided_matching_rejects_opposite_bearings():
+    rng = np.random.default_rng(9)
+    bearings = unit(rng.normal(size=(50, 3)))
+    described = descriptors("sift", rng, 50)
+    opposite = unit(-bearings @ POSE.rotation.T + SIGMA_RAD * rng.normal(size=bearings.shape))
+    a, b = keypoints(described, bearings), keypoints(described, opposite)
+    far_from_baseline = np.abs(b.bearings @ unit(POSE.translation)) < 0.99
+    assert far_from_baseline.sum() > 40
+    assert not far_from_baseline[match_guided(a, b, POSE).pairs[:, 0]].any()
+
+
 def test_matching_reports_different_descriptors_and_a_zero_translation():
     rng = np.random.default_rng(7)
     sift, orb = (keypoints(descriptors(kind, rng, 5)) for kind in ("sift", "orb"))

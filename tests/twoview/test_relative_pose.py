@@ -117,3 +117,14 @@ def test_identical_and_rotated_bearings_are_rotations(sigma_deg):
 def test_arrays_that_hold_no_pairs_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         om.relative_pose(**({"bearings_a": np.ones((5, 3)), "bearings_b": np.ones((5, 3))} | change))
+
+
+def test_pairs_of_opposite_bearings_are_outliers():
+    a, b, pose, inliers = Scene(fov_deg=360, outliers=0.0).pairs(3)
+    opposite = np.arange(40)
+    b[opposite] = noisy(np.random.default_rng(3), -a[opposite] @ pose.rotation.T, 0.05)
+    result = om.relative_pose(a, b, sigma_deg=0.05)
+    assert result
+    away = np.abs(b @ pose.translation) < 0.99
+    assert result.inliers[away & (np.arange(len(a)) >= 40)].mean() > 0.95
+    assert not result.inliers[away & (np.arange(len(a)) < 40)].any()

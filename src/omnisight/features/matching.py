@@ -192,10 +192,11 @@ def _on_epipolar_curves(a: Keypoints, b: Keypoints, rotation: Array, t: Array, s
         return near
 
     def at_positive_distances(i: NDArray[np.intp], j: NDArray[np.intp]) -> NDArray[np.bool_]:
-        # Distances from both cameras times the squared sine of the parallax, which the noise makes negative far away.
+        # Distances from both cameras times the squared sine of the parallax. Without parallax their signs are noise.
         cosine = np.einsum("ni,ni->n", turned[i], bearings[j])
+        chord = np.linalg.norm(turned[i] - bearings[j], axis=1)
         noise = MAX_EPIPOLAR_SIGMA * np.hypot(sigma_a[i], sigma_b[j])
-        return (cosine * along_b[j] - along_a[i] > -noise) & (along_b[j] - cosine * along_a[i] > -noise)
+        return ((cosine * along_b[j] > along_a[i]) & (along_b[j] > cosine * along_a[i])) | (chord < noise)
 
     return admissible
 

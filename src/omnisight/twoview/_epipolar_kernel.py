@@ -34,15 +34,16 @@ def residuals_and_derivatives(a, b, covariance_a, covariance_b, rotation, t):
 
 @njit_driver
 def distances(a, b, rotation, t):
-    """Return what `epipolar.distances` does, and the squared sine of the parallax."""
-    along_a, along_b, parallax = np.empty(len(a)), np.empty(len(a)), np.empty(len(a))
+    """Return what `epipolar.distances` does."""
+    along_a, along_b, squared_chord = np.empty(len(a)), np.empty(len(a)), np.empty(len(a))
     for i in range(len(a)):
         p, q = times(rotation, a[i]), b[i]
         c = cross(p, q)
-        parallax[i] = dot(c, c)
-        if parallax[i] > 0.0:
-            along_a[i] = -dot(cross(t, q), c) / parallax[i]
-            along_b[i] = -dot(cross(t, p), c) / parallax[i]
+        squared_sine = dot(c, c)
+        squared_chord[i] = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+        if squared_sine > 0.0:
+            along_a[i] = -dot(cross(t, q), c) / squared_sine
+            along_b[i] = -dot(cross(t, p), c) / squared_sine
         else:
             along_a[i], along_b[i] = np.inf, np.inf
-    return along_a, along_b, parallax
+    return along_a, along_b, squared_chord

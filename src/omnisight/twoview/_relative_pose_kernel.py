@@ -54,7 +54,8 @@ class CompiledRelativePose(NamedTuple):
         variance_a, variance_b = problem.variance_a[i], problem.variance_b[i]
         # The distances along both bearings are -(t x q) . c/|c|^2 and -(t x p) . c/|c|^2.
         is_behind = dot(n, c) > 0.0 or dot(m, c) > 0.0
-        if is_behind and dot(c, c) > MIN_SQUARED_PARALLAX * (variance_a + variance_b):
+        squared_chord = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+        if is_behind and squared_chord > MIN_SQUARED_PARALLAX * (variance_a + variance_b):
             return np.inf
         return dot(q, m) ** 2 / max(variance_b * dot(m, m) + variance_a * dot(n, n), 1e-300)
 

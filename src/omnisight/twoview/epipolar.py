@@ -28,8 +28,8 @@ def epipolar_residuals(pairs: BearingPairs, b_from_a: Pose) -> tuple[Array, Arra
 def distances(a: Array, b: Array, b_from_a: Pose) -> tuple[Array, Array, Array]:
     """Return the distances (N,) along bearings a and b to the points nearest to both rays, and the squared parallax.
 
-    With p = R a, q = b: lambda_a p + t = lambda_b q. Distances are inf without parallax; the third result is the square
-    of its sine.
+    With p = R a, q = b: lambda_a p + t = lambda_b q. Distances are inf for parallel bearings; the third result is the
+    squared length of the chord between p and q, which is that of the parallax, and 4 for opposite bearings.
     """
     from omnisight.twoview import _epipolar_kernel
 
