@@ -33,6 +33,9 @@ from omnisight.pipeline.convert import convert as convert
 from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect
+from omnisight.pipeline.epipolar import EpipolarOptions as EpipolarOptions
+from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
+from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
 from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions

@@ -15,6 +15,7 @@ FUNCTIONS = {
     "convert": om.convert,
     "design": om.design,
     "detect": om.detect,
+    "epipolar": om.epipolar,
     "evaluate": om.evaluate,
     "next": om.next_view,
     "simulate": om.simulate,

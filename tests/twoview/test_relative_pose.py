@@ -120,7 +120,7 @@ def test_arrays_that_hold_no_pairs_are_refused(change, message):
 
 
 def test_pairs_of_opposite_bearings_are_outliers():
-    a, b, pose, inliers = Scene(fov_deg=360, outliers=0.0).pairs(3)
+    a, b, pose, _ = Scene(fov_deg=360, outliers=0.0).pairs(3)
     opposite = np.arange(40)
     b[opposite] = noisy(np.random.default_rng(3), -a[opposite] @ pose.rotation.T, 0.05)
     result = om.relative_pose(a, b, sigma_deg=0.05)

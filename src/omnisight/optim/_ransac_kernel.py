@@ -29,9 +29,9 @@ INITIAL_CHANCE, MIN_CHANCE, MAX_CHANCE = 0.05, 1e-3, 0.5
 INITIAL_INLIER_SHARE = 0.1
 # A minimal sample's model is optimized locally if no sample had a better one, or if it gains this fraction of what the
 # best optimized model gains on no model.
-PROMISING_GAIN = 0.8
+PROMISING_GAIN = 0.95
 # Samples drawn at least: with little parallax, the cost has several minima.
-MIN_ITERATIONS = 50
+MIN_ITERATIONS = 1000
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
 

@@ -1,0 +1,47 @@
+"""Report of `omnisight epipolar`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from omnisight.pipeline.epipolar import EpipolarResult
+
+
+def print_json(result: EpipolarResult) -> None:
+    """Print the result as one JSON object."""
+    pose = result.b_from_a
+    data = {
+        "matches": len(result.matches),
+        "inliers": int(result.pose.inliers.sum()) if pose else 0,
+        "motion": result.motion,
+        "b_from_a": pose
+        and {
+            "rotation_xyzw": Rotation.from_matrix(pose.rotation).as_quat().tolist(),
+            "direction": pose.translation.tolist(),
+        },
+        "sigma_deg": pose and {"rotation": result.sigma_rotation_deg, "direction": result.sigma_direction_deg},
+        "parallax_deg": result.parallax_deg if pose else None,
+        "median_residual_deg": result.median_residual_deg if pose else None,
+        "seconds": round(result.seconds, 3),
+        "reason": result.reason,
+    }
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_report(result: EpipolarResult, written: Path | None) -> None:
+    """Print the matches, the motion with its standard deviations, the residual and the file written."""
+    pose = result.b_from_a
+    if pose is None:
+        return
+    angle = np.degrees(Rotation.from_matrix(pose.rotation).magnitude())
+    direction = ", ".join(f"{value:.4f}" for value in pose.translation)
+    found = " and ".join(str(len(keypoints)) for keypoints in result.keypoints)
+    inliers = int(result.pose.inliers.sum())
+    print(f"matches    {len(result.matches)} of {found} keypoints, {inliers} inliers")
+    print(f"motion     {result.motion}, parallax {result.parallax_deg:.2f}° (median)")
+    print(f"rotation   {angle:.3f}° ± {result.sigma_rotation_deg:.3f}°")
+    print(f"direction  {direction} ± {result.sigma_direction_deg:.3f}°")
+    print(f"residual   {result.median_residual_deg:.3f}° (median)")
+    print(f"written    {written if written is not None else 'nothing'}")

@@ -1,0 +1,291 @@
+"""Epipolar geometry of two images: the counterpart of `omnisight epipolar`."""
+
+import time
+from dataclasses import dataclass, field, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features, match_guided
+from omnisight.geometry.pose import Pose
+from omnisight.images import read_image, read_mask
+from omnisight.optim.ransac import RansacOptions
+from omnisight.pipeline.central_camera import central_camera, fit_camera
+from omnisight.twoview.bearing_pairs import BearingPairs
+from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
+from omnisight.views import sphere
+
+Array = NDArray[np.float64]
+ImageSource = str | PathLike[str] | NDArray[Any]
+CameraSource = Camera | str | PathLike[str]
+
+# Keypoints below which an image has no texture: a pose needs at least eight matches.
+MIN_KEYPOINTS = 8
+
+
+@dataclass(frozen=True)
+class EpipolarOptions:
+    """Options of `epipolar`.
+
+    Attributes
+    ----------
+    mask
+        Image that is white where keypoints are wanted (in a PBM file: 1).
+    mask_b
+        Mask of the second image; by default that of the first, if both images are of the same camera.
+    name
+        Name of the camera in a file of several, such as a rig.
+    name_b
+        Name of the camera of the second image; by default that of the first.
+    features
+        Kind of the keypoints: sift is accurate, orb is fast.
+    max_keypoints
+        Number of keypoints per image; the strongest are used.
+    scale_camera
+        Scale the camera, if the images were resized after the calibration.
+    apply_exif
+        Rotate images by their EXIF orientation.
+    seed
+        Seed of the random search.
+    """
+
+    mask: Path | None = None
+    mask_b: Path | None = None
+    name: str | None = None
+    name_b: str | None = None
+    features: Literal["sift", "orb"] = "sift"
+    max_keypoints: int = 4000
+    scale_camera: bool = False
+    apply_exif: bool = False
+    seed: int = 0
+
+
+class Photo(NamedTuple):
+    """An image and its camera.
+
+    Attributes
+    ----------
+    label
+        Name of the image in messages.
+    image
+        (H, W), (H, W, 3) or (H, W, 4).
+    camera
+        The camera, of the size of the image.
+    mask
+        (H, W), where keypoints are wanted; None everywhere.
+    """
+
+    label: str
+    image: NDArray[Any]
+    camera: Camera
+    mask: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True, eq=False)
+class EpipolarResult:
+    """The epipolar geometry of two images; false if none was found.
+
+    Attributes
+    ----------
+    photos
+        Both images with their cameras.
+    keypoints
+        Keypoints of both images.
+    matches
+        Matches of the keypoints.
+    pose
+        The relative pose with its covariance, and the inliers of the matches.
+    motion
+        Kind of the motion.
+    seconds
+        Time of the whole computation.
+    reason
+        Why nothing was found; empty otherwise.
+    """
+
+    photos: tuple[Photo, Photo]
+    keypoints: tuple[Keypoints, Keypoints] = field(repr=False)
+    matches: Matches
+    pose: RelativePose
+    motion: str
+    seconds: float
+    reason: str = ""
+
+    def __bool__(self) -> bool:
+        """Return whether a pose was found."""
+        return self.b_from_a is not None
+
+    @property
+    def b_from_a(self) -> Pose | None:
+        """Pose of the cameras, x_b = R x_a + t, with t of unit length; None if nothing was found."""
+        return None if self.reason else self.pose.b_from_a
+
+    @property
+    def matched(self) -> tuple[Keypoints, Keypoints]:
+        """Keypoints of the matches, in both images."""
+        a, b = self.keypoints
+        return a[self.matches.pairs[:, 0]], b[self.matches.pairs[:, 1]]
+
+    @property
+    def sigma_rotation_deg(self) -> float:
+        """Standard deviation of the rotation about its most uncertain axis, degrees."""
+        return _largest_sigma_deg(self.pose.covariance[:3, :3])
+
+    @property
+    def sigma_direction_deg(self) -> float:
+        """Standard deviation of the direction of the translation along its most uncertain axis, degrees."""
+        return _largest_sigma_deg(self.pose.covariance[3:, 3:])
+
+    @property
+    def parallax_deg(self) -> float:
+        """Median angle between the rays of the inliers, degrees; NaN if nothing was found."""
+        if self.b_from_a is None:
+            return float("nan")
+        a, b = (keypoints.bearings[self.pose.inliers] for keypoints in self.matched)
+        chord = np.linalg.norm(a @ self.b_from_a.rotation.T - b, axis=1)
+        return float(np.degrees(np.median(2 * np.arcsin(np.minimum(chord / 2, 1.0)))))
+
+    @property
+    def median_residual_deg(self) -> float:
+        """Median angle of the inliers of the second image from their epipolar curves, degrees; NaN as above."""
+        if self.b_from_a is None:
+            return float("nan")
+        a, b = (keypoints.bearings[self.pose.inliers] for keypoints in self.matched)
+        normals = np.cross(self.b_from_a.translation, a @ self.b_from_a.rotation.T)
+        sine = np.abs((normals * b).sum(1)) / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
+        return float(np.degrees(np.median(np.arcsin(np.minimum(sine, 1.0)))))
+
+
+def epipolar(
+    image_a: ImageSource,
+    image_b: ImageSource,
+    camera_a: CameraSource | None = None,
+    camera_b: CameraSource | None = None,
+    options: EpipolarOptions = EpipolarOptions(),
+) -> EpipolarResult:
+    """Estimate the relative pose of two images of any cameras, and match them along their epipolar curves.
+
+    Features are detected and matched, the pose is estimated, features are matched again along the epipolar curves, and
+    the pose is estimated from these matches.
+
+    Parameters
+    ----------
+    image_a, image_b
+        The images, or their files.
+    camera_a
+        The camera of the first image, or its calibration file of any format. It may be omitted for an equirectangular
+        image of 360° x 180°, which is twice as wide as high.
+    camera_b
+        The camera of the second image; by default that of the first.
+    options
+        Options of the command.
+
+    Returns
+    -------
+    The result, which is false with a reason if the images are identical, have no texture or do not overlap.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, or a camera or mask does not fit its image.
+    """
+    start = time.perf_counter()
+    a, b = _load_photos((image_a, image_b), (camera_a, camera_b), options)
+    features = FeatureOptions(options.features, max_keypoints=options.max_keypoints)
+    of_a, of_b = (detect_features(p.image, p.camera, features, mask=p.mask) for p in (a, b))
+    matches = match_features(of_a, of_b)
+    ransac = RansacOptions(seed=options.seed)
+    pose = estimate_relative_pose(_pairs(of_a, of_b, matches), ransac)
+    reason = _failure((a, b), (of_a, of_b), pose)
+    if not reason:
+        matches, pose = _guided(of_a, of_b, matches, pose, ransac)
+    motion = "no overlap" if reason else "general"
+    return EpipolarResult((a, b), (of_a, of_b), matches, pose, motion, time.perf_counter() - start, reason)
+
+
+def _pairs(a: Keypoints, b: Keypoints, matches: Matches) -> BearingPairs:
+    """Return the bearings of matches, with the covariances of the keypoints up to a factor.
+
+    The factor holds the errors of the calibration and of the surroundings of keypoints that the motion changes.
+    """
+    a, b = a[matches.pairs[:, 0]], b[matches.pairs[:, 1]]
+    pairs = BearingPairs.of(a.bearings, b.bearings, a.covariance, b.covariance, None)
+    return replace(pairs, is_noise_known=False)
+
+
+def _guided(
+    a: Keypoints, b: Keypoints, matches: Matches, pose: RelativePose, ransac: RansacOptions
+) -> tuple[Matches, RelativePose]:
+    """Match along the epipolar curves of a pose, and estimate the pose from these matches.
+
+    The noise remains that of the first estimate: the guided matches are within three standard deviations of the curves,
+    so that their noise cannot be separated from outliers.
+    """
+    assert pose.b_from_a is not None
+    scale = np.radians(pose.sigma_deg) / np.sqrt(_pairs(a, b, matches).variance.mean() / 2)
+    a, b = (replace(keypoints, covariance=scale**2 * keypoints.covariance) for keypoints in (a, b))
+    # The direction of the baseline moves a bearing by its parallax times as much, which is small.
+    guided = match_guided(a, b, pose.b_from_a, np.radians(_largest_sigma_deg(pose.covariance[:3, :3])))
+    again = estimate_relative_pose(replace(_pairs(a, b, guided), is_noise_known=True), ransac)
+    return (guided, again) if again else (matches, pose)
+
+
+def _failure(photos: tuple[Photo, Photo], keypoints: tuple[Keypoints, Keypoints], pose: RelativePose) -> str:
+    """Return why the images have no epipolar geometry; empty if they have."""
+    a, b = photos
+    if a.camera.size == b.camera.size and np.array_equal(a.image, b.image):
+        return "the images are identical, so that nothing is known of a motion; take the second from another place"
+    for photo, found in zip(photos, keypoints, strict=True):
+        if photo.mask is not None and not photo.mask.any():
+            return f"the mask of {photo.label} excludes all of its pixels; paint the areas to use white"
+        if len(found) < MIN_KEYPOINTS:
+            return f"{photo.label} has {len(found)} keypoints: it shows no texture in the field of view of its camera"
+    return "" if pose else f"no overlap was found: {pose.reason}"
+
+
+def _load_photos(
+    images: tuple[ImageSource, ImageSource],
+    cameras: tuple[CameraSource | None, CameraSource | None],
+    options: EpipolarOptions,
+) -> tuple[Photo, Photo]:
+    """Read images, cameras and masks."""
+    same_camera = cameras[1] is None and options.name_b is None
+    mask_b = options.mask_b or (options.mask if same_camera else None)
+    a = _load_photo(images[0], "first image", cameras[0], options.name, options)
+    b = _load_photo(images[1], "second image", cameras[1] or cameras[0], options.name_b or options.name, options)
+    return _with_mask(a, options.mask), _with_mask(b, mask_b)
+
+
+def _load_photo(
+    source: ImageSource, default_label: str, camera: CameraSource | None, name: str | None, options: EpipolarOptions
+) -> Photo:
+    if isinstance(source, np.ndarray):
+        label, image = default_label, source
+    else:
+        label, image = str(source), read_image(Path(source), apply_exif=options.apply_exif)
+    size = image.shape[1], image.shape[0]
+    if camera is None:
+        if size[0] != 2 * size[1]:
+            raise ValueError(
+                f"{label}: is {size[0]}x{size[1]} px, and only 2:1 equirectangular images need no camera: specify"
+                " its calibration file (--camera)"
+            )
+        return Photo(label, image, sphere(size[0]), None)
+    if not isinstance(camera, Camera):
+        camera = central_camera(Path(camera), name=name, accepts_distance=False)
+    return Photo(label, image, fit_camera(camera, size, label, scale=options.scale_camera), None)
+
+
+def _with_mask(photo: Photo, mask: Path | None) -> Photo:
+    return photo if mask is None else photo._replace(mask=read_mask(mask, photo.camera.size))
+
+
+def _largest_sigma_deg(covariance: Array) -> float:
+    """Return the standard deviation along the most uncertain axis of a covariance, degrees."""
+    if not np.isfinite(covariance).all():
+        return float("nan")
+    return float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))
