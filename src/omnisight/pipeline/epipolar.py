@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features, match_guided
+from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features
 from omnisight.geometry.pose import Pose
 from omnisight.images import read_image, read_mask
 from omnisight.optim.ransac import RansacOptions
@@ -167,10 +167,10 @@ def epipolar(
     camera_b: CameraSource | None = None,
     options: EpipolarOptions = EpipolarOptions(),
 ) -> EpipolarResult:
-    """Estimate the relative pose of two images of any cameras, and match them along their epipolar curves.
+    """Estimate the relative pose of two images of any cameras from matched features.
 
-    Features are detected and matched, the pose is estimated, features are matched again along the epipolar curves, and
-    the pose is estimated from these matches.
+    Features are not matched again along the epipolar curves: such matches confirm the pose from which the curves are,
+    so that its estimate becomes no better, and its standard deviation too small.
 
     Parameters
     ----------
@@ -198,11 +198,8 @@ def epipolar(
     features = FeatureOptions(options.features, max_keypoints=options.max_keypoints)
     of_a, of_b = (detect_features(p.image, p.camera, features, mask=p.mask) for p in (a, b))
     matches = match_features(of_a, of_b)
-    ransac = RansacOptions(seed=options.seed)
-    pose = estimate_relative_pose(_pairs(of_a, of_b, matches), ransac)
+    pose = estimate_relative_pose(_pairs(of_a, of_b, matches), RansacOptions(seed=options.seed))
     reason = _failure((a, b), (of_a, of_b), pose)
-    if not reason:
-        matches, pose = _guided(of_a, of_b, matches, pose, ransac)
     motion = "no overlap" if reason else "general"
     return EpipolarResult((a, b), (of_a, of_b), matches, pose, motion, time.perf_counter() - start, reason)
 
@@ -215,23 +212,6 @@ def _pairs(a: Keypoints, b: Keypoints, matches: Matches) -> BearingPairs:
     a, b = a[matches.pairs[:, 0]], b[matches.pairs[:, 1]]
     pairs = BearingPairs.of(a.bearings, b.bearings, a.covariance, b.covariance, None)
     return replace(pairs, is_noise_known=False)
-
-
-def _guided(
-    a: Keypoints, b: Keypoints, matches: Matches, pose: RelativePose, ransac: RansacOptions
-) -> tuple[Matches, RelativePose]:
-    """Match along the epipolar curves of a pose, and estimate the pose from these matches.
-
-    The noise remains that of the first estimate: the guided matches are within three standard deviations of the curves,
-    so that their noise cannot be separated from outliers.
-    """
-    assert pose.b_from_a is not None
-    scale = np.radians(pose.sigma_deg) / np.sqrt(_pairs(a, b, matches).variance.mean() / 2)
-    a, b = (replace(keypoints, covariance=scale**2 * keypoints.covariance) for keypoints in (a, b))
-    # The direction of the baseline moves a bearing by its parallax times as much, which is small.
-    guided = match_guided(a, b, pose.b_from_a, np.radians(_largest_sigma_deg(pose.covariance[:3, :3])))
-    again = estimate_relative_pose(replace(_pairs(a, b, guided), is_noise_known=True), ransac)
-    return (guided, again) if again else (matches, pose)
 
 
 def _failure(photos: tuple[Photo, Photo], keypoints: tuple[Keypoints, Keypoints], pose: RelativePose) -> str:
