@@ -95,13 +95,31 @@ def test_two_360_images_need_no_camera(run, photos, tmp_path):
         assert ((np.ptp(half, axis=2) > 150) & (half.max(2) > 200)).sum() > 2000  # curves
 
 
+def test_a_rotation_has_no_direction_and_no_curves(run, photos, tmp_path):
+    # Columns of a 360 image moved by an eighth of its width: the camera turned by 45 degrees.
+    om.write_image(tmp_path / "turned.png", np.roll(om.read_image(photos / "a.png"), 80, axis=1))
+    pair = (photos / "a.png", tmp_path / "turned.png")
+    result = json.loads(run("epipolar", *pair, "-o", tmp_path / "pair.png", "--json")[1])
+    assert result["motion"] == "rotation only"
+    assert result["b_from_a"]["direction"] is None
+    assert result["sigma_deg"]["direction"] is None
+    assert np.degrees(Rotation.from_quat(result["b_from_a"]["rotation_xyzw"]).magnitude()) == pytest.approx(
+        45, abs=0.05
+    )
+    assert result["parallax_deg"] == result["median_residual_deg"] < 0.2
+    status, out, _ = run("epipolar", *pair, "-o", tmp_path / "again.png")
+    assert status == 0
+    assert "motion     rotation only: median parallax" in out
+    assert "direction" not in out
+
+
 def test_cameras_of_different_models_and_the_report(run, photos, tmp_path):
     pair, out_file = (photos / "fisheye.png", photos / "b.png"), tmp_path / "pair.jpg"
     cameras = ("--camera", photos / "fisheye.json", "--camera-b", photos / "sphere.json")
     status, out, err = run("epipolar", *pair, *cameras, "-o", out_file)
     assert (status, err) == (0, "")
     labels = [line.split()[0] for line in out.splitlines()]
-    assert labels == ["matches", "motion", "rotation", "direction", "residual", "written"]
+    assert labels == ["matches", "motion", "parallax", "rotation", "direction", "residual", "written"]
     assert str(out_file) in out
     assert om.read_image(out_file).shape[2] == 3
     rotation, direction = errors_deg(json.loads(run("epipolar", *pair, *cameras, "--json")[1]))

@@ -15,13 +15,17 @@ def print_json(result: EpipolarResult) -> None:
     data = {
         "matches": len(result.matches),
         "inliers": int(result.pose.inliers.sum()) if pose else 0,
-        "motion": result.motion,
+        "motion": result.motion.name,
         "b_from_a": pose
         and {
             "rotation_xyzw": Rotation.from_matrix(pose.rotation).as_quat().tolist(),
-            "direction": pose.translation.tolist(),
+            "direction": pose.translation.tolist() if result.has_translation else None,
         },
-        "sigma_deg": pose and {"rotation": result.sigma_rotation_deg, "direction": result.sigma_direction_deg},
+        "sigma_deg": pose
+        and {
+            "rotation": result.sigma_rotation_deg,
+            "direction": result.sigma_direction_deg if result.has_translation else None,
+        },
         "parallax_deg": result.parallax_deg if pose else None,
         "median_residual_deg": result.median_residual_deg if pose else None,
         "seconds": round(result.seconds, 3),
@@ -36,12 +40,14 @@ def print_report(result: EpipolarResult, written: Path | None) -> None:
     if pose is None:
         return
     angle = np.degrees(Rotation.from_matrix(pose.rotation).magnitude())
-    direction = ", ".join(f"{value:.4f}" for value in pose.translation)
     found = " and ".join(str(len(keypoints)) for keypoints in result.keypoints)
     inliers = int(result.pose.inliers.sum())
     print(f"matches    {len(result.matches)} of {found} keypoints, {inliers} inliers")
-    print(f"motion     {result.motion}, parallax {result.parallax_deg:.2f}° (median)")
+    print(f"motion     {result.motion.name}: {result.motion.figure}")
+    print(f"parallax   {result.parallax_deg:.2f}° (median)")
     print(f"rotation   {angle:.3f}° ± {result.sigma_rotation_deg:.3f}°")
-    print(f"direction  {direction} ± {result.sigma_direction_deg:.3f}°")
+    if result.has_translation:
+        direction = ", ".join(f"{value:.4f}" for value in pose.translation)
+        print(f"direction  {direction} ± {result.sigma_direction_deg:.3f}°")
     print(f"residual   {result.median_residual_deg:.3f}° (median)")
     print(f"written    {written if written is not None else 'nothing'}")

@@ -31,7 +31,7 @@ INITIAL_INLIER_SHARE = 0.1
 # best optimized model gains on no model.
 PROMISING_GAIN = 0.95
 # Samples drawn at least: with little parallax, the cost has several minima.
-MIN_ITERATIONS = 1000
+MIN_ITERATIONS = 50
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
 

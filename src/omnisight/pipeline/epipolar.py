@@ -16,6 +16,7 @@ from omnisight.images import read_image, read_mask
 from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.central_camera import central_camera, fit_camera
 from omnisight.twoview.bearing_pairs import BearingPairs
+from omnisight.twoview.motion_model import MotionModel
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
 from omnisight.views import sphere
 
@@ -100,7 +101,7 @@ class EpipolarResult:
     pose
         The relative pose with its covariance, and the inliers of the matches.
     motion
-        Kind of the motion.
+        The motion model, see `MotionModel`; "no overlap" if nothing was found.
     seconds
         Time of the whole computation.
     reason
@@ -111,7 +112,7 @@ class EpipolarResult:
     keypoints: tuple[Keypoints, Keypoints] = field(repr=False)
     matches: Matches
     pose: RelativePose
-    motion: str
+    motion: MotionModel
     seconds: float
     reason: str = ""
 
@@ -121,8 +122,13 @@ class EpipolarResult:
 
     @property
     def b_from_a(self) -> Pose | None:
-        """Pose of the cameras, x_b = R x_a + t, with t of unit length; None if nothing was found."""
+        """Pose of the cameras, x_b = R x_a + t, with t of unit length or zero; None if nothing was found."""
         return None if self.reason else self.pose.b_from_a
+
+    @property
+    def has_translation(self) -> bool:
+        """Whether a pose was found that is not a rotation only."""
+        return self.b_from_a is not None and bool(self.b_from_a.translation.any())
 
     @property
     def matched(self) -> tuple[Keypoints, Keypoints]:
@@ -151,9 +157,12 @@ class EpipolarResult:
 
     @property
     def median_residual_deg(self) -> float:
-        """Median angle of the inliers of the second image from their epipolar curves, degrees; NaN as above."""
-        if self.b_from_a is None:
-            return float("nan")
+        """Median angle of the inliers of the second image from their epipolar curves, degrees; NaN as above.
+
+        For a rotation only, the curve is a point.
+        """
+        if self.b_from_a is None or not self.has_translation:
+            return self.parallax_deg
         a, b = (keypoints.bearings[self.pose.inliers] for keypoints in self.matched)
         normals = np.cross(self.b_from_a.translation, a @ self.b_from_a.rotation.T)
         sine = np.abs((normals * b).sum(1)) / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
@@ -200,7 +209,7 @@ def epipolar(
     matches = match_features(of_a, of_b)
     pose = estimate_relative_pose(_pairs(of_a, of_b, matches), RansacOptions(seed=options.seed))
     reason = _failure((a, b), (of_a, of_b), pose)
-    motion = "no overlap" if reason else "general"
+    motion = MotionModel("no overlap", reason) if reason else pose.motion
     return EpipolarResult((a, b), (of_a, of_b), matches, pose, motion, time.perf_counter() - start, reason)
 
 

@@ -29,7 +29,7 @@ def draw_epipolar(result: EpipolarResult) -> NDArray[np.uint8]:
 
     Inliers are green and other matches red. Some inliers have the same colour and number in both images, where their
     epipolar curves are drawn. A circle with a cross is the direction to the centre of the other camera, a circle with
-    a dot the opposite direction.
+    a dot the opposite direction. A rotation only has neither curves nor epipoles.
 
     Returns
     -------
@@ -54,10 +54,11 @@ def draw_epipolar(result: EpipolarResult) -> NDArray[np.uint8]:
         others = matched[1 - side].bearings[selected]
         for number, (pixel, bearing) in enumerate(zip(matched[side].pixels[selected], others, strict=True)):
             color = _color(number, len(selected))
-            for piece in epipolar_curve(photo.camera, poses[side], bearing):
+            for piece in epipolar_curve(photo.camera, poses[side], bearing) if result.has_translation else []:
                 canvas.polyline(piece, color, 2)
             _draw_numbered(canvas, pixel, number + 1, color)
-        _draw_epipoles(canvas, photo, poses[side])
+        if result.has_translation:
+            _draw_epipoles(canvas, photo, poses[side])
         canvases.append(canvas)
     return _side_by_side(canvases, _caption(result))
 
@@ -65,9 +66,11 @@ def draw_epipolar(result: EpipolarResult) -> NDArray[np.uint8]:
 def _spread_over_planes(bearings_b: Array, b_from_a: Pose, inliers: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return the strongest inlier of each of several sectors of epipolar planes, which are planes through the baseline.
 
-    The sectors divide the angles at which there are inliers: all around, or beside the largest gap.
+    The sectors divide the angles at which there are inliers: all around, or beside the largest gap. Those of a rotation
+    only are about the z axis.
     """
-    t, rows = b_from_a.translation, np.flatnonzero(inliers)
+    rows = np.flatnonzero(inliers)
+    t = b_from_a.translation if b_from_a.translation.any() else np.array([0.0, 0.0, 1.0])
     first = np.cross(t, np.eye(3)[np.abs(t).argmin()])
     angle = np.arctan2(bearings_b[rows] @ np.cross(t, first), bearings_b[rows] @ first)
     ordered = np.sort(angle)
@@ -127,7 +130,7 @@ def _write_outlined(pixels: Any, text: str, position: tuple[int, int], color: Co
 def _caption(result: EpipolarResult) -> list[str]:
     inliers = int(result.pose.inliers.sum())
     return [
-        f"{len(result.matches)} matches, {inliers} inliers (green); {result.motion}; parallax"
+        f"{len(result.matches)} matches, {inliers} inliers (green); {result.motion.name}; parallax"
         f" {result.parallax_deg:.2f} deg, residual {result.median_residual_deg:.3f} deg (medians)",
         "one colour: a match and its epipolar curves; e: direction to the other camera, -e: opposite direction",
     ]
