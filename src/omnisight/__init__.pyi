@@ -33,7 +33,6 @@ from omnisight.pipeline.convert import convert as convert
 from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect
-from omnisight.pipeline.epipolar import EpipolarOptions as EpipolarOptions
 from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
 from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
@@ -42,6 +41,7 @@ from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
 from omnisight.pipeline.options import DetectOptions as DetectOptions
+from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
 from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions
 from omnisight.pipeline.options import SourceOptions as SourceOptions
 from omnisight.pipeline.simulate import SimulateOptions as SimulateOptions

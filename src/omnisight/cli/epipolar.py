@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from omnisight.pipeline.epipolar import EpipolarOptions
+from omnisight.pipeline.options import EpipolarOptions
 
 
 def epipolar(

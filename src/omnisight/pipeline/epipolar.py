@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.images import read_image, read_mask
 from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.central_camera import central_camera, fit_camera
+from omnisight.pipeline.options import EpipolarOptions
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
@@ -26,43 +27,6 @@ CameraSource = Camera | str | PathLike[str]
 
 # Keypoints below which an image has no texture: a pose needs at least eight matches.
 MIN_KEYPOINTS = 8
-
-
-@dataclass(frozen=True)
-class EpipolarOptions:
-    """Options of `epipolar`.
-
-    Attributes
-    ----------
-    mask
-        Image that is white where keypoints are wanted (in a PBM file: 1).
-    mask_b
-        Mask of the second image; by default that of the first, if both images are of the same camera.
-    name
-        Name of the camera in a file of several, such as a rig.
-    name_b
-        Name of the camera of the second image; by default that of the first.
-    features
-        Kind of the keypoints: sift is accurate, orb is fast.
-    max_keypoints
-        Number of keypoints per image; the strongest are used.
-    scale_camera
-        Scale the camera, if the images were resized after the calibration.
-    apply_exif
-        Rotate images by their EXIF orientation.
-    seed
-        Seed of the random search.
-    """
-
-    mask: Path | None = None
-    mask_b: Path | None = None
-    name: str | None = None
-    name_b: str | None = None
-    features: Literal["sift", "orb"] = "sift"
-    max_keypoints: int = 4000
-    scale_camera: bool = False
-    apply_exif: bool = False
-    seed: int = 0
 
 
 class Photo(NamedTuple):

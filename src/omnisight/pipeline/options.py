@@ -186,3 +186,40 @@ def check_options(options: object, expected: type) -> None:
     """Raise `ValueError` if options are not of the expected class."""
     if not isinstance(options, expected):
         raise ValueError(f"options must be {expected.__name__}(...), got {type(options).__name__}")
+
+
+@dataclass(frozen=True)
+class EpipolarOptions:
+    """Options of `epipolar`.
+
+    Attributes
+    ----------
+    mask
+        Image that is white where keypoints are wanted (in a PBM file: 1).
+    mask_b
+        Mask of the second image; by default that of the first, if both images are of the same camera.
+    name
+        Name of the camera in a file of several, such as a rig.
+    name_b
+        Name of the camera of the second image; by default that of the first.
+    features
+        Kind of the keypoints: sift is accurate, orb is fast.
+    max_keypoints
+        Number of keypoints per image; the strongest are used.
+    scale_camera
+        Scale the camera, if the images were resized after the calibration.
+    apply_exif
+        Rotate images by their EXIF orientation.
+    seed
+        Seed of the random search.
+    """
+
+    mask: Path | None = None
+    mask_b: Path | None = None
+    name: str | None = None
+    name_b: str | None = None
+    features: Literal["sift", "orb"] = "sift"
+    max_keypoints: int = 4000
+    scale_camera: bool = False
+    apply_exif: bool = False
+    seed: int = 0
