@@ -17,7 +17,7 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.central_camera import central_camera, fit_camera
 from omnisight.pipeline.options import EpipolarOptions
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.motion_model import MotionModel
+from omnisight.twoview.motion_model import MotionModel, largest_sigma_deg
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
 from omnisight.views import sphere
 
@@ -103,12 +103,12 @@ class EpipolarResult:
     @property
     def sigma_rotation_deg(self) -> float:
         """Standard deviation of the rotation about its most uncertain axis, degrees."""
-        return _largest_sigma_deg(self.pose.covariance[:3, :3])
+        return largest_sigma_deg(self.pose.covariance[:3, :3])
 
     @property
     def sigma_direction_deg(self) -> float:
         """Standard deviation of the direction of the translation along its most uncertain axis, degrees."""
-        return _largest_sigma_deg(self.pose.covariance[3:, 3:])
+        return largest_sigma_deg(self.pose.covariance[3:, 3:])
 
     @property
     def parallax_deg(self) -> float:
@@ -235,10 +235,3 @@ def _load_photo(
 
 def _with_mask(photo: Photo, mask: Path | None) -> Photo:
     return photo if mask is None else photo._replace(mask=read_mask(mask, photo.camera.size))
-
-
-def _largest_sigma_deg(covariance: Array) -> float:
-    """Return the standard deviation along the most uncertain axis of a covariance, degrees."""
-    if not np.isfinite(covariance).all():
-        return float("nan")
-    return float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))

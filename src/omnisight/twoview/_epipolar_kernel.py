@@ -1,12 +1,15 @@
-"""Compiled epipolar residuals with their derivatives, and distances along bearings."""
+"""Compiled epipolar residuals with their derivatives, and the test of positive distances."""
 
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
 import numpy as np
 
-from omnisight.compiled import njit_driver
+from omnisight.compiled import njit_driver, njit_helper
 from omnisight.twoview._small_vectors_kernel import cross, dot, times, transposed_times
+
+# Squared parallax in units of its variance below which the sign of a distance is noise.
+MIN_SQUARED_PARALLAX = 9.0
 
 
 @njit_driver
@@ -33,17 +36,22 @@ def residuals_and_derivatives(a, b, covariance_a, covariance_b, rotation, t):
 
 
 @njit_driver
-def distances(a, b, rotation, t):
-    """Return what `epipolar.distances` does."""
-    along_a, along_b, squared_chord = np.empty(len(a)), np.empty(len(a)), np.empty(len(a))
+def behind(a, b, variance, rotation, t):
+    """Return what `epipolar.is_behind` does."""
+    result = np.empty(len(a), np.bool_)
     for i in range(len(a)):
         p, q = times(rotation, a[i]), b[i]
-        c = cross(p, q)
-        squared_sine = dot(c, c)
-        squared_chord[i] = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
-        if squared_sine > 0.0:
-            along_a[i] = -dot(cross(t, q), c) / squared_sine
-            along_b[i] = -dot(cross(t, p), c) / squared_sine
-        else:
-            along_a[i], along_b[i] = np.inf, np.inf
-    return along_a, along_b, squared_chord
+        result[i] = is_behind(p, q, cross(t, p), cross(t, q), variance[i])
+    return result
+
+
+@njit_helper
+def is_behind(p, q, m, n, variance):
+    """Return whether a distance along p or q is negative, although the parallax is larger than its noise.
+
+    With m = t x p, n = t x q and c = p x q, the distances are -n . c/|c|^2 and -m . c/|c|^2. The length of the chord
+    between p and q is that of the parallax, and 2 for opposite bearings, whose c is zero.
+    """
+    c = cross(p, q)
+    squared_chord = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+    return (dot(n, c) > 0.0 or dot(m, c) > 0.0) and squared_chord > MIN_SQUARED_PARALLAX * variance

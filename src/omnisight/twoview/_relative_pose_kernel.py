@@ -13,11 +13,10 @@ import numpy as np
 
 from omnisight.compiled import njit_helper
 from omnisight.optim._cholesky_kernel import solve_symmetric
+from omnisight.twoview._epipolar_kernel import is_behind
 from omnisight.twoview._five_point_kernel import five_point
 from omnisight.twoview._small_vectors_kernel import cross, dot, rotate_and_translate, times
 
-# Squared parallax in units of its variance below which the sign of a distance is noise.
-MIN_SQUARED_PARALLAX = 9.0
 # Gauss-Newton steps per round of reweighting.
 STEPS = 2
 
@@ -50,12 +49,9 @@ class CompiledRelativePose(NamedTuple):
     def squared_error(problem, model, i):
         """Return the squared epipolar residual of a pair over its variance; inf for a point behind a camera."""
         p, q, t = times(model, problem.a[i]), problem.b[i], (model[0, 3], model[1, 3], model[2, 3])
-        m, n, c = cross(t, p), cross(t, q), cross(p, q)
+        m, n = cross(t, p), cross(t, q)
         variance_a, variance_b = problem.variance_a[i], problem.variance_b[i]
-        # The distances along both bearings are -(t x q) . c/|c|^2 and -(t x p) . c/|c|^2.
-        is_behind = dot(n, c) > 0.0 or dot(m, c) > 0.0
-        squared_chord = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
-        if is_behind and squared_chord > MIN_SQUARED_PARALLAX * (variance_a + variance_b):
+        if is_behind(p, q, m, n, variance_a + variance_b):
             return np.inf
         return dot(q, m) ** 2 / max(variance_b * dot(m, m) + variance_a * dot(n, n), 1e-300)
 

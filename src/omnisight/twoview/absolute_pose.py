@@ -10,7 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import estimate_robustly
-from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances, unit_bearings, whitening
+from omnisight.twoview.bearing_pairs import (
+    INITIAL_SIGMA_DEG,
+    isotropic_variance,
+    tangent_covariances,
+    unit_bearings,
+    whitening,
+)
 
 Array = NDArray[np.float64]
 
@@ -83,7 +89,7 @@ def resect(
     """
     problem = AbsolutePoseProblem.of(points, bearings, covariance, sigma_deg)
     found = estimate_robustly(problem, options)
-    sigma = np.sqrt(np.trace(problem.covariance, axis1=1, axis2=2).mean() / 2) if len(problem) else np.nan
+    sigma = np.sqrt(isotropic_variance(problem.covariance).mean()) if len(problem) else np.nan
     return AbsolutePose(
         found.state,
         np.full((6, 6), np.nan) if found.state is None else found.covariance,
@@ -141,7 +147,7 @@ class AbsolutePoseProblem:
         """Return the problem with isotropic variances."""
         from omnisight.twoview._absolute_pose_kernel import CompiledAbsolutePose
 
-        rows = self.points, self.bearings, np.trace(self.covariance, axis1=1, axis2=2) / 2
+        rows = self.points, self.bearings, isotropic_variance(self.covariance)
         return CompiledAbsolutePose(*(np.ascontiguousarray(row[order]) for row in rows))
 
     def scaled(self, factor: float) -> "AbsolutePoseProblem":

@@ -81,7 +81,7 @@ class BearingPairs:
     @cached_property
     def variance(self) -> Array:
         """Variance (N,) of the angle between both bearings along any direction, square radians."""
-        return np.trace(self.covariance_a + self.covariance_b, axis1=1, axis2=2) / 2
+        return isotropic_variance(self.covariance_a + self.covariance_b)
 
     def unrelated(self, shift: int) -> "BearingPairs":
         """Return each bearing a with the bearing b of another pair, so many rows away."""
@@ -91,6 +91,35 @@ class BearingPairs:
         """Return the pairs with standard deviations multiplied by a factor."""
         square = factor**2
         return replace(self, covariance_a=square * self.covariance_a, covariance_b=square * self.covariance_b)
+
+
+@dataclass(frozen=True, eq=False)
+class BearingPairsProblem:
+    """The correspondences of a problem of `estimate_robustly` that are pairs of bearings."""
+
+    pairs: BearingPairs
+
+    @property
+    def is_noise_known(self) -> bool:
+        """Whether the covariances hold without a factor."""
+        return self.pairs.is_noise_known
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        return len(self.pairs)
+
+    def scaled(self, factor: float) -> Self:
+        """Return the problem with standard deviations multiplied by a factor."""
+        return replace(self, pairs=self.pairs.scaled(factor))
+
+    def unrelated(self, shift: int) -> Self:
+        """Return the problem with each bearing a and the bearing b of another pair."""
+        return replace(self, pairs=self.pairs.unrelated(shift))
+
+
+def isotropic_variance(covariance: Array) -> Array:
+    """Return the mean variances (N,) in the tangent planes of covariances (N, 3, 3)."""
+    return np.trace(covariance, axis1=1, axis2=2) / 2
 
 
 def unit_bearings(bearings: ArrayLike, name: str) -> Array:

@@ -9,12 +9,14 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions, ransac
 from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
-from omnisight.twoview.bearing_pairs import BearingPairs
+from omnisight.twoview.bearing_pairs import BearingPairs, isotropic_variance
 from omnisight.twoview.epipolar import epipolar_residuals, is_behind
 from omnisight.twoview.rotation_only import RotationProblem
 
 Array = NDArray[np.float64]
 
+# Dimension of the manifold of pairs, and number of parameters.
+MODELS = {"general": (3, 5), "dominant plane": (2, 8), "rotation only": (2, 3)}
 # Rms of the components of the parallax over their noise below which the direction of the translation may be wrong by
 # more than its covariance states: the cost has several minima. With 300 points at 120 to 600 baselines in a field of
 # 60 degrees and a ratio of 1.5 to 2.5, the direction was 5 to 60 degrees off.
@@ -74,27 +76,25 @@ def select_motion(
         return _rotation_model(pairs, rotation), rotation
     inliers = pairs[general.inliers]
     squares = {"general": _general_squares(inliers, general.state), "dominant plane": _plane_squares(inliers, options)}
-    if rotation.state is not None and not has_translation(pairs[rotation.inliers], rotation.state):
-        squares["rotation only"] = _squares(RotationProblem(inliers).linearize(rotation.state)[0])
-    criteria = {name: information_criterion(s, *_MODELS[name]) for name, s in squares.items()}
+    ratio = np.inf
+    if rotation.state is not None:
+        chords = RotationProblem(inliers).linearize(rotation.state)[0]
+        ratio = np.sqrt(np.nanmean(chords**2))
+        if not has_translation(pairs[rotation.inliers], rotation.state):
+            squares["rotation only"] = _squares(chords)
+    criteria = {name: information_criterion(s, *MODELS[name]) for name, s in squares.items()}
     best = min(criteria, key=criteria.__getitem__)
     if best == "rotation only":
         return _rotation_model(pairs, rotation), rotation
-    if rotation.state is not None:
-        ratio = np.sqrt(np.nanmean(RotationProblem(inliers).linearize(rotation.state)[0] ** 2))
-        if ratio < MIN_PARALLAX_RATIO:
-            return MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"), None
-    sigma = np.degrees(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1]))
+    if ratio < MIN_PARALLAX_RATIO:
+        return MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"), None
+    sigma = largest_sigma_deg(covariance[3:, 3:])
     if not sigma <= MAX_DIRECTION_SIGMA_DEG:
         return MotionModel("insufficient parallax", f"direction of the translation known to {sigma:.1f}° (1σ)"), None
     if best == "dominant plane":
         share = np.mean(squares[best] <= THRESHOLDS[2])
         return MotionModel(best, f"{share:.0%} of the inliers are on one plane"), None
     return _planar_or_general(general.state, covariance), None
-
-
-# Dimension of the manifold of pairs, and number of parameters.
-_MODELS = {"general": (3, 5), "dominant plane": (2, 8), "rotation only": (2, 3)}
 
 
 def information_criterion(squares: Array, dimension: int, parameters: int) -> float:
@@ -129,6 +129,13 @@ def has_translation(pairs: BearingPairs, rotation: Array) -> bool:
     return bool(next(costs) - next(costs) > MAX_TRANSLATION_GAIN)
 
 
+def largest_sigma_deg(covariance: Array) -> float:
+    """Return the standard deviation along the most uncertain axis, degrees; NaN if a covariance is not finite."""
+    if not np.isfinite(covariance).all():
+        return float("nan")
+    return float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))
+
+
 def _general_squares(pairs: BearingPairs, pose: Pose) -> Array:
     squares = epipolar_residuals(pairs, pose)[0] ** 2
     return np.where(is_behind(pairs, pose), np.inf, squares)
@@ -139,7 +146,7 @@ def _plane_squares(pairs: BearingPairs, options: RansacOptions) -> Array:
     from omnisight.optim._ransac_kernel import squared_errors
     from omnisight.twoview._alignment_problems_kernel import CompiledHomography
 
-    variances = (np.trace(c, axis1=1, axis2=2) / 2 for c in (pairs.covariance_a, pairs.covariance_b))
+    variances = isotropic_variance(pairs.covariance_a), isotropic_variance(pairs.covariance_b)
     problem = CompiledHomography(*map(np.ascontiguousarray, (pairs.a, pairs.b, *variances)))
     order = np.random.default_rng(options.seed).permutation(len(pairs))
     shuffled = CompiledHomography(*(np.ascontiguousarray(rows[order]) for rows in problem))

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
-from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.epipolar import distances, epipolar_residuals, is_behind
+from omnisight.twoview.bearing_pairs import BearingPairs, BearingPairsProblem, isotropic_variance
+from omnisight.twoview.epipolar import epipolar_residuals, is_behind
 from omnisight.twoview.motion_model import MotionModel, select_motion
 
 Array = NDArray[np.float64]
@@ -121,38 +121,20 @@ def _sigma_deg(pairs: BearingPairs) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class RelativePoseProblem:
+class RelativePoseProblem(BearingPairsProblem):
     """The relative pose of two cameras as a problem of `estimate_robustly`; a step is that of `tangent_basis`."""
 
-    pairs: BearingPairs
     sample_size = 5
     max_solutions = 10
     dimension = 1
-
-    @property
-    def is_noise_known(self) -> bool:
-        """Whether the covariances hold without a factor."""
-        return self.pairs.is_noise_known
-
-    def __len__(self) -> int:
-        """Return the number of pairs."""
-        return len(self.pairs)
 
     def compiled(self, order: NDArray[np.intp]) -> Any:
         """Return the problem with isotropic variances."""
         from omnisight.twoview._relative_pose_kernel import CompiledRelativePose
 
         pairs = self.pairs
-        variances = (np.trace(c, axis1=1, axis2=2) / 2 for c in (pairs.covariance_a, pairs.covariance_b))
+        variances = isotropic_variance(pairs.covariance_a), isotropic_variance(pairs.covariance_b)
         return CompiledRelativePose(*(np.ascontiguousarray(rows[order]) for rows in (pairs.a, pairs.b, *variances)))
-
-    def scaled(self, factor: float) -> "RelativePoseProblem":
-        """Return the problem with standard deviations multiplied by a factor."""
-        return replace(self, pairs=self.pairs.scaled(factor))
-
-    def unrelated(self, shift: int) -> "RelativePoseProblem":
-        """Return the problem with each bearing a and the bearing b of another pair."""
-        return replace(self, pairs=self.pairs.unrelated(shift))
 
     def state(self, model: Array) -> Pose:
         """Return [R | t] as a pose."""
@@ -165,8 +147,8 @@ class RelativePoseProblem:
         return residuals[:, None], (jacobian @ tangent_basis(state))[:, None]
 
     def feature(self, state: Pose) -> Array:
-        """Return the squared parallax (N,): unrelated bearings have a large one."""
-        return distances(self.pairs.a, self.pairs.b, state)[2]
+        """Return the squared chords (N,) of the parallax: unrelated bearings have a large one."""
+        return ((self.pairs.a @ state.rotation.T - self.pairs.b) ** 2).sum(1)
 
     def retract(self, state: Pose, step: Array) -> Pose:
         """Move a pose, and keep its translation of unit length."""

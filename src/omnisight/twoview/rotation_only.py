@@ -1,34 +1,24 @@
 """The rotation between two cameras in one place."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
-from omnisight.twoview.bearing_pairs import BearingPairs, whitening
+from omnisight.twoview.bearing_pairs import BearingPairsProblem, whitening
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class RotationProblem:
+class RotationProblem(BearingPairsProblem):
     """The rotation b_from_a (3, 3) of two cameras in one place, as a problem of `estimate_robustly`."""
 
-    pairs: BearingPairs
     sample_size = 2
     max_solutions = 1
     dimension = 2
-
-    @property
-    def is_noise_known(self) -> bool:
-        """Whether the covariances hold without a factor."""
-        return self.pairs.is_noise_known
-
-    def __len__(self) -> int:
-        """Return the number of pairs."""
-        return len(self.pairs)
 
     def compiled(self, order: NDArray[np.intp]) -> Any:
         """Return the problem with isotropic variances."""
@@ -36,14 +26,6 @@ class RotationProblem:
 
         rows = self.pairs.a, self.pairs.b, self.pairs.variance
         return CompiledRotation(*(np.ascontiguousarray(row[order]) for row in rows))
-
-    def scaled(self, factor: float) -> "RotationProblem":
-        """Return the problem with standard deviations multiplied by a factor."""
-        return replace(self, pairs=self.pairs.scaled(factor))
-
-    def unrelated(self, shift: int) -> "RotationProblem":
-        """Return the problem with each bearing a and the bearing b of another pair."""
-        return replace(self, pairs=self.pairs.unrelated(shift))
 
     def state(self, model: Array) -> Array:
         """Return the rotation of [R | 0]."""
