@@ -1,10 +1,4 @@
-"""Compiled LO-RANSAC: one loop for all problems, whose methods numba resolves at compile time.
-
-A problem is a `NamedTuple` of arrays with three static methods, written for compiled code:
-
-- `solve_minimal(problem, sample, models) -> count` fills `models` (S, 3, 4) from the indices in `sample` (K,);
-- `squared_error(problem, model, i) -> float` is the squared residual of observation i over its variance;
-- `refined(problem, model, weights) -> model` takes Gauss-Newton steps with weights (N,), and changes its argument.
+"""Compiled LO-RANSAC for all problems of `_robust_problem_kernel`.
 
 M. Fischler and R. Bolles, Random sample consensus, 1981. Truncated score: P. Torr and A. Zisserman, MLESAC, 2000. Local
 optimization: O. Chum, J. Matas, J. Kittler, Locally optimized RANSAC, 2003. Sequential test: J. Matas and O. Chum,
@@ -14,12 +8,11 @@ Randomized RANSAC with sequential probability ratio test, 2005.
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
-import inspect
-
 import numpy as np
-from numba.extending import overload
 
-from omnisight.compiled import NJIT_OPTIONS, njit_driver, njit_helper
+from omnisight.compiled import njit_driver, njit_helper
+from omnisight.optim._cholesky_kernel import solve_symmetric
+from omnisight.optim._robust_problem_kernel import linearize, retract, sizes, solve_minimal, squared_error
 
 # The sequential test rejects a model as good as the best one with this probability.
 REJECTION_PROBABILITY = 0.01
@@ -34,47 +27,18 @@ PROMISING_GAIN = 0.95
 MIN_ITERATIONS = 50
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
-
-
-def solve_minimal(problem, sample, models):
-    """Return the number of models that a minimal sample determines; defined by the problem."""
-    raise NotImplementedError
-
-
-def squared_error(problem, model, i):
-    """Return the squared residual of one observation over its variance; defined by the problem."""
-    raise NotImplementedError
-
-
-def refined(problem, model, weights):
-    """Return a model after Gauss-Newton steps with weights; defined by the problem."""
-    raise NotImplementedError
-
-
-def _defined_by_the_problem(method):
-    def resolve(problem, *_):
-        return getattr(problem.instance_class, method.__name__)
-
-    resolve.__signature__ = inspect.signature(method)
-    overload(method, jit_options=NJIT_OPTIONS)(resolve)
-
-
-for _method in (solve_minimal, squared_error, refined):
-    _defined_by_the_problem(_method)
+# Gauss-Newton steps per round.
+LOCAL_STEPS = 2
 
 
 @njit_driver
-def estimate(problem, sample, models, threshold, confidence, max_iterations, seed):
+def estimate(problem, threshold, confidence, max_iterations, seed):
     """Estimate the model with the least truncated cost.
 
     Parameters
     ----------
     problem
-        A problem, see above. Its first field has one row per observation, and the rows are in random order.
-    sample
-        (K,) integers, where K is the size of a minimal sample; overwritten.
-    models
-        (S, 3, 4), where S is the largest number of models of a sample; overwritten.
+        A problem, its rows in random order.
     threshold
         Squared error above which an observation is an outlier.
     confidence
@@ -88,8 +52,9 @@ def estimate(problem, sample, models, threshold, confidence, max_iterations, see
         (3, 4), its sum of squared errors truncated at the threshold, and the number of samples drawn. The score is that
         of outliers only if there is no model.
     """
-    count = len(problem[0])
-    best, share = np.full(models.shape[1:], np.nan), INITIAL_INLIER_SHARE
+    sample_size, solutions, _, _ = sizes(problem)
+    count, sample, models = len(problem[0]), np.empty(sample_size, np.int64), np.empty((solutions, 3, 4))
+    best, share = np.full((3, 4), np.nan), INITIAL_INLIER_SHARE
     best_score = best_of_samples = threshold * count
     tested, consistent = 1.0 / INITIAL_CHANCE, 1.0
     state, needed, iteration = np.uint64(seed), max_iterations, 0
@@ -110,17 +75,8 @@ def estimate(problem, sample, models, threshold, confidence, max_iterations, see
                 continue
             best[:], best_score = model, score
             share = max(_inlier_share(problem, best, count, threshold), INITIAL_INLIER_SHARE)
-            needed = min(max_iterations, max(MIN_ITERATIONS, _samples_needed(share, len(sample), confidence)))
+            needed = min(max_iterations, max(MIN_ITERATIONS, _samples_needed(share, sample_size, confidence)))
     return best, best_score, iteration
-
-
-@njit_driver
-def squared_errors(problem, model):
-    """Return the squared residuals (N,) of all observations over their variances."""
-    squares = np.empty(len(problem[0]))
-    for i in range(len(squares)):
-        squares[i] = squared_error(problem, model, i)
-    return squares
 
 
 @njit_helper
@@ -151,7 +107,7 @@ def _score(problem, model, count, threshold, limit, share, chance):
     if_consistent, if_not = np.log(chance / share), np.log((1.0 - chance) / max(1.0 - share, 1e-9))
     largest, ratio, score, hits = -np.log(REJECTION_PROBABILITY), 0.0, 0.0, 0
     for i in range(count):
-        error = squared_error(problem, model, i)
+        error = squared_error(problem, model, i, i)
         if error < threshold:
             score += error
             ratio += if_consistent
@@ -171,20 +127,41 @@ def _locally_optimized(problem, model, count, threshold):
     for k in range(LOCAL_ROUNDS):
         width = threshold * LOCAL_WIDENING ** (1.0 - k / (LOCAL_ROUNDS - 1.0))
         for i in range(count):
-            error = squared_error(problem, model, i)
+            error = squared_error(problem, model, i, i)
             weights[i] = (1.0 - error / width) ** 2 if error < width else 0.0
-        model = refined(problem, model, weights)
+        _refine(problem, model, weights)
     score = 0.0
     for i in range(count):
-        score += min(squared_error(problem, model, i), threshold)
+        score += min(squared_error(problem, model, i, i), threshold)
     return model, score
+
+
+@njit_helper
+def _refine(problem, model, weights):
+    """Take Gauss-Newton steps on the weighted residuals, in place."""
+    _, _, dimension, parameters = sizes(problem)
+    residual, jacobian = np.empty(dimension), np.empty((dimension, parameters))
+    gradient, hessian = np.empty(parameters), np.empty((parameters, parameters))
+    for _ in range(LOCAL_STEPS):
+        gradient[:] = 0.0
+        hessian[:] = 0.0
+        for i in range(len(weights)):
+            if weights[i] == 0.0 or not linearize(problem, model, i, residual, jacobian):
+                continue
+            for d in range(dimension):
+                for r in range(parameters):
+                    weighted = weights[i] * jacobian[d, r]
+                    gradient[r] -= weighted * residual[d]
+                    for c in range(r + 1):
+                        hessian[r, c] += weighted * jacobian[d, c]
+        retract(problem, model, solve_symmetric(hessian, gradient))
 
 
 @njit_helper
 def _inlier_share(problem, model, count, threshold):
     inliers = 0
     for i in range(count):
-        inliers += squared_error(problem, model, i) < threshold
+        inliers += squared_error(problem, model, i, i) < threshold
     return inliers / count
 
 

@@ -1,30 +1,36 @@
 """Whether an estimate could be due to chance: the expected number of false alarms."""
 
-from collections.abc import Callable
 from math import lgamma, log
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 
 # Unrelated correspondences from which the probability of a chance inlier is measured: rounds with all of them until so
 # many were tested, but at most so many rounds.
 UNRELATED, MAX_ROUNDS = 2000, 20
 
 
-def chance_probability(count: int, is_consistent: Callable[[int], NDArray[np.bool_]]) -> float:
-    """Return the probability that an unrelated correspondence is consistent with a model.
+def chance_probability(problem: Any, model: Array, threshold: float) -> float:
+    """Return the probability that the parts of two different correspondences agree with a model.
 
     Parameters
     ----------
-    count
-        Number N of correspondences.
-    is_consistent
-        shift -> (N,), whether the first part of each correspondence is consistent with the second part of the one that
-        many rows further.
+    problem
+        A problem of `_robust_problem_kernel`, its observations in random order.
+    model
+        (3, 4).
+    threshold
+        Largest squared error of parts that agree.
     """
+    from omnisight.optim._robust_problem_kernel import count_consistent
+
+    count = len(problem[0])
     rounds = min(MAX_ROUNDS, count - 1, 1 + UNRELATED // count)
     shifts = [1 + i * (count - 1) // rounds for i in range(rounds)]
-    hits = sum(int(is_consistent(shift).sum()) for shift in shifts)
+    hits = sum(count_consistent(problem, model, threshold, shift) for shift in shifts)
     return (hits + 1) / (count * len(shifts) + 1)
 
 

@@ -48,20 +48,13 @@ class RansacResult:
     iterations: int
 
 
-def ransac(
-    problem: Any, sample_size: int, max_solutions: int, threshold: float, options: RansacOptions
-) -> RansacResult:
+def ransac(problem: Any, threshold: float, options: RansacOptions) -> RansacResult:
     """Estimate a model from observations with outliers.
 
     Parameters
     ----------
     problem
-        A `NamedTuple` of arrays with the methods that `_ransac_kernel` lists, its observations, at least those of one
-        sample, in random order.
-    sample_size
-        Number of observations of a minimal sample.
-    max_solutions
-        Largest number of models of a sample.
+        A problem of `_robust_problem_kernel`, its observations, at least those of one sample, in random order.
     threshold
         Squared error, in units of its variance, above which an observation is an outlier.
     options
@@ -69,13 +62,11 @@ def ransac(
     """
     from omnisight.optim._ransac_kernel import estimate
 
-    model, score, iterations = estimate(
-        problem,
-        np.empty(sample_size, np.int64),
-        np.empty((max_solutions, 3, 4)),
-        float(threshold),
-        options.confidence,
-        options.max_iterations,
-        options.seed,
-    )
+    search = options.confidence, options.max_iterations, options.seed
+    model, score, iterations = estimate(problem, float(threshold), *search)
     return RansacResult(model, float(score), int(iterations))
+
+
+def permuted(problem: Any, order: NDArray[np.intp]) -> Any:
+    """Return a problem with its observations in an order (N,)."""
+    return type(problem)(*(rows[order] for rows in problem))

@@ -1,93 +1,38 @@
 """Robust maximum-likelihood estimation: the same steps for every geometric model with outliers."""
 
-from dataclasses import dataclass, replace
-from typing import Any, Generic, Protocol, Self, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.optim.false_alarms import chance_probability, log_false_alarms
-from omnisight.optim.mixture import Mixture, fit_mixture
-from omnisight.optim.ransac import RansacOptions, RansacResult, ransac
+from omnisight.optim.ransac import RansacOptions, permuted, ransac
 
 Array = NDArray[np.float64]
-State = TypeVar("State")
 
 # Squared length of a residual over its variance that 99.7 % of the inliers do not exceed (3 sigma in one dimension), by
 # the dimension of the residual.
 THRESHOLDS = {1: 9.0, 2: 11.83}
 # The search is repeated with the estimated noise if that is below this fraction of the assumed one, at most so often.
 MAX_NOISE_RATIO, MAX_SEARCHES = 0.5, 4
+# Correspondences beyond a minimal sample that are needed to tell inliers from outliers.
+MIN_REDUNDANCY = 3
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
 MAX_FALSE_ALARMS = 1e-3
 
 
-class RobustProblem(Protocol[State]):
-    """Correspondences and the model that they determine."""
-
-    @property
-    def sample_size(self) -> int:
-        """Size of a minimal sample."""
-        ...
-
-    @property
-    def max_solutions(self) -> int:
-        """Largest number of models of a sample."""
-        ...
-
-    @property
-    def dimension(self) -> int:
-        """Dimension D of a residual."""
-        ...
-
-    @property
-    def is_noise_known(self) -> bool:
-        """False if the covariances hold only up to a common factor, which is to be estimated."""
-        ...
-
-    def __len__(self) -> int:
-        """Return the number of correspondences."""
-        ...
-
-    def compiled(self, order: NDArray[np.intp]) -> Any:
-        """Return the problem for `ransac`, its correspondences in an order (N,)."""
-        ...
-
-    def scaled(self, factor: float) -> Self:
-        """Return the problem with standard deviations multiplied by a factor."""
-        ...
-
-    def unrelated(self, shift: int) -> Self:
-        """Return the problem with the second part of the correspondence so many rows away."""
-        ...
-
-    def state(self, model: Array) -> State:
-        """Return the state of a model that the search has found."""
-        ...
-
-    def linearize(self, state: State) -> tuple[Array, Array]:
-        """Return the residuals (N, D) over their standard deviations, NaN if impossible, and Jacobians (N, D, P)."""
-        ...
-
-    def feature(self, state: State) -> Array | None:
-        """Return a quantity (N,) on which the share of outliers depends; None if it is the same for all."""
-        ...
-
-    def retract(self, state: State, step: Array) -> State:
-        """Return the state after a step (P,)."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
-class RobustEstimate(Generic[State]):
+class RobustEstimate:
     """The result of a robust estimation.
 
     Attributes
     ----------
-    state
-        The state, or None with a reason.
+    model
+        (3, 4), or None with a reason.
     covariance
-        (P, P) covariance of a step of the state.
+        (P, P) covariance of a step of the model.
     inliers
         (N,), whether each correspondence is more probably an inlier than an outlier.
     scale
@@ -97,10 +42,10 @@ class RobustEstimate(Generic[State]):
     iterations
         Number of samples drawn.
     reason
-        Why there is no state; empty otherwise.
+        Why there is no model; empty otherwise.
     """
 
-    state: State | None
+    model: Array | None
     covariance: Array
     inliers: NDArray[np.bool_]
     scale: float = float("nan")
@@ -109,80 +54,72 @@ class RobustEstimate(Generic[State]):
     reason: str = ""
 
 
-def estimate_robustly(problem: RobustProblem[State], options: RansacOptions) -> RobustEstimate[State]:
+def estimate_robustly(
+    problem_of_scale: Callable[[float], Any], *, is_scale_known: bool, options: RansacOptions
+) -> RobustEstimate:
     """Estimate a model from correspondences with outliers.
 
     LO-RANSAC finds the model; it is refined to the maximum likelihood under a mixture of Gaussian noise and outliers,
     whose density near zero is measured on unrelated correspondences. If the noise is unknown, the search is repeated
     while it is much smaller than assumed. A model that unrelated correspondences fit as well is rejected.
+
+    Parameters
+    ----------
+    problem_of_scale
+        Factor of the assumed standard deviations -> problem of `_robust_problem_kernel`.
+    is_scale_known
+        Whether the factor is 1.
+    options
+        Options of the search.
     """
-    minimum = problem.sample_size + 3
-    if len(problem) < minimum:
-        return _failure(problem, f"{len(problem)} correspondences, at least {minimum} are needed")
-    return _estimate(problem, options, MAX_SEARCHES)
+    from omnisight.optim._mixture_kernel import fit_mixture
+
+    problem = problem_of_scale(1.0)
+    count, (sample_size, _, dimension, _) = len(problem[0]), problem.sizes(problem)
+    if count < sample_size + MIN_REDUNDANCY:
+        return _failure(count, f"{count} correspondences, at least {sample_size + MIN_REDUNDANCY} are needed")
+    order = np.random.default_rng(options.seed).permutation(count)
+    scale, iterations, searches = 1.0, 0, 0
+    while True:
+        problem = permuted(problem_of_scale(scale), order)
+        found = ransac(problem, THRESHOLDS[dimension], options)
+        iterations, searches = iterations + found.iterations, searches + 1
+        if not np.isfinite(found.model).all():
+            return _failure(count, "no model is consistent with a sample of the correspondences", iterations)
+        density = _outlier_density(problem, found.model, dimension)
+        model, probability, factor, information = fit_mixture(problem, found.model, density, is_scale_known)
+        scale *= factor
+        if factor > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
+            break
+    is_inlier = np.asarray(probability > 0.5)
+    reason = _chance_reason(permuted(problem_of_scale(scale), order), model, is_inlier)
+    inliers = np.empty_like(is_inlier)
+    inliers[order] = is_inlier
+    covariance = np.asarray(np.linalg.pinv(information, hermitian=True), float)
+    return RobustEstimate(None if reason else model, covariance, inliers, scale, found.score, iterations, reason)
 
 
-def _estimate(problem: RobustProblem[State], options: RansacOptions, searches: int) -> RobustEstimate[State]:
-    """Estimate a model in at most so many searches."""
-    found = _search(problem, options)
-    if not np.isfinite(found.model).all():
-        return _failure(problem, "no model is consistent with a sample of the correspondences", found.iterations)
-    fit = refine(problem, problem.state(found.model))
-    problem = problem.scaled(fit.scale)
-    if fit.scale <= MAX_NOISE_RATIO and searches > 1:
-        again = _estimate(problem, options, searches - 1)
-        return replace(again, scale=again.scale * fit.scale, iterations=again.iterations + found.iterations)
-    inliers = fit.probability > 0.5
-    state, reason = fit.state, ""
-    if _log_false_alarms(problem, fit.state, inliers) > np.log(MAX_FALSE_ALARMS):
-        state = None
-        reason = f"{inliers.sum()} of {len(problem)} correspondences agree, as unrelated ones do by chance"
-    return RobustEstimate(state, fit.covariance, inliers, fit.scale, found.score, found.iterations, reason)
-
-
-def refine(problem: RobustProblem[State], start: State) -> Mixture[State]:
-    """Compute the maximum likelihood near a state, and the scale of the noise unless it is known."""
-    return fit_mixture(
-        problem.linearize,
-        start,
-        retract=problem.retract,
-        outlier_density=_outlier_density(problem, start),
-        scale=1.0 if problem.is_noise_known else None,
-        feature=problem.feature,
-    )
-
-
-def _search(problem: RobustProblem[State], options: RansacOptions) -> RansacResult:
-    order = np.random.default_rng(options.seed).permutation(len(problem))
-    sizes = problem.sample_size, problem.max_solutions
-    return ransac(problem.compiled(order), *sizes, THRESHOLDS[problem.dimension], options)
-
-
-def _outlier_density(problem: RobustProblem[State], state: State) -> float:
+def _outlier_density(problem: Any, model: Array, dimension: int) -> float:
     """Return the density of residuals of unrelated correspondences near zero."""
-    threshold = THRESHOLDS[problem.dimension]
-    volume = 2 * np.sqrt(threshold) if problem.dimension == 1 else np.pi * threshold
-    return _probability(problem, state, threshold) / float(volume)
+    threshold = THRESHOLDS[dimension]
+    volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
+    return chance_probability(problem, model, threshold) / float(volume)
 
 
-def _probability(problem: RobustProblem[State], state: State, threshold: float) -> float:
-    return chance_probability(
-        len(problem), lambda shift: _squares(problem.unrelated(shift).linearize(state)[0]) <= threshold
-    )
+def _chance_reason(problem: Any, model: Array, is_inlier: NDArray[np.bool_]) -> str:
+    """Return why a model is rejected, if unrelated correspondences would fit one as well; empty otherwise."""
+    from omnisight.optim._robust_problem_kernel import squared_errors
+
+    squares = squared_errors(problem, model)
+    count, inliers = len(squares), int(is_inlier.sum())
+    threshold = float(squares[is_inlier & np.isfinite(squares)].max(initial=0.0))
+    sample_size, solutions, _, _ = problem.sizes(problem)
+    probability = chance_probability(problem, model, threshold)
+    if log_false_alarms(count, inliers, probability, sample_size, solutions) <= np.log(MAX_FALSE_ALARMS):
+        return ""
+    return f"{inliers} of {count} correspondences agree, as unrelated ones do by chance"
 
 
-def _log_false_alarms(problem: RobustProblem[State], state: State, inliers: NDArray[np.bool_]) -> float:
-    squares = _squares(problem.linearize(state)[0])
-    threshold = float(squares[inliers & np.isfinite(squares)].max(initial=0.0))
-    probability = _probability(problem, state, threshold)
-    sizes = problem.sample_size, problem.max_solutions
-    return log_false_alarms(len(problem), int(inliers.sum()), probability, *sizes)
-
-
-def _squares(residuals: Array) -> Array:
-    return np.nan_to_num((residuals**2).sum(axis=1), nan=np.inf)
-
-
-def _failure(problem: RobustProblem[State], reason: str, iterations: int = 0) -> RobustEstimate[State]:
-    nothing = np.zeros(len(problem), np.bool_)
+def _failure(count: int, reason: str, iterations: int = 0) -> RobustEstimate:
+    nothing = np.zeros(count, np.bool_)
     return RobustEstimate(None, np.full((0, 0), np.nan), nothing, iterations=iterations, reason=reason)

@@ -1,4 +1,4 @@
-"""Compiled problems of RANSAC whose bearings are mapped to bearings: a rotation, and the homography of a plane.
+"""Compiled problems of robust estimation in which bearings are mapped to bearings: a rotation, a plane's homography.
 
 A model is [H | 0] (3, 4), and b is the direction p of H a; for a rotation, H = R.
 """
@@ -11,67 +11,114 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnisight.compiled import njit_helper
-from omnisight.optim._cholesky_kernel import solve_symmetric
 from omnisight.twoview._alignment_kernel import two_point_rotation
 from omnisight.twoview._homography_kernel import four_point_homography
-from omnisight.twoview._small_vectors_kernel import cross, dot, rotate_and_translate, times
+from omnisight.twoview._small_vectors_kernel import (
+    cross,
+    dot,
+    perpendiculars,
+    quadratic_form,
+    rotate_and_translate,
+    times,
+    transposed_times,
+    whitened,
+)
+from omnisight.twoview.bearing_pairs import BearingPairs, isotropic_variance
 
-# Gauss-Newton steps per round of reweighting.
-STEPS = 2
 
+class RotationProblem(NamedTuple):
+    """Pairs of bearings of two cameras in one place; a step is a rotation vector in frame b.
 
-class CompiledRotation(NamedTuple):
-    """Pairs of bearings of two cameras in one place; `variance` (N,) is that of the angle between a pair."""
+    Attributes
+    ----------
+    a, b
+        (N, 3) unit bearings.
+    covariance_a, covariance_b
+        (N, 3, 3) covariances of the bearings, square radians.
+    variance
+        (N,) mean variance of the angle between a pair along any direction.
+    """
 
     a: Any
     b: Any
+    covariance_a: Any
+    covariance_b: Any
     variance: Any
+
+    @classmethod
+    def of(cls, pairs: BearingPairs) -> "RotationProblem":
+        arrays = pairs.a, pairs.b, pairs.covariance_a, pairs.covariance_b, pairs.variance
+        return cls(*map(np.ascontiguousarray, arrays))
+
+    @staticmethod
+    def sizes(problem):
+        return 2, 1, 2, 3
 
     @staticmethod
     def solve_minimal(problem, sample, models):
-        """Fill models (1, 3, 4) with the rotation of a sample (2,)."""
         a, b = np.empty((2, 3)), np.empty((2, 3))
         for k in range(2):
             a[k], b[k] = problem.a[sample[k]], problem.b[sample[k]]
         return two_point_rotation(a, b, models)
 
     @staticmethod
-    def squared_error(problem, model, i):
-        """Return the squared chord between R a and b over its variance."""
-        p, b = times(model, problem.a[i]), problem.b[i]
+    def squared_error(problem, model, i, j):
+        p, b = times(model, problem.a[i]), problem.b[j]
         return ((p[0] - b[0]) ** 2 + (p[1] - b[1]) ** 2 + (p[2] - b[2]) ** 2) / problem.variance[i]
 
     @staticmethod
-    def refined(problem, model, weights):
-        """Return a rotation after Gauss-Newton steps on the weighted chords."""
-        hessian, step = np.empty((3, 3)), np.zeros(6)
-        for _ in range(STEPS):
-            hessian[:] = 0.0
-            gradient = np.zeros(3)
-            for i in range(len(weights)):
-                # p changes by w x p: the normal equations are sum (I - p p^T) w = sum p x b.
-                weight, p = weights[i] / problem.variance[i], times(model, problem.a[i])
-                c = cross(p, problem.b[i])
-                for r in range(3):
-                    gradient[r] += weight * c[r]
-                    for s in range(3):
-                        hessian[r, s] += weight * ((1.0 if r == s else 0.0) - p[r] * p[s])
-            step[:3] = solve_symmetric(hessian, gradient)
-            rotate_and_translate(model, step)
-        return model
+    def linearize(problem, model, i, residual, jacobian):
+        p, b = times(model, problem.a[i]), problem.b[i]
+        if dot(p, b) <= 0.0:
+            return False
+        first, second = perpendiculars(b)
+        first_in_a, second_in_a = transposed_times(model, first), transposed_times(model, second)
+        cov_a, cov_b = problem.covariance_a[i], problem.covariance_b[i]
+        axes = whitened(
+            first,
+            second,
+            quadratic_form(cov_b, first, first) + quadratic_form(cov_a, first_in_a, first_in_a),
+            quadratic_form(cov_b, first, second) + quadratic_form(cov_a, first_in_a, second_in_a),
+            quadratic_form(cov_b, second, second) + quadratic_form(cov_a, second_in_a, second_in_a),
+        )
+        for k in range(2):
+            residual[k] = dot(axes[k], (p[0] - b[0], p[1] - b[1], p[2] - b[2]))
+            jacobian[k, 0], jacobian[k, 1], jacobian[k, 2] = cross(p, axes[k])  # p changes by w x p
+        return True
+
+    @staticmethod
+    def feature(problem, model, i):
+        return 0.0
+
+    @staticmethod
+    def retract(problem, model, step):
+        move = np.zeros(6)
+        move[:3] = step
+        rotate_and_translate(model, move)
 
 
-class CompiledHomography(NamedTuple):
-    """Pairs of bearings (N, 3) of points on a plane, with variances (N,) of each bearing along any direction."""
+class HomographyProblem(NamedTuple):
+    """Pairs of bearings (N, 3) of points on a plane, with variances (N,) of each bearing along any direction.
+
+    A step changes all elements of H but the largest.
+    """
 
     a: Any
     b: Any
     variance_a: Any
     variance_b: Any
 
+    @classmethod
+    def of(cls, pairs: BearingPairs) -> "HomographyProblem":
+        arrays = pairs.a, pairs.b, *map(isotropic_variance, (pairs.covariance_a, pairs.covariance_b))
+        return cls(*map(np.ascontiguousarray, arrays))
+
+    @staticmethod
+    def sizes(problem):
+        return 4, 1, 3, 8
+
     @staticmethod
     def solve_minimal(problem, sample, models):
-        """Fill models (1, 3, 4) with the homography of a sample (4,)."""
         a, b, homographies = np.empty((4, 3)), np.empty((4, 3)), np.empty((1, 3, 3))
         for k in range(4):
             a[k], b[k] = problem.a[sample[k]], problem.b[sample[k]]
@@ -81,38 +128,50 @@ class CompiledHomography(NamedTuple):
         return count
 
     @staticmethod
-    def squared_error(problem, model, i):
-        """Return the squared chord between the direction of H a and b over its variance."""
+    def squared_error(problem, model, i, j):
         direction, inverse = _direction(model, problem.a[i])
-        b = problem.b[i]
+        b = problem.b[j]
         chord = (direction[0] - b[0]) ** 2 + (direction[1] - b[1]) ** 2 + (direction[2] - b[2]) ** 2
-        return chord / _variance(problem, model, inverse, i)
+        return chord / _variance(problem, model, inverse, i, j)
 
     @staticmethod
-    def refined(problem, model, weights):
-        """Return a homography after Gauss-Newton steps on the weighted chords, at fixed variances."""
-        hessian, gradient, row = np.empty((9, 9)), np.empty(9), np.empty(9)
-        for _ in range(STEPS):
-            # The residuals do not depend on the scale of H: its direction gets any positive eigenvalue.
-            for r in range(9):
-                gradient[r] = 0.0
-                for s in range(9):
-                    hessian[r, s] = model[r // 3, r % 3] * model[s // 3, s % 3]
-            for i in range(len(weights)):
-                a, b = problem.a[i], problem.b[i]
-                p, inverse = _direction(model, a)
-                weight = weights[i] / _variance(problem, model, inverse, i)
-                for k in range(3):
-                    for m in range(3):
-                        for n in range(3):
-                            row[3 * m + n] = ((1.0 if k == m else 0.0) - p[k] * p[m]) * a[n] * inverse
-                    for r in range(9):
-                        gradient[r] -= weight * (p[k] - b[k]) * row[r]
-                        for s in range(r + 1):
-                            hessian[r, s] += weight * row[r] * row[s]
-            model[:, :3] += solve_symmetric(hessian, gradient).reshape(3, 3)
-            model /= np.sqrt((model**2).sum() / 3.0)
-        return model
+    def linearize(problem, model, i, residual, jacobian):
+        a, b = problem.a[i], problem.b[i]
+        p, inverse = _direction(model, a)
+        scale, largest = 1.0 / np.sqrt(_variance(problem, model, inverse, i, i)), _largest(model)
+        for k in range(3):
+            residual[k] = scale * (p[k] - b[k])
+            column = 0
+            for m in range(3):
+                by_row = scale * inverse * ((1.0 if k == m else 0.0) - p[k] * p[m])
+                for n in range(3):
+                    if 3 * m + n != largest:
+                        jacobian[k, column] = by_row * a[n]
+                        column += 1
+        return True
+
+    @staticmethod
+    def feature(problem, model, i):
+        return 0.0
+
+    @staticmethod
+    def retract(problem, model, step):
+        largest, column = _largest(model), 0
+        for element in range(9):
+            if element != largest:
+                model[element // 3, element % 3] += step[column]
+                column += 1
+        model /= np.sqrt((model**2).sum() / 3.0)
+
+
+@njit_helper
+def _largest(model):
+    """Return the index of the largest of nine elements."""
+    best = 0
+    for element in range(1, 9):
+        if abs(model[element // 3, element % 3]) > abs(model[best // 3, best % 3]):
+            best = element
+    return best
 
 
 @njit_helper
@@ -124,7 +183,7 @@ def _direction(model, a):
 
 
 @njit_helper
-def _variance(problem, model, inverse, i):
+def _variance(problem, model, inverse, i, j):
     """Return the variance of a chord; the map of directions magnifies areas by |det H|/|H a|^3."""
     magnification = abs(dot(model[0], cross(model[1], model[2]))) * inverse**3
-    return problem.variance_b[i] + magnification * problem.variance_a[i]
+    return problem.variance_b[j] + magnification * problem.variance_a[i]

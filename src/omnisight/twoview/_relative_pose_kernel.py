@@ -1,7 +1,9 @@
-"""Compiled relative pose of two cameras from bearings: the problem of RANSAC.
+"""Compiled relative pose of two cameras from bearings: the problem of robust estimation.
 
-A model is [R | t] (3, 4), with x_b = R x_a + t and |t| = 1. With p = R a and q = b, the epipolar residual is
-e = q . (t x p). Its variance for bearings with isotropic variances s_a, s_b is s_b |t x p|^2 + s_a |t x q|^2.
+A model is [R | t] (3, 4), with x_b = R x_a + t and |t| = 1. With p = R a, q = b, m = t x p and n = t x q, the epipolar
+residual is e = q . m. Its variance is m^T S_b m + n^T S_a n, with both covariances in frame b: the squared quotient is,
+to first order, the least sum of squared corrections of both bearings that makes them meet (P. Sampson, 1982; Hartley
+and Zisserman, ch. 11.4).
 """
 
 # Compiled code takes its types from its arguments.
@@ -12,96 +14,120 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnisight.compiled import njit_helper
-from omnisight.optim._cholesky_kernel import solve_symmetric
-from omnisight.twoview._epipolar_kernel import is_behind
 from omnisight.twoview._five_point_kernel import five_point
-from omnisight.twoview._small_vectors_kernel import cross, dot, rotate_and_translate, times
+from omnisight.twoview._small_vectors_kernel import (
+    cross,
+    dot,
+    perpendiculars,
+    rotate_and_translate,
+    times,
+    transposed_times,
+)
+from omnisight.twoview.bearing_pairs import BearingPairs, isotropic_variance
 
-# Gauss-Newton steps per round of reweighting.
-STEPS = 2
+# Squared parallax in units of its variance below which the sign of a distance is noise.
+MIN_SQUARED_PARALLAX = 9.0
 
 
-class CompiledRelativePose(NamedTuple):
+class RelativePoseProblem(NamedTuple):
     """Pairs of bearings of two cameras.
+
+    A step is a rotation vector in frame b, and two components of the translation along `perpendiculars` of it. The
+    share of outliers depends on the parallax, since that of unrelated bearings is large.
 
     Attributes
     ----------
     a, b
         (N, 3) unit bearings.
+    covariance_a, covariance_b
+        (N, 3, 3) covariances of the bearings, square radians.
     variance_a, variance_b
-        (N,) variances of each bearing along any tangent direction, square radians.
+        (N,) mean variances of the bearings along any tangent direction, square radians.
     """
 
     a: Any
     b: Any
+    covariance_a: Any
+    covariance_b: Any
     variance_a: Any
     variance_b: Any
 
+    @classmethod
+    def of(cls, pairs: BearingPairs) -> "RelativePoseProblem":
+        covariances = pairs.covariance_a, pairs.covariance_b
+        arrays = pairs.a, pairs.b, *covariances, *map(isotropic_variance, covariances)
+        return cls(*map(np.ascontiguousarray, arrays))
+
+    @staticmethod
+    def sizes(problem):
+        return 5, 10, 1, 5
+
     @staticmethod
     def solve_minimal(problem, sample, models):
-        """Fill models (10, 3, 4) with the poses in which all bearings of a sample (5,) have positive distances."""
         a, b = np.empty((5, 3)), np.empty((5, 3))
         for k in range(5):
             a[k], b[k] = problem.a[sample[k]], problem.b[sample[k]]
         return five_point(a, b, models)
 
     @staticmethod
-    def squared_error(problem, model, i):
-        """Return the squared epipolar residual of a pair over its variance; inf for a point behind a camera."""
-        p, q, t = times(model, problem.a[i]), problem.b[i], (model[0, 3], model[1, 3], model[2, 3])
+    def squared_error(problem, model, i, j):
+        p, q, t = times(model, problem.a[i]), problem.b[j], (model[0, 3], model[1, 3], model[2, 3])
         m, n = cross(t, p), cross(t, q)
-        variance_a, variance_b = problem.variance_a[i], problem.variance_b[i]
-        if is_behind(p, q, m, n, variance_a + variance_b):
+        variance_a, variance_b = problem.variance_a[i], problem.variance_b[j]
+        if _is_behind(p, q, m, n, variance_a + variance_b):
             return np.inf
         return dot(q, m) ** 2 / max(variance_b * dot(m, m) + variance_a * dot(n, n), 1e-300)
 
     @staticmethod
-    def refined(problem, model, weights):
-        """Return a pose after Gauss-Newton steps on the weighted epipolar residuals, at fixed variances."""
-        jacobian, gradient, hessian, step = np.empty(5), np.empty(5), np.empty((5, 5)), np.empty(6)
-        for _ in range(STEPS):
-            tangents = _tangents(model)
-            gradient[:] = 0.0
-            hessian[:] = 0.0
-            for i in range(len(weights)):
-                if weights[i] == 0.0:
-                    continue
-                residual = _residual(problem, model, tangents, i, jacobian)
-                for r in range(5):
-                    gradient[r] -= weights[i] * residual * jacobian[r]
-                    for c in range(r + 1):
-                        hessian[r, c] += weights[i] * jacobian[r] * jacobian[c]
-            solution = solve_symmetric(hessian, gradient)
-            step[:3] = solution[:3]
-            step[3:] = solution[3] * tangents[0] + solution[4] * tangents[1]
-            rotate_and_translate(model, step)
-            model[:, 3] /= np.sqrt((model[:, 3] ** 2).sum())
-        return model
+    def linearize(problem, model, i, residual, jacobian):
+        p, q, t = times(model, problem.a[i]), problem.b[i], (model[0, 3], model[1, 3], model[2, 3])
+        m, n = cross(t, p), cross(t, q)
+        if _is_behind(p, q, m, n, problem.variance_a[i] + problem.variance_b[i]):
+            return False
+        across_a = times(model, times(problem.covariance_a[i], transposed_times(model, n)))
+        across_b = times(problem.covariance_b[i], m)
+        variance = max(dot(m, across_b) + dot(n, across_a), 1e-300)
+        sigma, e = np.sqrt(variance), dot(q, m)
+        residual[0], relative = e / sigma, e / variance
+        # A step (w, v) changes p by w x p and t by v: e by w . (n x p) + v . (p x q), and half the variance likewise.
+        by_w, by_v = cross(n, p), cross(p, q)
+        first, second = cross(p, cross(across_b, t)), cross(n, across_a)
+        third, fourth = cross(p, across_b), cross(q, across_a)
+        for k in range(3):
+            jacobian[0, k] = (by_w[k] - relative * (first[k] - second[k])) / sigma
+        by_v = (
+            by_v[0] - relative * (third[0] + fourth[0]),
+            by_v[1] - relative * (third[1] + fourth[1]),
+            by_v[2] - relative * (third[2] + fourth[2]),
+        )
+        along = perpendiculars(t)
+        for k in range(2):
+            jacobian[0, 3 + k] = dot(along[k], by_v) / sigma
+        return True
+
+    @staticmethod
+    def feature(problem, model, i):
+        p, q = times(model, problem.a[i]), problem.b[i]
+        return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+
+    @staticmethod
+    def retract(problem, model, step):
+        move = np.empty(6)
+        move[:3] = step[:3]
+        first, second = perpendiculars((model[0, 3], model[1, 3], model[2, 3]))
+        for k in range(3):
+            move[3 + k] = step[3] * first[k] + step[4] * second[k]
+        rotate_and_translate(model, move)
+        model[:, 3] /= np.sqrt((model[:, 3] ** 2).sum())
 
 
 @njit_helper
-def _tangents(model):
-    """Return two unit vectors (2, 3) perpendicular to the translation."""
-    t, axis = model[:, 3].copy(), np.zeros(3)
-    axis[np.argmin(np.abs(t))] = 1.0
-    tangents = np.empty((2, 3))
-    tangents[0] = np.cross(t, axis)
-    tangents[0] /= np.sqrt((tangents[0] ** 2).sum())
-    tangents[1] = np.cross(t, tangents[0])
-    return tangents
+def _is_behind(p, q, m, n, variance):
+    """Return whether a distance along p or q is negative, although the parallax is larger than its noise.
 
-
-@njit_helper
-def _residual(problem, model, tangents, i, jacobian):
-    """Return the residual of a pair over its standard deviation; fill its derivatives (5,) by the steps of a pose."""
-    p, q, t = times(model, problem.a[i]), problem.b[i], (model[0, 3], model[1, 3], model[2, 3])
-    m, n, c = cross(t, p), cross(t, q), cross(p, q)
-    variance = problem.variance_b[i] * dot(m, m) + problem.variance_a[i] * dot(n, n)
-    scale = 1.0 / np.sqrt(max(variance, 1e-300))
-    # A rotation w changes p by w x p, and e by w . (n x p); a step v of t changes e by v . (p x q).
-    by_rotation = cross(n, p)
-    for k in range(3):
-        jacobian[k] = scale * by_rotation[k]
-    for k in range(2):
-        jacobian[3 + k] = scale * dot(tangents[k], c)
-    return scale * dot(q, m)
+    With c = p x q, the distances are -n . c/|c|^2 and -m . c/|c|^2. The length of the chord between p and q is that of
+    the parallax, and 2 for opposite bearings, whose c is zero.
+    """
+    c = cross(p, q)
+    squared_chord = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+    return (dot(n, c) > 0.0 or dot(m, c) > 0.0) and squared_chord > MIN_SQUARED_PARALLAX * variance

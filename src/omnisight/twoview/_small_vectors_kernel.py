@@ -34,6 +34,44 @@ def transposed_times(matrix, v):
 
 
 @njit_helper
+def quadratic_form(matrix, u, v):
+    """Return u^T M v."""
+    return dot(u, (dot(matrix[0], v), dot(matrix[1], v), dot(matrix[2], v)))
+
+
+@njit_helper
+def perpendiculars(v):
+    """Return two unit vectors perpendicular to a unit vector and to each other."""
+    x, y, z = v[0], v[1], v[2]
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        inverse = 1.0 / np.sqrt(y * y + z * z)
+        first = 0.0, z * inverse, -y * inverse
+    elif abs(y) <= abs(z):
+        inverse = 1.0 / np.sqrt(x * x + z * z)
+        first = -z * inverse, 0.0, x * inverse
+    else:
+        inverse = 1.0 / np.sqrt(x * x + y * y)
+        first = y * inverse, -x * inverse, 0.0
+    return first, cross(v, first)
+
+
+@njit_helper
+def whitened(first, second, variance, covariance, second_variance):
+    """Return vectors along which a noise has unit variance and no correlation, given perpendicular unit vectors.
+
+    With the variances and the covariance of the noise along both, these are the rows of the inverse Cholesky factor.
+    """
+    slope = covariance / max(variance, 1e-300)
+    one = 1.0 / np.sqrt(max(variance, 1e-300))
+    two = 1.0 / np.sqrt(max(second_variance - slope * covariance, 1e-300))
+    return (one * first[0], one * first[1], one * first[2]), (
+        two * (second[0] - slope * first[0]),
+        two * (second[1] - slope * first[1]),
+        two * (second[2] - slope * first[2]),
+    )
+
+
+@njit_helper
 def rotate_and_translate(pose, step):
     """Move a pose by a step (w, v) (6,), in place: R <- exp(w) R, t <- t + v."""
     x, y, z = step[0], step[1], step[2]

@@ -83,38 +83,10 @@ class BearingPairs:
         """Variance (N,) of the angle between both bearings along any direction, square radians."""
         return isotropic_variance(self.covariance_a + self.covariance_b)
 
-    def unrelated(self, shift: int) -> "BearingPairs":
-        """Return each bearing a with the bearing b of another pair, so many rows away."""
-        return replace(self, b=np.roll(self.b, shift, 0), covariance_b=np.roll(self.covariance_b, shift, 0))
-
     def scaled(self, factor: float) -> "BearingPairs":
         """Return the pairs with standard deviations multiplied by a factor."""
         square = factor**2
         return replace(self, covariance_a=square * self.covariance_a, covariance_b=square * self.covariance_b)
-
-
-@dataclass(frozen=True, eq=False)
-class BearingPairsProblem:
-    """The correspondences of a problem of `estimate_robustly` that are pairs of bearings."""
-
-    pairs: BearingPairs
-
-    @property
-    def is_noise_known(self) -> bool:
-        """Whether the covariances hold without a factor."""
-        return self.pairs.is_noise_known
-
-    def __len__(self) -> int:
-        """Return the number of pairs."""
-        return len(self.pairs)
-
-    def scaled(self, factor: float) -> Self:
-        """Return the problem with standard deviations multiplied by a factor."""
-        return replace(self, pairs=self.pairs.scaled(factor))
-
-    def unrelated(self, shift: int) -> Self:
-        """Return the problem with each bearing a and the bearing b of another pair."""
-        return replace(self, pairs=self.pairs.unrelated(shift))
 
 
 def isotropic_variance(covariance: Array) -> Array:
@@ -156,12 +128,3 @@ def tangent_covariances(bearings: Array, covariance: ArrayLike | None, sigma_deg
     if len(bad):
         raise ValueError(f"the covariance of bearing {bad[0]} is not positive across the bearing")
     return tangent
-
-
-def whitening(bearings: Array, covariance: Array) -> Array:
-    """Return the maps (N, 2, 3) of chords at bearings to two components of unit variance in the tangent plane.
-
-    With covariance = V diag(v) V^T and v_1 = 0 along the bearing, these are the other columns of V over sqrt(v).
-    """
-    variances, axes = np.linalg.eigh(covariance)
-    return np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]

@@ -1,17 +1,15 @@
 """Which motion and which scene explain pairs of bearings: selection by the geometric information criterion."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
-from omnisight.geometry.pose import Pose
-from omnisight.optim.ransac import RansacOptions, ransac
+from omnisight.optim.ransac import RansacOptions, permuted, ransac
 from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
-from omnisight.twoview.bearing_pairs import BearingPairs, isotropic_variance
-from omnisight.twoview.epipolar import epipolar_residuals, is_behind
-from omnisight.twoview.rotation_only import RotationProblem
+from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]
 
@@ -52,8 +50,8 @@ class MotionModel:
 
 
 def select_motion(
-    pairs: BearingPairs, general: RobustEstimate[Pose], covariance: Array, options: RansacOptions
-) -> tuple[MotionModel, RobustEstimate[Array] | None]:
+    pairs: BearingPairs, general: RobustEstimate, covariance: Array, options: RansacOptions
+) -> tuple[MotionModel, RobustEstimate | None]:
     """Select the motion model of pairs with known noise; return it and, if it is the best, the rotation.
 
     The models are compared by the geometric robust information criterion (P. Torr, An assessment of information
@@ -64,37 +62,40 @@ def select_motion(
     pairs
         With the noise of the general estimate, if there is one.
     general
-        The relative pose, whose state is None if none was found.
+        The relative pose, whose model is None if none was found.
     covariance
         (6, 6) covariance of the relative pose.
     options
         Options of the search for a rotation and a plane.
     """
+    from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
+    from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
+
     options = replace(options, max_iterations=MAX_ITERATIONS)
-    rotation = estimate_robustly(RotationProblem(pairs), options)
-    if general.state is None:
-        return _rotation_model(pairs, rotation), rotation
+    if general.model is None:
+        return _rotation_model(pairs, options)
     inliers = pairs[general.inliers]
-    squares = {"general": _general_squares(inliers, general.state), "dominant plane": _plane_squares(inliers, options)}
-    ratio = np.inf
-    if rotation.state is not None:
-        chords = RotationProblem(inliers).linearize(rotation.state)[0]
-        ratio = np.sqrt(np.nanmean(chords**2))
-        if not has_translation(pairs[rotation.inliers], rotation.state):
-            squares["rotation only"] = _squares(chords)
+    squares = {
+        "general": _squares(RelativePoseProblem.of(inliers), general.model),
+        "dominant plane": _squares_of_best(HomographyProblem.of(inliers), options),
+        "rotation only": _squares_of_best(RotationProblem.of(inliers), options),
+    }
     criteria = {name: information_criterion(s, *MODELS[name]) for name, s in squares.items()}
-    best = min(criteria, key=criteria.__getitem__)
-    if best == "rotation only":
-        return _rotation_model(pairs, rotation), rotation
+    parallax = squares["rotation only"]
+    ratio = np.sqrt(parallax[np.isfinite(parallax)].mean()) if np.isfinite(parallax).any() else np.inf
+    if min(criteria, key=criteria.__getitem__) == "rotation only":
+        motion, rotation = _rotation_model(pairs, options)
+        if rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
+            return motion, rotation
     if ratio < MIN_PARALLAX_RATIO:
         return MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"), None
     sigma = largest_sigma_deg(covariance[3:, 3:])
     if not sigma <= MAX_DIRECTION_SIGMA_DEG:
         return MotionModel("insufficient parallax", f"direction of the translation known to {sigma:.1f}° (1σ)"), None
-    if best == "dominant plane":
-        share = np.mean(squares[best] <= THRESHOLDS[2])
-        return MotionModel(best, f"{share:.0%} of the inliers are on one plane"), None
-    return _planar_or_general(general.state, covariance), None
+    if criteria["dominant plane"] < criteria["general"]:
+        share = np.mean(squares["dominant plane"] <= THRESHOLDS[2])
+        return MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None
+    return _planar_or_general(general.model, covariance), None
 
 
 def information_criterion(squares: Array, dimension: int, parameters: int) -> float:
@@ -112,16 +113,21 @@ def information_criterion(squares: Array, dimension: int, parameters: int) -> fl
     return float(fit + n * dimension * np.log(r) + parameters * np.log(r * max(n, 1)))
 
 
-def has_translation(pairs: BearingPairs, rotation: Array) -> bool:
+def has_translation(pairs: BearingPairs, model: Array) -> bool:
     """Return whether a translation, with all points at the same distance, significantly improves the fit of a rotation.
 
     The distances vary, but any common part of the parallax reveals a translation, although the parallax of each pair is
     below its noise. The sum of squared residuals then decreases by more than a chi-squared variable of three degrees of
     freedom exceeds once in a thousand.
     """
-    problem = RotationProblem(pairs)
-    residuals, by_rotation = problem.linearize(rotation)
-    r, j = residuals.reshape(-1), np.concatenate([by_rotation, problem.by_translation(rotation)], axis=2).reshape(-1, 6)
+    from omnisight.optim._robust_problem_kernel import linearized
+    from omnisight.twoview._absolute_pose_kernel import AbsolutePoseProblem
+
+    rotation = model[:, :3]
+    covariance = pairs.covariance_b + rotation @ pairs.covariance_a @ rotation.T
+    problem = AbsolutePoseProblem(*map(np.ascontiguousarray, (pairs.a, pairs.b, covariance, pairs.variance)))
+    residuals, jacobians = linearized(problem, model)
+    r, j = residuals.reshape(-1), jacobians.reshape(-1, 6)
     use = np.isfinite(r)
     alone = np.linalg.lstsq(j[use, :3], r[use], rcond=None)[0]
     both = np.linalg.lstsq(j[use], r[use], rcond=None)[0]
@@ -136,48 +142,47 @@ def largest_sigma_deg(covariance: Array) -> float:
     return float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))
 
 
-def _general_squares(pairs: BearingPairs, pose: Pose) -> Array:
-    squares = epipolar_residuals(pairs, pose)[0] ** 2
-    return np.where(is_behind(pairs, pose), np.inf, squares)
+def _squares(problem: Any, model: Array) -> Array:
+    """Return the squared residuals (N,) over their variances; inf where impossible."""
+    from omnisight.optim._robust_problem_kernel import linearized
 
-
-def _plane_squares(pairs: BearingPairs, options: RansacOptions) -> Array:
-    """Return the squared residuals (N,) of the best homography; inf if there is none."""
-    from omnisight.optim._ransac_kernel import squared_errors
-    from omnisight.twoview._alignment_problems_kernel import CompiledHomography
-
-    variances = isotropic_variance(pairs.covariance_a), isotropic_variance(pairs.covariance_b)
-    problem = CompiledHomography(*map(np.ascontiguousarray, (pairs.a, pairs.b, *variances)))
-    order = np.random.default_rng(options.seed).permutation(len(pairs))
-    shuffled = CompiledHomography(*(np.ascontiguousarray(rows[order]) for rows in problem))
-    found = ransac(shuffled, 4, 1, THRESHOLDS[2], options)
-    return np.nan_to_num(squared_errors(problem, found.model), nan=np.inf)
-
-
-def _squares(residuals: Array) -> Array:
+    residuals, _ = linearized(problem, model)
     return np.nan_to_num((residuals**2).sum(axis=1), nan=np.inf)
 
 
-def _rotation_model(pairs: BearingPairs, rotation: RobustEstimate[Array]) -> MotionModel:
-    if rotation.state is None:
-        return MotionModel("no overlap", rotation.reason)
-    turned = pairs.a[rotation.inliers] @ rotation.state.T
+def _squares_of_best(problem: Any, options: RansacOptions) -> Array:
+    """Return the squared residuals (N,) of the model of least truncated cost; inf if there is none."""
+    order = np.random.default_rng(options.seed).permutation(len(problem[0]))
+    found = ransac(permuted(problem, order), THRESHOLDS[2], options)
+    return _squares(problem, found.model)
+
+
+def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> tuple[MotionModel, RobustEstimate]:
+    """Return the rotation that explains the pairs best, and its motion model: "no overlap" if there is none."""
+    from omnisight.twoview._alignment_problems_kernel import RotationProblem
+
+    rotation = estimate_robustly(
+        lambda scale: RotationProblem.of(pairs.scaled(scale)), is_scale_known=pairs.is_noise_known, options=options
+    )
+    if rotation.model is None:
+        return MotionModel("no overlap", rotation.reason), rotation
+    turned = pairs.a[rotation.inliers] @ rotation.model[:, :3].T
     chord = np.linalg.norm(turned - pairs.b[rotation.inliers], axis=1)
-    parallax, noise = np.degrees(np.median(chord)), np.degrees(np.sqrt(np.median(pairs.variance)))
-    return MotionModel("rotation only", f"median parallax {parallax:.3f}°, noise {noise:.3f}° (1σ)")
+    parallax, noise = np.degrees(np.median(chord)), rotation.scale * np.degrees(np.sqrt(np.median(pairs.variance)))
+    return MotionModel("rotation only", f"median parallax {parallax:.3f}°, noise {noise:.3f}° (1σ)"), rotation
 
 
-def _planar_or_general(pose: Pose, covariance: Array) -> MotionModel:
+def _planar_or_general(model: Array, covariance: Array) -> MotionModel:
     """Return whether the translation is perpendicular to the axis of rotation, with the angle."""
-    angle = so3.log(pose.rotation)
+    angle = so3.log(model[:, :3])
     turn = float(np.linalg.norm(angle))
     turn_sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
     if turn <= 3 * turn_sigma:
         return MotionModel("general", f"rotation {np.degrees(turn):.2f}° ± {np.degrees(turn_sigma):.2f}°")
     axis = angle / turn
-    sine = float(axis @ pose.translation)
+    sine = float(axis @ model[:, 3])
     # An error w of the rotation turns its axis by about w/turn, perpendicular to it.
-    gradient = np.concatenate([(pose.translation - sine * axis) / turn, axis])
+    gradient = np.concatenate([(model[:, 3] - sine * axis) / turn, axis])
     sigma = float(np.degrees(np.sqrt(gradient @ covariance @ gradient)))
     out_of_plane = float(np.degrees(np.arcsin(np.clip(sine, -1, 1))))
     figure = f"translation {out_of_plane:.2f}° ± {sigma:.2f}° out of the plane of rotation"

@@ -1,7 +1,6 @@
 """Relative pose of two cameras from matched bearings, some of which are wrong."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,8 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
-from omnisight.twoview.bearing_pairs import BearingPairs, BearingPairsProblem, isotropic_variance
-from omnisight.twoview.epipolar import epipolar_residuals, is_behind
+from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, select_motion
 
 Array = NDArray[np.float64]
@@ -92,27 +90,30 @@ def relative_pose(
 
 def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacOptions()) -> RelativePose:
     """Estimate the relative pose of pairs of bearings; see `relative_pose`."""
-    found = estimate_robustly(RelativePoseProblem(pairs), options)
-    covariance = np.full((6, 6), np.nan)
-    if found.state is not None:
+    from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
+
+    found = estimate_robustly(
+        lambda scale: RelativePoseProblem.of(pairs.scaled(scale)), is_scale_known=pairs.is_noise_known, options=options
+    )
+    pose, covariance = None, np.full((6, 6), np.nan)
+    if found.model is not None:
         pairs = replace(pairs.scaled(found.scale), is_noise_known=True)
-        basis = tangent_basis(found.state)
+        pose = Pose(found.model[:, :3].copy(), found.model[:, 3].copy())
+        basis = tangent_basis(pose)
         covariance = basis @ found.covariance @ basis.T
     motion, rotation = select_motion(pairs, found, covariance, options)
-    if rotation is not None and rotation.state is not None:
-        return _rotation_only(pairs, rotation, motion)
+    if rotation is not None and rotation.model is not None:
+        return _rotation_only(pairs, rotation.model, rotation, motion)
     sigma = _sigma_deg(pairs)
-    return RelativePose(
-        found.state, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason
-    )
+    return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
 
 
-def _rotation_only(pairs: BearingPairs, rotation: RobustEstimate[Array], motion: MotionModel) -> RelativePose:
+def _rotation_only(pairs: BearingPairs, model: Array, rotation: RobustEstimate, motion: MotionModel) -> RelativePose:
     """Return the relative pose of cameras in one place."""
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = rotation.covariance
     sigma = rotation.scale * _sigma_deg(pairs)
-    pose = Pose(np.asarray(rotation.state, float))
+    pose = Pose(model[:, :3].copy())
     return RelativePose(pose, covariance, rotation.inliers, motion, sigma, rotation.score, rotation.iterations)
 
 
@@ -120,44 +121,11 @@ def _sigma_deg(pairs: BearingPairs) -> float:
     return float(np.degrees(np.sqrt(pairs.variance.mean() / 2))) if len(pairs) else float("nan")
 
 
-@dataclass(frozen=True, eq=False)
-class RelativePoseProblem(BearingPairsProblem):
-    """The relative pose of two cameras as a problem of `estimate_robustly`; a step is that of `tangent_basis`."""
-
-    sample_size = 5
-    max_solutions = 10
-    dimension = 1
-
-    def compiled(self, order: NDArray[np.intp]) -> Any:
-        """Return the problem with isotropic variances."""
-        from omnisight.twoview._relative_pose_kernel import CompiledRelativePose
-
-        pairs = self.pairs
-        variances = isotropic_variance(pairs.covariance_a), isotropic_variance(pairs.covariance_b)
-        return CompiledRelativePose(*(np.ascontiguousarray(rows[order]) for rows in (pairs.a, pairs.b, *variances)))
-
-    def state(self, model: Array) -> Pose:
-        """Return [R | t] as a pose."""
-        return Pose(model[:, :3], model[:, 3])
-
-    def linearize(self, state: Pose) -> tuple[Array, Array]:
-        """Return the epipolar residuals (N, 1) and Jacobians (N, 1, 5)."""
-        residuals, jacobian = epipolar_residuals(self.pairs, state)
-        residuals[is_behind(self.pairs, state)] = np.nan
-        return residuals[:, None], (jacobian @ tangent_basis(state))[:, None]
-
-    def feature(self, state: Pose) -> Array:
-        """Return the squared chords (N,) of the parallax: unrelated bearings have a large one."""
-        return ((self.pairs.a @ state.rotation.T - self.pairs.b) ** 2).sum(1)
-
-    def retract(self, state: Pose, step: Array) -> Pose:
-        """Move a pose, and keep its translation of unit length."""
-        moved = state.moved(tangent_basis(state) @ step)
-        return Pose(moved.rotation, moved.translation / np.linalg.norm(moved.translation))
-
-
 def tangent_basis(pose: Pose) -> Array:
-    """Return the steps (6, 5) of a pose that keep the length of its translation: rotations and two translations."""
+    """Return the steps (6, 5) of a pose that keep the length of its translation: rotations and two translations.
+
+    They are those of `_relative_pose_kernel`.
+    """
     t = pose.translation
     first = np.cross(t, np.eye(3)[np.abs(t).argmin()])
     first /= np.linalg.norm(first)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances, whitening
+from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances
 
 Array = NDArray[np.float64]
 
@@ -125,7 +125,10 @@ def _world_rays(
 
 
 def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) -> Array:
-    """Return the maps (V, N, 2, 3) of chords in the camera frames to components of unit variance."""
+    """Return the maps (V, N, 2, 3) of chords in the camera frames to two components of unit variance.
+
+    With a covariance V diag(v) V^T and v_1 = 0 along the bearing, these are the other columns of V over sqrt(v).
+    """
     views, count = bearings.shape[:2]
     flat = bearings.reshape(-1, 3)
     if covariance is not None:
@@ -133,7 +136,9 @@ def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) 
         if given.shape != (views, count, 3, 3):
             raise ValueError(f"covariance must have the shape ({views}, {count}, 3, 3), got {given.shape}")
         covariance = np.where(np.isfinite(given), given, np.eye(3)).reshape(-1, 3, 3)
-    return whitening(flat, tangent_covariances(flat, covariance, sigma_deg)).reshape(views, count, 2, 3)
+    variances, axes = np.linalg.eigh(tangent_covariances(flat, covariance, sigma_deg))
+    maps = np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]
+    return maps.reshape(views, count, 2, 3)
 
 
 def _scale(cost: Array, count: NDArray[np.intp]) -> float:

@@ -1,0 +1,146 @@
+"""Compiled maximum likelihood with outliers: residuals are a mixture of a Gaussian and outliers of known density."""
+
+# Compiled code takes its types from its arguments.
+# pyright: basic
+
+import numpy as np
+
+from omnisight.compiled import njit_driver, njit_helper
+from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
+
+# Rounds of expectation and maximization. They end when a step, in units of its standard deviation, is below the
+# tolerance, and the scale changes by less than this fraction.
+MAX_ROUNDS, TOLERANCE = 50, 1e-3
+# Smallest scale of the noise: residuals of exact correspondences are rounding.
+MIN_SCALE = 1e-6
+# Inliers and outliers that are added to those of a neighbourhood, so that no share is 0 or 1.
+PSEUDO_COUNT = 0.5
+
+
+@njit_driver
+def fit_mixture(problem, model, outlier_density, is_scale_known):
+    """Estimate a model, and the scale of its residuals unless it is known, by expectation maximization.
+
+    Each round takes one Gauss-Newton step (A. Dempster, N. Laird, D. Rubin, Maximum likelihood from incomplete data via
+    the EM algorithm, 1977).
+
+    Parameters
+    ----------
+    problem
+        A problem of `_robust_problem_kernel`.
+    model
+        (3, 4), close to the solution.
+    outlier_density
+        Density of the residual of an outlier near zero.
+    is_scale_known
+        Whether the standard deviation of the inliers' residuals is 1.
+
+    Returns
+    -------
+    model
+        (3, 4).
+    probability
+        (N,), that each observation is an inlier.
+    scale
+        Standard deviation of the inliers' residuals.
+    information
+        (P, P), the observed information of a step: what is unknown about which observations are inliers is subtracted
+        (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982).
+    """
+    _, _, dimension, parameters = sizes(problem)
+    count, model, scale = len(problem[0]), model.copy(), 1.0
+    residuals, jacobians = np.empty((count, dimension)), np.empty((count, dimension, parameters))
+    squares, probability, share = np.empty(count), np.empty(count), np.full(count, 0.5)
+    gradient, information = np.empty(parameters), np.empty((parameters, parameters))
+    _linearize_all(problem, model, residuals, jacobians, squares)
+    for _ in range(MAX_ROUNDS):
+        _fill_probability(squares, dimension, scale, share, outlier_density, probability)
+        _fill_share(problem, model, probability, share)
+        _fill_normal_equations(residuals, jacobians, probability, gradient, information)
+        step = -np.linalg.lstsq(information, gradient)[0]
+        retract(problem, model, step)
+        _linearize_all(problem, model, residuals, jacobians, squares)
+        before = scale
+        if not is_scale_known:
+            scale = _scale(squares, dimension, probability, parameters)
+        is_small_step = (step * (information @ step)).sum() <= (TOLERANCE * scale) ** 2
+        if is_small_step and abs(scale - before) <= TOLERANCE * before:
+            break
+    _fill_probability(squares, dimension, scale, share, outlier_density, probability)
+    known = np.zeros(count)
+    for i in range(count):
+        if probability[i] > 0.0:
+            unknown = (1.0 - probability[i]) * squares[i] / (scale**2 * dimension)
+            known[i] = probability[i] * (1.0 - unknown) / scale**2
+    _fill_normal_equations(residuals, jacobians, known, gradient, information)
+    return model, probability, scale, information
+
+
+@njit_helper
+def _linearize_all(problem, model, residuals, jacobians, squares):
+    """Fill residuals (N, D), derivatives (N, D, P) and squared lengths (N,), inf where impossible."""
+    for i in range(len(squares)):
+        if linearize(problem, model, i, residuals[i], jacobians[i]):
+            squares[i] = (residuals[i] ** 2).sum()
+        else:
+            squares[i] = np.inf
+
+
+@njit_helper
+def _fill_probability(squares, dimension, scale, share, outlier_density, probability):
+    """Fill the posterior probability (N,) of the Gaussian component."""
+    normalization = (np.sqrt(2.0 * np.pi) * scale) ** dimension
+    for i in range(len(squares)):
+        inlier = (1.0 - share[i]) * np.exp(-0.5 * squares[i] / scale**2) / normalization
+        probability[i] = inlier / (inlier + share[i] * outlier_density)
+
+
+@njit_helper
+def _fill_share(problem, model, probability, share):
+    """Fill the share of outliers (N,) among the other observations with a similar feature, all if it is constant."""
+    count = len(probability)
+    features = np.empty(count)
+    for i in range(count):
+        features[i] = feature(problem, model, i)
+    is_constant = features.min() == features.max()
+    order = np.argsort(features)
+    half = count if is_constant else int(np.ceil(np.sqrt(count)))
+    total = np.zeros(count + 1)
+    for k in range(count):
+        total[k + 1] = total[k] + probability[order[k]]
+    for k in range(count):
+        i, first, last = order[k], max(k - half, 0), min(k + half + 1, count)
+        others = last - first - 1.0
+        inliers = total[last] - total[first] - probability[i]
+        share[i] = (others - inliers + PSEUDO_COUNT) / (others + 2.0 * PSEUDO_COUNT)
+
+
+@njit_helper
+def _fill_normal_equations(residuals, jacobians, weights, gradient, information):
+    """Fill the gradient (P,) and J^T W J (P, P) of weighted residuals."""
+    gradient[:] = 0.0
+    information[:] = 0.0
+    count, dimension, parameters = jacobians.shape
+    for i in range(count):
+        if weights[i] == 0.0:
+            continue
+        for d in range(dimension):
+            for r in range(parameters):
+                weighted = weights[i] * jacobians[i, d, r]
+                gradient[r] += weighted * residuals[i, d]
+                for c in range(r + 1):
+                    information[r, c] += weighted * jacobians[i, d, c]
+    for r in range(parameters):
+        for c in range(r):
+            information[c, r] = information[r, c]
+
+
+@njit_helper
+def _scale(squares, dimension, probability, parameters):
+    """Return the standard deviation of the residuals of inliers, corrected for the fitted parameters."""
+    total = 0.0
+    for i in range(len(squares)):
+        if np.isfinite(squares[i]):  # a step can make an inlier impossible
+            total += probability[i] * squares[i]
+    freedom = dimension * probability.sum() - parameters
+    return max(np.sqrt(total / max(freedom, 1.0)), MIN_SCALE)
