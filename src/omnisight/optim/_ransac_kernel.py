@@ -27,8 +27,8 @@ PROMISING_GAIN = 0.95
 MIN_ITERATIONS = 50
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
-# Gauss-Newton steps per round.
-LOCAL_STEPS = 2
+# Observations of the rounds before the last one, per parameter of the model (Lebeda et al. limit them to 7 inliers).
+LOCAL_OBSERVATIONS = 30
 
 
 @njit_driver
@@ -123,13 +123,15 @@ def _score(problem, model, count, threshold, limit, share, chance):
 @njit_helper
 def _locally_optimized(problem, model, count, threshold):
     """Return a model refined with a threshold that shrinks to the final one, and its truncated cost."""
+    _, _, _, parameters = sizes(problem)
     model, weights = model.copy(), np.empty(count)
     for k in range(LOCAL_ROUNDS):
         width = threshold * LOCAL_WIDENING ** (1.0 - k / (LOCAL_ROUNDS - 1.0))
-        for i in range(count):
+        used = count if k == LOCAL_ROUNDS - 1 else min(count, LOCAL_OBSERVATIONS * parameters)
+        for i in range(used):
             error = squared_error(problem, model, i, i)
             weights[i] = (1.0 - error / width) ** 2 if error < width else 0.0
-        _refine(problem, model, weights)
+        _refine(problem, model, weights[:used])
     score = 0.0
     for i in range(count):
         score += min(squared_error(problem, model, i, i), threshold)
@@ -138,23 +140,20 @@ def _locally_optimized(problem, model, count, threshold):
 
 @njit_helper
 def _refine(problem, model, weights):
-    """Take Gauss-Newton steps on the weighted residuals, in place."""
+    """Take a Gauss-Newton step on the weighted residuals of the first observations, in place."""
     _, _, dimension, parameters = sizes(problem)
     residual, jacobian = np.empty(dimension), np.empty((dimension, parameters))
-    gradient, hessian = np.empty(parameters), np.empty((parameters, parameters))
-    for _ in range(LOCAL_STEPS):
-        gradient[:] = 0.0
-        hessian[:] = 0.0
-        for i in range(len(weights)):
-            if weights[i] == 0.0 or not linearize(problem, model, i, residual, jacobian):
-                continue
-            for d in range(dimension):
-                for r in range(parameters):
-                    weighted = weights[i] * jacobian[d, r]
-                    gradient[r] -= weighted * residual[d]
-                    for c in range(r + 1):
-                        hessian[r, c] += weighted * jacobian[d, c]
-        retract(problem, model, solve_symmetric(hessian, gradient))
+    gradient, hessian = np.zeros(parameters), np.zeros((parameters, parameters))
+    for i in range(len(weights)):
+        if weights[i] == 0.0 or not linearize(problem, model, i, residual, jacobian):
+            continue
+        for d in range(dimension):
+            for r in range(parameters):
+                weighted = weights[i] * jacobian[d, r]
+                gradient[r] -= weighted * residual[d]
+                for c in range(r + 1):
+                    hessian[r, c] += weighted * jacobian[d, c]
+    retract(problem, model, solve_symmetric(hessian, gradient))
 
 
 @njit_helper

@@ -23,9 +23,12 @@ MIN_PARALLAX_RATIO = 3.0
 MAX_DIRECTION_SIGMA_DEG = 10.0
 # Quantile 0.999 of a chi-squared variable of three degrees of freedom.
 MAX_TRANSLATION_GAIN = 16.27
-# Samples of two and four pairs: 500 contain one of inliers only, with 99 % probability, if 10 % of the pairs agree with
-# a rotation, and 31 % of the inliers of the relative pose with a plane.
+# Samples of two pairs: 500 contain one of inliers only, with 99 % probability, if 10 % of the pairs agree with a
+# rotation.
 MAX_ITERATIONS = 500
+# A plane or a rotation has a lower criterion than the general motion only if about three quarters of the inliers agree
+# with it: one of so many samples of four is then of these only, up to a chance of 1e-8.
+MAX_COMPETING_ITERATIONS = 50
 # A motion is planar if its translation is perpendicular to the axis of rotation within so many standard deviations, and
 # these are small enough to reveal another one.
 PLANAR_SIGMA, MAX_PLANAR_SIGMA_DEG = 2.0, 1.0
@@ -71,7 +74,6 @@ def select_motion(
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
-    options = replace(options, max_iterations=MAX_ITERATIONS)
     if general.model is None:
         return _rotation_model(pairs, options)
     inliers = pairs[general.inliers]
@@ -153,6 +155,7 @@ def _squares(problem: Any, model: Array) -> Array:
 def _squares_of_best(problem: Any, options: RansacOptions) -> Array:
     """Return the squared residuals (N,) of the model of least truncated cost; inf if there is none."""
     order = np.random.default_rng(options.seed).permutation(len(problem[0]))
+    options = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
     found = ransac(permuted(problem, order), THRESHOLDS[2], options)
     return _squares(problem, found.model)
 
@@ -162,7 +165,9 @@ def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> tuple[Motion
     from omnisight.twoview._alignment_problems_kernel import RotationProblem
 
     rotation = estimate_robustly(
-        lambda scale: RotationProblem.of(pairs.scaled(scale)), is_scale_known=pairs.is_noise_known, options=options
+        lambda scale: RotationProblem.of(pairs.scaled(scale)),
+        is_scale_known=pairs.is_noise_known,
+        options=replace(options, max_iterations=MAX_ITERATIONS),
     )
     if rotation.model is None:
         return MotionModel("no overlap", rotation.reason), rotation
