@@ -56,14 +56,14 @@ class AbsolutePoseProblem(NamedTuple):
 
     @staticmethod
     def squared_error(problem, model, i, j):
-        (x, y, z), _ = _direction(model, times(model, problem.points[i]))
+        (x, y, z), _ = direction(times(model, problem.points[i]), model[:, 3])
         b = problem.bearings[j]
         return ((x - b[0]) ** 2 + (y - b[1]) ** 2 + (z - b[2]) ** 2) / problem.variance[j]
 
     @staticmethod
     def linearize(problem, model, i, residual, jacobian):
         rotated, b, covariance = times(model, problem.points[i]), problem.bearings[i], problem.covariance[i]
-        p, inverse = _direction(model, rotated)
+        p, inverse = direction(rotated, model[:, 3])
         if dot(p, b) <= 0.0:
             return False
         first, second = perpendiculars(b)
@@ -75,22 +75,15 @@ class AbsolutePoseProblem(NamedTuple):
             quadratic_form(covariance, second, second),
         )
         for k in range(2):
-            axis = axes[k]
-            residual[k] = dot(axis, (p[0] - b[0], p[1] - b[1], p[2] - b[2]))
-            # dp = (I - p p^T)(w x (R X) + v)/|R X + t|.
-            along = dot(axis, p)
-            row = (
-                inverse * (axis[0] - along * p[0]),
-                inverse * (axis[1] - along * p[1]),
-                inverse * (axis[2] - along * p[2]),
-            )
-            jacobian[k, 0], jacobian[k, 1], jacobian[k, 2] = cross(rotated, row)
-            jacobian[k, 3], jacobian[k, 4], jacobian[k, 5] = row
+            residual[k] = dot(axes[k], (p[0] - b[0], p[1] - b[1], p[2] - b[2]))
+            by_w, by_v = derivatives_along(axes[k], p, inverse, rotated)
+            jacobian[k, 0], jacobian[k, 1], jacobian[k, 2] = by_w
+            jacobian[k, 3], jacobian[k, 4], jacobian[k, 5] = by_v
         return True
 
     @staticmethod
     def feature(problem, model, i):
-        _, inverse = _direction(model, times(model, problem.points[i]))
+        _, inverse = direction(times(model, problem.points[i]), model[:, 3])
         return 1.0 / inverse
 
     @staticmethod
@@ -99,8 +92,16 @@ class AbsolutePoseProblem(NamedTuple):
 
 
 @njit_helper
-def _direction(model, rotated):
-    """Return the direction of R X + t, and 1/|R X + t|."""
-    x, y, z = rotated[0] + model[0, 3], rotated[1] + model[1, 3], rotated[2] + model[2, 3]
+def direction(rotated, translation):
+    """Return the direction p of R X + t, given R X, and 1/|R X + t|."""
+    x, y, z = rotated[0] + translation[0], rotated[1] + translation[1], rotated[2] + translation[2]
     inverse = 1.0 / max(np.sqrt(x * x + y * y + z * z), 1e-300)
     return (x * inverse, y * inverse, z * inverse), inverse
+
+
+@njit_helper
+def derivatives_along(axis, p, inverse, rotated):
+    """Return the derivatives of axis . p by a step (w, v) of the pose: dp = (I - p p^T)(w x (R X) + v)/|R X + t|."""
+    along = dot(axis, p)
+    by_v = inverse * (axis[0] - along * p[0]), inverse * (axis[1] - along * p[1]), inverse * (axis[2] - along * p[2])
+    return cross(rotated, by_v), by_v
