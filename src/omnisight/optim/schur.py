@@ -43,19 +43,16 @@ class GroupedNormal:
     def assemble(cls, d_shared: Array, d_local: Array, residuals: Array, groups: Sequence[slice]) -> Self:
         """Assemble residuals (N, R) with Jacobians (N, R, P) and (N, R, L); each group has one slice of rows."""
         count, size = d_shared.shape[-1], d_local.shape[-1]
-        shared, shared_gradient = np.zeros((count, count)), np.zeros(count)
-        cross = np.zeros((len(groups), count, size))
-        local = np.zeros((len(groups), size, size))
-        local_gradient = np.zeros((len(groups), size))
-        for i, rows in enumerate(groups):
-            r = residuals[rows].ravel()
-            a, b = d_shared[rows].reshape(len(r), count), d_local[rows].reshape(len(r), size)
-            shared += a.T @ a
-            shared_gradient += a.T @ r
-            cross[i] = a.T @ b
-            local[i] = b.T @ b
-            local_gradient[i] = b.T @ r
-        return cls(shared, cross, local, shared_gradient, local_gradient)
+        rows = np.concatenate([d_shared, d_local, residuals[..., None]], -1)
+        stacked = rows.reshape(-1, rows.shape[-1])
+        total = stacked[:, :count].T @ stacked
+        # One product (P + L, L + 1) per row, summed over the rows of a group: faster than a loop over small matrices.
+        products = np.swapaxes(rows[..., :-1], -1, -2) @ rows[..., count:]
+        none = np.zeros((0, count + size, size + 1))
+        summed = np.stack([products[group].sum(0) for group in groups]) if groups else none
+        return cls(
+            total[:, :count], summed[:, :count, :-1], summed[:, count:, :-1], total[:, -1], summed[:, count:, -1]
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.lines.camera_hypotheses import OUTLIER_PX, is_plausible, rank_hypotheses, truncated_cost
-from omnisight.calibration.lines.line_conics import fit_circle
 from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.plumb_line import PlumbLineState, fit_line_planes, line_sigma, refine_plumb_lines
 from omnisight.models import CameraModel
@@ -143,15 +142,14 @@ def _is_straight(state: PlumbLineState, arcs: PixelChains) -> NDArray[np.bool_]:
     and have none, curves deviate to one side. The typical bend, weighted towards long arcs, is the model's own error.
     """
     rms = arcs.rms_by_chain(state.distances(arcs))
-    circle_rms = np.array([np.sqrt((fit_circle(arc).distance(arc) ** 2).mean()) for arc in arcs.split()])
-    bend = np.sqrt(np.maximum(rms**2 - circle_rms**2, 0.0))
+    bend = np.sqrt(np.maximum(rms**2 - arcs.circle_rms**2, 0.0))
     is_close = rms < INLIER_PX
     if not is_close.any():
         return is_close
     order = np.argsort(bend)
     weight = np.cumsum(np.where(is_close, arcs.arc_lengths**2, 0.0)[order])
     typical_bend = float(bend[order][np.searchsorted(weight, weight[-1] / 2)])
-    noise = BEND_SIGMAS * circle_rms / np.sqrt(arcs.counts)
+    noise = BEND_SIGMAS * arcs.circle_rms / np.sqrt(arcs.counts)
     return is_close & (bend < np.maximum(max(BEND_RATIO * typical_bend, MIN_BEND_PX), noise))
 
 

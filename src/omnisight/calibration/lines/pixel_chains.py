@@ -2,11 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from omnisight.calibration.lines.line_conics import fit_circle
 
 Array = NDArray[np.float64]
 
@@ -63,26 +66,31 @@ class PixelChains:
         """Return the number of chains."""
         return len(self.groups)
 
-    @property
+    @cached_property
     def starts(self) -> NDArray[np.intp]:
         """(L,) first row of each chain."""
         return np.array([g.start for g in self.groups], np.intp)
 
-    @property
+    @cached_property
     def counts(self) -> NDArray[np.intp]:
         """(L,) number of pixels of each chain."""
         return np.array([g.stop - g.start for g in self.groups], np.intp)
 
-    @property
+    @cached_property
     def chain_of_pixel(self) -> NDArray[np.intp]:
         """(N,) chain index of each pixel."""
         return np.repeat(np.arange(len(self)), self.counts)
 
-    @property
+    @cached_property
     def arc_lengths(self) -> Array:
         """(L,) length of each chain, px."""
         steps = np.linalg.norm(np.diff(self.pixels, axis=0, append=np.nan), axis=1)
         return np.array([steps[g.start : g.stop - 1].sum() for g in self.groups])
+
+    @cached_property
+    def circle_rms(self) -> Array:
+        """(L,) root mean square distance (px) of each chain from its circle."""
+        return np.array([np.sqrt((fit_circle(chain).distance(chain) ** 2).mean()) for chain in self.split()])
 
     def longest_first(self) -> NDArray[np.intp]:
         """Return the chain indices (L,) in order of decreasing arc length."""
