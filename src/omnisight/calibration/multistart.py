@@ -24,6 +24,7 @@ from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.models import CameraModel, Projector, model_class
 from omnisight.models._camera_model import VariantFit
 from omnisight.models._fit import refine as refine_on_pairs
+from omnisight.optim.tolerances import COARSE_TOLERANCE, COMPARISON_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -36,20 +37,19 @@ HALTON_BASES = (2, 3, 5, 7, 11, 13, 17, 19)
 ROUNDS = ((300, 10), (600, 12), (1000, 40))
 # Distinct local minima that are refined on all corners.
 SURVIVORS = 3
-# Relative decrease of the cost per step. Outliers can be nearly all of the cost, so local minima differ by little.
-TOLERANCE = 1e-8
 # Bearing-pixel pairs of the initial camera that a model, and a drawn start, are fitted to.
 FIT_PAIRS, SAMPLE_PAIRS = 600, 250
-# Steps and relative tolerance of the fit of a drawn start: it only has to reach the valley of its sample.
-SAMPLE_STEPS, SAMPLE_TOLERANCE = 20, 1e-6
+# Steps of the fit of a drawn start: it only has to reach the valley of its sample.
+SAMPLE_STEPS = 20
 # Rms difference (px) from the initial camera above which a drawn start is rejected.
 MAX_START_RMS_PX = 4.0
 # Cameras whose focal lengths and principal points differ by less (px) are in the same local minimum.
 SAME_MINIMUM_PX = 1.0
 # A state whose median residual exceeds the lowest by this factor, and px, fits the inliers worse, whatever its cost.
 MAX_MEDIAN_RATIO, MEDIAN_MARGIN_PX = 2.0, 1e-3
-# Starts drawn from the posterior of an optimum at the edge of its domain, where steps end at a kink of the cost.
-POSTERIOR_SAMPLES = 8
+# Starts drawn from the posterior of an optimum at the edge of its domain, where steps end at a kink of the cost, and
+# the steps after which only the lowest ones are refined further.
+POSTERIOR_SAMPLES, POSTERIOR_STEPS = 8, 10
 # Angles from the axis, and around it, at which the initial camera is sampled, and how far past the corners: a model
 # fitted to less could fold right outside them.
 GRID, MARGIN = 16, 1.05
@@ -111,8 +111,9 @@ def _search(
     best = lowest_cost([_refine(state, observations, free) for state in finalists], observations)
     if not best.model.near_folds and not np.isnan(best.residuals(observations)).any():
         return best
-    samples = _sample_posterior(best, free, observations)
-    return lowest_cost([best, *(_refine(state, observations, free) for state in samples)], observations)
+    samples = [_refine(s, observations, free, POSTERIOR_STEPS) for s in _sample_posterior(best, free, observations)]
+    lowest = _by_cost(samples, observations)[:SURVIVORS]
+    return lowest_cost([best, *(_refine(state, observations, free) for state in lowest)], observations)
 
 
 def _halve(
@@ -136,7 +137,7 @@ def _halve(
 
 
 def _refine(state: State, observations: Observations, free: FreeParameters, steps: int = MAX_ITERATIONS) -> State:
-    return refine(state, observations, free_parameters=free, iterations=steps, tolerance=TOLERANCE).state
+    return refine(state, observations, free_parameters=free, iterations=steps, tolerance=COMPARISON_TOLERANCE).state
 
 
 def lowest_cost(states: Sequence[State], observations: Observations) -> State:
@@ -202,7 +203,7 @@ def _sample_starts(
     bearings, pixels = _thinned(bearings, pixels, SAMPLE_PAIRS)
     for sample, held in _draw(first, fixed):
         start = (sample, bearings, pixels, (*constant, *held))
-        model, cost = refine_on_pairs(*start, iterations=SAMPLE_STEPS, tolerance=SAMPLE_TOLERANCE)
+        model, cost = refine_on_pairs(*start, iterations=SAMPLE_STEPS, tolerance=COARSE_TOLERANCE)
         if cost < 0.5 * len(pixels) * MAX_START_RMS_PX**2:
             yield Start(replace(initial, model=model), held)
 
