@@ -51,16 +51,26 @@ def board_across_the_edge(name, depth=2.0):
 @pytest.mark.parametrize("name", FOLDING)
 def test_cost_is_continuous_where_corners_leave_the_domain(name):
     state, observations, bundle = board_across_the_edge(name)
-    costs, visible = list[float](), set[int]()
-    for along in np.linspace(-2, 2, 4001):
-        step = np.zeros(bundle.free_parameters.count + 6)
-        step[-3:] = along * state.rotations[0, :, 0]
-        moved = bundle.move(state, step)
-        costs.append(bundle.cost(moved))
-        visible.add(int(np.isfinite(moved.residuals(observations)).all(1).sum()))
-    assert len(visible) > 4
-    # A constant cost outside the domain would make a jump of 5 * 100 per corner.
-    assert np.abs(np.diff(costs)).max() < 20
+    direction = np.zeros(bundle.free_parameters.count + 6)
+    direction[-3:] = state.rotations[0, :, 0]
+
+    def visible(along):
+        return int(np.isfinite(bundle.move(state, along * direction).residuals(observations)).all(1).sum())
+
+    def cost(along):
+        return bundle.cost(bundle.move(state, along * direction))
+
+    positions = np.linspace(-2, 2, 81)
+    counts = [visible(along) for along in positions]
+    changes = np.flatnonzero(np.diff(counts))
+    assert len(changes) >= 4
+    for low, high in zip(positions[changes], positions[changes + 1], strict=True):
+        count = visible(low)
+        while high - low > 1e-7:  # bisect to where a corner leaves
+            middle = (low + high) / 2
+            low, high = (middle, high) if visible(middle) == count else (low, middle)
+        # A constant cost outside the domain would make a jump of 5 * 100 per corner.
+        assert abs(cost(high) - cost(low)) < 0.1
 
 
 def cost_gradients(state, bundle):
