@@ -18,8 +18,9 @@ from omnisight.models.equidistant import Equidistant
 
 # Degrees of the polynomial that a calibration compares.
 CALIBRATED_DEGREES = (3, 4, 5, 6)
-# Terms of the polynomial in tan(theta/2) that starts the projection.
-START_TERMS = 12
+# Terms of the polynomial that starts the projection, and the k of its variable t/(k + t), t = tan(theta/2), which is
+# finite up to 180 degrees. With this k the largest error is 1e-6 to 5e-3 of the radius, with k near 0 or infinity 0.5.
+START_TERMS, START_SCALE = 12, 3.0
 # Largest radius of a polynomial that never folds, in focal lengths.
 MAX_RADIUS_FOCALS = 8.0
 
@@ -93,14 +94,14 @@ class Ocam(ProfileCamera):
 
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
-        t = s / (1.0 + c) * m.t_scale  # tan(theta/2), 1 at the rim
-        past = t > 1.0
-        t = where(t < 1.0, t, 1.0)
-        r = 0.0 * t
+        q = s / (START_SCALE * (1.0 + c) + s) * m.q_scale  # 1 at the rim
+        past = q > 1.0
+        q = where(q < 1.0, q, 1.0)
+        r = 0.0 * q
         for i in range(len(m.start) - 1, -1, -1):
-            r = r * t + m.start[i]
-        r = r * t
-        low, high = 0.0 * t, m.r_max * (1.0 + 1e-9) + 0.0 * t
+            r = r * q + m.start[i]
+        r = r * q
+        low, high = 0.0 * q, m.r_max * (1.0 + 1e-9) + 0.0 * q
         r, low, high, step = radius_newton_step(m, r, low, high, s, c)
         if max_iterations is None:
             # Unrolled, so that the compiled loop over the points vectorizes.
@@ -130,12 +131,13 @@ class Ocam(ProfileCamera):
         f = np.polynomial.polynomial.polyval(r, self.polynomial)
         n = np.hypot(r, f)
         t = np.where(f > 0, r / np.where(f > 0, n + f, 1.0), (n - f) / r)  # tan(theta/2), the sum without cancellation
-        q = t / t[-1]
+        q = t / (START_SCALE + t)
+        q_max, q = q[-1], q / q[-1]
         start = np.linalg.lstsq(q[:, None] ** np.arange(START_TERMS), r / q, rcond=None)[0]
         return {
             **super().projection_constants(),
             "r_max": radius,
-            "t_scale": 1 / float(t[-1]),
+            "q_scale": 1 / float(q_max),
             "start": tuple(map(float, start)),
         }
 
