@@ -28,9 +28,9 @@ HELD_OUT = {
 
 
 @cache
-def calibrate_folder(folder):
+def calibrate_folder(folder, model="auto"):
     """Return the calibration from a folder of images."""
-    return om.calibrate(folder)
+    return om.calibrate(folder, om.CalibrateOptions(model=model))
 
 
 def rms(lengths):
@@ -39,7 +39,8 @@ def rms(lengths):
 
 @pytest.mark.parametrize("name", HELD_OUT)
 def test_camera_of_the_even_images_fits_the_odd_images(data, name):
-    views = calibrate_folder(data(name)).observations
+    # The corners depend on the initial camera, not on the model.
+    views = calibrate_folder(data(name), "kannala_brandt").observations
     even, odd = np.arange(0, len(views), 2), np.arange(1, len(views), 2)
     calibration = calibrate(views.subset(even))
     held_out = views.subset(odd)
