@@ -43,7 +43,7 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, 
         (("--square", "30"), "the length '30' has no unit: write 30mm for millimetres"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
         (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in, um"),
-        (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: auto, cylindrical"),
+        (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: auto, cassini"),
     ],
 )
 def test_invalid_option_is_reported_before_any_image_is_read(refuses, shots, monkeypatch, options, message):

@@ -152,6 +152,7 @@ def unrolled(height):
 
 
 PLANE = {
+    "cassini": lambda p, x, y, z: (mp.atan2(x, norm(y, z)), mp.atan2(y, z)),
     "cylindrical": unrolled(lambda y, q: y / q),
     "division": division,
     "double_sphere": double_sphere,
