@@ -8,6 +8,7 @@ import numpy as np
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.report.drawings.next_view import draw_proposal
+from omnisight.report.drawings.stereo import draw_distances, draw_rectified
 from omnisight.simulation import (
     DEMO_BOARD,
     BoardInScene,
@@ -30,6 +31,7 @@ def main() -> None:
     om.write_image(ASSETS / "mirror.jpg", mirror())
     om.write_image(ASSETS / "next.jpg", next_view())
     write_small(ASSETS / "simulate.jpg", rendered(), 72)
+    write_small(ASSETS / "stereo.jpg", stereo(), 80)
 
 
 def hero() -> np.ndarray:
@@ -96,6 +98,16 @@ def rendered() -> np.ndarray:
     width = min(row.shape[1] for row in rows)
     result = below(below(*(row[:, :width] for row in rows[:2])), rows[2][:, :width])
     return shrink(result, round(1600 * result.shape[0] / width))
+
+
+def stereo() -> np.ndarray:
+    """Return a rectified pair of fisheye images beside the distances in the left image."""
+    setup, right_from_left = fisheye_setup(960), om.Pose(exp([0.0, 0.03, 0.02]), np.array([-0.12, 0.0, 0.0]))
+    poses = setup.world_from_cam, setup.world_from_cam @ right_from_left.inverse()
+    left, right = (Renderer(setup.camera, pose, theta=setup.theta)().image for pose in poses)
+    rig = om.Rig.from_sensors({"left": (setup.camera, om.Pose()), "right": (setup.camera, right_from_left)})
+    result = om.stereo(left, right, rig)
+    return beside(shrink(draw_rectified(result), 620), shrink(draw_distances(result), 620))
 
 
 def disc(image: np.ndarray) -> np.ndarray:

@@ -44,8 +44,11 @@ from omnisight.pipeline.options import DetectOptions as DetectOptions
 from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
 from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions
 from omnisight.pipeline.options import SourceOptions as SourceOptions
+from omnisight.pipeline.options import StereoOptions as StereoOptions
 from omnisight.pipeline.simulate import SimulateOptions as SimulateOptions
 from omnisight.pipeline.simulate import simulate as simulate
+from omnisight.pipeline.stereo import StereoResult as StereoResult
+from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
 from omnisight.ray_camera import RayCamera as RayCamera
@@ -60,6 +63,8 @@ from omnisight.twoview.absolute_pose import AbsolutePose as AbsolutePose
 from omnisight.twoview.absolute_pose import resect as resect
 from omnisight.twoview.epipolar_curves import epipolar_curve as epipolar_curve
 from omnisight.twoview.epipolar_curves import epipoles as epipoles
+from omnisight.twoview.rectification import Rectification as Rectification
+from omnisight.twoview.rectification import rectify as rectify
 from omnisight.twoview.relative_pose import RelativePose as RelativePose
 from omnisight.twoview.relative_pose import relative_pose as relative_pose
 from omnisight.twoview.triangulation import Triangulation as Triangulation

@@ -19,6 +19,7 @@ FUNCTIONS = {
     "evaluate": om.evaluate,
     "next": om.next_view,
     "simulate": om.simulate,
+    "stereo": om.stereo,
     "view": om.view,
 }
 # Fields that are positional arguments of their command.

@@ -78,7 +78,7 @@ def detect_features(
     if mask is not None:
         _check_size("mask", mask, camera)
     gray = to_gray8(image)
-    valid = _illuminated_region(gray, camera)
+    valid = illuminated_region(gray, camera)
     detector = DETECTORS[options.kind]
     views = tangent_views(camera) if options.surface == "views" else whole_image(camera)
     found = [_detect_in_view(view, gray, valid, detector, options.max_keypoints) for view in views]
@@ -116,8 +116,11 @@ def _distance_to_invalid(valid: Mask) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1], np.float32)
 
 
-def _illuminated_region(gray: NDArray[np.uint8], camera: Camera) -> Mask:
-    """Return which pixels (H, W) show the scene."""
+def illuminated_region(gray: NDArray[np.uint8], camera: Camera) -> Mask:
+    """Return which pixels (H, W) show the scene.
+
+    They are in the calibrated field of view of the camera, or, if it is unknown, in the image circle that is detected.
+    """
     valid = valid_region(camera)
     if camera.theta_max is None and camera.model.period is None:
         valid = valid & estimate_image_field([gray]).contains(pixel_grid(camera))

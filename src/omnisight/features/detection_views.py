@@ -11,6 +11,7 @@ from omnisight.geometry.rotation import look
 from omnisight.models.stereographic import Stereographic
 from omnisight.views import Remapper
 from omnisight.views.cube import CUBE_FACES
+from omnisight.views.maps import resolution
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -139,12 +140,6 @@ def tangent_views(camera: Camera) -> list[DetectionView]:
         if len(seen):
             views.append(TangentView(camera, rotation, seen))
     return views or whole_image(camera)  # a camera that sees nothing has no keypoints
-
-
-def resolution(camera: Camera, bearings: Array) -> Array:
-    """Return the pixels per radian (N,) at bearings (N, 3), in the direction with the fewest."""
-    _, _, d_point, _ = camera.model.project_with_jacobians(bearings)
-    return np.asarray(np.linalg.svd(d_point, compute_uv=False)[:, -1], float)
 
 
 @lru_cache(maxsize=4)

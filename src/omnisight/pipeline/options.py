@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 # Each proposal assumes that all earlier ones were taken as planned.
 MAX_PROPOSALS = 20
+# Above, the parallax is less than three times its standard deviation, and the error of a distance is not symmetric.
+MAX_RELATIVE_SIGMA = 0.33
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,3 +225,42 @@ class EpipolarOptions:
     scale_camera: bool = False
     apply_exif: bool = False
     seed: int = 0
+
+
+@dataclass(frozen=True)
+class StereoOptions:
+    """Options of `stereo`.
+
+    Attributes
+    ----------
+    cameras
+        Names of the left and the right camera in the rig, such as front,rear; needed if the rig has more than two.
+    min_distance
+        Smallest distance of the scene, in the unit of the rig; by default three baselines. A smaller one takes more
+        time. Nearer objects have no or wrong distances.
+    max_sigma
+        Largest standard deviation of a distance, relative to it; pixels with a larger one have no distance.
+    mask_left
+        Image that is white where pixels are used (in a PBM file: 1).
+    mask_right
+        Mask of the right image.
+    scale_camera
+        Scale the cameras, if the images were resized after the calibration.
+    apply_exif
+        Rotate images by their EXIF orientation.
+    seed
+        Seed of the random search for the pose that checks the rig.
+    """
+
+    cameras: str | None = None
+    min_distance: float | None = None
+    max_sigma: float = 0.1
+    mask_left: Path | None = None
+    mask_right: Path | None = None
+    scale_camera: bool = False
+    apply_exif: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.max_sigma <= MAX_RELATIVE_SIGMA:
+            raise ValueError(f"max_sigma is {self.max_sigma:g}; choose a value above 0 and up to {MAX_RELATIVE_SIGMA}")

@@ -41,6 +41,12 @@ def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array
     return mask
 
 
+def resolution(camera: Camera, bearings: Array) -> Array:
+    """Return the pixels per radian (N,) at bearings (N, 3), in the direction with the fewest."""
+    _, _, d_point, _ = camera.model.project_with_jacobians(bearings)
+    return np.asarray(np.linalg.svd(d_point, compute_uv=False)[:, -1], float)
+
+
 def map_scale(source: Camera, u: Floats, v: Floats, step: int = 1) -> Floats:
     """Return how many source pixels a view pixel spans in its denser direction, at every `step`-th pixel; or NaN.
 

@@ -1,0 +1,75 @@
+"""Report of `omnisight stereo`."""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnisight.pipeline.stereo import StereoResult
+from omnisight.pipeline.stereo_files import MAX_UINT16
+
+
+def print_json(result: StereoResult, steps: float) -> None:
+    """Print the result as one JSON object."""
+    check, view = result.check, result.rectification.camera
+    data: dict[str, Any] = {
+        "baseline": result.rectification.baseline,
+        "rectified_size": list(view.size),
+        "max_disparity": result.rectification.max_disparity,
+        "matches": check.matches,
+        "inliers": check.inliers,
+        "row_difference": {"px": check.row_px, "deg": check.row_deg} if check.inliers else None,
+        "rotation_from_rig_deg": check.rotation_deg if check.inliers else None,
+        "share": result.share if result else 0.0,
+        "distance": None,
+        "relative_sigma": None,
+        "steps": steps,
+        "seconds": round(result.seconds, 3),
+        "warning": check.warning,
+        "reason": result.reason,
+    }
+    if result:
+        low, median, high = _quantiles(result)
+        data["distance"] = {"low": low, "median": median, "high": high}
+        data["relative_sigma"] = _relative_sigma(result)
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_warnings(result: StereoResult, too_far: int, steps: float) -> None:
+    """Print warnings to stderr."""
+    if result.check.warning:
+        print(f"omnisight: warning: {result.check.warning}", file=sys.stderr)
+    if too_far:
+        print(
+            f"omnisight: warning: {too_far} distances are larger than {MAX_UINT16 / steps:g} and are 0 in the 16-bit"
+            f" image: use fewer --steps than {steps:g}, or -o with .npy",
+            file=sys.stderr,
+        )
+
+
+def print_report(result: StereoResult, written: Sequence[Path]) -> None:
+    """Print the check of the rectification, the distances and the files written."""
+    check, rectification = result.check, result.rectification
+    width, height = rectification.camera.size
+    low, median, high = _quantiles(result)
+    print(f"baseline   {rectification.baseline:.4g}, rectified to {width}x{height}")
+    print(f"disparity  up to {rectification.max_disparity} px")
+    print(f"rows       {check.row_px:.2f} px, {check.row_deg:.3f}° (median difference of {check.inliers} matches)")
+    print(f"rotation   {check.rotation_deg:.3f}° ± {check.rotation_sigma_deg:.3f}° from that of the rig")
+    print(f"distance   {low:.3g} to {high:.3g}, median {median:.3g} ± {_relative_sigma(result):.1%}")
+    print(f"share      {result.share:.1%} of the left image has a distance")
+    print(f"written    {', '.join(str(path) for path in written) or 'nothing'}")
+
+
+def _quantiles(result: StereoResult) -> tuple[float, float, float]:
+    """Return the 1 %, 50 % and 99 % quantiles of the distances."""
+    low, median, high = np.quantile(result.distance[result.known], [0.01, 0.5, 0.99])
+    return float(low), float(median), float(high)
+
+
+def _relative_sigma(result: StereoResult) -> float:
+    """Return the median of the standard deviation relative to the distance."""
+    return float(np.median(result.sigma[result.known] / result.distance[result.known]))
