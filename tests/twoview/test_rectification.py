@@ -210,6 +210,19 @@ def test_disparities_have_no_seam_and_none_where_a_camera_sees_nothing():
     assert np.nanmax(np.abs(disparity[[0, 1, -2, -1]])) <= 0.25
 
 
+def test_pixels_without_texture_have_no_disparity():
+    rectification = om.rectify((SPHERE, SPHERE), POSES["sideways"], 1.0)
+    image = noise_sphere()
+    image[100:] = 128
+    image += np.random.default_rng(0).integers(0, 3, image.shape, np.uint8)
+    (a, seen_a), (b, seen_b) = (rectification.remap(image, which) for which in (0, 1))
+    known = np.isfinite(match_rows(rectification, (a, b), (seen_a, seen_b)))
+    bearings = rectification.camera.unproject(np.stack(np.meshgrid(*map(np.arange, known.shape[::-1])), -1))[0]
+    down = (bearings @ rectification.rectified_from_a)[..., 1]
+    assert known[down < -0.1].mean() > 0.7
+    assert known[down > 0.1].mean() < 0.05
+
+
 @pytest.fixture(scope="module")
 def room():
     return scene_named("room")
