@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 import omnisight as om
 from omnisight.cache import cache_folder
 from omnisight.features import Keypoints, Matches
-from omnisight.features.detection_views import resolution
 from omnisight.geometry import rotation as so3
 from omnisight.simulation import CameraSetup, Renderer, Scene, fisheye_setup, mirror_setup, scene_named
+from omnisight.views.maps import resolution
 
 Array = NDArray[np.float64]
 
@@ -77,18 +77,30 @@ class Pair:
 
 
 @cache
+def free_region(scene: str) -> tuple[Array, Array]:
+    """Return the lower and upper corner of the region of a scene without objects."""
+    low, high = np.array(_scene(scene).free)
+    return low, high
+
+
+@cache
 def _scene(name: str) -> Scene:
     return scene_named(name)
 
 
 def shoot(scene: str, setup: CameraSetup, baseline: float, turn: str) -> Shot:
     """Render an image from a place on the diagonal of the scene's free region, or read it from the cache."""
-    low, high = np.array(_scene(scene).free)
+    low, high = free_region(scene)
     along = (high - low) / np.linalg.norm(high - low)
     rotation = setup.world_from_cam.rotation @ so3.exp(np.radians(TURNS[turn]))
-    pose = om.Pose(rotation, low + 0.05 * (high - low) + baseline * along)
-    renderer = Renderer(setup.camera, pose, _scene(scene), theta=setup.theta)
-    key = repr((scene, setup.camera.model, setup.camera.size, setup.theta, pose.rotation.tolist(), baseline))
+    return shoot_at(scene, setup, om.Pose(rotation, low + 0.05 * (high - low) + baseline * along))
+
+
+def shoot_at(scene: str, setup: CameraSetup, world_from_cam: om.Pose) -> Shot:
+    """Render an image from a pose, or read it from the cache."""
+    renderer = Renderer(setup.camera, world_from_cam, _scene(scene), theta=setup.theta)
+    pose = world_from_cam.rotation.tolist(), world_from_cam.translation.tolist()
+    key = repr((scene, setup.camera.model, setup.camera.size, setup.theta, pose))
     path = _folder() / f"{hashlib.sha256(key.encode()).hexdigest()[:16]}.png"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
