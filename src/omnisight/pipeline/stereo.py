@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 # Smallest distance by default, in baselines: the largest parallax is then 19 degrees.
 MIN_DISTANCE_BASELINES = 3.0
-# Standard deviation of disparities, px: on rendered pairs 0.13 (room, fisheyes) to 0.23 (fisheye and mirror).
+# Standard deviation of disparities, px: on rendered pairs 0.13 (room, 360 images) to 0.27 (street, fisheye and mirror).
 DISPARITY_SIGMA_PX = 0.2
 # Median row difference above which blocks do not match, and error of disparities that makes distances wrong, px.
 MAX_ROW_DIFFERENCE_PX, MAX_ROTATION_PX = 1.0, 1.0

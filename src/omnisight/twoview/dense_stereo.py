@@ -25,7 +25,7 @@ SPECKLE_PIXELS, SPECKLE_STEP_PX = 100, 2
 # gradient and of the interpolation, and the fading edge of an image circle.
 EDGE_PX = 6
 # Standard deviation of a disparity by the gradients of the block, px, above which it has no texture: without this limit
-# two to three times as many pixels of a rendered sky have a distance, and 1 to 3 % more of the other pixels.
+# two to three times as many pixels of a rendered sky have a distance, and 0 to 12 % more of the others.
 MAX_BLOCK_SIGMA_PX = 0.25
 # Standard deviation of the noise of an image of integers.
 ROUNDING_SIGMA = 12**-0.5
