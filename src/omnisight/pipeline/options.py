@@ -205,7 +205,7 @@ class EpipolarOptions:
     name_b
         Name of the camera of the second image; by default that of the first.
     features
-        Kind of the keypoints: sift is accurate, orb is fast.
+        Kind of the keypoints: sift is accurate, orb is fast, xfeat is learned and needs `omnisight[learned]`.
     max_keypoints
         Number of keypoints per image; the strongest are used.
     scale_camera
@@ -220,7 +220,7 @@ class EpipolarOptions:
     mask_b: Path | None = None
     name: str | None = None
     name_b: str | None = None
-    features: Literal["sift", "orb"] = "sift"
+    features: Literal["sift", "orb", "xfeat"] = "sift"
     max_keypoints: int = 4000
     scale_camera: bool = False
     apply_exif: bool = False
