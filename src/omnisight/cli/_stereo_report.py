@@ -32,7 +32,7 @@ def print_json(result: StereoResult, steps: float) -> None:
         "reason": result.reason,
     }
     if result:
-        low, median, high = _quantiles(result)
+        low, median, high = result.quantiles
         data["distance"] = {"low": low, "median": median, "high": high}
         data["relative_sigma"] = _relative_sigma(result)
     print(json.dumps(data, indent=2, allow_nan=False))
@@ -54,7 +54,7 @@ def print_report(result: StereoResult, written: Sequence[Path]) -> None:
     """Print the check of the rectification, the distances and the files written."""
     check, rectification = result.check, result.rectification
     width, height = rectification.camera.size
-    low, median, high = _quantiles(result)
+    low, median, high = result.quantiles
     print(f"baseline   {rectification.baseline:.4g}, rectified to {width}x{height}")
     print(f"disparity  up to {rectification.max_disparity} px")
     print(f"rows       {check.row_px:.2f} px, {check.row_deg:.3f}° (median difference of {check.inliers} matches)")
@@ -62,12 +62,6 @@ def print_report(result: StereoResult, written: Sequence[Path]) -> None:
     print(f"distance   {low:.3g} to {high:.3g}, median {median:.3g} ± {_relative_sigma(result):.1%}")
     print(f"share      {result.share:.1%} of the left image has a distance")
     print(f"written    {', '.join(str(path) for path in written) or 'nothing'}")
-
-
-def _quantiles(result: StereoResult) -> tuple[float, float, float]:
-    """Return the 1 %, 50 % and 99 % quantiles of the distances."""
-    low, median, high = np.quantile(result.distance[result.known], [0.01, 0.5, 0.99])
-    return float(low), float(median), float(high)
 
 
 def _relative_sigma(result: StereoResult) -> float:

@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,42 +11,18 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features
 from omnisight.geometry.pose import Pose
-from omnisight.images import read_image, read_mask
+from omnisight.images import read_mask
 from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.central_camera import central_camera, fit_camera
 from omnisight.pipeline.options import EpipolarOptions
+from omnisight.pipeline.photo import MIN_KEYPOINTS, ImageSource, Photo, read_source
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, largest_sigma_deg
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
 from omnisight.views import sphere
 
 Array = NDArray[np.float64]
-ImageSource = str | PathLike[str] | NDArray[Any]
 CameraSource = Camera | str | PathLike[str]
-
-# Keypoints below which an image has no texture: a pose needs at least eight matches.
-MIN_KEYPOINTS = 8
-
-
-class Photo(NamedTuple):
-    """An image and its camera.
-
-    Attributes
-    ----------
-    label
-        Name of the image in messages.
-    image
-        (H, W), (H, W, 3) or (H, W, 4).
-    camera
-        The camera, of the size of the image.
-    mask
-        (H, W), where keypoints are wanted; None everywhere.
-    """
-
-    label: str
-    image: NDArray[Any]
-    camera: Camera
-    mask: NDArray[np.bool_] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,10 +191,7 @@ def _load_photos(
 def _load_photo(
     source: ImageSource, default_label: str, camera: CameraSource | None, name: str | None, options: EpipolarOptions
 ) -> Photo:
-    if isinstance(source, np.ndarray):
-        label, image = default_label, source
-    else:
-        label, image = str(source), read_image(Path(source), apply_exif=options.apply_exif)
+    label, image = read_source(source, default_label, options.apply_exif)
     size = image.shape[1], image.shape[0]
     if camera is None:
         if size[0] != 2 * size[1]:

@@ -14,8 +14,8 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
-from omnisight.pipeline.epipolar import MIN_KEYPOINTS, ImageSource, Photo
 from omnisight.pipeline.options import StereoOptions
+from omnisight.pipeline.photo import MIN_KEYPOINTS, ImageSource, Photo
 from omnisight.pipeline.stereo_rig import RigSource, load_pair
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.dense_stereo import DenseStereo, dense_stereo
@@ -137,6 +137,12 @@ class StereoResult:
     def known(self) -> NDArray[np.bool_]:
         """Which pixels (H, W) of the left image have a distance."""
         return np.isfinite(self.distance)
+
+    @cached_property
+    def quantiles(self) -> tuple[float, float, float]:
+        """The 1 %, 50 % and 99 % quantiles of the distances."""
+        low, median, high = np.quantile(self.distance[self.known], [0.01, 0.5, 0.99])
+        return float(low), float(median), float(high)
 
     @property
     def share(self) -> float:

@@ -4,16 +4,15 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
-from omnisight.images import read_image, read_mask
+from omnisight.images import read_mask
 from omnisight.pipeline.central_camera import fit_camera
-from omnisight.pipeline.epipolar import ImageSource, Photo
 from omnisight.pipeline.options import StereoOptions
+from omnisight.pipeline.photo import ImageSource, Photo, read_source
 from omnisight.rig import Rig
 
 RigSource = Rig | str | PathLike[str]
@@ -74,10 +73,7 @@ def _central(rig: Rig, index: int, label: str) -> Camera:
 
 def _photo(source: ImageSource, side: str, camera: Camera, mask: Path | None, options: StereoOptions) -> Photo:
     """Return an image with its camera, scaled on request, and its mask."""
-    if isinstance(source, np.ndarray):
-        label, image = f"{side} image", source
-    else:
-        label, image = str(source), read_image(Path(source), apply_exif=options.apply_exif)
+    label, image = read_source(source, f"{side} image", options.apply_exif)
     size = image.shape[1], image.shape[0]
     camera = fit_camera(camera, size, label, scale=options.scale_camera)
     allowed: NDArray[Any] | None = None if mask is None else read_mask(mask, size)

@@ -56,8 +56,7 @@ def draw_distances(result: StereoResult) -> NDArray[np.uint8]:
     """
     if not result:
         raise ValueError(f"there are no distances to draw: {result.reason}")
-    known = result.distance[result.known]
-    low, high = (float(value) for value in np.quantile(known, [0.01, 0.99]))
+    low, _, high = result.quantiles
     with np.errstate(invalid="ignore"):
         nearness = 1 - np.log(result.distance / low) / np.log(max(high / low, 1.001))
     drawn = _viridis(nearness)
