@@ -18,6 +18,8 @@ KEYS = [
     "inliers",
     "motion",
     "b_from_a",
+    "alternative",
+    "probability",
     "sigma_deg",
     "parallax_deg",
     "median_residual_deg",

@@ -28,6 +28,25 @@ class Plane(Scene):
         return np.where(along > 0.1, 3 / along, np.nan)[:, None]
 
 
+class Wall(Scene):
+    """A wall ahead, and motion by 40° from its normal."""
+
+    def motion(self, rng):
+        azimuth = rng.uniform(0, 2 * np.pi)
+        t = [np.sin(0.7) * np.cos(azimuth), np.sin(0.7) * np.sin(azimuth), -np.cos(0.7)]
+        return om.Pose(exp(rng.normal(size=3) * 0.05), np.array(t))
+
+    def distances(self, rng, bearings):
+        return 4 / bearings[:, 2:]
+
+
+class RoughWall(Wall):
+    """A wall and, for every eighth bearing, points in front of it."""
+
+    def distances(self, rng, bearings):
+        return super().distances(rng, bearings) * np.where(rng.random((len(bearings), 1)) < 0.12, 0.6, 1)
+
+
 class Far(Scene):
     """Points at 120 to 600 baselines, whose parallax is a few times the noise."""
 
@@ -61,6 +80,42 @@ def test_a_rotation_has_no_translation_and_a_true_covariance():
         covariances.append(found.covariance[:3, :3])
     # The mean of 100 chi-squared variables of three degrees of freedom has the standard deviation 0.08.
     assert 0.76 < normalized_squares(steps, covariances, 3).mean() < 1.24
+
+
+@pytest.mark.parametrize("fov_deg", [60, 190])
+@pytest.mark.parametrize("outliers", [0.0, 0.6])
+def test_the_pose_in_front_of_a_plane_has_a_true_covariance(fov_deg, outliers):
+    steps, covariances = [], []
+    for seed in range(100):
+        a, b, pose, _ = Plane(fov_deg, outliers).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.05)
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+    # The mean of 100 chi-squared variables of five degrees of freedom has the standard deviation 0.063.
+    assert 0.81 < normalized_squares(steps, covariances, 5).mean() < 1.19
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.4])
+def test_a_wall_has_two_motions_which_other_points_decide(outliers):
+    """A wall straight ahead is in front of both cameras for both motions of its homography."""
+    steps, covariances, is_first = [], [], []
+    for seed in range(60):
+        a, b, pose, _ = Wall(60, outliers).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.05)
+        assert found.motion.name == "dominant plane"
+        assert found.alternative is not None
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+        errors = [np.linalg.norm(step_between(p, pose)[:3]) for p in (found.b_from_a, found.alternative)]
+        assert min(errors) < np.radians(1)
+        is_first.append(errors[0] < errors[1])
+    assert 15 < sum(is_first) < 45
+    assert 0.6 < normalized_squares(steps, covariances, 5).mean() < 1.4
+    for seed in range(10):
+        a, b, pose, _ = RoughWall(60, outliers).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.05)
+        assert found.alternative is None
+        assert np.linalg.norm(step_between(found.b_from_a, pose)[:3]) < np.radians(1)
 
 
 def test_identical_bearings_are_a_rotation_by_zero():

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from omnisight.geometry.pose import Pose
 from omnisight.pipeline.epipolar import EpipolarResult
 
 
@@ -16,11 +17,9 @@ def print_json(result: EpipolarResult) -> None:
         "matches": len(result.matches),
         "inliers": int(result.pose.inliers.sum()) if pose else 0,
         "motion": result.motion.name,
-        "b_from_a": pose
-        and {
-            "rotation_xyzw": Rotation.from_matrix(pose.rotation).as_quat().tolist(),
-            "direction": pose.translation.tolist() if result.has_translation else None,
-        },
+        "b_from_a": pose and _pose(pose),
+        "alternative": pose and result.pose.alternative and _pose(result.pose.alternative),
+        "probability": result.pose.probability if pose else None,
         "sigma_deg": pose
         and {
             "rotation": result.sigma_rotation_deg,
@@ -32,6 +31,14 @@ def print_json(result: EpipolarResult) -> None:
         "reason": result.reason,
     }
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def _pose(pose: Pose) -> dict[str, list[float] | None]:
+    """Return the rotation and the direction of the translation."""
+    return {
+        "rotation_xyzw": Rotation.from_matrix(pose.rotation).as_quat().tolist(),
+        "direction": pose.translation.tolist() if pose.translation.any() else None,
+    }
 
 
 def print_report(result: EpipolarResult, written: Path | None) -> None:

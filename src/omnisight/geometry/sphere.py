@@ -17,6 +17,14 @@ def polar(theta: Array, phi: Array) -> Array:
     return np.stack([s * np.cos(phi), s * np.sin(phi), np.cos(theta)], -1)
 
 
+def tangent(start: Array, end: Array) -> Array:
+    """Return the tangent (3,) at a unit vector along the great circle to another; its length is the angle."""
+    across = end - (start @ end) * start
+    length = float(np.linalg.norm(across))
+    factor = float(np.arctan2(length, start @ end)) / length if length > 0 else 0.0
+    return np.asarray(factor * across, float)
+
+
 def cap(reach: float, rings: int) -> Array:
     """Return nearly uniformly distributed bearings (N, 3) up to an angle from the axis (radians)."""
     thetas = reach * (np.arange(rings) + 0.5) / rings

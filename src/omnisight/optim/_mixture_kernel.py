@@ -6,6 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
+from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
 
 # Rounds of expectation and maximization. They end when a step, in units of its standard deviation, is below the
@@ -18,7 +19,7 @@ PSEUDO_COUNT = 0.5
 
 
 @njit_driver
-def fit_mixture(problem, model, outlier_density, is_scale_known):
+def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     """Estimate a model, and the scale of its residuals unless it is known, by expectation maximization.
 
     Each round takes one Gauss-Newton step (A. Dempster, N. Laird, D. Rubin, Maximum likelihood from incomplete data via
@@ -34,6 +35,8 @@ def fit_mixture(problem, model, outlier_density, is_scale_known):
         Density of the residual of an outlier near zero.
     is_scale_known
         Whether the standard deviation of the inliers' residuals is 1.
+    prior
+        (P, P) information of a Gaussian prior about the given model; zero for none.
 
     Returns
     -------
@@ -46,19 +49,24 @@ def fit_mixture(problem, model, outlier_density, is_scale_known):
     information
         (P, P), the observed information of a step: what is unknown about which observations are inliers is subtracted
         (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982).
+    log_likelihood
+        Logarithm of the density of the residuals and of the prior, up to a constant.
     """
     _, _, dimension, parameters = sizes(problem)
     count, model, scale = len(problem[0]), model.copy(), 1.0
     residuals, jacobians = np.empty((count, dimension)), np.empty((count, dimension, parameters))
     squares, probability, share = np.empty(count), np.empty(count), np.full(count, 0.5)
     gradient, information = np.empty(parameters), np.empty((parameters, parameters))
+    offset = np.zeros(parameters)
     _linearize_all(problem, model, residuals, jacobians, squares)
     for _ in range(MAX_ROUNDS):
         _fill_probability(squares, dimension, scale, share, outlier_density, probability)
         _fill_share(problem, model, probability, share)
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
-        step = -np.linalg.lstsq(information, gradient)[0]
+        information += prior
+        step = -np.linalg.lstsq(information, gradient + prior @ offset)[0]
         retract(problem, model, step)
+        offset += step
         _linearize_all(problem, model, residuals, jacobians, squares)
         before = scale
         if not is_scale_known:
@@ -73,7 +81,8 @@ def fit_mixture(problem, model, outlier_density, is_scale_known):
             unknown = (1.0 - probability[i]) * squares[i] / (scale**2 * dimension)
             known[i] = probability[i] * (1.0 - unknown) / scale**2
     _fill_normal_equations(residuals, jacobians, known, gradient, information)
-    return model, probability, scale, information
+    log_likelihood = _log_likelihood(squares, dimension, scale, share, outlier_density) - 0.5 * offset @ prior @ offset
+    return model, probability, scale, information + prior, log_likelihood
 
 
 @njit_helper
@@ -89,10 +98,25 @@ def _linearize_all(problem, model, residuals, jacobians, squares):
 @njit_helper
 def _fill_probability(squares, dimension, scale, share, outlier_density, probability):
     """Fill the posterior probability (N,) of the Gaussian component."""
-    normalization = (np.sqrt(2.0 * np.pi) * scale) ** dimension
     for i in range(len(squares)):
-        inlier = (1.0 - share[i]) * np.exp(-0.5 * squares[i] / scale**2) / normalization
+        inlier = (1.0 - share[i]) * _gaussian(squares[i], dimension, scale)
         probability[i] = inlier / (inlier + share[i] * outlier_density)
+
+
+@njit_helper
+def _log_likelihood(squares, dimension, scale, share, outlier_density):
+    """Return the logarithm of the density of all residuals."""
+    total = 0.0
+    for i in range(len(squares)):
+        inlier = (1.0 - share[i]) * _gaussian(squares[i], dimension, scale)
+        total += np.log(inlier + share[i] * outlier_density)
+    return total
+
+
+@njit_helper
+def _gaussian(square, dimension, scale):
+    """Return the density of an inlier's residual of a squared length."""
+    return np.exp(-0.5 * square / scale**2) / (np.sqrt(2.0 * np.pi) * scale) ** dimension
 
 
 @njit_helper
@@ -120,17 +144,10 @@ def _fill_normal_equations(residuals, jacobians, weights, gradient, information)
     """Fill the gradient (P,) and J^T W J (P, P) of weighted residuals."""
     gradient[:] = 0.0
     information[:] = 0.0
-    count, dimension, parameters = jacobians.shape
-    for i in range(count):
-        if weights[i] == 0.0:
-            continue
-        for d in range(dimension):
-            for r in range(parameters):
-                weighted = weights[i] * jacobians[i, d, r]
-                gradient[r] += weighted * residuals[i, d]
-                for c in range(r + 1):
-                    information[r, c] += weighted * jacobians[i, d, c]
-    for r in range(parameters):
+    for i in range(len(weights)):
+        if weights[i] != 0.0:
+            add_observation(weights[i], residuals[i], jacobians[i], gradient, information)
+    for r in range(len(gradient)):
         for c in range(r):
             information[c, r] = information[r, c]
 

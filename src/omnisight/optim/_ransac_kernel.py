@@ -12,6 +12,7 @@ import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
 from omnisight.optim._cholesky_kernel import solve_symmetric
+from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import linearize, retract, sizes, solve_minimal, squared_error
 
 # The sequential test rejects a model as good as the best one with this probability.
@@ -143,17 +144,11 @@ def _refine(problem, model, weights):
     """Take a Gauss-Newton step on the weighted residuals of the first observations, in place."""
     _, _, dimension, parameters = sizes(problem)
     residual, jacobian = np.empty(dimension), np.empty((dimension, parameters))
-    gradient, hessian = np.zeros(parameters), np.zeros((parameters, parameters))
+    gradient, information = np.zeros(parameters), np.zeros((parameters, parameters))
     for i in range(len(weights)):
-        if weights[i] == 0.0 or not linearize(problem, model, i, residual, jacobian):
-            continue
-        for d in range(dimension):
-            for r in range(parameters):
-                weighted = weights[i] * jacobian[d, r]
-                gradient[r] -= weighted * residual[d]
-                for c in range(r + 1):
-                    hessian[r, c] += weighted * jacobian[d, c]
-    retract(problem, model, solve_symmetric(hessian, gradient))
+        if weights[i] > 0.0 and linearize(problem, model, i, residual, jacobian):
+            add_observation(weights[i], residual, jacobian, gradient, information)
+    retract(problem, model, solve_symmetric(information, -gradient))
 
 
 @njit_helper

@@ -75,7 +75,7 @@ def estimate_robustly(
     from omnisight.optim._mixture_kernel import fit_mixture
 
     problem = problem_of_scale(1.0)
-    count, (sample_size, _, dimension, _) = len(problem[0]), problem.sizes(problem)
+    count, (sample_size, _, dimension, parameters) = len(problem[0]), problem.sizes(problem)
     if count < sample_size + MIN_REDUNDANCY:
         return _failure(count, f"{count} correspondences, at least {sample_size + MIN_REDUNDANCY} are needed")
     order = np.random.default_rng(options.seed).permutation(count)
@@ -86,8 +86,9 @@ def estimate_robustly(
         iterations, searches = iterations + found.iterations, searches + 1
         if not np.isfinite(found.model).all():
             return _failure(count, "no model is consistent with a sample of the correspondences", iterations)
-        density = _outlier_density(problem, found.model, dimension)
-        model, probability, factor, information = fit_mixture(problem, found.model, density, is_scale_known)
+        density = outlier_density(problem, found.model)
+        fit = fit_mixture(problem, found.model, density, is_scale_known, np.zeros((parameters, parameters)))
+        model, probability, factor, information, _ = fit
         scale *= factor
         if factor > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
             break
@@ -99,8 +100,9 @@ def estimate_robustly(
     return RobustEstimate(None if reason else model, covariance, inliers, scale, found.score, iterations, reason)
 
 
-def _outlier_density(problem: Any, model: Array, dimension: int) -> float:
-    """Return the density of residuals of unrelated correspondences near zero."""
+def outlier_density(problem: Any, model: Array) -> float:
+    """Return the density near zero of the residuals of unrelated correspondences, over their standard deviations."""
+    dimension = problem.sizes(problem)[2]
     threshold = THRESHOLDS[dimension]
     volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
     return chance_probability(problem, model, threshold) / float(volume)

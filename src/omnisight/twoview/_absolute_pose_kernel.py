@@ -49,10 +49,7 @@ class AbsolutePoseProblem(NamedTuple):
 
     @staticmethod
     def solve_minimal(problem, sample, models):
-        points, bearings = np.empty((3, 3)), np.empty((3, 3))
-        for k in range(3):
-            points[k], bearings[k] = problem.points[sample[k]], problem.bearings[sample[k]]
-        return p3p(points, bearings, models)
+        return p3p(problem.points[sample], problem.bearings[sample], models)
 
     @staticmethod
     def squared_error(problem, model, i, j):

@@ -56,10 +56,7 @@ class RotationProblem(NamedTuple):
 
     @staticmethod
     def solve_minimal(problem, sample, models):
-        a, b = np.empty((2, 3)), np.empty((2, 3))
-        for k in range(2):
-            a[k], b[k] = problem.a[sample[k]], problem.b[sample[k]]
-        return two_point_rotation(a, b, models)
+        return two_point_rotation(problem.a[sample], problem.b[sample], models)
 
     @staticmethod
     def squared_error(problem, model, i, j):
@@ -72,15 +69,8 @@ class RotationProblem(NamedTuple):
         if dot(p, b) <= 0.0:
             return False
         first, second = perpendiculars(b)
-        first_in_a, second_in_a = transposed_times(model, first), transposed_times(model, second)
-        cov_a, cov_b = problem.covariance_a[i], problem.covariance_b[i]
-        axes = whitened(
-            first,
-            second,
-            quadratic_form(cov_b, first, first) + quadratic_form(cov_a, first_in_a, first_in_a),
-            quadratic_form(cov_b, first, second) + quadratic_form(cov_a, first_in_a, second_in_a),
-            quadratic_form(cov_b, second, second) + quadratic_form(cov_a, second_in_a, second_in_a),
-        )
+        in_a = transposed_times(model, first), transposed_times(model, second)
+        axes = _whitened_tangents(problem.covariance_b[i], first, second, problem.covariance_a[i], in_a)
         for k in range(2):
             residual[k] = dot(axes[k], (p[0] - b[0], p[1] - b[1], p[2] - b[2]))
             jacobian[k, 0], jacobian[k, 1], jacobian[k, 2] = cross(p, axes[k])  # p changes by w x p
@@ -98,56 +88,70 @@ class RotationProblem(NamedTuple):
 
 
 class HomographyProblem(NamedTuple):
-    """Pairs of bearings (N, 3) of points on a plane, with variances (N,) of each bearing along any direction.
+    """Pairs of bearings of points on a plane; a step changes all elements of H but the largest.
 
-    A step changes all elements of H but the largest.
+    Attributes
+    ----------
+    a, b
+        (N, 3) unit bearings.
+    covariance_a, covariance_b
+        (N, 3, 3) covariances of the bearings, square radians.
+    variance_a, variance_b
+        (N,) mean variances of the bearings along any tangent direction, square radians.
     """
 
     a: Any
     b: Any
+    covariance_a: Any
+    covariance_b: Any
     variance_a: Any
     variance_b: Any
 
     @classmethod
     def of(cls, pairs: BearingPairs) -> "HomographyProblem":
-        arrays = pairs.a, pairs.b, *map(isotropic_variance, (pairs.covariance_a, pairs.covariance_b))
+        covariances = pairs.covariance_a, pairs.covariance_b
+        arrays = pairs.a, pairs.b, *covariances, *map(isotropic_variance, covariances)
         return cls(*map(np.ascontiguousarray, arrays))
 
     @staticmethod
     def sizes(problem):
-        return 4, 1, 3, 8
+        return 4, 1, 2, 8
 
     @staticmethod
     def solve_minimal(problem, sample, models):
-        a, b, homographies = np.empty((4, 3)), np.empty((4, 3)), np.empty((1, 3, 3))
-        for k in range(4):
-            a[k], b[k] = problem.a[sample[k]], problem.b[sample[k]]
-        count = four_point_homography(a, b, homographies)
+        homographies = np.empty((1, 3, 3))
+        count = four_point_homography(problem.a[sample], problem.b[sample], homographies)
         models[0, :, :3] = homographies[0]
         models[0, :, 3] = 0.0
         return count
 
     @staticmethod
     def squared_error(problem, model, i, j):
-        direction, inverse = _direction(model, problem.a[i])
+        p, inverse = _direction(model, problem.a[i])
         b = problem.b[j]
-        chord = (direction[0] - b[0]) ** 2 + (direction[1] - b[1]) ** 2 + (direction[2] - b[2]) ** 2
-        return chord / _variance(problem, model, inverse, i, j)
+        chord = (p[0] - b[0]) ** 2 + (p[1] - b[1]) ** 2 + (p[2] - b[2]) ** 2
+        # The map of directions magnifies areas by |det H|/|H a|^3.
+        magnification = abs(dot(model[0], cross(model[1], model[2]))) * inverse**3
+        return chord / (problem.variance_b[j] + magnification * problem.variance_a[i])
 
     @staticmethod
     def linearize(problem, model, i, residual, jacobian):
         a, b = problem.a[i], problem.b[i]
         p, inverse = _direction(model, a)
-        scale, largest = 1.0 / np.sqrt(_variance(problem, model, inverse, i, i)), _largest(model)
-        for k in range(3):
-            residual[k] = scale * (p[k] - b[k])
-            column = 0
-            for m in range(3):
-                by_row = scale * inverse * ((1.0 if k == m else 0.0) - p[k] * p[m])
-                for n in range(3):
-                    if 3 * m + n != largest:
-                        jacobian[k, column] = by_row * a[n]
-                        column += 1
+        if dot(p, b) <= 0.0:
+            return False
+        first, second = perpendiculars(b)
+        first_by_x, second_by_x = _direction_gradient(p, inverse, first), _direction_gradient(p, inverse, second)
+        in_a = transposed_times(model, first_by_x), transposed_times(model, second_by_x)
+        axes = _whitened_tangents(problem.covariance_b[i], first, second, problem.covariance_a[i], in_a)
+        largest = _largest(model)
+        for k in range(2):
+            residual[k] = dot(axes[k], p)
+            by_x, column = _direction_gradient(p, inverse, axes[k]), 0
+            for element in range(9):
+                if element != largest:
+                    jacobian[k, column] = by_x[element // 3] * a[element % 3]
+                    column += 1
         return True
 
     @staticmethod
@@ -162,6 +166,18 @@ class HomographyProblem(NamedTuple):
                 model[element // 3, element % 3] += step[column]
                 column += 1
         model /= np.sqrt((model**2).sum() / 3.0)
+
+
+@njit_helper
+def _whitened_tangents(covariance_b, first, second, covariance_a, in_a):
+    """Return vectors in frame b along which the sum of both noises is white, given two tangents in both frames."""
+    return whitened(
+        first,
+        second,
+        quadratic_form(covariance_b, first, first) + quadratic_form(covariance_a, in_a[0], in_a[0]),
+        quadratic_form(covariance_b, first, second) + quadratic_form(covariance_a, in_a[0], in_a[1]),
+        quadratic_form(covariance_b, second, second) + quadratic_form(covariance_a, in_a[1], in_a[1]),
+    )
 
 
 @njit_helper
@@ -183,7 +199,7 @@ def _direction(model, a):
 
 
 @njit_helper
-def _variance(problem, model, inverse, i, j):
-    """Return the variance of a chord; the map of directions magnifies areas by |det H|/|H a|^3."""
-    magnification = abs(dot(model[0], cross(model[1], model[2]))) * inverse**3
-    return problem.variance_b[j] + magnification * problem.variance_a[i]
+def _direction_gradient(p, inverse, axis):
+    """Return the derivative of axis . x/|x| by x, given the direction p of x and 1/|x|."""
+    along = dot(axis, p)
+    return inverse * (axis[0] - along * p[0]), inverse * (axis[1] - along * p[1]), inverse * (axis[2] - along * p[2])

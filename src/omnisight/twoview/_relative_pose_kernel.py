@@ -64,10 +64,7 @@ class RelativePoseProblem(NamedTuple):
 
     @staticmethod
     def solve_minimal(problem, sample, models):
-        a, b = np.empty((5, 3)), np.empty((5, 3))
-        for k in range(5):
-            a[k], b[k] = problem.a[sample[k]], problem.b[sample[k]]
-        return five_point(a, b, models)
+        return five_point(problem.a[sample], problem.b[sample], models)
 
     @staticmethod
     def squared_error(problem, model, i, j):

@@ -68,8 +68,8 @@ class BearingPairs:
         """Return the number of pairs."""
         return len(self.a)
 
-    def __getitem__(self, use: NDArray[np.bool_]) -> "BearingPairs":
-        """Return the pairs of a mask (N,)."""
+    def __getitem__(self, use: NDArray[np.bool_] | NDArray[np.intp]) -> "BearingPairs":
+        """Return the pairs of a mask (N,) or of indices."""
         return replace(
             self,
             a=self.a[use],

@@ -91,12 +91,12 @@ def select_motion(
             return motion, rotation
     if ratio < MIN_PARALLAX_RATIO:
         return MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"), None
-    sigma = largest_sigma_deg(covariance[3:, 3:])
-    if not sigma <= MAX_DIRECTION_SIGMA_DEG:
-        return MotionModel("insufficient parallax", f"direction of the translation known to {sigma:.1f}° (1σ)"), None
     if criteria["dominant plane"] < criteria["general"]:
         share = np.mean(squares["dominant plane"] <= THRESHOLDS[2])
         return MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None
+    sigma = largest_sigma_deg(covariance[3:, 3:])
+    if not sigma <= MAX_DIRECTION_SIGMA_DEG:
+        return MotionModel("insufficient parallax", f"direction of the translation known to {sigma:.1f}° (1σ)"), None
     return _planar_or_general(general.model, covariance), None
 
 

@@ -5,11 +5,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.geometry import rotation as so3
+from omnisight.geometry import sphere
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, select_motion
+from omnisight.twoview.plane_motion import PlaneMotion, plane_motions, tangent_basis
 
 Array = NDArray[np.float64]
 
@@ -36,6 +39,11 @@ class RelativePose:
         Number of samples drawn.
     reason : str
         Why no pose was found; empty otherwise.
+    alternative : Pose or None
+        Second pose that explains the pairs, if most points are on a plane: a plane has two motions. `covariance` is
+        then that of both, weighted by their probabilities, about `b_from_a`.
+    probability : float
+        Probability of `b_from_a`, if there is an alternative.
     """
 
     b_from_a: Pose | None
@@ -46,6 +54,8 @@ class RelativePose:
     score: float
     iterations: int
     reason: str = ""
+    alternative: Pose | None = None
+    probability: float = 1.0
 
     def __bool__(self) -> bool:
         """Return whether a pose was found."""
@@ -65,7 +75,8 @@ def relative_pose(
     LO-RANSAC with Nister's five-point solver finds the inliers; the pose is then the maximum-likelihood estimate under
     a mixture of Gaussian noise and outliers. Bearings may have any direction, also behind the camera. A pair is an
     inlier only if its point has positive distances along both bearings. A rotation without translation, a dominant
-    plane, planar motion and insufficient parallax are recognized, see `MotionModel`.
+    plane, planar motion and insufficient parallax are recognized, see `MotionModel`. If most points are on a plane, the
+    pose is that of its homography and of the other points; without these, there may be two, see `alternative`.
 
     Parameters
     ----------
@@ -104,6 +115,8 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
     motion, rotation = select_motion(pairs, found, covariance, options)
     if rotation is not None and rotation.model is not None:
         return _rotation_only(pairs, rotation.model, rotation, motion)
+    if motion.name == "dominant plane" and (motions := plane_motions(pairs, options)):
+        return _on_plane(pairs, motions, motion, found)
     sigma = _sigma_deg(pairs)
     return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
 
@@ -117,19 +130,35 @@ def _rotation_only(pairs: BearingPairs, model: Array, rotation: RobustEstimate, 
     return RelativePose(pose, covariance, rotation.inliers, motion, sigma, rotation.score, rotation.iterations)
 
 
+def _on_plane(
+    pairs: BearingPairs, motions: list[tuple[float, PlaneMotion]], motion: MotionModel, general: RobustEstimate
+) -> RelativePose:
+    """Return the more probable motion of a plane, with the covariance of all."""
+    probability, best = motions[0]
+    covariance, along = np.zeros((6, 6)), tangent_basis(best.b_from_a)
+    for weight, other in motions:
+        turn = so3.log(other.b_from_a.rotation @ best.b_from_a.rotation.T)
+        shift = sphere.tangent(best.b_from_a.translation, other.b_from_a.translation)
+        covariance += weight * (along @ other.covariance @ along.T)
+        # Between distant motions, no linear relation holds between both parts of a step, so they are not correlated.
+        covariance[:3, :3] += weight * np.outer(turn, turn)
+        covariance[3:, 3:] += weight * np.outer(shift, shift)
+    alternative = motions[1][1].b_from_a if len(motions) > 1 else None
+    if alternative is not None:
+        figure = f"{motion.figure}, which has two motions, {probability:.0%} and {1 - probability:.0%} probable"
+        motion = replace(motion, figure=figure)
+    return RelativePose(
+        b_from_a=best.b_from_a,
+        covariance=covariance,
+        inliers=best.inliers,
+        motion=motion,
+        sigma_deg=_sigma_deg(pairs),
+        score=general.score,
+        iterations=general.iterations,
+        alternative=alternative,
+        probability=probability,
+    )
+
+
 def _sigma_deg(pairs: BearingPairs) -> float:
     return float(np.degrees(np.sqrt(pairs.variance.mean() / 2))) if len(pairs) else float("nan")
-
-
-def tangent_basis(pose: Pose) -> Array:
-    """Return the steps (6, 5) of a pose that keep the length of its translation: rotations and two translations.
-
-    They are those of `_relative_pose_kernel`.
-    """
-    t = pose.translation
-    first = np.cross(t, np.eye(3)[np.abs(t).argmin()])
-    first /= np.linalg.norm(first)
-    basis = np.zeros((6, 5))
-    basis[:3, :3] = np.eye(3)
-    basis[3:, 3:] = np.column_stack([first, np.cross(t, first)])
-    return basis

@@ -1,0 +1,168 @@
+"""Relative pose from pairs of bearings most of which belong to points on one plane.
+
+The homography of a plane is known from its points more precisely than an epipolar geometry, because unrelated pairs
+rarely agree with it in two dimensions. It belongs to two motions, between which the points that are not on the plane,
+or not in front of both cameras, decide.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from omnisight.geometry import rotation as so3
+from omnisight.geometry.pose import Pose
+from omnisight.optim.false_alarms import chance_probability
+from omnisight.optim.ransac import RansacOptions
+from omnisight.optim.robust_estimation import (
+    MAX_FALSE_ALARMS,
+    THRESHOLDS,
+    RobustEstimate,
+    estimate_robustly,
+    outlier_density,
+)
+from omnisight.twoview.bearing_pairs import BearingPairs
+
+Array = NDArray[np.float64]
+
+# A motion is possible if it has this share of the points of the plane in front of both cameras: those seen from near
+# the plane may seem to be behind.
+MIN_SHARE_IN_FRONT = 0.95
+# Probability of a motion above which the other one is excluded.
+MIN_PROBABILITY = 0.999
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneMotion:
+    """A motion that explains a plane and the other points.
+
+    Attributes
+    ----------
+    b_from_a
+        With a translation of unit length.
+    covariance
+        (5, 5) covariance of the steps of `tangent_basis`.
+    inliers
+        (N,), whether each pair is more probably an inlier than an outlier.
+    log_likelihood
+        Logarithm of the likelihood of the points that are not on the plane, over that of outliers.
+    """
+
+    b_from_a: Pose
+    covariance: Array
+    inliers: NDArray[np.bool_]
+    log_likelihood: float
+
+
+def plane_motions(pairs: BearingPairs, options: RansacOptions) -> list[tuple[float, PlaneMotion]]:
+    """Return the possible motions with their probabilities, the more probable one first; none if there is no plane.
+
+    Parameters
+    ----------
+    pairs
+        With known noise.
+    options
+        Options of the search for the plane.
+    """
+    from omnisight.twoview._alignment_problems_kernel import HomographyProblem
+
+    plane = estimate_robustly(
+        lambda scale: HomographyProblem.of(pairs.scaled(scale)), is_scale_known=True, options=options
+    )
+    if plane.model is None:
+        return []
+    motions = [
+        _with_other_points(pairs, plane.inliers, *motion, options.seed)
+        for motion in _decomposed(pairs, plane, plane.model)
+    ]
+    motions.sort(key=lambda motion: -motion.log_likelihood)
+    weights = np.exp([motion.log_likelihood - motions[0].log_likelihood for motion in motions])
+    probabilities = weights / weights.sum()
+    if len(motions) and probabilities[0] > MIN_PROBABILITY:
+        return [(1.0, motions[0])]
+    return list(zip(probabilities.tolist(), motions, strict=True))
+
+
+def tangent_basis(pose: Pose) -> Array:
+    """Return the steps (6, 5) of a pose that keep the length of its translation: rotations and two translations.
+
+    They are those of `_relative_pose_kernel`.
+    """
+    t = pose.translation
+    first = np.cross(t, np.eye(3)[np.abs(t).argmin()])
+    first /= np.linalg.norm(first)
+    basis = np.zeros((6, 5))
+    basis[:3, :3] = np.eye(3)
+    basis[3:, 3:] = np.column_stack([first, np.cross(t, first)])
+    return basis
+
+
+def _decomposed(pairs: BearingPairs, plane: RobustEstimate, model: Array) -> Iterator[tuple[Pose, Array]]:
+    """Yield the motions of a homography that have the plane in front of both cameras, and their covariances (5, 5)."""
+    from omnisight.twoview.minimal_solvers import poses_from_homography
+
+    scale = 1.0 / np.linalg.svd(model[:, :3], compute_uv=False)[1]
+    on_plane = pairs.a[plane.inliers]
+    for motion, normal in zip(*poses_from_homography(scale * model[:, :3], np.empty((0, 3))), strict=True):
+        share = float((on_plane @ normal > 0).mean())
+        if max(share, 1 - share) < MIN_SHARE_IN_FRONT or not motion[:, 3].any():
+            continue
+        sign = 1.0 if share > 0.5 else -1.0
+        by_motion = _homography_by_motion(motion[:, :3], sign * motion[:, 3], sign * normal)
+        columns = np.column_stack([by_motion, model[:, :3].ravel()])
+        # It is singular for a motion along the normal, where both motions of the homography are the same.
+        if np.linalg.matrix_rank(columns) < 9:
+            continue
+        pose = Pose(motion[:, :3], sign * motion[:, 3] / np.linalg.norm(motion[:, 3]))
+        by_element = np.delete(np.linalg.inv(columns)[:6], np.abs(model[:, :3]).argmax(), axis=1)
+        by_element = scale * tangent_basis(pose).T @ by_element
+        yield pose, by_element @ plane.covariance @ by_element.T
+
+
+def _homography_by_motion(rotation: Array, translation: Array, normal: Array) -> Array:
+    """Return the derivatives (9, 8) of the homography R + t n^T of a plane by motion and normal.
+
+    A step (w, |t| v) of the motion and a change u of the normal change it by w x R + |t| v n^T + t u^T.
+    """
+    tangents = np.linalg.svd(normal[None])[2][1:]
+    turns = [so3.hat(axis) @ rotation for axis in np.eye(3)]
+    shifts = [float(np.linalg.norm(translation)) * np.outer(axis, normal) for axis in np.eye(3)]
+    tilts = [np.outer(translation, tangent) for tangent in tangents]
+    return np.column_stack([np.asarray(change, float).ravel() for change in (*turns, *shifts, *tilts)])
+
+
+def _with_other_points(
+    pairs: BearingPairs, is_on_plane: NDArray[np.bool_], pose: Pose, covariance: Array, seed: int
+) -> PlaneMotion:
+    """Return the motion of a plane, refined by the other points if more of them agree with it than do by chance."""
+    from omnisight.optim._mixture_kernel import fit_mixture
+    from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
+
+    alone = PlaneMotion(pose, covariance, is_on_plane, 0.0)
+    rest = np.random.default_rng(seed).permutation(np.flatnonzero(~is_on_plane))
+    if len(rest) < 2:
+        return alone
+    problem = RelativePoseProblem.of(pairs[rest])
+    model = np.column_stack([pose.rotation, pose.translation])
+    if not _is_supported(problem, model):
+        return alone
+    density = outlier_density(problem, model)
+    model, probability, _, information, likelihood = fit_mixture(
+        problem, model, density, True, np.linalg.inv(covariance)
+    )
+    inliers = is_on_plane.copy()
+    inliers[rest] = probability > 0.5
+    refined = Pose(model[:, :3].copy(), model[:, 3].copy())
+    return PlaneMotion(refined, np.linalg.inv(information), inliers, float(likelihood - len(rest) * np.log(density)))
+
+
+def _is_supported(problem: Any, model: Array) -> bool:
+    """Return whether significantly more pairs agree with a motion than unrelated ones do."""
+    from omnisight.optim._robust_problem_kernel import squared_errors
+
+    agreeing = int((squared_errors(problem, model) <= THRESHOLDS[1]).sum())
+    chance = chance_probability(problem, model, THRESHOLDS[1])
+    return bool(bdtrc(agreeing - 1, len(problem[0]), chance) <= MAX_FALSE_ALARMS)
