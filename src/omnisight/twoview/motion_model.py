@@ -19,6 +19,8 @@ MODELS = {"general": (3, 5), "dominant plane": (2, 8), "rotation only": (2, 3)}
 # more than its covariance states: the cost has several minima. With 300 points at 120 to 600 baselines in a field of
 # 60 degrees and a ratio of 1.5 to 2.5, the direction was 5 to 60 degrees off.
 MIN_PARALLAX_RATIO = 3.0
+# Pairs with a larger parallax are not counted for it: a tenth may be wrong matches that agree with a pose by chance.
+MAX_CHANCE_QUANTILE = 0.9
 # Standard deviation of the direction of the translation, degrees, above which it is unknown.
 MAX_DIRECTION_SIGMA_DEG = 10.0
 # Quantile 0.999 of a chi-squared variable of three degrees of freedom.
@@ -82,9 +84,10 @@ def select_motion(
         "dominant plane": _squares_of_best(HomographyProblem.of(inliers), options),
         "rotation only": _squares_of_best(RotationProblem.of(inliers), options),
     }
-    criteria = {name: information_criterion(s, *MODELS[name]) for name, s in squares.items()}
-    parallax = squares["rotation only"]
-    ratio = np.sqrt(parallax[np.isfinite(parallax)].mean()) if np.isfinite(parallax).any() else np.inf
+    parallax = np.sort(squares["rotation only"])[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
+    ratio = float(np.sqrt(parallax.mean()))
+    names = MODELS if ratio >= MIN_PARALLAX_RATIO else ("general", "rotation only")  # a plane needs a parallax
+    criteria = {name: information_criterion(squares[name], *MODELS[name]) for name in names}
     if min(criteria, key=criteria.__getitem__) == "rotation only":
         motion, rotation = _rotation_model(pairs, options)
         if rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
@@ -131,10 +134,15 @@ def has_translation(pairs: BearingPairs, model: Array) -> bool:
     residuals, jacobians = linearized(problem, model)
     r, j = residuals.reshape(-1), jacobians.reshape(-1, 6)
     use = np.isfinite(r)
-    alone = np.linalg.lstsq(j[use, :3], r[use], rcond=None)[0]
-    both = np.linalg.lstsq(j[use], r[use], rcond=None)[0]
-    costs = (((r - j[:, : len(x)] @ x)[use] ** 2).sum() for x in (alone, both))
-    return bool(next(costs) - next(costs) > MAX_TRANSLATION_GAIN)
+    alone, both = (_least_cost(j[use, :columns], r[use]) for columns in (3, 6))
+    variance = max(both / max(use.sum() - 6, 1), 1.0)  # above 1 if the noise was that of another motion
+    return alone - both > MAX_TRANSLATION_GAIN * variance
+
+
+def _least_cost(jacobian: Array, residuals: Array) -> float:
+    """Return the least sum of squares of linear residuals."""
+    step = np.linalg.lstsq(jacobian, residuals, rcond=None)[0]
+    return float(((residuals - jacobian @ step) ** 2).sum())
 
 
 def largest_sigma_deg(covariance: Array) -> float:
