@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,30 @@ class RobustEstimate:
     reason: str = ""
 
 
+class Refinement(NamedTuple):
+    """A model of maximum likelihood.
+
+    Attributes
+    ----------
+    model
+        (3, 4).
+    is_inlier
+        (N,), whether each observation is more probably an inlier than an outlier.
+    scale
+        Standard deviation of the residuals in units of the assumed ones.
+    covariance
+        (P, P) covariance of a step of the model.
+    evidence
+        Logarithm of the likelihood of the observations over that of outliers only.
+    """
+
+    model: Array
+    is_inlier: NDArray[np.bool_]
+    scale: float
+    covariance: Array
+    evidence: float
+
+
 def estimate_robustly(
     problem_of_scale: Callable[[float], Any], *, is_scale_known: bool, options: RansacOptions
 ) -> RobustEstimate:
@@ -72,10 +96,8 @@ def estimate_robustly(
     options
         Options of the search.
     """
-    from omnisight.optim._mixture_kernel import fit_mixture
-
     problem = problem_of_scale(1.0)
-    count, (sample_size, _, dimension, parameters) = len(problem[0]), problem.sizes(problem)
+    count, (sample_size, _, dimension, _) = len(problem[0]), problem.sizes(problem)
     if count < sample_size + MIN_REDUNDANCY:
         return _failure(count, f"{count} correspondences, at least {sample_size + MIN_REDUNDANCY} are needed")
     order = np.random.default_rng(options.seed).permutation(count)
@@ -86,26 +108,42 @@ def estimate_robustly(
         iterations, searches = iterations + found.iterations, searches + 1
         if not np.isfinite(found.model).all():
             return _failure(count, "no model is consistent with a sample of the correspondences", iterations)
-        density = outlier_density(problem, found.model)
-        fit = fit_mixture(problem, found.model, density, is_scale_known, np.zeros((parameters, parameters)))
-        model, probability, factor, information, _ = fit
-        scale *= factor
-        if factor > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
+        fit = refine(problem, found.model, is_scale_known=is_scale_known)
+        scale *= fit.scale
+        if fit.scale > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
             break
-    is_inlier = np.asarray(probability > 0.5)
-    reason = _chance_reason(permuted(problem_of_scale(scale), order), model, is_inlier)
-    inliers = np.empty_like(is_inlier)
-    inliers[order] = is_inlier
-    covariance = np.asarray(np.linalg.pinv(information, hermitian=True), float)
-    return RobustEstimate(None if reason else model, covariance, inliers, scale, found.score, iterations, reason)
+    reason = _chance_reason(permuted(problem_of_scale(scale), order), fit.model, fit.is_inlier)
+    inliers = np.empty_like(fit.is_inlier)
+    inliers[order] = fit.is_inlier
+    model = None if reason else fit.model
+    return RobustEstimate(model, fit.covariance, inliers, scale, found.score, iterations, reason)
 
 
-def outlier_density(problem: Any, model: Array) -> float:
-    """Return the density near zero of the residuals of unrelated correspondences, over their standard deviations."""
-    dimension = problem.sizes(problem)[2]
+def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Array | None = None) -> Refinement:
+    """Refine a model to the maximum likelihood under a mixture of Gaussian noise and outliers.
+
+    Parameters
+    ----------
+    problem
+        A problem of `_robust_problem_kernel`, its observations in random order.
+    model
+        (3, 4), close to the solution.
+    is_scale_known
+        Whether the standard deviations of the observations are known, and not only up to a factor.
+    prior
+        (P, P) information of a Gaussian prior about the model.
+    """
+    from omnisight.optim._mixture_kernel import fit_mixture
+
+    _, _, dimension, parameters = problem.sizes(problem)
     threshold = THRESHOLDS[dimension]
     volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
-    return chance_probability(problem, model, threshold) / float(volume)
+    density = chance_probability(problem, model, threshold) / float(volume)
+    prior = np.zeros((parameters, parameters)) if prior is None else prior
+    model, probability, scale, information, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
+    covariance = np.asarray(np.linalg.pinv(information, hermitian=True), float)
+    evidence = float(log_likelihood - len(problem[0]) * np.log(density))
+    return Refinement(model, np.asarray(probability > 0.5), float(scale), covariance, evidence)
 
 
 def _chance_reason(problem: Any, model: Array, is_inlier: NDArray[np.bool_]) -> str:

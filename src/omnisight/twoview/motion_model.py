@@ -54,10 +54,17 @@ class MotionModel:
     figure: str
 
 
-def select_motion(
-    pairs: BearingPairs, general: RobustEstimate, covariance: Array, options: RansacOptions
-) -> tuple[MotionModel, RobustEstimate | None]:
-    """Select the motion model of pairs with known noise; return it and, if it is the best, the rotation.
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The motion model, with the rotation or the homography (3, 4) if it is the best."""
+
+    motion: MotionModel
+    rotation: RobustEstimate | None = None
+    homography: Array | None = None
+
+
+def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Array, options: RansacOptions) -> Selection:
+    """Select the motion model of pairs with known noise.
 
     The models are compared by the geometric robust information criterion (P. Torr, An assessment of information
     criteria for motion model selection, CVPR 1997).
@@ -79,28 +86,37 @@ def select_motion(
     if general.model is None:
         return _rotation_model(pairs, options)
     inliers = pairs[general.inliers]
+    homography, squares_of_plane = _best(HomographyProblem.of(inliers), options)
+    _, squares_of_rotation = _best(RotationProblem.of(inliers), options)
     squares = {
         "general": _squares(RelativePoseProblem.of(inliers), general.model),
-        "dominant plane": _squares_of_best(HomographyProblem.of(inliers), options),
-        "rotation only": _squares_of_best(RotationProblem.of(inliers), options),
+        "dominant plane": squares_of_plane,
+        "rotation only": squares_of_rotation,
     }
-    parallax = np.sort(squares["rotation only"])[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
-    ratio = float(np.sqrt(parallax.mean()))
-    names = MODELS if ratio >= MIN_PARALLAX_RATIO else ("general", "rotation only")  # a plane needs a parallax
-    criteria = {name: information_criterion(squares[name], *MODELS[name]) for name in names}
-    if min(criteria, key=criteria.__getitem__) == "rotation only":
-        motion, rotation = _rotation_model(pairs, options)
-        if rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
-            return motion, rotation
-    if ratio < MIN_PARALLAX_RATIO:
-        return MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"), None
+    criteria = {name: information_criterion(squares[name], *MODELS[name]) for name in MODELS}
+    if criteria["rotation only"] < criteria["general"]:
+        found = _rotation_model(pairs, options)
+        rotation = found.rotation
+        if rotation and rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
+            return found
     if criteria["dominant plane"] < criteria["general"]:
-        share = np.mean(squares["dominant plane"] <= THRESHOLDS[2])
-        return MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None
+        share = np.mean(squares_of_plane <= THRESHOLDS[2])
+        return Selection(
+            MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None, homography
+        )
+    parallax = np.sort(squares_of_rotation)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
+    ratio = float(np.sqrt(parallax.mean()))
+    if ratio < MIN_PARALLAX_RATIO:
+        return Selection(MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"))
+    return Selection(unknown_direction(covariance) or _planar_or_general(general.model, covariance))
+
+
+def unknown_direction(covariance: Array) -> MotionModel | None:
+    """Return insufficient parallax if a covariance (6, 6) leaves the direction of the translation unknown."""
     sigma = largest_sigma_deg(covariance[3:, 3:])
-    if not sigma <= MAX_DIRECTION_SIGMA_DEG:
-        return MotionModel("insufficient parallax", f"direction of the translation known to {sigma:.1f}° (1σ)"), None
-    return _planar_or_general(general.model, covariance), None
+    if sigma <= MAX_DIRECTION_SIGMA_DEG:
+        return None
+    return MotionModel("insufficient parallax", f"direction of the translation known to {sigma:.1f}° (1σ)")
 
 
 def information_criterion(squares: Array, dimension: int, parameters: int) -> float:
@@ -160,15 +176,15 @@ def _squares(problem: Any, model: Array) -> Array:
     return np.nan_to_num((residuals**2).sum(axis=1), nan=np.inf)
 
 
-def _squares_of_best(problem: Any, options: RansacOptions) -> Array:
-    """Return the squared residuals (N,) of the model of least truncated cost; inf if there is none."""
+def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
+    """Return the model of least truncated cost, and its squared residuals (N,); inf if there is none."""
     order = np.random.default_rng(options.seed).permutation(len(problem[0]))
     options = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
     found = ransac(permuted(problem, order), THRESHOLDS[2], options)
-    return _squares(problem, found.model)
+    return found.model, _squares(problem, found.model)
 
 
-def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> tuple[MotionModel, RobustEstimate]:
+def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> Selection:
     """Return the rotation that explains the pairs best, and its motion model: "no overlap" if there is none."""
     from omnisight.twoview._alignment_problems_kernel import RotationProblem
 
@@ -178,11 +194,12 @@ def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> tuple[Motion
         options=replace(options, max_iterations=MAX_ITERATIONS),
     )
     if rotation.model is None:
-        return MotionModel("no overlap", rotation.reason), rotation
+        return Selection(MotionModel("no overlap", rotation.reason), rotation)
     turned = pairs.a[rotation.inliers] @ rotation.model[:, :3].T
     chord = np.linalg.norm(turned - pairs.b[rotation.inliers], axis=1)
     parallax, noise = np.degrees(np.median(chord)), rotation.scale * np.degrees(np.sqrt(np.median(pairs.variance)))
-    return MotionModel("rotation only", f"median parallax {parallax:.3f}°, noise {noise:.3f}° (1σ)"), rotation
+    motion = MotionModel("rotation only", f"median parallax {parallax:.3f}°, noise {noise:.3f}° (1σ)")
+    return Selection(motion, rotation)
 
 
 def _planar_or_general(model: Array, covariance: Array) -> MotionModel:

@@ -16,14 +16,8 @@ from scipy.special import bdtrc
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.false_alarms import chance_probability
-from omnisight.optim.ransac import RansacOptions
-from omnisight.optim.robust_estimation import (
-    MAX_FALSE_ALARMS,
-    THRESHOLDS,
-    RobustEstimate,
-    estimate_robustly,
-    outlier_density,
-)
+from omnisight.optim.ransac import permuted
+from omnisight.optim.robust_estimation import MAX_FALSE_ALARMS, THRESHOLDS, Refinement, refine
 from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]
@@ -47,39 +41,40 @@ class PlaneMotion:
         (5, 5) covariance of the steps of `tangent_basis`.
     inliers
         (N,), whether each pair is more probably an inlier than an outlier.
-    log_likelihood
+    evidence
         Logarithm of the likelihood of the points that are not on the plane, over that of outliers.
     """
 
     b_from_a: Pose
     covariance: Array
     inliers: NDArray[np.bool_]
-    log_likelihood: float
+    evidence: float
 
 
-def plane_motions(pairs: BearingPairs, options: RansacOptions) -> list[tuple[float, PlaneMotion]]:
-    """Return the possible motions with their probabilities, the more probable one first; none if there is no plane.
+def plane_motions(pairs: BearingPairs, homography: Array, seed: int) -> list[tuple[float, PlaneMotion]]:
+    """Return the possible motions with their probabilities, the more probable one first.
 
     Parameters
     ----------
     pairs
         With known noise.
-    options
-        Options of the search for the plane.
+    homography
+        (3, 4), a model of `HomographyProblem`, close to that of the plane.
+    seed
+        Seed of the order in which pairs are compared with unrelated ones.
     """
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem
 
-    plane = estimate_robustly(
-        lambda scale: HomographyProblem.of(pairs.scaled(scale)), is_scale_known=True, options=options
-    )
-    if plane.model is None:
-        return []
+    order = np.random.default_rng(seed).permutation(len(pairs))
+    plane = refine(permuted(HomographyProblem.of(pairs), order), homography)
+    is_on_plane = np.empty_like(plane.is_inlier)
+    is_on_plane[order] = plane.is_inlier
+    others = pairs[order[~plane.is_inlier]]
     motions = [
-        _with_other_points(pairs, plane.inliers, *motion, options.seed)
-        for motion in _decomposed(pairs, plane, plane.model)
+        _with_other_points(others, order, is_on_plane, *motion) for motion in _decomposed(plane, pairs.a[is_on_plane])
     ]
-    motions.sort(key=lambda motion: -motion.log_likelihood)
-    weights = np.exp([motion.log_likelihood - motions[0].log_likelihood for motion in motions])
+    motions.sort(key=lambda motion: -motion.evidence)
+    weights = np.exp([motion.evidence - motions[0].evidence for motion in motions])
     probabilities = weights / weights.sum()
     if len(motions) and probabilities[0] > MIN_PROBABILITY:
         return [(1.0, motions[0])]
@@ -100,24 +95,24 @@ def tangent_basis(pose: Pose) -> Array:
     return basis
 
 
-def _decomposed(pairs: BearingPairs, plane: RobustEstimate, model: Array) -> Iterator[tuple[Pose, Array]]:
-    """Yield the motions of a homography that have the plane in front of both cameras, and their covariances (5, 5)."""
+def _decomposed(plane: Refinement, bearings: Array) -> Iterator[tuple[Pose, Array]]:
+    """Yield the motions of a homography with the points (N, 3) in front of both cameras, and covariances (5, 5)."""
     from omnisight.twoview.minimal_solvers import poses_from_homography
 
-    scale = 1.0 / np.linalg.svd(model[:, :3], compute_uv=False)[1]
-    on_plane = pairs.a[plane.inliers]
-    for motion, normal in zip(*poses_from_homography(scale * model[:, :3], np.empty((0, 3))), strict=True):
-        share = float((on_plane @ normal > 0).mean())
+    model = plane.model[:, :3]
+    scale = 1.0 / np.linalg.svd(model, compute_uv=False)[1]
+    for motion, normal in zip(*poses_from_homography(scale * model, np.empty((0, 3))), strict=True):
+        share = float((bearings @ normal > 0).mean())
         if max(share, 1 - share) < MIN_SHARE_IN_FRONT or not motion[:, 3].any():
             continue
         sign = 1.0 if share > 0.5 else -1.0
         by_motion = _homography_by_motion(motion[:, :3], sign * motion[:, 3], sign * normal)
-        columns = np.column_stack([by_motion, model[:, :3].ravel()])
+        columns = np.column_stack([by_motion, model.ravel()])
         # It is singular for a motion along the normal, where both motions of the homography are the same.
         if np.linalg.matrix_rank(columns) < 9:
             continue
         pose = Pose(motion[:, :3], sign * motion[:, 3] / np.linalg.norm(motion[:, 3]))
-        by_element = np.delete(np.linalg.inv(columns)[:6], np.abs(model[:, :3]).argmax(), axis=1)
+        by_element = np.delete(np.linalg.inv(columns)[:6], np.abs(model).argmax(), axis=1)
         by_element = scale * tangent_basis(pose).T @ by_element
         yield pose, by_element @ plane.covariance @ by_element.T
 
@@ -135,28 +130,22 @@ def _homography_by_motion(rotation: Array, translation: Array, normal: Array) ->
 
 
 def _with_other_points(
-    pairs: BearingPairs, is_on_plane: NDArray[np.bool_], pose: Pose, covariance: Array, seed: int
+    others: BearingPairs, order: NDArray[np.intp], is_on_plane: NDArray[np.bool_], pose: Pose, covariance: Array
 ) -> PlaneMotion:
-    """Return the motion of a plane, refined by the other points if more of them agree with it than do by chance."""
-    from omnisight.optim._mixture_kernel import fit_mixture
+    """Return the motion of a plane, refined by the other points if more of them agree with it than do by chance.
+
+    The other points have the order in which they stand among all of them.
+    """
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
-    alone = PlaneMotion(pose, covariance, is_on_plane, 0.0)
-    rest = np.random.default_rng(seed).permutation(np.flatnonzero(~is_on_plane))
-    if len(rest) < 2:
-        return alone
-    problem = RelativePoseProblem.of(pairs[rest])
+    problem = RelativePoseProblem.of(others)
     model = np.column_stack([pose.rotation, pose.translation])
-    if not _is_supported(problem, model):
-        return alone
-    density = outlier_density(problem, model)
-    model, probability, _, information, likelihood = fit_mixture(
-        problem, model, density, True, np.linalg.inv(covariance)
-    )
+    if len(others) < 2 or not _is_supported(problem, model):
+        return PlaneMotion(pose, covariance, is_on_plane, 0.0)
+    fit = refine(problem, model, prior=np.asarray(np.linalg.inv(covariance), float))
     inliers = is_on_plane.copy()
-    inliers[rest] = probability > 0.5
-    refined = Pose(model[:, :3].copy(), model[:, 3].copy())
-    return PlaneMotion(refined, np.linalg.inv(information), inliers, float(likelihood - len(rest) * np.log(density)))
+    inliers[order[~is_on_plane[order]]] = fit.is_inlier
+    return PlaneMotion(Pose(fit.model[:, :3].copy(), fit.model[:, 3].copy()), fit.covariance, inliers, fit.evidence)
 
 
 def _is_supported(problem: Any, model: Array) -> bool:

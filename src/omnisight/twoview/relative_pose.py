@@ -11,7 +11,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.motion_model import MotionModel, select_motion
+from omnisight.twoview.motion_model import MotionModel, select_motion, unknown_direction
 from omnisight.twoview.plane_motion import PlaneMotion, plane_motions, tangent_basis
 
 Array = NDArray[np.float64]
@@ -112,12 +112,12 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
         pose = Pose(found.model[:, :3].copy(), found.model[:, 3].copy())
         basis = tangent_basis(pose)
         covariance = basis @ found.covariance @ basis.T
-    motion, rotation = select_motion(pairs, found, covariance, options)
-    if rotation is not None and rotation.model is not None:
-        return _rotation_only(pairs, rotation.model, rotation, motion)
-    if motion.name == "dominant plane" and (motions := plane_motions(pairs, options)):
-        return _on_plane(pairs, motions, motion, found)
-    sigma = _sigma_deg(pairs)
+    best = select_motion(pairs, found, covariance, options)
+    if best.rotation is not None and best.rotation.model is not None:
+        return _rotation_only(pairs, best.rotation.model, best.rotation, best.motion)
+    if best.homography is not None and (motions := plane_motions(pairs, best.homography, options.seed)):
+        return _on_plane(pairs, motions, best.motion, found)
+    sigma, motion = _sigma_deg(pairs), best.motion
     return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
 
 
@@ -144,7 +144,9 @@ def _on_plane(
         covariance[:3, :3] += weight * np.outer(turn, turn)
         covariance[3:, 3:] += weight * np.outer(shift, shift)
     alternative = motions[1][1].b_from_a if len(motions) > 1 else None
-    if alternative is not None:
+    if vague := unknown_direction(along @ best.covariance @ along.T):
+        motion = vague
+    elif alternative is not None:
         figure = f"{motion.figure}, which has two motions, {probability:.0%} and {1 - probability:.0%} probable"
         motion = replace(motion, figure=figure)
     return RelativePose(
