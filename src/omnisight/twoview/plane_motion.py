@@ -102,10 +102,11 @@ def _decomposed(plane: Refinement, bearings: Array) -> Iterator[tuple[Pose, Arra
     model = plane.model[:, :3]
     scale = 1.0 / np.linalg.svd(model, compute_uv=False)[1]
     for motion, normal in zip(*poses_from_homography(scale * model, np.empty((0, 3))), strict=True):
-        share = float((bearings @ normal > 0).mean())
-        if max(share, 1 - share) < MIN_SHARE_IN_FRONT or not motion[:, 3].any():
+        in_front = int((bearings @ normal > 0).sum())
+        share = max(in_front, len(bearings) - in_front) / max(len(bearings), 1)
+        if share < MIN_SHARE_IN_FRONT or not motion[:, 3].any():
             continue
-        sign = 1.0 if share > 0.5 else -1.0
+        sign = 1.0 if 2 * in_front > len(bearings) else -1.0
         by_motion = _homography_by_motion(motion[:, :3], sign * motion[:, 3], sign * normal)
         columns = np.column_stack([by_motion, model.ravel()])
         # It is singular for a motion along the normal, where both motions of the homography are the same.
@@ -142,7 +143,7 @@ def _with_other_points(
     model = np.column_stack([pose.rotation, pose.translation])
     if len(others) < 2 or not _is_supported(problem, model):
         return PlaneMotion(pose, covariance, is_on_plane, 0.0)
-    fit = refine(problem, model, prior=np.asarray(np.linalg.inv(covariance), float))
+    fit = refine(problem, model, prior=np.asarray(np.linalg.pinv(covariance, hermitian=True), float))
     inliers = is_on_plane.copy()
     inliers[order[~is_on_plane[order]]] = fit.is_inlier
     return PlaneMotion(Pose(fit.model[:, :3].copy(), fit.model[:, 3].copy()), fit.covariance, inliers, fit.evidence)
