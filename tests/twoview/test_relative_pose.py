@@ -128,3 +128,18 @@ def test_pairs_of_opposite_bearings_are_outliers():
     away = np.abs(b @ pose.translation) < 0.99
     assert result.inliers[away & (np.arange(len(a)) >= 40)].mean() > 0.95
     assert not result.inliers[away & (np.arange(len(a)) < 40)].any()
+
+
+def test_an_indeterminate_pose_has_a_large_covariance():
+    """Correspondences of a pure rotation, searched for a translation, say nothing about its direction."""
+    from omnisight.optim.robust_estimation import refine
+    from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
+    from omnisight.twoview.bearing_pairs import BearingPairs
+
+    rng = np.random.default_rng(0)
+    a = directions(rng, 200, 120)
+    problem = RelativePoseProblem.of(BearingPairs.of(a, a, None, None, 0.1))
+    fit = refine(problem, np.eye(3, 4) + np.array([0, 0, 0, 1]) * np.array([[0], [0], [1]]))
+    values = np.linalg.eigvalsh(fit.covariance)
+    assert values[0] > 0
+    assert np.sqrt(values[-1]) > np.radians(45)

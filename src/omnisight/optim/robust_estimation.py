@@ -19,6 +19,8 @@ THRESHOLDS = {1: 9.0, 2: 11.83}
 MAX_NOISE_RATIO, MAX_SEARCHES = 0.5, 4
 # Correspondences beyond a minimal sample that are needed to tell inliers from outliers.
 MIN_REDUNDANCY = 3
+# Smallest information of a step, relative to the largest one.
+MIN_INFORMATION = 1e-12
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
 MAX_FALSE_ALARMS = 1e-3
 
@@ -141,9 +143,18 @@ def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Ar
     density = chance_probability(problem, model, threshold) / float(volume)
     prior = np.zeros((parameters, parameters)) if prior is None else prior
     model, probability, scale, information, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
-    covariance = np.asarray(np.linalg.pinv(information, hermitian=True), float)
     evidence = float(log_likelihood - len(problem[0]) * np.log(density))
-    return Refinement(model, np.asarray(probability > 0.5), float(scale), covariance, evidence)
+    return Refinement(model, np.asarray(probability > 0.5), float(scale), _covariance(information), evidence)
+
+
+def _covariance(information: Array) -> Array:
+    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
+
+    The variance of a step of which the observations say nothing is huge, not zero as in a pseudo-inverse.
+    """
+    values, vectors = np.linalg.eigh(information)
+    least = max(float(values[-1]) * MIN_INFORMATION, np.finfo(float).tiny)
+    return np.asarray(vectors / np.maximum(values, least) @ vectors.T, float)
 
 
 def _chance_reason(problem: Any, model: Array, is_inlier: NDArray[np.bool_]) -> str:

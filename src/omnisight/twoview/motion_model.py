@@ -162,10 +162,10 @@ def _least_cost(jacobian: Array, residuals: Array) -> float:
 
 
 def largest_sigma_deg(covariance: Array) -> float:
-    """Return the standard deviation along the most uncertain axis, degrees; NaN if a covariance is not finite."""
+    """Return the standard deviation along the most uncertain axis, at most 180 degrees; NaN if it is not finite."""
     if not np.isfinite(covariance).all():
         return float("nan")
-    return float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1])))
+    return min(float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))), 180.0)
 
 
 def _squares(problem: Any, model: Array) -> Array:
