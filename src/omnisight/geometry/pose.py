@@ -44,6 +44,17 @@ class Pose:
             return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
         return np.asarray(other, float) @ self.rotation.T + self.translation
 
+    @classmethod
+    def of_matrix(cls, matrix: ArrayLike) -> Self:
+        """Return the pose of a matrix [R | t] (3, 4)."""
+        m = np.array(matrix, float)
+        return cls(m[:, :3].copy(), m[:, 3].copy())
+
+    @property
+    def matrix(self) -> Array:
+        """The matrix [R | t] (3, 4)."""
+        return np.column_stack([self.rotation, self.translation])
+
     def inverse(self) -> Self:
         """Return a_from_b."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)

@@ -74,14 +74,14 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
         is_small_step = (step * (information @ step)).sum() <= (TOLERANCE * scale) ** 2
         if is_small_step and abs(scale - before) <= TOLERANCE * before:
             break
-    _fill_probability(squares, dimension, scale, share, outlier_density, probability)
+    log_likelihood = _fill_probability(squares, dimension, scale, share, outlier_density, probability)
+    log_likelihood -= 0.5 * offset @ prior @ offset
     known = np.zeros(count)
     for i in range(count):
         if probability[i] > 0.0:
             unknown = (1.0 - probability[i]) * squares[i] / (scale**2 * dimension)
             known[i] = probability[i] * (1.0 - unknown) / scale**2
     _fill_normal_equations(residuals, jacobians, known, gradient, information)
-    log_likelihood = _log_likelihood(squares, dimension, scale, share, outlier_density) - 0.5 * offset @ prior @ offset
     return model, probability, scale, information + prior, log_likelihood
 
 
@@ -97,19 +97,13 @@ def _linearize_all(problem, model, residuals, jacobians, squares):
 
 @njit_helper
 def _fill_probability(squares, dimension, scale, share, outlier_density, probability):
-    """Fill the posterior probability (N,) of the Gaussian component."""
-    for i in range(len(squares)):
-        inlier = (1.0 - share[i]) * _gaussian(squares[i], dimension, scale)
-        probability[i] = inlier / (inlier + share[i] * outlier_density)
-
-
-@njit_helper
-def _log_likelihood(squares, dimension, scale, share, outlier_density):
-    """Return the logarithm of the density of all residuals."""
+    """Fill the posterior probability (N,) of the Gaussian component; return the log-likelihood of all residuals."""
     total = 0.0
     for i in range(len(squares)):
         inlier = (1.0 - share[i]) * _gaussian(squares[i], dimension, scale)
-        total += np.log(inlier + share[i] * outlier_density)
+        density = inlier + share[i] * outlier_density
+        probability[i] = inlier / density
+        total += np.log(density)
     return total
 
 

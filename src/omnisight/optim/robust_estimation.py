@@ -150,7 +150,7 @@ def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Ar
 def _covariance(information: Array) -> Array:
     """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
 
-    The variance of a step of which the observations say nothing is huge, not zero as in a pseudo-inverse.
+    An unobservable step has a huge variance, not zero as in a pseudo-inverse.
     """
     values, vectors = np.linalg.eigh(information)
     least = max(float(values[-1]) * MIN_INFORMATION, np.finfo(float).tiny)

@@ -23,7 +23,7 @@ from omnisight.twoview._small_vectors_kernel import (
     transposed_times,
     whitened,
 )
-from omnisight.twoview.bearing_pairs import BearingPairs, isotropic_variance
+from omnisight.twoview.bearing_pairs import BearingPairs
 
 
 class RotationProblem(NamedTuple):
@@ -109,9 +109,7 @@ class HomographyProblem(NamedTuple):
 
     @classmethod
     def of(cls, pairs: BearingPairs) -> "HomographyProblem":
-        covariances = pairs.covariance_a, pairs.covariance_b
-        arrays = pairs.a, pairs.b, *covariances, *map(isotropic_variance, covariances)
-        return cls(*map(np.ascontiguousarray, arrays))
+        return cls(*pairs.arrays())
 
     @staticmethod
     def sizes(problem):

@@ -23,7 +23,7 @@ from omnisight.twoview._small_vectors_kernel import (
     times,
     transposed_times,
 )
-from omnisight.twoview.bearing_pairs import BearingPairs, isotropic_variance
+from omnisight.twoview.bearing_pairs import BearingPairs
 
 # Squared parallax in units of its variance below which the sign of a distance is noise.
 MIN_SQUARED_PARALLAX = 9.0
@@ -54,9 +54,7 @@ class RelativePoseProblem(NamedTuple):
 
     @classmethod
     def of(cls, pairs: BearingPairs) -> "RelativePoseProblem":
-        covariances = pairs.covariance_a, pairs.covariance_b
-        arrays = pairs.a, pairs.b, *covariances, *map(isotropic_variance, covariances)
-        return cls(*map(np.ascontiguousarray, arrays))
+        return cls(*pairs.arrays())
 
     @staticmethod
     def sizes(problem):

@@ -91,7 +91,7 @@ def resect(
     sigma = float(np.degrees(np.sqrt(variance.mean()))) if len(b) else float("nan")
     pose, covariance_of_step = None, np.full((6, 6), np.nan)
     if found.model is not None:
-        pose, covariance_of_step = Pose(found.model[:, :3].copy(), found.model[:, 3].copy()), found.covariance
+        pose, covariance_of_step = Pose.of_matrix(found.model), found.covariance
     search = found.score, found.iterations, found.reason
     return AbsolutePose(pose, covariance_of_step, found.inliers, found.scale * sigma, *search)
 

@@ -83,6 +83,11 @@ class BearingPairs:
         """Variance (N,) of the angle between both bearings along any direction, square radians."""
         return isotropic_variance(self.covariance_a + self.covariance_b)
 
+    def arrays(self) -> tuple[Array, ...]:
+        """Return contiguous bearings, covariances (N, 3, 3) and mean variances (N,), each of camera a and b."""
+        covariances = self.covariance_a, self.covariance_b
+        return tuple(map(np.ascontiguousarray, (self.a, self.b, *covariances, *map(isotropic_variance, covariances))))
+
     def scaled(self, factor: float) -> "BearingPairs":
         """Return the pairs with standard deviations multiplied by a factor."""
         square = factor**2

@@ -1,4 +1,4 @@
-"""Relative pose from pairs of bearings most of which belong to points on one plane.
+"""Relative pose from pairs of bearings of a dominant plane.
 
 The homography of a plane is known from its points more precisely than an epipolar geometry, because unrelated pairs
 rarely agree with it in two dimensions. It belongs to two motions, between which the points that are not on the plane,
@@ -140,13 +140,12 @@ def _with_other_points(
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
     problem = RelativePoseProblem.of(others)
-    model = np.column_stack([pose.rotation, pose.translation])
-    if len(others) < 2 or not _is_supported(problem, model):
+    if len(others) < 2 or not _is_supported(problem, pose.matrix):
         return PlaneMotion(pose, covariance, is_on_plane, 0.0)
-    fit = refine(problem, model, prior=np.asarray(np.linalg.pinv(covariance, hermitian=True), float))
+    fit = refine(problem, pose.matrix, prior=np.asarray(np.linalg.pinv(covariance, hermitian=True), float))
     inliers = is_on_plane.copy()
     inliers[order[~is_on_plane[order]]] = fit.is_inlier
-    return PlaneMotion(Pose(fit.model[:, :3].copy(), fit.model[:, 3].copy()), fit.covariance, inliers, fit.evidence)
+    return PlaneMotion(Pose.of_matrix(fit.model), fit.covariance, inliers, fit.evidence)
 
 
 def _is_supported(problem: Any, model: Array) -> bool:

@@ -109,7 +109,7 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
     pose, covariance = None, np.full((6, 6), np.nan)
     if found.model is not None:
         pairs = replace(pairs.scaled(found.scale), is_noise_known=True)
-        pose = Pose(found.model[:, :3].copy(), found.model[:, 3].copy())
+        pose = Pose.of_matrix(found.model)
         basis = tangent_basis(pose)
         covariance = basis @ found.covariance @ basis.T
     best = select_motion(pairs, found, covariance, options)
