@@ -1,0 +1,123 @@
+"""The result of structure from motion: poses of images, points, and their observations."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.geometry.pose import Pose
+from omnisight.rig import Rig
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Observations of points in images.
+
+    Attributes
+    ----------
+    image, point
+        (M,) indices of the image and of the point.
+    pixels
+        (M, 2) in the image.
+    residuals
+        (M, 2) projected minus observed pixels.
+    """
+
+    image: Indices
+    point: Indices
+    pixels: Array
+    residuals: Array = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of observations."""
+        return len(self.image)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Reconstructed points.
+
+    Attributes
+    ----------
+    position
+        (P, 3) in the world frame.
+    covariance
+        (P, 3, 3) in the gauge of the reconstruction.
+    color
+        (P, 3) uint8 RGB.
+    """
+
+    position: Array
+    covariance: Array = field(repr=False)
+    color: NDArray[np.uint8] = field(repr=False)
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.position)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Poses of images and points in one world frame.
+
+    A frame is what the sensors of a rig see at one time. Independent cameras are the sensors of a rig whose poses are
+    identities, and each image is a frame of its own.
+
+    Attributes
+    ----------
+    rig
+        The cameras.
+    names
+        Name of each image: its path relative to the image folder, with "/".
+    sensor
+        (I,) index of the camera of each image.
+    frame
+        (I,) index of the frame of each image.
+    rig_from_world
+        Pose of each frame.
+    pose_covariance
+        (F, 6, 6) covariances of the steps (w, v) of `Pose.moved` of these poses: relative to the first frame, which has
+        none, and to the scale. Zero for images without points.
+    points
+        The points; none in a graph of panoramas that were taken in one place.
+    observations
+        What the images see of them.
+    has_scale
+        Whether the unit of the world is the metre; otherwise it is arbitrary.
+    """
+
+    rig: Rig
+    names: tuple[str, ...]
+    sensor: Indices
+    frame: Indices
+    rig_from_world: tuple[Pose, ...]
+    pose_covariance: Array = field(repr=False)
+    points: Points
+    observations: Observations
+    has_scale: bool = False
+
+    def __len__(self) -> int:
+        """Return the number of images."""
+        return len(self.names)
+
+    def cam_from_world(self, image: int) -> Pose:
+        """Return the pose of an image."""
+        return self.rig.sensor_from_rig[self.sensor[image]] @ self.rig_from_world[self.frame[image]]
+
+    def world_from_cam(self, image: int) -> Pose:
+        """Return the inverse of the pose of an image: its translation is the position of the camera."""
+        return self.cam_from_world(image).inverse()
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square length of the residuals, px; NaN without observations."""
+        squares = (self.observations.residuals**2).sum(axis=1)
+        return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+
+    @property
+    def mean_track_length(self) -> float:
+        """Mean number of observations of a point; NaN without points."""
+        return len(self.observations) / len(self.points) if len(self.points) else float("nan")
