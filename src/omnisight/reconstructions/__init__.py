@@ -1,0 +1,23 @@
+"""Files of reconstructions: each file of this folder without a leading underscore writes one format.
+
+Formats are discovered by these files.
+"""
+
+from omnisight.reconstructions._protocol import ReconstructionError, ReconstructionFormat
+from omnisight.reconstructions._registry import (
+    export_reconstruction,
+    get_reconstruction_format,
+    read_reconstruction,
+    reconstruction_format_names,
+    write_reconstruction,
+)
+
+__all__ = [
+    "ReconstructionError",
+    "ReconstructionFormat",
+    "export_reconstruction",
+    "get_reconstruction_format",
+    "read_reconstruction",
+    "reconstruction_format_names",
+    "write_reconstruction",
+]

@@ -1,0 +1,25 @@
+"""Poses of the images of a reconstruction as arrays."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from omnisight.sfm.reconstruction import Reconstruction
+
+Array = NDArray[np.float64]
+
+
+def quaternions(rotations: ArrayLike) -> Array:
+    """Return the unit quaternions (..., 4), x y z w with w >= 0, of rotations (..., 3, 3)."""
+    matrices = np.asarray(rotations, float)
+    xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return xyzw.reshape(*matrices.shape[:-2], 4)
+
+
+def world_from_cameras(reconstruction: Reconstruction) -> tuple[Array, Array]:
+    """Return the rotations (I, 3, 3) and the translations (I, 3) of world_from_cam of all images."""
+    poses = [reconstruction.world_from_cam(image) for image in range(len(reconstruction))]
+    return (
+        np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3),
+        np.array([pose.translation for pose in poses]).reshape(-1, 3),
+    )

@@ -1,0 +1,112 @@
+"""Write reconstructions in any format, and read omnisight's own."""
+
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+from typing import cast
+
+from omnisight.extensions import module_in, names_in
+from omnisight.images import write_bytes
+from omnisight.reconstructions import native
+from omnisight.reconstructions._protocol import OutputFile, ReconstructionError, ReconstructionFormat
+from omnisight.sfm.reconstruction import Reconstruction
+
+PACKAGE = "omnisight.reconstructions"
+# What `write_reconstruction` writes; the native file last, because a folder without it is incomplete.
+MODEL_FORMATS = ("poses_csv", "ply", "native")
+
+
+def reconstruction_format_names() -> tuple[str, ...]:
+    """Return the names of all formats, sorted: the names of the files in this folder."""
+    return names_in(PACKAGE)
+
+
+def get_reconstruction_format(name: str) -> ReconstructionFormat:
+    """Return the format of this name; raise ValueError with the known names if there is none."""
+    return cast(ReconstructionFormat, module_in(PACKAGE, name, "format of reconstructions"))
+
+
+def export_reconstruction(
+    reconstruction: Reconstruction, folder: str | Path, format: str, images: str | Path | None = None
+) -> tuple[Path, ...]:
+    """Write a reconstruction in a format. Each file is replaced atomically; the folder is created.
+
+    Parameters
+    ----------
+    reconstruction
+        The reconstruction.
+    folder
+        The folder of the files.
+    format
+        One of `reconstruction_format_names()`.
+    images
+        The folder of the images, which `splat` needs.
+
+    Returns
+    -------
+    files
+        The files that were written.
+
+    Raises
+    ------
+    ReconstructionError
+        If the format cannot hold the reconstruction, or a file cannot be written.
+    """
+    chosen = get_reconstruction_format(format)
+    try:
+        files = chosen.files(reconstruction, None if images is None else Path(images))
+        return tuple(_write(Path(folder), files))
+    except (ValueError, OSError) as error:
+        raise ReconstructionError(f"{folder}: {chosen.TITLE}: {error}") from error
+
+
+def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> tuple[Path, ...]:
+    """Write the folder of a reconstruction: poses.csv, points.ply, cameras.ply and reconstruction.npz.
+
+    Each file is replaced atomically, `reconstruction.npz` last, which `read_reconstruction` reads; the folder is
+    created.
+
+    Returns
+    -------
+    files
+        The files that were written.
+
+    Raises
+    ------
+    ReconstructionError
+        If a file cannot be written.
+    """
+    try:
+        files = [file for name in MODEL_FORMATS for file in get_reconstruction_format(name).files(reconstruction, None)]
+        return tuple(_write(Path(folder), files))
+    except (ValueError, OSError) as error:
+        raise ReconstructionError(f"{folder}: {error}") from error
+
+
+def read_reconstruction(folder: str | Path) -> Reconstruction:
+    """Read the reconstruction of a folder that `write_reconstruction` wrote.
+
+    Raises
+    ------
+    ReconstructionError
+        If the folder has no reconstruction.npz, or the file is damaged.
+    """
+    folder = Path(folder)
+    path = folder / native.FILE if folder.is_dir() else folder
+    if not path.is_file():
+        raise ReconstructionError(
+            f"{folder}: no reconstruction: {'it has no ' + native.FILE if folder.is_dir() else 'no such folder'};"
+            " specify a folder that omnisight reconstruct wrote"
+        )
+    try:
+        return native.read(path)
+    except (ValueError, OSError) as error:
+        raise ReconstructionError(f"{path}: {native.TITLE}: {error}") from error
+
+
+def _write(folder: Path, files: Iterable[OutputFile]) -> Iterable[Path]:
+    """Write files in a folder and return their paths."""
+    for name, data in files:
+        path = folder / PurePosixPath(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, data)
+        yield path
