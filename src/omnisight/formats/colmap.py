@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from omnisight.camera import Camera
-from omnisight.formats._export import check_whole_sphere, export
+from omnisight.formats._export import Export, check_whole_sphere, export
 from omnisight.formats._files import encode, is_binary
 from omnisight.formats._limits import MAX_CAMERAS, SEARCHED_CHARS
 from omnisight.formats._readers import Reader
@@ -105,16 +105,20 @@ def parse(text: str) -> Mapping[str, Camera]:
 
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the text of one camera under the most specific of COLMAP's names."""
-    exported = export(camera, MODELS)
+    exported, name, params = colmap_camera(camera)
     width, height = exported.size
-    if camera.model.name == "equirectangular":
-        check_whole_sphere(camera)
-        name, params = "EQUIRECTANGULAR", [float(width), float(height)]
-    else:
-        name, params = _most_specific(camera.model.name, exported.values)
     head = "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
     text = f"{head}# Number of cameras: 1\n1 {name} {width} {height} {' '.join(map(repr, params))}\n"
     return exported.result(text)
+
+
+def colmap_camera(camera: Camera) -> tuple[Export, str, list[float]]:
+    """Return a camera, the most specific of COLMAP's names and its parameters; raise ValueError if there is none."""
+    exported = export(camera, MODELS)
+    if camera.model.name == "equirectangular":
+        check_whole_sphere(camera)
+        return exported, "EQUIRECTANGULAR", [float(side) for side in exported.size]
+    return exported, *_most_specific(camera.model.name, exported.values)
 
 
 def _lines(data: bytes) -> list[str]:

@@ -6,13 +6,14 @@ from typing import cast
 
 from omnisight.extensions import module_in, names_in
 from omnisight.images import write_bytes
-from omnisight.reconstructions import native
+from omnisight.reconstructions import colmap, native
 from omnisight.reconstructions._protocol import OutputFile, ReconstructionError, ReconstructionFormat
 from omnisight.sfm.reconstruction import Reconstruction
 
 PACKAGE = "omnisight.reconstructions"
 # What `write_reconstruction` writes; the native file last, because a folder without it is incomplete.
 MODEL_FORMATS = ("poses_csv", "ply", "native")
+COLMAP_FOLDER = "colmap"
 
 
 def reconstruction_format_names() -> tuple[str, ...]:
@@ -63,7 +64,7 @@ def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> 
     """Write the folder of a reconstruction: poses.csv, points.ply, cameras.ply and reconstruction.npz.
 
     Each file is replaced atomically, `reconstruction.npz` last, which `read_reconstruction` reads; the folder is
-    created.
+    created. The subfolder `colmap` has the reconstruction as COLMAP text if COLMAP can represent the cameras.
 
     Returns
     -------
@@ -75,9 +76,10 @@ def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> 
     ReconstructionError
         If a file cannot be written.
     """
+    folder = Path(folder)
     try:
         files = [file for name in MODEL_FORMATS for file in get_reconstruction_format(name).files(reconstruction, None)]
-        return tuple(_write(Path(folder), files))
+        return tuple(_write(folder, [*_colmap_files(folder, reconstruction), *files]))
     except (ValueError, OSError) as error:
         raise ReconstructionError(f"{folder}: {error}") from error
 
@@ -101,6 +103,16 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
         return native.read(path)
     except (ValueError, OSError) as error:
         raise ReconstructionError(f"{path}: {native.TITLE}: {error}") from error
+
+
+def _colmap_files(folder: Path, reconstruction: Reconstruction) -> list[OutputFile]:
+    """Return the files of the subfolder `colmap`; delete those of an earlier reconstruction if there are none."""
+    try:
+        return [(f"{COLMAP_FOLDER}/{name}", data) for name, data in colmap.files(reconstruction, None)]
+    except ValueError:
+        for name in colmap.FILES:
+            (folder / COLMAP_FOLDER / name).unlink(missing_ok=True)
+        return []
 
 
 def _write(folder: Path, files: Iterable[OutputFile]) -> Iterable[Path]:
