@@ -1,5 +1,7 @@
 """A small synthetic reconstruction: an equirectangular camera, a fisheye and a rig of two fisheyes."""
 
+import dataclasses
+
 import numpy as np
 
 from omnisight.camera import Camera
@@ -47,6 +49,13 @@ def independent(names=("equirectangular", "pinhole"), frames=6, seed=2):
     """Return a reconstruction by several cameras, each image a frame of its own."""
     rig = Rig(tuple(CAMERAS[name]() for name in names), (Pose(),) * len(names), tuple(names))
     return reconstruct(rig, frames, seed, sensors=[k % len(names) for k in range(frames)])
+
+
+def without_points(made):
+    """Return the reconstruction with the poses alone."""
+    none = {field.name: getattr(made.points, field.name)[:0] for field in dataclasses.fields(made.points)}
+    unseen = {field.name: getattr(made.observations, field.name)[:0] for field in dataclasses.fields(made.observations)}
+    return dataclasses.replace(made, points=type(made.points)(**none), observations=type(made.observations)(**unseen))
 
 
 def reconstruct(rig, frames, seed, sensors=None):

@@ -36,6 +36,7 @@ from omnisight.pipeline.detect import detect as detect
 from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
 from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
+from omnisight.pipeline.export import export as export
 from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
@@ -52,6 +53,9 @@ from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
 from omnisight.ray_camera import RayCamera as RayCamera
+from omnisight.reconstructions import ExportOptions as ExportOptions
+from omnisight.reconstructions import read_reconstruction as read_reconstruction
+from omnisight.reconstructions import write_reconstruction as write_reconstruction
 from omnisight.report import ReportOptions as ReportOptions
 from omnisight.report import write_report as write_report
 from omnisight.rig import Rig as Rig

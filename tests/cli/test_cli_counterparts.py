@@ -17,6 +17,7 @@ FUNCTIONS = {
     "detect": om.detect,
     "epipolar": om.epipolar,
     "evaluate": om.evaluate,
+    "export": om.export,
     "next": om.next_view,
     "simulate": om.simulate,
     "stereo": om.stereo,

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from omnisight.reconstructions import ReconstructionError, export_reconstruction, write_reconstruction
+from omnisight.reconstructions import ExportOptions, ReconstructionError, export_reconstruction, write_reconstruction
 from reconstructing import independent, single, two_fisheyes
 
 MAKERS = {
@@ -55,8 +55,8 @@ def test_pycolmap_reads_text_and_binary(tmp_path, name):
     made = MAKERS[name]()
     folders = [tmp_path / part for part in ("text", "binary", "theirs")]
     folders[2].mkdir()
-    export_reconstruction(made, folders[0], "colmap")
-    export_reconstruction(made, folders[1], "colmap_binary")
+    export_reconstruction(made, folders[0], ExportOptions("colmap"))
+    export_reconstruction(made, folders[1], ExportOptions("colmap_binary"))
     for read in read_by_pycolmap(*folders):
         assert set(read["images"]) == set(made.names)
         for i, image in enumerate(made.names):
@@ -83,8 +83,8 @@ def test_pycolmap_reads_text_and_binary(tmp_path, name):
 def test_the_binary_files_of_cameras_and_rigs_are_those_that_pycolmap_writes(tmp_path):
     folders = [tmp_path / part for part in ("text", "binary", "theirs")]
     folders[2].mkdir()
-    export_reconstruction(two_fisheyes("narrow_fisheye"), folders[0], "colmap")
-    export_reconstruction(two_fisheyes("narrow_fisheye"), folders[1], "colmap_binary")
+    export_reconstruction(two_fisheyes("narrow_fisheye"), folders[0], ExportOptions("colmap"))
+    export_reconstruction(two_fisheyes("narrow_fisheye"), folders[1], ExportOptions("colmap_binary"))
     read_by_pycolmap(*folders)
     for name in ("cameras.bin", "rigs.bin"):
         assert (folders[1] / name).read_bytes() == (folders[2] / name).read_bytes(), name
@@ -92,7 +92,7 @@ def test_the_binary_files_of_cameras_and_rigs_are_those_that_pycolmap_writes(tmp
 
 def test_the_centre_of_the_first_pixel_is_a_half(tmp_path):
     made = single("pinhole")
-    export_reconstruction(made, tmp_path, "colmap")
+    export_reconstruction(made, tmp_path, ExportOptions("colmap"))
     camera = (tmp_path / "cameras.txt").read_text().splitlines()[-1].split()
     assert camera[:4] == ["1", "SIMPLE_PINHOLE", "640", "480"]
     assert list(map(float, camera[5:])) == [320.0, 240.0]
@@ -105,7 +105,7 @@ def test_the_centre_of_the_first_pixel_is_a_half(tmp_path):
 @pytest.mark.parametrize("make", [lambda: single("fisheye"), two_fisheyes])
 def test_a_fisheye_past_90_degrees_is_refused_with_advice(tmp_path, make):
     with pytest.raises(ReconstructionError, match=r"sees up to 95 degrees .* --to splat"):
-        export_reconstruction(make(), tmp_path / "out", "colmap")
+        export_reconstruction(make(), tmp_path / "out", ExportOptions("colmap"))
     assert not (tmp_path / "out").exists()
 
 

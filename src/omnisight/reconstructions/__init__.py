@@ -3,7 +3,7 @@
 Formats are discovered by these files.
 """
 
-from omnisight.reconstructions._protocol import ReconstructionError, ReconstructionFormat
+from omnisight.reconstructions._protocol import ExportOptions, ReconstructionError, ReconstructionFormat
 from omnisight.reconstructions._registry import (
     export_reconstruction,
     get_reconstruction_format,
@@ -13,6 +13,7 @@ from omnisight.reconstructions._registry import (
 )
 
 __all__ = [
+    "ExportOptions",
     "ReconstructionError",
     "ReconstructionFormat",
     "export_reconstruction",

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from omnisight.sfm.reconstruction import Reconstruction
@@ -23,3 +24,19 @@ def world_from_cameras(reconstruction: Reconstruction) -> tuple[Array, Array]:
         np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3),
         np.array([pose.translation for pose in poses]).reshape(-1, 3),
     )
+
+
+def marker_size(reconstruction: Reconstruction) -> float:
+    """Return a size at which drawings of cameras do not overlap, in the unit of the world.
+
+    A third of the median distance of a frame from the nearest other one; a fiftieth of the median distance of the
+    points if all frames are in one place, 1 without points.
+    """
+    positions = np.array([pose.inverse().translation for pose in reconstruction.rig_from_world]).reshape(-1, 3)
+    if len(positions) > 1:
+        nearest, _ = KDTree(positions).query(positions, k=2)
+        if (distance := float(np.median(nearest[:, 1]))) > 0:
+            return distance / 3
+    if not len(reconstruction.points) or not len(positions):
+        return 1.0
+    return float(np.median(np.linalg.norm(reconstruction.points.position - positions[0], axis=1))) / 50

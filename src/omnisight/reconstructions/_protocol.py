@@ -1,6 +1,7 @@
 """The protocol of a format of reconstructions."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -8,6 +9,25 @@ from omnisight.sfm.reconstruction import Reconstruction
 
 # The path of a file relative to the output folder, with "/", and its content.
 OutputFile = tuple[str, bytes]
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of `export`.
+
+    Attributes
+    ----------
+    format
+        The format to write, one of `omnisight.reconstructions.reconstruction_format_names()`.
+    images
+        The folder of the images, to which their names are relative; `splat` needs it.
+    size
+        The width of a view of 90 degrees (px) that `splat` writes; by default the resolution of the image is kept.
+    """
+
+    format: str = "colmap"
+    images: Path | None = None
+    size: int | None = None
 
 
 class ReconstructionError(ValueError):
@@ -28,15 +48,15 @@ class ReconstructionFormat(Protocol):
     TITLE: str
     CONVENTION: str
 
-    def files(self, reconstruction: Reconstruction, images: Path | None) -> Iterable[OutputFile]:
+    def files(self, reconstruction: Reconstruction, options: ExportOptions) -> Iterable[OutputFile]:
         """Return the files that hold a reconstruction, in the order in which they are to be written.
 
         Parameters
         ----------
         reconstruction
             The reconstruction.
-        images
-            The folder of its images, or None if it is not known.
+        options
+            The folder of the images, and the size of views.
 
         Raises
         ------

@@ -7,13 +7,14 @@ from typing import cast
 from omnisight.extensions import module_in, names_in
 from omnisight.images import write_bytes
 from omnisight.reconstructions import colmap, native
-from omnisight.reconstructions._protocol import OutputFile, ReconstructionError, ReconstructionFormat
+from omnisight.reconstructions._protocol import ExportOptions, OutputFile, ReconstructionError, ReconstructionFormat
 from omnisight.sfm.reconstruction import Reconstruction
 
 PACKAGE = "omnisight.reconstructions"
 # What `write_reconstruction` writes; the native file last, because a folder without it is incomplete.
 MODEL_FORMATS = ("poses_csv", "ply", "native")
 COLMAP_FOLDER = "colmap"
+DEFAULT = ExportOptions()
 
 
 def reconstruction_format_names() -> tuple[str, ...]:
@@ -27,7 +28,7 @@ def get_reconstruction_format(name: str) -> ReconstructionFormat:
 
 
 def export_reconstruction(
-    reconstruction: Reconstruction, folder: str | Path, format: str, images: str | Path | None = None
+    reconstruction: Reconstruction, folder: str | Path, options: ExportOptions
 ) -> tuple[Path, ...]:
     """Write a reconstruction in a format. Each file is replaced atomically; the folder is created.
 
@@ -37,10 +38,8 @@ def export_reconstruction(
         The reconstruction.
     folder
         The folder of the files.
-    format
-        One of `reconstruction_format_names()`.
-    images
-        The folder of the images, which `splat` needs.
+    options
+        The format, the folder of the images, and the size of views.
 
     Returns
     -------
@@ -52,10 +51,9 @@ def export_reconstruction(
     ReconstructionError
         If the format cannot hold the reconstruction, or a file cannot be written.
     """
-    chosen = get_reconstruction_format(format)
+    chosen = get_reconstruction_format(options.format)
     try:
-        files = chosen.files(reconstruction, None if images is None else Path(images))
-        return tuple(_write(Path(folder), files))
+        return tuple(_write(Path(folder), chosen.files(reconstruction, options)))
     except (ValueError, OSError) as error:
         raise ReconstructionError(f"{folder}: {chosen.TITLE}: {error}") from error
 
@@ -78,7 +76,9 @@ def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> 
     """
     folder = Path(folder)
     try:
-        files = [file for name in MODEL_FORMATS for file in get_reconstruction_format(name).files(reconstruction, None)]
+        files = [
+            file for name in MODEL_FORMATS for file in get_reconstruction_format(name).files(reconstruction, DEFAULT)
+        ]
         return tuple(_write(folder, [*_colmap_files(folder, reconstruction), *files]))
     except (ValueError, OSError) as error:
         raise ReconstructionError(f"{folder}: {error}") from error
@@ -108,7 +108,7 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
 def _colmap_files(folder: Path, reconstruction: Reconstruction) -> list[OutputFile]:
     """Return the files of the subfolder `colmap`; delete those of an earlier reconstruction if there are none."""
     try:
-        return [(f"{COLMAP_FOLDER}/{name}", data) for name, data in colmap.files(reconstruction, None)]
+        return [(f"{COLMAP_FOLDER}/{name}", data) for name, data in colmap.files(reconstruction, DEFAULT)]
     except ValueError:
         for name in colmap.FILES:
             (folder / COLMAP_FOLDER / name).unlink(missing_ok=True)

@@ -1,10 +1,9 @@
 """COLMAP's text files: cameras.txt, images.txt, points3D.txt, and rigs.txt and frames.txt of COLMAP 4."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 from omnisight.reconstructions._colmap_model import ColmapModel, colmap_model
-from omnisight.reconstructions._protocol import OutputFile
+from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 
 TITLE = "COLMAP text"
@@ -28,7 +27,7 @@ HEADERS = {
 FILES = tuple(f"{name}.txt" for name in HEADERS)
 
 
-def files(reconstruction: Reconstruction, images: Path | None) -> list[OutputFile]:
+def files(reconstruction: Reconstruction, options: ExportOptions) -> list[OutputFile]:
     """Return the five files."""
     model = colmap_model(reconstruction)
     tables = {

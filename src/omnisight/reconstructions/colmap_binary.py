@@ -2,13 +2,12 @@
 
 import struct
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from omnisight.formats.colmap import CAMERA, COUNT, MODEL_NUMBERS
 from omnisight.reconstructions._colmap_model import ColmapModel, colmap_model
-from omnisight.reconstructions._protocol import OutputFile
+from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 
 TITLE = "COLMAP binary"
@@ -22,7 +21,7 @@ CAMERA_SENSOR = 0  # the type of a camera
 OBSERVATION = np.dtype([("pixel", "<f8", 2), ("point", "<u8")])
 
 
-def files(reconstruction: Reconstruction, images: Path | None) -> list[OutputFile]:
+def files(reconstruction: Reconstruction, options: ExportOptions) -> list[OutputFile]:
     """Return the five files."""
     return colmap_binary_files(colmap_model(reconstruction))
 

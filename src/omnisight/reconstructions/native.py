@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from omnisight.formats.native import rig_from_json, rig_to_json
 from omnisight.geometry.pose import Pose
-from omnisight.reconstructions._protocol import OutputFile
+from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
 
 TITLE = "omnisight reconstruction"
@@ -46,7 +46,7 @@ INDICES = {"frame": "F", "image": "I", "point": "P"}
 DAMAGED = (KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError, EOFError)
 
 
-def files(reconstruction: Reconstruction, images: Path | None) -> list[OutputFile]:
+def files(reconstruction: Reconstruction, options: ExportOptions) -> list[OutputFile]:
     """Return the file."""
     text = _to_json(reconstruction)
     rig_from_json(text["rig"])  # a name that cannot be read is refused now

@@ -1,12 +1,10 @@
 """PLY files of the points and of the positions of the cameras, for MeshLab, CloudCompare and Open3D."""
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.reconstructions._poses import world_from_cameras
-from omnisight.reconstructions._protocol import OutputFile
+from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 
 TITLE = "PLY"
@@ -17,7 +15,7 @@ VERTEX = np.dtype([(name, "<f8") for name in ("x", "y", "z")] + [(name, "u1") fo
 TYPES = {"<f8": "double", "|u1": "uchar"}
 
 
-def files(reconstruction: Reconstruction, images: Path | None) -> list[OutputFile]:
+def files(reconstruction: Reconstruction, options: ExportOptions) -> list[OutputFile]:
     """Return the files of the points and of the cameras."""
     points = reconstruction.points
     _, positions = world_from_cameras(reconstruction)

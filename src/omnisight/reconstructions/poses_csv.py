@@ -2,10 +2,9 @@
 
 import csv
 import io
-from pathlib import Path
 
 from omnisight.reconstructions._poses import quaternions, world_from_cameras
-from omnisight.reconstructions._protocol import OutputFile
+from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 
 TITLE = "poses.csv"
@@ -14,7 +13,7 @@ FILE = "poses.csv"
 HEADER = ("name", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
-def files(reconstruction: Reconstruction, images: Path | None) -> list[OutputFile]:
+def files(reconstruction: Reconstruction, options: ExportOptions) -> list[OutputFile]:
     """Return the table of world_from_camera; the names are relative to the image folder."""
     rotations, positions = world_from_cameras(reconstruction)
     stream = io.StringIO()
