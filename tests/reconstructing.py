@@ -18,7 +18,7 @@ NOISE_PX = 0.3
 def fisheye_camera(theta_max_deg=95.0, size=480):
     """Return a Kannala-Brandt fisheye whose image circle ends at an angle from the axis."""
     ideal = fisheye(size, 2 * theta_max_deg)
-    f = ideal.model.fx
+    f = 0.95 * ideal.model.fx  # the circle lies in the image
     model = model_class("kannala_brandt")(f, f, ideal.model.cx, ideal.model.cy, 0.01, -0.002, 0.0003, 0.0)
     return Camera(model, ideal.size, theta_max=np.radians(theta_max_deg))
 

@@ -7,7 +7,7 @@ from omnisight.images.image_field import ImageField, downsample, estimate_image_
 from omnisight.images.mask import read_mask
 from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
 from omnisight.images.video import MAX_FRAMES, VIDEO_SUFFIXES, Clip, Frame
-from omnisight.images.write import write_bytes, write_image
+from omnisight.images.write import encode_image, write_bytes, write_image
 
 __all__ = [
     "IMAGE_SUFFIXES",
@@ -20,6 +20,7 @@ __all__ = [
     "collect_images",
     "decode_image",
     "downsample",
+    "encode_image",
     "estimate_image_field",
     "exif_orientation",
     "expand_path",

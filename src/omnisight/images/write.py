@@ -29,9 +29,15 @@ def write_image(path: str | Path, image: NDArray[Any]) -> None:
     OSError
         If the folder is missing or not writable.
     """
+    path = Path(path)
+    write_bytes(path, encode_image(image, path.name))
+
+
+def encode_image(image: NDArray[Any], name: str) -> bytes:
+    """Return the bytes of an image file in the format given by the extension of a name; see `write_image`."""
     import cv2
 
-    path = Path(path)
+    path = Path(name)
     extension = path.suffix.lower()
     if extension not in WRITABLE_EXTENSIONS:
         supported = " ".join(e[1:] for e in WRITABLE_EXTENSIONS)
@@ -50,7 +56,7 @@ def write_image(path: str | Path, image: NDArray[Any]) -> None:
     success, encoded = cv2.imencode(extension, np.ascontiguousarray(channels))
     if not success:
         raise ValueError(f"{path.name}: OpenCV could not encode shape {image.shape} as {extension[1:]}")
-    write_bytes(path, encoded.tobytes())
+    return encoded.tobytes()
 
 
 def write_bytes(path: str | Path, data: bytes) -> None:
