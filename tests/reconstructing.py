@@ -7,6 +7,7 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.images import write_image
 from omnisight.models import model_class
 from omnisight.rig import Rig
 from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
@@ -96,3 +97,20 @@ def reconstruct(rig, frames, seed, sensors=None):
         observations=Observations(image, point, pixels, residuals),
         has_scale=len(rig) > 1,
     )
+
+
+def paint(made, folder, radius_px=6):
+    """Write images of the points: bright squares of their colours on dark gray."""
+    for i, name in enumerate(made.names):
+        camera = made.rig.cameras[made.sensor[i]]
+        image = np.full((camera.height, camera.width, 3), 40, np.uint8)
+        pixels, valid = camera.project(made.cam_from_world(i) @ made.points.position)
+        valid &= camera.in_image(pixels)
+        for (u, v), color in zip(pixels[valid], made.points.color[valid], strict=True):
+            u, v = round(u), round(v)
+            image[max(v - radius_px, 0) : v + radius_px + 1, max(u - radius_px, 0) : u + radius_px + 1] = (
+                color // 2 + 128
+            )
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_image(folder / name, image)
+    return folder

@@ -58,6 +58,7 @@ from omnisight.reconstructions import read_reconstruction as read_reconstruction
 from omnisight.reconstructions import write_reconstruction as write_reconstruction
 from omnisight.report import ReportOptions as ReportOptions
 from omnisight.report import write_report as write_report
+from omnisight.report import write_viewer as write_viewer
 from omnisight.rig import Rig as Rig
 from omnisight.targets import Checkerboard as Checkerboard
 from omnisight.targets import Detection as Detection

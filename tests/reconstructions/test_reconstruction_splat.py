@@ -11,7 +11,7 @@ import pytest
 
 from omnisight.images import read_image, write_image
 from omnisight.reconstructions import ExportOptions, ReconstructionError, export_reconstruction
-from reconstructing import independent, single, two_fisheyes
+from reconstructing import independent, paint, single, two_fisheyes
 
 MAKERS = {"equirectangular": single, "rig": two_fisheyes, "independent": independent}
 # In a process of its own: pycolmap and numba in one crash here.
@@ -28,22 +28,6 @@ for image in model.images.values():
     images[image.name] = [errors, image.camera.model.name, image.camera.width, image.camera.height, pixels]
 print(json.dumps([images, sorted(rig.num_sensors() for rig in model.rigs.values()), len(model.frames)]))
 """
-
-
-def paint(made, folder, radius_px=6):
-    """Write images of the points: bright squares of their colours on dark gray."""
-    for i, name in enumerate(made.names):
-        camera = made.rig.cameras[made.sensor[i]]
-        image = np.full((camera.height, camera.width, 3), 40, np.uint8)
-        pixels, valid = camera.project(made.cam_from_world(i) @ made.points.position)
-        for (u, v), color in zip(pixels[valid], made.points.color[valid], strict=True):
-            u, v = round(u), round(v)
-            image[max(v - radius_px, 0) : v + radius_px + 1, max(u - radius_px, 0) : u + radius_px + 1] = (
-                color // 2 + 128
-            )
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        write_image(folder / name, image)
-    return folder
 
 
 @pytest.mark.peer

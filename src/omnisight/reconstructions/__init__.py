@@ -3,6 +3,7 @@
 Formats are discovered by these files.
 """
 
+from omnisight.reconstructions._poses import marker_size
 from omnisight.reconstructions._protocol import ExportOptions, ReconstructionError, ReconstructionFormat
 from omnisight.reconstructions._registry import (
     export_reconstruction,
@@ -18,6 +19,7 @@ __all__ = [
     "ReconstructionFormat",
     "export_reconstruction",
     "get_reconstruction_format",
+    "marker_size",
     "read_reconstruction",
     "reconstruction_format_names",
     "write_reconstruction",

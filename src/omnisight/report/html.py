@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 # Elements without content and end tag.
-VOID_ELEMENTS = frozenset({"meta", "br"})
+VOID_ELEMENTS = frozenset({"meta", "br", "input"})
 
 
 class Markup(str):

@@ -1,7 +1,5 @@
 """The calibration report as one HTML page: verdict and key figures, then one section per topic."""
 
-import base64
-import hashlib
 from importlib.resources import files
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from omnisight.report.sections.pupil_shift import pupil_shift
 from omnisight.report.sections.radial_profile import radial_profile
 from omnisight.report.sections.residuals import residuals
 from omnisight.report.sections.verdict import key_figures, title, verdict
+from omnisight.report.security_policy import security_policy
 
 # In the order of the page.
 SECTIONS = (
@@ -75,7 +74,7 @@ def render_page(data: ReportData) -> str:
     head = element(
         "head",
         element("meta", charset="utf-8"),
-        element("meta", http_equiv="Content-Security-Policy", content=_security_policy(style, script)),
+        element("meta", http_equiv="Content-Security-Policy", content=security_policy(style, script)),
         element("meta", name="viewport", content="width=device-width, initial-scale=1"),
         element("meta", name="color-scheme", content="light dark"),
         element("title", f"Calibration: {data.verdict}, {data.camera.model.name}"),
@@ -100,18 +99,6 @@ def render_page(data: ReportData) -> str:
         element("script", Markup(script)),
     )
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
-
-
-def _security_policy(style: str, script: str) -> str:
-    """Return a policy that allows no network access, and no script but the report's own."""
-    return (
-        f"default-src 'none'; img-src data:; style-src '{_digest(style)}'; script-src '{_digest(script)}';"
-        " base-uri 'none'; form-action 'none'"
-    )
-
-
-def _digest(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _section(section: Section) -> Markup:

@@ -1,6 +1,5 @@
 """All images with the residuals of their corners."""
 
-import base64
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,15 +8,14 @@ from typing import Any
 import numpy as np
 
 from omnisight.geometry.sphere import polar
-from omnisight.images import UnreadableImage, read_image, to_gray8
 from omnisight.report.axes import Axes, chart, dot_path_data, nice_floor, path_data, segment_path_data
 from omnisight.report.html import Markup, element, format_coordinate, join
+from omnisight.report.jpeg_url import jpeg_url
 from omnisight.report.report_data import MIN_SCALE_PX, ReportData, ReportImage
 from omnisight.report.section import Guide, Section
 
 # Limits of the width of embedded images, and of their pixels in all: JPEG takes about a fifth of a byte per pixel.
 MAX_IMAGE_WIDTH_PX, MIN_IMAGE_WIDTH_PX, MAX_TOTAL_PIXELS = 700, 240, 9_000_000
-JPEG_QUALITY = 72
 # Of more images, only those with the largest residuals are shown.
 MAX_IMAGES = 120
 # Length of a residual of the size of the rms, as a fraction of the image width.
@@ -80,20 +78,9 @@ def _shown_images(images: Sequence[ReportImage]) -> list[ReportImage]:
 
 def _data_url(image: ReportImage, width: int, apply_exif: bool) -> str | None:
     """Return a reduced copy of the image as a data: URL; None if it cannot be read."""
-    import cv2
-
     if image.path is None or image.size is None:
         return None
-    try:
-        pixels = read_image(image.path, apply_exif=apply_exif)
-    except UnreadableImage:
-        return None
-    bgr: Any = pixels[..., 2::-1] if pixels.ndim == 3 and pixels.dtype == np.uint8 else to_gray8(pixels)
-    height = max(1, round(pixels.shape[0] * width / pixels.shape[1]))
-    if width < pixels.shape[1]:
-        bgr = cv2.resize(np.ascontiguousarray(bgr), (width, height), interpolation=cv2.INTER_AREA)
-    success, data = cv2.imencode(".jpg", np.ascontiguousarray(bgr), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode() if success else None
+    return jpeg_url(image.path, width, apply_exif=apply_exif)
 
 
 def _card(data: ReportData, image: ReportImage, url: str | None, scale: float) -> Markup:
