@@ -77,6 +77,18 @@ def test_gltf_has_the_points_and_a_node_per_image(tmp_path):
         assert Rotation.from_quat(nodes[name]["rotation"]).as_matrix() == pytest.approx(pose.rotation, abs=1e-12)
 
 
+def test_gltf_turns_the_upper_sides_of_the_images_to_y(tmp_path):
+    made = single()
+    export_reconstruction(made, tmp_path, ExportOptions("glb"))
+    data = (tmp_path / "model.glb").read_bytes()
+    document = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    root = document["nodes"][document["scenes"][0]["nodes"][0]]
+    rotation = Rotation.from_quat(root["rotation"]).as_matrix()
+    ups = np.array([rotation @ made.world_from_cam(i).rotation @ [0, -1, 0] for i in range(len(made))])
+    assert ups.mean(axis=0) / np.linalg.norm(ups.mean(axis=0)) == pytest.approx([0, 1, 0], abs=1e-9)
+    assert len(root["children"]) == len(made) + 1
+
+
 def test_a_reconstruction_without_points_is_exported(tmp_path):
     made = without_points(single())
     write_reconstruction(tmp_path / "model", made)

@@ -3,7 +3,7 @@
 Formats are discovered by these files.
 """
 
-from omnisight.reconstructions._poses import marker_size
+from omnisight.reconstructions._poses import marker_size, up_direction
 from omnisight.reconstructions._protocol import ExportOptions, ReconstructionError, ReconstructionFormat
 from omnisight.reconstructions._registry import (
     export_reconstruction,
@@ -22,5 +22,6 @@ __all__ = [
     "marker_size",
     "read_reconstruction",
     "reconstruction_format_names",
+    "up_direction",
     "write_reconstruction",
 ]

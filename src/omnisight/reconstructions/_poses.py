@@ -9,6 +9,9 @@ from omnisight.sfm.reconstruction import Reconstruction
 
 Array = NDArray[np.float64]
 
+# Directions whose mean is shorter have no common direction.
+MIN_MEAN_LENGTH = 1e-3
+
 
 def quaternions(rotations: ArrayLike) -> Array:
     """Return the unit quaternions (..., 4), x y z w with w >= 0, of rotations (..., 3, 3)."""
@@ -24,6 +27,13 @@ def world_from_cameras(reconstruction: Reconstruction) -> tuple[Array, Array]:
         np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3),
         np.array([pose.translation for pose in poses]).reshape(-1, 3),
     )
+
+
+def up_direction(reconstruction: Reconstruction) -> Array:
+    """Return the direction (3,) of the world's up: the mean of the upper sides of the images."""
+    up = -world_from_cameras(reconstruction)[0][:, :, 1].sum(axis=0)
+    length = float(np.linalg.norm(up))
+    return up / length if length > MIN_MEAN_LENGTH * len(reconstruction) else np.array([0.0, -1.0, 0.0])
 
 
 def marker_size(reconstruction: Reconstruction) -> float:

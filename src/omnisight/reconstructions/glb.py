@@ -7,19 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.reconstructions._poses import marker_size, quaternions, world_from_cameras
+from omnisight.reconstructions._poses import marker_size, quaternions, up_direction, world_from_cameras
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 
 TITLE = "glTF 2.0"
 CONVENTION = (
-    "a root node turns the world (y down in the first camera) to glTF's y up; each camera is a node with the name of"
-    " its image and axes x red, y green, z blue"
+    "a root node turns the mean up of the images to glTF's y; each camera is a node with the name of its image and axes"
+    " x red, y green, z blue"
 )
 FILE = "model.glb"
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 FLOAT, UNSIGNED_BYTE, ARRAY_BUFFER, POINTS, LINES = 5126, 5121, 34962, 0, 1
-TURNED = [1.0, 0.0, 0.0, 0.0]  # quaternion of half a turn about x
 AXES = np.repeat(np.eye(3), 2, axis=0) * np.tile([[0.0], [1.0]], (3, 1))  # from the centre along x, y and z
 AXIS_COLORS = np.repeat(np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]], np.uint8), 2, axis=0)
 
@@ -39,8 +38,19 @@ def files(reconstruction: Reconstruction, options: ExportOptions) -> list[Output
     for name, position, quaternion in zip(reconstruction.names, positions, quaternions(rotations), strict=True):
         pose = {"translation": position.tolist(), "rotation": quaternion.tolist()}
         children.append(scene.node(name=name, mesh=axes, scale=[scale] * 3, **pose))
-    root = scene.node(name="reconstruction", rotation=TURNED, children=children)
+    root = scene.node(
+        name="reconstruction", rotation=quaternions(_gltf_from_world(reconstruction)).tolist(), children=children
+    )
     return [(FILE, scene.to_bytes(root))]
+
+
+def _gltf_from_world(reconstruction: Reconstruction) -> NDArray[np.float64]:
+    """Return a rotation (3, 3) that maps the world's up to y, and the x or z axis of the world into the xy plane."""
+    up = up_direction(reconstruction)
+    axis = np.eye(3)[0 if abs(up[0]) < 0.9 else 2]  # not parallel to it
+    right = axis - (axis @ up) * up
+    right /= np.linalg.norm(right)
+    return np.array([right, up, np.cross(right, up)])
 
 
 class _Scene:
