@@ -33,11 +33,11 @@ def _bilinear_cell(start, width, height, u, v):
 
 
 @njit_helper
-def _texel(world, level, u, v):
+def _texel(textures, level, u, v):
     """Interpolate the light (r, g, b) in one level of a texture bilinearly, clamped at its edges."""
-    start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
+    levels, texels, linear = textures.levels, textures.texels, textures.linear
+    start, width, height = levels[level, 0], levels[level, 1], levels[level, 2]
     at, right, below, fx, fy = _bilinear_cell(start, width, height, u, v)
-    texels, linear = world.texels, world.linear
     r0, r1 = linear[texels[at, 0]], linear[texels[at + below, 0]]
     g0, g1 = linear[texels[at, 1]], linear[texels[at + below, 1]]
     b0, b1 = linear[texels[at, 2]], linear[texels[at + below, 2]]
@@ -57,36 +57,39 @@ def _wrap(u, repeats):
 
 
 @njit_helper
-def _filtered(world, texture, u, v, ux, vx, uy, vy):
+def _filtered(textures, texture, u, v, ux, vx, uy, vy):
     """Return the mean light of a texture over the parallelogram with sides (ux, vx), (uy, vy) about (u, v).
 
     Anisotropic filtering: two rows of samples along the longer side, each in the mipmap level of half the shorter side.
     Their mean is close to that of the area; one row would blur or alias.
     """
-    first, count = world.textures[texture, 0], world.textures[texture, 1]
-    width, height = world.levels[first, 1], world.levels[first, 2]
-    columns, rows = world.textures[texture, 2], world.textures[texture, 3]
+    tables, levels = textures.tables, textures.levels
+    first, count, columns, rows = tables[texture, 0], tables[texture, 1], tables[texture, 2], tables[texture, 3]
+    width, height = levels[first, 1], levels[first, 2]
     u, ux, uy, v, vx, vy = u * columns, ux * columns, uy * columns, v * rows, vx * rows, vy * rows
-    a, b = math.hypot(ux * width, vx * height), math.hypot(uy * width, vy * height)
+    a = math.sqrt((ux * width) ** 2 + (vx * height) ** 2)
+    b = math.sqrt((uy * width) ** 2 + (vy * height) ** 2)
     if a < b:
         a, b, ux, vx, uy, vy = b, a, uy, vy, ux, vx
     a, b = a * FOOTPRINT_SCALE, b * FOOTPRINT_SCALE
     if not a > 1.0:
-        return _texel(world, first, _wrap(u, columns), _wrap(v, rows))
+        return _texel(textures, first, _wrap(u, columns), _wrap(v, rows))
     across = ROWS if b > 1.0 else 1
     probes = int(min(math.ceil(across * a / max(b, 1.0)), MAX_PROBES))
     level = max(0.0, math.log2(max(b / across, a / probes)))
     low = int(min(level, count - 1.0))
     share = level - low if low + 1 < count else 0.0
     red = green = blue = 0.0
-    for i in range(probes * across):
-        s, t = (i // across + 0.5) / probes - 0.5, (i % across + 0.5) / across - 0.5
-        p, q = _wrap(u + s * ux + t * uy, columns), _wrap(v + s * vx + t * vy, rows)
-        r0, g0, b0 = _texel(world, first + low, p, q)
-        if share > 0:
-            r1, g1, b1 = _texel(world, first + low + 1, p, q)
-            r0, g0, b0 = r0 + share * (r1 - r0), g0 + share * (g1 - g0), b0 + share * (b1 - b0)
-        red, green, blue = red + r0, green + g0, blue + b0
+    for i in range(probes):
+        s = (i + 0.5) / probes - 0.5
+        for j in range(across):
+            t = (j + 0.5) / across - 0.5
+            p, q = _wrap(u + s * ux + t * uy, columns), _wrap(v + s * vx + t * vy, rows)
+            r0, g0, b0 = _texel(textures, first + low, p, q)
+            if share > 0:
+                r1, g1, b1 = _texel(textures, first + low + 1, p, q)
+                r0, g0, b0 = r0 + share * (r1 - r0), g0 + share * (g1 - g0), b0 + share * (b1 - b0)
+            red, green, blue = red + r0, green + g0, blue + b0
     taken = probes * across
     return red / taken, green / taken, blue / taken
 
@@ -103,10 +106,9 @@ def _light(world, face, u, v):
 
 
 @njit_helper
-def _chart_step(world, solid, face, x, y, z, u, v, step):
+def _chart_step(m, kind, face, x, y, z, u, v, step):
     """Return the change of (u, v) for a step (x, y, z) along a face."""
-    sx, sy, sz = to_local(world.local_from_world[solid], step[0], step[1], step[2])
-    kind = world.kinds[solid]
+    sx, sy, sz = to_local(m, step[0], step[1], step[2])
     a, b = chart(kind, face, x + sx, y + sy, z + sz)
     a -= u
     if kind in (ELLIPSOID, CYLINDER):
@@ -127,43 +129,54 @@ def _surface_step(t, d, n, origin_step, bearing_step):
 
 
 @njit_helper
-def _radiance(world, o, d, ox, dx, oy, dy):
-    """Return the light (r, g, b) along a ray; ox, dx, oy, dy are differences to the rays right and below."""
-    t, solid, face = first_hit(world, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf)
-    if solid < 0:
-        if world.sky < 0:
-            return 0.0, 0.0, 0.0
-        u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
-        across, down = math.hypot(dx[0], math.hypot(dx[1], dx[2])), math.hypot(dy[0], math.hypot(dy[1], dy[2]))
-        wide = across / (2 * math.pi * max(math.hypot(d[0], d[2]), 1e-3))
-        return _filtered(world, world.sky, u, v, wide, 0.0, 0.0, down / math.pi)
-    m, kind = world.local_from_world[solid], world.kinds[solid]
+def _sky(world, d, dx, dy):
+    """Return the light (r, g, b) of the sky; dx and dy are differences to the bearings right and below."""
+    if world.sky < 0:
+        return 0.0, 0.0, 0.0
+    u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
+    wide = _norm(dx) / (2 * math.pi * max(math.sqrt(d[0] * d[0] + d[2] * d[2]), 1e-3))
+    return _filtered(world.textures, world.sky, u, v, wide, 0.0, 0.0, _norm(dy) / math.pi)
+
+
+@njit_helper
+def _radiance(world, t, solid, face, o, d, ox, dx, oy, dy, shade):
+    """Return the light (r, g, b) of the hit of a ray, and the solid that shades it from the sun, else -1.
+
+    ox, dx, oy, dy are differences to the rays right and below; `shade` is a solid that is likely to shade it.
+    """
+    m, kind = world.tree.local_from_world[solid], world.tree.kinds[solid]
     px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
     x, y, z = to_local(m, px, py, pz)
     x, y, z = x + m[0, 3], y + m[1, 3], z + m[2, 3]
     u, v = chart(kind, face, x, y, z)
     n = world_normal(world, solid, face, x, y, z)
     row = world.first_face[solid] + face
-    ux, vx = _chart_step(world, solid, face, x, y, z, u, v, _surface_step(t, d, n, ox, dx))
-    uy, vy = _chart_step(world, solid, face, x, y, z, u, v, _surface_step(t, d, n, oy, dy))
-    r, g, b = _filtered(world, world.faces[row, 0], u, v, ux, vx, uy, vy)
+    ux, vx = _chart_step(m, kind, face, x, y, z, u, v, _surface_step(t, d, n, ox, dx))
+    uy, vy = _chart_step(m, kind, face, x, y, z, u, v, _surface_step(t, d, n, oy, dy))
+    r, g, b = _filtered(world.textures, world.faces[row, 0], u, v, ux, vx, uy, vy)
     light = float(_light(world, row, u, v))
     sun = world.sun
-    if sun[3] > 0:
-        shine = 0.0
-        # A rectangle has two sides.
-        side = -1.0 if kind == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0 else 1.0
-        facing = side * (n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2])
-        if facing > 0:
-            lift = side * SHADOW_OFFSET_M
-            sx, sy, sz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
-            if first_hit(world, sx, sy, sz, sun[0], sun[1], sun[2], 1e-6, np.inf)[1] < 0:
-                shine = sun[3] * facing
-        r *= light * SKYLIGHT[0] + shine * SUNLIGHT[0]
-        g *= light * SKYLIGHT[1] + shine * SUNLIGHT[1]
-        b *= light * SKYLIGHT[2] + shine * SUNLIGHT[2]
-        return r, g, b
-    return r * light, g * light, b * light
+    if not sun[3] > 0:
+        return r * light, g * light, b * light, -1
+    shine, shader = 0.0, shade
+    # A rectangle has two sides.
+    side = -1.0 if kind == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0 else 1.0
+    facing = side * (n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2])
+    if facing > 0:
+        lift = side * SHADOW_OFFSET_M
+        sx, sy, sz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
+        shader = first_hit(world.tree, sx, sy, sz, sun[0], sun[1], sun[2], 1e-6, np.inf, shade, True)[1]
+        if shader < 0:
+            shine = sun[3] * facing
+    r *= light * SKYLIGHT[0] + shine * SUNLIGHT[0]
+    g *= light * SKYLIGHT[1] + shine * SUNLIGHT[1]
+    b *= light * SKYLIGHT[2] + shine * SUNLIGHT[2]
+    return r, g, b, shader
+
+
+@njit_helper
+def _norm(v):
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @njit_helper
@@ -196,8 +209,11 @@ def render_rows(world, origins, bearings, rotations, translations, samples, imag
     (H, 3, 3), translations (H, 3). NaN rays are black.
     """
     height, width = bearings.shape[0], bearings.shape[1]
+    tree = world.tree
     for row in range(first, last):
         turn, eye = rotations[row], translations[row]
+        # Neighbouring rays mostly hit, and are shaded by, the same solid.
+        solid = shade = -1
         for column in range(image.shape[1]):
             r = g = b = 0.0
             for j in range(row * samples, (row + 1) * samples):
@@ -219,7 +235,11 @@ def render_rows(world, origins, bearings, rotations, translations, samples, imag
                     if dx[0] != dx[0]:
                         dx = dy = ox = oy = (0.0, 0.0, 0.0)
                     o = (o[0] + eye[0], o[1] + eye[1], o[2] + eye[2])
-                    cr, cg, cb = _radiance(world, o, d, ox, dx, oy, dy)
+                    t, solid, face = first_hit(tree, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf, solid, False)
+                    if solid < 0:
+                        cr, cg, cb = _sky(world, d, dx, dy)
+                    else:
+                        cr, cg, cb, shade = _radiance(world, t, solid, face, o, d, ox, dx, oy, dy, shade)
                     r, g, b = r + cr, g + cg, b + cb
             count = samples * samples
             image[row, column, 0], image[row, column, 1], image[row, column, 2] = r / count, g / count, b / count
@@ -234,7 +254,7 @@ def precompute_light(world, world_from_local, spots, directions, lamps, ambient,
     """
     for i in range(first, last):
         solid, face = int(spots[i, 0]), int(spots[i, 1])
-        x, y, z = place(world.kinds[solid], face, spots[i, 2], spots[i, 3])
+        x, y, z = place(world.tree.kinds[solid], face, spots[i, 2], spots[i, 3])
         nx, ny, nz = world_normal(world, solid, face, x, y, z)
         m = world_from_local[solid]
         px, py, pz = to_local(m, x, y, z)
@@ -253,7 +273,7 @@ def precompute_light(world, world_from_local, spots, directions, lamps, ambient,
             dx = s * (1 + sign * nx * nx * a) + c * b + n * nx
             dy = s * sign * b + c * (sign + ny * ny * a) + n * ny
             dz = -s * sign * nx - c * ny + n * nz
-            t, _, _ = first_hit(world, px, py, pz, dx, dy, dz, 1e-6, np.inf)
+            t, _, _ = first_hit(world.tree, px, py, pz, dx, dy, dz, 1e-6, np.inf, -1, False)
             total += t / (t + reach) if t < np.inf else 1.0
         total *= ambient / len(directions)
         for k in range(len(lamps)):
@@ -262,6 +282,6 @@ def precompute_light(world, world_from_local, spots, directions, lamps, ambient,
             lx, ly, lz = lx / far, ly / far, lz / far
             # Cosine at the lamp, which shines down (+y).
             facing = (lx * nx + ly * ny + lz * nz) * max(-ly, 0.0)
-            if facing > 0 and first_hit(world, px, py, pz, lx, ly, lz, 1e-6, far - 1e-3)[1] < 0:
+            if facing > 0 and first_hit(world.tree, px, py, pz, lx, ly, lz, 1e-6, far - 1e-3, -1, True)[1] < 0:
                 total += lamps[k, 3] * facing / (far * far)
         light[i] = total

@@ -12,26 +12,35 @@ from omnisight.compiled import njit_driver, njit_helper
 from omnisight.simulation._shapes import meet, normal
 
 
-class World(NamedTuple):
-    """A scene in arrays, for the compiled loops.
+class Tree(NamedTuple):
+    """Solids in a bounding-box tree, in arrays for the compiled loops.
+
+    The tree is stored once for each octant of ray directions, so that the nearer child of a node always comes first.
 
     Attributes
     ----------
     local_from_world
         (S, 3, 4), for each solid.
-    kinds, first_face, instance
-        (S,), for each solid: shape, first row in `faces`, instance number.
-    inward
-        (S,), -1 for solids seen from inside, else 1.
+    kinds
+        (S,), shape of each solid.
     boxes
-        (N, 6) low and high corner of each node of the tree, parents before children.
+        (8 N, 6) low and high corner of each node, parents before children.
     nodes
-        (N, 3): next node if this one is skipped, first solid and number of solids of a leaf.
-    faces
-        (F, 4), for each face: texture, start of its light, columns and rows of the light.
-    light
-        Light on the faces, 1 for daylight.
-    textures
+        (8 N, 2): next node if this one is skipped, and the solid of a leaf, else -1.
+    """
+
+    local_from_world: Any
+    kinds: Any
+    boxes: Any
+    nodes: Any
+
+
+class Textures(NamedTuple):
+    """All textures of a scene, in arrays for the compiled loops.
+
+    Attributes
+    ----------
+    tables
         (T, 4): first row in `levels`, number of levels, and repetitions to the right and down.
     levels
         (L, 3): start in `texels`, width and height.
@@ -39,25 +48,44 @@ class World(NamedTuple):
         (X, 3), 8 bits, sRGB.
     linear
         (256,) linear light of each 8-bit value.
+    """
+
+    tables: Any
+    levels: Any
+    texels: Any
+    linear: Any
+
+
+class World(NamedTuple):
+    """A scene in arrays, for the compiled loops.
+
+    Attributes
+    ----------
+    tree
+        The solids.
+    first_face, instance
+        (S,), for each solid: first row in `faces`, instance number.
+    inward
+        (S,), -1 for solids seen from inside, else 1.
+    faces
+        (F, 4), for each face: texture, start of its light, columns and rows of the light.
+    light
+        Light on the faces, 1 for daylight.
+    textures
+        The textures.
     sun
         (4,) direction to the sun and its strength.
     sky
         Texture of the sky, -1 if there is none.
     """
 
-    local_from_world: Any
-    kinds: Any
+    tree: Tree
     first_face: Any
     instance: Any
     inward: Any
-    boxes: Any
-    nodes: Any
     faces: Any
     light: Any
-    textures: Any
-    levels: Any
-    texels: Any
-    linear: Any
+    textures: Textures
     sun: Any
     sky: int
 
@@ -73,11 +101,40 @@ def to_local(m, x, y, z):
 
 
 @njit_helper
-def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
-    """Return distance, solid and face of the first hit between two distances; inf and -1 if there is none."""
+def _meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least):
+    """Return the first distance > least at which a ray meets a solid, and the face."""
+    m = tree.local_from_world
+    return meet(
+        tree.kinds[i],
+        m[i, 0, 0] * ox + m[i, 0, 1] * oy + m[i, 0, 2] * oz + m[i, 0, 3],
+        m[i, 1, 0] * ox + m[i, 1, 1] * oy + m[i, 1, 2] * oz + m[i, 1, 3],
+        m[i, 2, 0] * ox + m[i, 2, 1] * oy + m[i, 2, 2] * oz + m[i, 2, 3],
+        m[i, 0, 0] * dx + m[i, 0, 1] * dy + m[i, 0, 2] * dz,
+        m[i, 1, 0] * dx + m[i, 1, 1] * dy + m[i, 1, 2] * dz,
+        m[i, 2, 0] * dx + m[i, 2, 1] * dy + m[i, 2, 2] * dz,
+        least,
+    )
+
+
+@njit_helper
+def first_hit(tree, ox, oy, oz, dx, dy, dz, least, most, guess, stop):
+    """Return distance, solid and face of the first hit between two distances; inf and -1 if there is none.
+
+    A solid that is likely to be hit, `guess`, is met first, so that what is farther is skipped; -1 for none. It does
+    not change the result: of solids at the same distance, the first in the tree is hit. With `stop`, return any hit.
+    """
     best, solid, best_face = most, -1, 0
+    if guess >= 0:
+        t, face = _meet_solid(tree, guess, ox, oy, oz, dx, dy, dz, least)
+        if t < best:
+            best, solid, best_face = t, guess, face
+            if stop:
+                return best, solid, best_face
     ix, iy, iz = 1 / dx, 1 / dy, 1 / dz
-    boxes, node, end = world.boxes, 0, len(world.nodes)
+    boxes, nodes = tree.boxes, tree.nodes
+    size = len(nodes) // 8
+    node = size * ((1 if dx < 0 else 0) + (2 if dy < 0 else 0) + (4 if dz < 0 else 0))
+    end = node + size
     while node < end:
         x0, x1 = (boxes[node, 0] - ox) * ix, (boxes[node, 3] - ox) * ix
         y0, y1 = (boxes[node, 1] - oy) * iy, (boxes[node, 4] - oy) * iy
@@ -85,16 +142,15 @@ def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
         enter = max(min(x0, x1), min(y0, y1), min(z0, z1))
         leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
         if enter > leave or leave < least or enter > best:
-            node = world.nodes[node, 0]
+            node = nodes[node, 0]
             continue
-        start, count = world.nodes[node, 1], world.nodes[node, 2]
-        for i in range(start, start + count):
-            m = world.local_from_world[i]
-            px, py, pz = to_local(m, ox, oy, oz)
-            qx, qy, qz = to_local(m, dx, dy, dz)
-            t, face = meet(world.kinds[i], px + m[0, 3], py + m[1, 3], pz + m[2, 3], qx, qy, qz, least)
-            if t < best:
+        i = nodes[node, 1]
+        if i >= 0:
+            t, face = _meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least)
+            if t < best or (t == best and i < solid):
                 best, solid, best_face = t, i, face
+                if stop:
+                    return best, solid, best_face
         node += 1
     return (best if solid >= 0 else np.inf), solid, best_face
 
@@ -102,8 +158,8 @@ def first_hit(world, ox, oy, oz, dx, dy, dz, least, most):
 @njit_helper
 def world_normal(world, solid, face, x, y, z):
     """Return the unit normal (world frame) of the visible side at a local point of a face."""
-    m = world.local_from_world[solid]
-    a, b, c = normal(world.kinds[solid], face, x, y, z)
+    m = world.tree.local_from_world[solid]
+    a, b, c = normal(world.tree.kinds[solid], face, x, y, z)
     nx = m[0, 0] * a + m[1, 0] * b + m[2, 0] * c
     ny = m[0, 1] * a + m[1, 1] * b + m[2, 1] * c
     nz = m[0, 2] * a + m[1, 2] * b + m[2, 2] * c
@@ -117,17 +173,19 @@ def cast(world, origins, bearings, distances, normals, instances, first, last):
 
     Normals point towards the origin of the ray. A ray without a hit has NaN and instance 0.
     """
+    guess = -1
     for i in range(first, last):
         ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = bearings[i, 0], bearings[i, 1], bearings[i, 2]
         t, solid, face = np.inf, -1, 0
         if dx == dx:
-            t, solid, face = first_hit(world, ox, oy, oz, dx, dy, dz, 1e-9, np.inf)
+            t, solid, face = first_hit(world.tree, ox, oy, oz, dx, dy, dz, 1e-9, np.inf, guess, False)
+        guess = solid
         if solid < 0:
             distances[i], instances[i] = np.nan, 0
             normals[i, 0] = normals[i, 1] = normals[i, 2] = np.nan
             continue
-        m = world.local_from_world[solid]
+        m = world.tree.local_from_world[solid]
         x, y, z = to_local(m, ox + t * dx, oy + t * dy, oz + t * dz)
         nx, ny, nz = world_normal(world, solid, face, x + m[0, 3], y + m[1, 3], z + m[2, 3])
         turn = -1.0 if nx * dx + ny * dy + nz * dz > 0 else 1.0
