@@ -80,17 +80,22 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Concatenate all levels of all textures; return their tables `textures`, `levels` and `texels`."""
+    """Concatenate all levels of all images; return their tables `tables`, `levels` and `texels`."""
     rows: list[tuple[int, int, int, int]] = []
     levels: list[tuple[int, int, int]] = []
     texels: list[NDArray[np.uint8]] = [np.zeros((0, 3), np.uint8)]
+    first_level: dict[int, tuple[int, int]] = {}
     start = 0
     for texture in textures:
-        rows.append((len(levels), len(texture.levels), *texture.repeat))
-        for level in texture.levels:
-            levels.append((start, level.shape[1], level.shape[0]))
-            texels.append(level.reshape(-1, 3))
-            start += level.shape[0] * level.shape[1]
+        # Textures that repeat one image differently share its levels.
+        image = id(texture.image)
+        if image not in first_level:
+            first_level[image] = len(levels), len(texture.levels)
+            for level in texture.levels:
+                levels.append((start, level.shape[1], level.shape[0]))
+                texels.append(level.reshape(-1, 3))
+                start += level.shape[0] * level.shape[1]
+        rows.append((*first_level[image], *texture.repeat))
     return (
         np.array(rows, np.int64).reshape(-1, 4),
         np.array(levels, np.int64).reshape(-1, 3),
