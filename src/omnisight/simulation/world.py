@@ -68,7 +68,7 @@ def build_world(
         inward=np.array([-1.0 if s.inside else 1.0 for s in solids]),
         faces=np.array(faces, np.int64).reshape(-1, 4),
         light=np.zeros(start, np.float32),
-        textures=Textures(*_texels(textures), LINEAR),
+        textures=Textures(*_texels(textures), LINEAR.astype(np.float64)),
         sun=np.append(sun_direction / np.linalg.norm(sun_direction), sun[1]),
         sky=-1 if sky is None else number[sky],
     ), solids
