@@ -27,16 +27,23 @@ NJIT_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 LocatorBase: Any = CacheLocator
 
 njit_helper = numba.njit(**NJIT_OPTIONS)
+# For small functions in hot loops, whose arguments (arrays have seven words each) would cost more than their work.
+njit_inlined = numba.njit(**NJIT_OPTIONS, forceinline=True)
 
 
-def njit_driver(function: Callable[..., Any]) -> Any:
-    """Compile a loop that Python calls; the code is cached on disk.
+# For loops that make no arrays: without reference counts, which are atomic operations for each array argument of each
+# call that is not inlined, and with fused multiplication and addition.
+STREAMLINED: Any = {"_nrt": False, "fastmath": {"contract"}}
+
+
+def njit_driver(function: Callable[..., Any], **options: Any) -> Any:
+    """Compile a loop that Python calls, with options of numba; the code is cached on disk.
 
     Functions that it calls are `njit_helper`s of the `_*.py` files of its folder and of all `_*_kernel.py` files.
     """
     file = Path(str(sys.modules[function.__module__].__file__))
     sources = source_hash(file.parent, "_*.py") + source_hash(Path(__file__).parent, "**/_*_kernel.py")
-    return cached_njit(function, cache_folder() / f"loops-{sources}", **NJIT_OPTIONS)
+    return cached_njit(function, cache_folder() / f"loops-{sources}", **NJIT_OPTIONS, **options)
 
 
 def cached_njit(function: Callable[..., Any], folder: Path, **options: Any) -> Any:

@@ -26,7 +26,7 @@ NEXT = om.Pose(exp((0.02, 0.12, 0.03)), np.array((0.15, 0.03, 0.12)))
 
 
 def test_scenes_are_discovered_by_their_files():
-    assert {"boards", "lines", "room", "street"} <= set(scene_names())
+    assert {"boards", "lines", "room", "rooms", "street", "town"} <= set(scene_names())
     with pytest.raises(ValueError, match="unknown scene 'moon'; there are: boards, lines"):
         scene_named("moon")
 
@@ -39,11 +39,42 @@ def test_preset_trajectories_are_free_of_collisions(name):
     bearings = rng.normal(size=(200, 3))
     bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
     for motion in PRESETS:
-        for pose in preset_trajectory(motion, scene.free).poses[::60]:
+        for pose in preset_trajectory(motion, scene.free, route=scene.route).poses[::60]:
             assert scene.solids_at(pose.translation) == [""]
             met = scene.cast(np.tile(pose.translation, (200, 1)), bearings)
             assert np.nanmin(met.distances) > 0.15
             assert (met.instances > 0).mean() > 0.4
+
+
+def route_of(name):
+    scene = scene_named(name)
+    return np.array([pose.translation for pose in preset_trajectory("loop", scene.free, route=scene.route).poses])
+
+
+def test_town_has_a_loop_of_400_m_on_its_sloping_roads():
+    scene, places = scene_named("town"), route_of("town")
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).sum() > 400
+    below = scene.cast(places[::40], np.array((0.0, 1.0, 0.0)))
+    assert np.ptp(places[:, 1]) > 2
+    # The camera of a car, 1.6 m above roads and crossings. The spline rounds the beginnings of the slopes.
+    np.testing.assert_allclose(below.distances, 1.6, atol=0.1)
+    on = {scene.names[i - 1].split()[0] for i in below.instances}
+    assert on == {"street", "crossing"}
+
+
+def test_house_fronts_of_the_town_are_repeated():
+    walls = [solid for solid in scene_named("town").solids if solid.name.startswith("house") and solid.shape == "box"]
+    fronts = [solid.textures[4] for solid in walls if solid.textures[4] is not solid.textures[0]]
+    assert len(fronts) > 100
+    assert len(set(fronts)) <= 8
+
+
+def test_loop_of_the_flat_enters_all_rooms():
+    """The rooms are in a grid of three columns on both sides of the corridor."""
+    places = route_of("rooms")
+    inside = places[np.abs(places[:, 2]) > 1.5]
+    rooms = {(round(float(x) / 4.2), z > 0) for x, _, z in inside}
+    assert rooms == {(column, side) for column in (-1, 0, 1) for side in (False, True)}
 
 
 @pytest.mark.slow

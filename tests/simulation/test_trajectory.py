@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation, Slerp
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.simulation import trajectory as module
-from omnisight.simulation.preset_motion import PRESETS, preset_trajectory
+from omnisight.simulation.preset_motion import DRIVE, PRESETS, Route, preset_trajectory
 from omnisight.simulation.trajectory import Trajectory, quaternion, read_trajectory, write_trajectory
 
 FREE = ((-1.0, -0.5, -2.0), (1.0, 0.5, 2.0))
@@ -168,6 +168,34 @@ def test_loop_is_closed():
     motion = preset_trajectory("loop", FREE)
     np.testing.assert_allclose(motion.poses[0].translation, motion.poses[-1].translation, atol=1e-12)
     np.testing.assert_allclose(motion.poses[0].rotation, motion.poses[-1].rotation, atol=1e-12)
+
+
+def block(duration=0.0):
+    corners = ((0.0, 0.0, 0.0), (0.0, -2.0, 60.0), (80.0, -2.0, 60.0), (80.0, 0.0, 0.0))
+    return preset_trajectory("loop", FREE, duration, Route(corners, 14.0, DRIVE))
+
+
+def test_route_is_followed_within_its_pace():
+    motion = block()
+    places, step = np.array([pose.translation for pose in motion.poses]), float(np.diff(motion.times).mean())
+    speed = np.diff(places, axis=0) / step
+    assert 7.9 < np.linalg.norm(speed, axis=1).max() <= DRIVE.speed * 1.001
+    assert np.linalg.norm(np.diff(speed, axis=0) / step, axis=1).max() < DRIVE.acceleration * np.sqrt(2) * 1.05
+    assert 0.9 * 280 < np.linalg.norm(speed, axis=1).sum() * step < 280
+    ahead = np.array([pose.rotation[:, 2] for pose in motion.poses[1:-1]])
+    along = (places[2:] - places[:-2]) / np.linalg.norm(places[2:] - places[:-2], axis=1, keepdims=True)
+    assert ((ahead * along).sum(1) > 0.9999).all()
+    assert np.abs(ahead[:, 1]).max() > 0.03  # uphill and downhill
+    np.testing.assert_allclose([pose.rotation[1, 0] for pose in motion.poses], 0, atol=1e-12)  # no roll
+
+
+def test_acceleration_along_a_route_is_continuous():
+    """Also from one round to the next; a piecewise linear acceleration changes little between the poses."""
+    motion = block(duration=100.0)
+    places, step = np.array([pose.translation for pose in motion.poses]), float(np.diff(motion.times).mean())
+    acceleration = np.diff(places, 2, axis=0) / step**2
+    assert np.linalg.norm(np.diff(acceleration, axis=0), axis=1).max() < 0.25
+    assert np.linalg.norm(acceleration, axis=1).max() > 1
 
 
 def test_invalid_trajectories_are_rejected():

@@ -42,14 +42,15 @@ def simulate(
     Parameters
     ----------
     scene
-        room, street, boards or lines.
+        room, rooms, street, town, boards or lines.
     camera
         Calibration file of any format; non-central cameras and rigs are supported.
     output
         Folder of the data set; created if needed. A folder with other content is refused.
     trajectory
-        loop, line, turn or still, at the speed of a walking person; or a file of world_from_cam poses (world_from_rig
-        for a rig), in the TUM format (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
+        loop, line, turn or still, at the speed of a walking person; loop follows the roads of the town, as a car, and
+        enters all rooms of `rooms`. Or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
+        (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
     up
         Orientation of the camera on loop, line, turn and still: top is level; back looks down, as below a mirror; front
         looks up.

@@ -43,14 +43,15 @@ class SimulateOptions:
     Attributes
     ----------
     scene
-        room, street, boards or lines.
+        room, rooms, street, town, boards or lines.
     camera
         A calibration file of any format, or a camera or rig. Non-central cameras are supported.
     output
         Folder of the data set. It is created if needed; a folder with other content is refused.
     trajectory
-        loop, line, turn or still, at the speed of a walking person; or a file of world_from_cam poses (world_from_rig
-        for a rig), in the TUM format (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
+        loop, line, turn or still, at the speed of a walking person; loop follows the roads of the town, as a car, and
+        enters all rooms of `rooms`. Or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
+        (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
     up
         Orientation of the camera on the trajectories loop, line, turn and still: "top" is level; "back" looks down, as
         below a mirror; "front" looks up.
@@ -258,7 +259,7 @@ def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, NDA
     name = options.trajectory
     if name in PRESETS:
         count = options.frames or DEFAULT_FRAMES
-        level = preset_trajectory(name, scene.free, count / options.fps if options.fps else 0.0)
+        level = preset_trajectory(name, scene.free, count / options.fps if options.fps else 0.0, scene.route)
         rate = options.fps or count / level.times[-1]
         poses = tuple(pose @ Pose(look(up=options.up)) for pose in level.poses)
         return Trajectory(level.times, poses), np.arange(count) / rate

@@ -3,7 +3,7 @@
 from omnisight.simulation.board import BoardInScene, board_solid
 from omnisight.simulation.board_poses import board_poses
 from omnisight.simulation.example_cameras import DEMO_BOARD, CameraSetup, fisheye_setup, mirror_setup
-from omnisight.simulation.preset_motion import preset_trajectory
+from omnisight.simulation.preset_motion import DRIVE, WALK, Pace, Route, preset_trajectory
 from omnisight.simulation.render import GroundTruth, RenderedImage, Renderer, dense_correspondences, render
 from omnisight.simulation.scene import Hits, Scene
 from omnisight.simulation.scenes import scene_named, scene_names
@@ -14,12 +14,16 @@ from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_t
 
 __all__ = [
     "DEMO_BOARD",
+    "DRIVE",
+    "WALK",
     "BoardInScene",
     "CameraSetup",
     "GroundTruth",
     "Hits",
+    "Pace",
     "RenderedImage",
     "Renderer",
+    "Route",
     "Scene",
     "Solid",
     "Texture",

@@ -4,12 +4,13 @@
 # pyright: basic
 
 import math
+from functools import partial
 
 import numpy as np
 
-from omnisight.compiled import njit_driver, njit_helper
+from omnisight.compiled import STREAMLINED, njit_driver, njit_helper, njit_inlined
 from omnisight.simulation._shapes import CYLINDER, ELLIPSOID, RECTANGLE, chart, place
-from omnisight.simulation._trace import first_hit, to_local, world_normal
+from omnisight.simulation._trace import first_hit, point_to_local, to_local, world_normal
 
 # Texture samples along the longer side of a ray's footprint, and across it.
 MAX_PROBES, ROWS = 12, 2
@@ -21,7 +22,7 @@ SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
 SHADOW_OFFSET_M = 1e-5
 
 
-@njit_helper
+@njit_inlined
 def _bilinear_cell(start, width, height, u, v):
     """Return the bilinear cell of a grid position: index, index steps right and down, and fractions."""
     x = min(max(u * width - 0.5, 0.0), width - 1.0)
@@ -32,81 +33,86 @@ def _bilinear_cell(start, width, height, u, v):
     return start + row * width + column, right, below, fx, fy
 
 
-@njit_helper
-def _texel(world, level, u, v):
+@njit_inlined
+def _linear(textures, at, channel):
+    """Return the light in one channel of a texel."""
+    return textures.linear[textures.texels[at, channel]]
+
+
+@njit_inlined
+def _texel(textures, level, u, v):
     """Interpolate the light (r, g, b) in one level of a texture bilinearly, clamped at its edges."""
-    start, width, height = world.levels[level, 0], world.levels[level, 1], world.levels[level, 2]
+    start, width, height = textures.levels[level, 0], textures.levels[level, 1], textures.levels[level, 2]
     at, right, below, fx, fy = _bilinear_cell(start, width, height, u, v)
-    texels, linear = world.texels, world.linear
-    r0, r1 = linear[texels[at, 0]], linear[texels[at + below, 0]]
-    g0, g1 = linear[texels[at, 1]], linear[texels[at + below, 1]]
-    b0, b1 = linear[texels[at, 2]], linear[texels[at + below, 2]]
-    r0 += fx * (linear[texels[at + right, 0]] - r0)
-    g0 += fx * (linear[texels[at + right, 1]] - g0)
-    b0 += fx * (linear[texels[at + right, 2]] - b0)
-    r1 += fx * (linear[texels[at + below + right, 0]] - r1)
-    g1 += fx * (linear[texels[at + below + right, 1]] - g1)
-    b1 += fx * (linear[texels[at + below + right, 2]] - b1)
+    r0, r1 = _linear(textures, at, 0), _linear(textures, at + below, 0)
+    g0, g1 = _linear(textures, at, 1), _linear(textures, at + below, 1)
+    b0, b1 = _linear(textures, at, 2), _linear(textures, at + below, 2)
+    r0 += fx * (_linear(textures, at + right, 0) - r0)
+    g0 += fx * (_linear(textures, at + right, 1) - g0)
+    b0 += fx * (_linear(textures, at + right, 2) - b0)
+    r1 += fx * (_linear(textures, at + below + right, 0) - r1)
+    g1 += fx * (_linear(textures, at + below + right, 1) - g1)
+    b1 += fx * (_linear(textures, at + below + right, 2) - b1)
     return r0 + fy * (r1 - r0), g0 + fy * (g1 - g0), b0 + fy * (b1 - b0)
 
 
-@njit_helper
+@njit_inlined
 def _wrap(u, repeats):
     """Return the position within one copy of a repeated texture."""
     return u - math.floor(u) if repeats > 1 else u
 
 
 @njit_helper
-def _filtered(world, texture, u, v, ux, vx, uy, vy):
+def _filtered(textures, texture, u, v, ux, vx, uy, vy):
     """Return the mean light of a texture over the parallelogram with sides (ux, vx), (uy, vy) about (u, v).
 
     Anisotropic filtering: two rows of samples along the longer side, each in the mipmap level of half the shorter side.
     Their mean is close to that of the area; one row would blur or alias.
     """
-    first, count = world.textures[texture, 0], world.textures[texture, 1]
-    width, height = world.levels[first, 1], world.levels[first, 2]
-    columns, rows = world.textures[texture, 2], world.textures[texture, 3]
+    first, count = textures.tables[texture, 0], textures.tables[texture, 1]
+    columns, rows = textures.tables[texture, 2], textures.tables[texture, 3]
+    width, height = textures.levels[first, 1], textures.levels[first, 2]
     u, ux, uy, v, vx, vy = u * columns, ux * columns, uy * columns, v * rows, vx * rows, vy * rows
-    a, b = math.hypot(ux * width, vx * height), math.hypot(uy * width, vy * height)
+    a = math.sqrt((ux * width) ** 2 + (vx * height) ** 2)
+    b = math.sqrt((uy * width) ** 2 + (vy * height) ** 2)
     if a < b:
         a, b, ux, vx, uy, vy = b, a, uy, vy, ux, vx
     a, b = a * FOOTPRINT_SCALE, b * FOOTPRINT_SCALE
-    if not a > 1.0:
-        return _texel(world, first, _wrap(u, columns), _wrap(v, rows))
     across = ROWS if b > 1.0 else 1
-    probes = int(min(math.ceil(across * a / max(b, 1.0)), MAX_PROBES))
-    level = max(0.0, math.log2(max(b / across, a / probes)))
+    probes = max(int(min(math.ceil(across * a / max(b, 1.0)), MAX_PROBES)), 1) if a > 1.0 else 1
+    level = math.log2(max(b / across, a / probes, 1.0))
     low = int(min(level, count - 1.0))
     share = level - low if low + 1 < count else 0.0
     red = green = blue = 0.0
-    for i in range(probes * across):
-        s, t = (i // across + 0.5) / probes - 0.5, (i % across + 0.5) / across - 0.5
-        p, q = _wrap(u + s * ux + t * uy, columns), _wrap(v + s * vx + t * vy, rows)
-        r0, g0, b0 = _texel(world, first + low, p, q)
-        if share > 0:
-            r1, g1, b1 = _texel(world, first + low + 1, p, q)
-            r0, g0, b0 = r0 + share * (r1 - r0), g0 + share * (g1 - g0), b0 + share * (b1 - b0)
-        red, green, blue = red + r0, green + g0, blue + b0
+    for i in range(probes):
+        s = (i + 0.5) / probes - 0.5
+        for j in range(across):
+            t = (j + 0.5) / across - 0.5
+            p, q = _wrap(u + s * ux + t * uy, columns), _wrap(v + s * vx + t * vy, rows)
+            r0, g0, b0 = _texel(textures, first + low, p, q)
+            if share > 0:
+                r1, g1, b1 = _texel(textures, first + low + 1, p, q)
+                r0, g0, b0 = r0 + share * (r1 - r0), g0 + share * (g1 - g0), b0 + share * (b1 - b0)
+            red, green, blue = red + r0, green + g0, blue + b0
     taken = probes * across
     return red / taken, green / taken, blue / taken
 
 
-@njit_helper
+@njit_inlined
 def _light(world, face, u, v):
     """Interpolate the precomputed light on a face bilinearly."""
     start, width, height = world.faces[face, 1], world.faces[face, 2], world.faces[face, 3]
     at, right, below, fx, fy = _bilinear_cell(start, width, height, u, v)
-    light = world.light
-    above = light[at] + fx * (light[at + right] - light[at])
-    under = light[at + below] + fx * (light[at + below + right] - light[at + below])
+    above = world.light[at] + fx * (world.light[at + right] - world.light[at])
+    under = world.light[at + below] + fx * (world.light[at + below + right] - world.light[at + below])
     return above + fy * (under - above)
 
 
 @njit_helper
-def _chart_step(world, solid, face, x, y, z, u, v, step):
+def _chart_step(tree, solid, face, x, y, z, u, v, step):
     """Return the change of (u, v) for a step (x, y, z) along a face."""
-    sx, sy, sz = to_local(world.local_from_world[solid], step[0], step[1], step[2])
-    kind = world.kinds[solid]
+    sx, sy, sz = to_local(tree.local_from_world, solid, step[0], step[1], step[2])
+    kind = tree.kinds[solid]
     a, b = chart(kind, face, x + sx, y + sy, z + sz)
     a -= u
     if kind in (ELLIPSOID, CYLINDER):
@@ -114,7 +120,7 @@ def _chart_step(world, solid, face, x, y, z, u, v, step):
     return a, b - v
 
 
-@njit_helper
+@njit_inlined
 def _surface_step(t, d, n, origin_step, bearing_step):
     """Return the displacement of a hit on its face from a ray to a neighbouring ray (ray differential)."""
     sx = origin_step[0] + t * bearing_step[0]
@@ -126,56 +132,70 @@ def _surface_step(t, d, n, origin_step, bearing_step):
     return sx - back * d[0], sy - back * d[1], sz - back * d[2]
 
 
-@njit_helper
-def _radiance(world, o, d, ox, dx, oy, dy):
-    """Return the light (r, g, b) along a ray; ox, dx, oy, dy are differences to the rays right and below."""
-    t, solid, face = first_hit(world, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf)
-    if solid < 0:
-        if world.sky < 0:
-            return 0.0, 0.0, 0.0
-        u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
-        across, down = math.hypot(dx[0], math.hypot(dx[1], dx[2])), math.hypot(dy[0], math.hypot(dy[1], dy[2]))
-        wide = across / (2 * math.pi * max(math.hypot(d[0], d[2]), 1e-3))
-        return _filtered(world, world.sky, u, v, wide, 0.0, 0.0, down / math.pi)
-    m, kind = world.local_from_world[solid], world.kinds[solid]
+@njit_inlined
+def _sky(world, textures, d, dx, dy):
+    """Return the light (r, g, b) of the sky; dx and dy are differences to the bearings right and below."""
+    if world.sky < 0:
+        return 0.0, 0.0, 0.0
+    u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
+    wide = _norm(dx) / (2 * math.pi * max(math.sqrt(d[0] * d[0] + d[2] * d[2]), 1e-3))
+    return _filtered(textures, world.sky, u, v, wide, 0.0, 0.0, _norm(dy) / math.pi)
+
+
+@njit_inlined
+def _radiance(world, tree, textures, t, solid, face, o, d, ox, dx, oy, dy, shade):
+    """Return the light (r, g, b) of the hit of a ray, and the solid that shades it from the sun, else -1.
+
+    ox, dx, oy, dy are differences to the rays right and below; `shade` is a solid that is likely to shade it.
+    """
+    kind = tree.kinds[solid]
     px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
-    x, y, z = to_local(m, px, py, pz)
-    x, y, z = x + m[0, 3], y + m[1, 3], z + m[2, 3]
+    x, y, z = point_to_local(tree.local_from_world, solid, px, py, pz)
     u, v = chart(kind, face, x, y, z)
-    n = world_normal(world, solid, face, x, y, z)
+    n = world_normal(world, tree, solid, face, x, y, z)
     row = world.first_face[solid] + face
-    ux, vx = _chart_step(world, solid, face, x, y, z, u, v, _surface_step(t, d, n, ox, dx))
-    uy, vy = _chart_step(world, solid, face, x, y, z, u, v, _surface_step(t, d, n, oy, dy))
-    r, g, b = _filtered(world, world.faces[row, 0], u, v, ux, vx, uy, vy)
+    ux, vx = _chart_step(tree, solid, face, x, y, z, u, v, _surface_step(t, d, n, ox, dx))
+    uy, vy = _chart_step(tree, solid, face, x, y, z, u, v, _surface_step(t, d, n, oy, dy))
+    r, g, b = _filtered(textures, world.faces[row, 0], u, v, ux, vx, uy, vy)
     light = float(_light(world, row, u, v))
-    sun = world.sun
-    if sun[3] > 0:
-        shine = 0.0
+    shine, shader = 0.0, -1
+    if world.sun[3] > 0:
+        sx, sy, sz = world.sun[0], world.sun[1], world.sun[2]
         # A rectangle has two sides.
         side = -1.0 if kind == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0 else 1.0
-        facing = side * (n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2])
+        facing = side * (n[0] * sx + n[1] * sy + n[2] * sz)
+        shader = shade
         if facing > 0:
             lift = side * SHADOW_OFFSET_M
-            sx, sy, sz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
-            if first_hit(world, sx, sy, sz, sun[0], sun[1], sun[2], 1e-6, np.inf)[1] < 0:
-                shine = sun[3] * facing
+            px, py, pz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
+            shader = first_hit(tree, px, py, pz, sx, sy, sz, 1e-6, np.inf, shade, True)[1]
+            if shader < 0:
+                shine = world.sun[3] * facing
         r *= light * SKYLIGHT[0] + shine * SUNLIGHT[0]
         g *= light * SKYLIGHT[1] + shine * SUNLIGHT[1]
         b *= light * SKYLIGHT[2] + shine * SUNLIGHT[2]
-        return r, g, b
-    return r * light, g * light, b * light
+    else:
+        r, g, b = r * light, g * light, b * light
+    return r, g, b, shader
 
 
-@njit_helper
-def _rotate(rotation, v):
+@njit_inlined
+def _norm(v):
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@njit_inlined
+def _rotate(rotation, v, j, i):
+    """Rotate v[j, i], (M, N, 3)."""
+    x, y, z = v[j, i, 0], v[j, i, 1], v[j, i, 2]
     return (
-        rotation[0, 0] * v[0] + rotation[0, 1] * v[1] + rotation[0, 2] * v[2],
-        rotation[1, 0] * v[0] + rotation[1, 1] * v[1] + rotation[1, 2] * v[2],
-        rotation[2, 0] * v[0] + rotation[2, 1] * v[1] + rotation[2, 2] * v[2],
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
     )
 
 
-@njit_helper
+@njit_inlined
 def _subtract(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
@@ -188,7 +208,7 @@ def _neighbour(i, samples, end):
     return i + 1 if i + 1 < end else i - 1 if i > 0 else i
 
 
-@njit_driver
+@partial(njit_driver, **STREAMLINED)
 def render_rows(world, origins, bearings, rotations, translations, samples, image, first, last):
     """Render rows first to last of image (H, W, 3), with samples x samples rays per pixel.
 
@@ -196,21 +216,23 @@ def render_rows(world, origins, bearings, rotations, translations, samples, imag
     (H, 3, 3), translations (H, 3). NaN rays are black.
     """
     height, width = bearings.shape[0], bearings.shape[1]
+    tree, textures = world.tree, world.textures
     for row in range(first, last):
         turn, eye = rotations[row], translations[row]
+        # Neighbouring rays mostly hit, and are shaded by, the same solid.
+        solid = shade = -1
         for column in range(image.shape[1]):
             r = g = b = 0.0
             for j in range(row * samples, (row + 1) * samples):
                 for i in range(column * samples, (column + 1) * samples):
-                    bearing = bearings[j, i]
-                    if bearing[0] != bearing[0]:
+                    if bearings[j, i, 0] != bearings[j, i, 0]:
                         continue
-                    d, o = _rotate(turn, bearing), _rotate(turn, origins[j, i])
+                    d, o = _rotate(turn, bearings, j, i), _rotate(turn, origins, j, i)
                     across, down = _neighbour(i, samples, width), _neighbour(j, samples, height)
-                    dx = _subtract(_rotate(turn, bearings[j, across]), d)
-                    dy = _subtract(_rotate(turn, bearings[down, i]), d)
-                    ox = _subtract(_rotate(turn, origins[j, across]), o)
-                    oy = _subtract(_rotate(turn, origins[down, i]), o)
+                    dx = _subtract(_rotate(turn, bearings, j, across), d)
+                    dy = _subtract(_rotate(turn, bearings, down, i), d)
+                    ox = _subtract(_rotate(turn, origins, j, across), o)
+                    oy = _subtract(_rotate(turn, origins, down, i), o)
                     # At the edge of the view one neighbour may be invalid: use the other one.
                     if dx[0] != dx[0]:
                         dx, ox = dy, oy
@@ -219,30 +241,32 @@ def render_rows(world, origins, bearings, rotations, translations, samples, imag
                     if dx[0] != dx[0]:
                         dx = dy = ox = oy = (0.0, 0.0, 0.0)
                     o = (o[0] + eye[0], o[1] + eye[1], o[2] + eye[2])
-                    cr, cg, cb = _radiance(world, o, d, ox, dx, oy, dy)
+                    t, solid, face = first_hit(tree, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf, solid, False)
+                    if solid < 0:
+                        cr, cg, cb = _sky(world, textures, d, dx, dy)
+                    else:
+                        cr, cg, cb, shade = _radiance(
+                            world, tree, textures, t, solid, face, o, d, ox, dx, oy, dy, shade
+                        )
                     r, g, b = r + cr, g + cg, b + cb
             count = samples * samples
             image[row, column, 0], image[row, column, 1], image[row, column, 2] = r / count, g / count, b / count
 
 
-@njit_driver
+@partial(njit_driver, **STREAMLINED)
 def precompute_light(world, world_from_local, spots, directions, lamps, ambient, reach, light, first, last):
     """Compute rows first to last of the light at samples (N, 4): solid, face, u, v.
 
     Ambient light is reduced by solids within `reach` (ambient occlusion), sampled by cosine-weighted directions (K, 3)
     about z. Lamps (M, 4), position and strength, shine downwards with the inverse square of the distance.
     """
+    tree = world.tree
     for i in range(first, last):
         solid, face = int(spots[i, 0]), int(spots[i, 1])
-        x, y, z = place(world.kinds[solid], face, spots[i, 2], spots[i, 3])
-        nx, ny, nz = world_normal(world, solid, face, x, y, z)
-        m = world_from_local[solid]
-        px, py, pz = to_local(m, x, y, z)
-        px, py, pz = (
-            px + m[0, 3] + SHADOW_OFFSET_M * nx,
-            py + m[1, 3] + SHADOW_OFFSET_M * ny,
-            pz + m[2, 3] + SHADOW_OFFSET_M * nz,
-        )
+        x, y, z = place(tree.kinds[solid], face, spots[i, 2], spots[i, 3])
+        nx, ny, nz = world_normal(world, tree, solid, face, x, y, z)
+        px, py, pz = point_to_local(world_from_local, solid, x, y, z)
+        px, py, pz = px + SHADOW_OFFSET_M * nx, py + SHADOW_OFFSET_M * ny, pz + SHADOW_OFFSET_M * nz
         # A frame about the normal (Duff et al. 2017, Building an orthonormal basis, revisited).
         sign = 1.0 if nz >= 0 else -1.0
         a = -1 / (sign + nz)
@@ -253,7 +277,7 @@ def precompute_light(world, world_from_local, spots, directions, lamps, ambient,
             dx = s * (1 + sign * nx * nx * a) + c * b + n * nx
             dy = s * sign * b + c * (sign + ny * ny * a) + n * ny
             dz = -s * sign * nx - c * ny + n * nz
-            t, _, _ = first_hit(world, px, py, pz, dx, dy, dz, 1e-6, np.inf)
+            t, _, _ = first_hit(tree, px, py, pz, dx, dy, dz, 1e-6, np.inf, -1, False)
             total += t / (t + reach) if t < np.inf else 1.0
         total *= ambient / len(directions)
         for k in range(len(lamps)):
@@ -262,6 +286,6 @@ def precompute_light(world, world_from_local, spots, directions, lamps, ambient,
             lx, ly, lz = lx / far, ly / far, lz / far
             # Cosine at the lamp, which shines down (+y).
             facing = (lx * nx + ly * ny + lz * nz) * max(-ly, 0.0)
-            if facing > 0 and first_hit(world, px, py, pz, lx, ly, lz, 1e-6, far - 1e-3)[1] < 0:
+            if facing > 0 and first_hit(tree, px, py, pz, lx, ly, lz, 1e-6, far - 1e-3, -1, True)[1] < 0:
                 total += lamps[k, 3] * facing / (far * far)
         light[i] = total

@@ -34,7 +34,7 @@ def meet(kind, ox, oy, oz, dx, dy, dz, least):
         x, y = ox + t * dx, oy + t * dy
         return (t, 0) if t > least and 0 <= x <= 1 and 0 <= y <= 1 else (np.inf, 0)
     if kind == BOX:
-        return _convex(0, 6, ox, oy, oz, dx, dy, dz, least)
+        return _box(ox, oy, oz, dx, dy, dz, least)
     if kind == ROOF:
         return _convex(6, 5, ox, oy, oz, dx, dy, dz, least)
     if kind == ELLIPSOID:
@@ -64,6 +64,33 @@ def _first(enter, enter_face, leave, leave_face, least):
     if enter > least:
         return enter, enter_face
     return (leave, leave_face) if leave > least else (np.inf, 0)
+
+
+@njit_helper
+def _slab(o, d, face):
+    """Return where a ray enters and leaves the slab 0 to 1 of one axis, each with the face; faces are low and high."""
+    low, high = -o / d, (1 - o) / d
+    if d > 0:
+        return low, face, high, face + 1
+    if d < 0:
+        return high, face + 1, low, face
+    return (-np.inf, face, np.inf, face) if 0 <= o <= 1 else (np.inf, face, -np.inf, face)
+
+
+@njit_helper
+def _box(ox, oy, oz, dx, dy, dz, least):
+    enter, enter_face, leave, leave_face = _slab(ox, dx, 0)
+    near, near_face, far, far_face = _slab(oy, dy, 2)
+    if near > enter:
+        enter, enter_face = near, near_face
+    if far < leave:
+        leave, leave_face = far, far_face
+    near, near_face, far, far_face = _slab(oz, dz, 4)
+    if near > enter:
+        enter, enter_face = near, near_face
+    if far < leave:
+        leave, leave_face = far, far_face
+    return _first(enter, enter_face, leave, leave_face, least)
 
 
 @njit_helper

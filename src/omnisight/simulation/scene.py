@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.parallel import parallel_for
+from omnisight.simulation.preset_motion import Route
 from omnisight.simulation.solids import Solid
 from omnisight.simulation.texture import Texture
 from omnisight.simulation.world import Lighting, Point, build_world, illuminate
@@ -47,6 +48,8 @@ class Scene:
         The objects.
     free
         Low and high corner of a box without solids, in which cameras may move.
+    route
+        Path of the preset trajectory `loop`; without one, the loop is in `free`.
     sky
         Background as an equirectangular image: forward in the centre, up at the top.
     sun
@@ -63,6 +66,7 @@ class Scene:
 
     solids: tuple[Solid, ...]
     free: tuple[Point, Point] = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
+    route: Route | None = None
     sky: Texture | None = None
     sun: tuple[Point, float] = ((0.0, -1.0, 0.0), 0.0)
     lamps: Sequence[tuple[Point, float, float]] = ()

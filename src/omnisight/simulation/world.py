@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.parallel import parallel_for
+from omnisight.simulation.bounding_box_tree import build_tree
 from omnisight.simulation.solids import FACES, Solid
 from omnisight.simulation.texture import LINEAR, Texture
 
@@ -16,10 +17,6 @@ Point = tuple[float, float, float]
 
 # In the order of the shape numbers in `_shapes`.
 SHAPES = tuple(FACES)
-# Solids in a leaf of the tree.
-LEAF_SIZE = 2
-# Padding of the boxes of the tree against rounding, metres.
-BOX_PADDING_M = 1e-6
 # Rays for the ambient light at a point, and points on a lamp.
 AMBIENT_DIRECTIONS, LAMP_POINTS = 48, 5
 # Samples of the light along each side of a face.
@@ -42,15 +39,15 @@ def build_world(
     solids: Sequence[Solid], names: Sequence[str], sky: Texture | None, sun: tuple[Point, float], spacing: float
 ) -> tuple[Any, list[Solid]]:
     """Return the `World` of a scene without light, and the solids in its order."""
-    from omnisight.simulation._trace import World
+    from omnisight.simulation._trace import Textures, Tree, World
 
     bounds = np.array([np.concatenate(solid.bounds()) for solid in solids]).reshape(-1, 6)
-    boxes, nodes, order = _tree(bounds)
+    boxes, nodes, order = build_tree(bounds)
     solids = [solids[i] for i in order]
     textures = list(dict.fromkeys(t for s in solids for t in s.textures))
     textures += [sky] if sky is not None else []
     number = {texture: i for i, texture in enumerate(textures)}
-    rows, levels, texels = _texels(textures)
+    number_of_name = {name: i + 1 for i, name in enumerate(names)}
     grids = [_light_grid(solid, spacing) for solid in solids]
     faces, first_face, start = [], [], 0
     for solid, sizes in zip(solids, grids, strict=True):
@@ -60,19 +57,18 @@ def build_world(
             start += width * height
     sun_direction = np.array(sun[0], float)
     return World(
-        local_from_world=np.array([_inverse(s.world_from_local) for s in solids]).reshape(-1, 3, 4),
-        kinds=np.array([SHAPES.index(s.shape) for s in solids], np.int64),
+        tree=Tree(
+            np.array([_inverse(s.world_from_local) for s in solids]).reshape(-1, 3, 4),
+            np.array([SHAPES.index(s.shape) for s in solids], np.int64),
+            boxes,
+            nodes,
+        ),
         first_face=np.array(first_face, np.int64),
-        instance=np.array([names.index(s.name) + 1 for s in solids], np.int32),
+        instance=np.array([number_of_name[s.name] for s in solids], np.int32),
         inward=np.array([-1.0 if s.inside else 1.0 for s in solids]),
-        boxes=boxes,
-        nodes=nodes,
         faces=np.array(faces, np.int64).reshape(-1, 4),
         light=np.zeros(start, np.float32),
-        textures=rows,
-        levels=levels,
-        texels=texels,
-        linear=LINEAR,
+        textures=Textures(*_texels(textures), LINEAR.astype(np.float64)),
         sun=np.append(sun_direction / np.linalg.norm(sun_direction), sun[1]),
         sky=-1 if sky is None else number[sky],
     ), solids
@@ -83,52 +79,23 @@ def _inverse(matrix: Array) -> Array:
     return np.column_stack([linear, -linear @ matrix[:, 3]]).astype(float)
 
 
-def _tree(bounds: Array) -> tuple[Array, NDArray[np.int64], list[int]]:
-    """Return the boxes and nodes of a bounding-box tree, parents first, and the order of the solids in it."""
-    middles = (bounds[:, :3] + bounds[:, 3:]) / 2
-    boxes: list[Array] = []
-    nodes: list[list[int]] = []
-    order: list[int] = []
-
-    def grow(members: NDArray[np.int64]) -> None:
-        here = len(nodes)
-        inside = bounds[members]
-        boxes.append(np.concatenate([inside[:, :3].min(0) - BOX_PADDING_M, inside[:, 3:].max(0) + BOX_PADDING_M]))
-        nodes.append([0, len(order), 0])
-        # A solid as large as the whole set, such as the walls of a room, would enlarge the boxes of both halves.
-        size = (inside[:, 3:] - inside[:, :3]).max(1)
-        huge = size > 0.6 * (inside[:, 3:].max(0) - inside[:, :3].min(0)).max()
-        if len(members) <= LEAF_SIZE or huge.all():
-            own, rest = members, members[:0]
-        else:
-            own, rest = members[huge], members[~huge]
-        order.extend(int(i) for i in own)
-        nodes[here][2] = len(own)
-        if len(rest):
-            spans = np.ptp(middles[rest], axis=0)
-            along = rest[np.argsort(middles[rest, np.argmax(spans)], kind="stable")]
-            half = len(along) // 2
-            for part in (along[:half], along[half:]) if half else (along,):
-                grow(part)
-        nodes[here][0] = len(nodes)
-
-    if len(bounds):
-        grow(np.arange(len(bounds)))
-    return np.array(boxes).reshape(-1, 6), np.array(nodes, np.int64).reshape(-1, 3), order
-
-
 def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Concatenate all levels of all textures; return their tables `textures`, `levels` and `texels`."""
+    """Concatenate all levels of all images; return their tables `tables`, `levels` and `texels`."""
     rows: list[tuple[int, int, int, int]] = []
     levels: list[tuple[int, int, int]] = []
     texels: list[NDArray[np.uint8]] = [np.zeros((0, 3), np.uint8)]
+    first_level: dict[int, tuple[int, int]] = {}
     start = 0
     for texture in textures:
-        rows.append((len(levels), len(texture.levels), *texture.repeat))
-        for level in texture.levels:
-            levels.append((start, level.shape[1], level.shape[0]))
-            texels.append(level.reshape(-1, 3))
-            start += level.shape[0] * level.shape[1]
+        # Textures that repeat one image differently share its levels.
+        image = id(texture.image)
+        if image not in first_level:
+            first_level[image] = len(levels), len(texture.levels)
+            for level in texture.levels:
+                levels.append((start, level.shape[1], level.shape[0]))
+                texels.append(level.reshape(-1, 3))
+                start += level.shape[0] * level.shape[1]
+        rows.append((*first_level[image], *texture.repeat))
     return (
         np.array(rows, np.int64).reshape(-1, 4),
         np.array(levels, np.int64).reshape(-1, 3),

@@ -112,8 +112,8 @@ def _door(wall: Bytes, rng: Rng, middle: float, floor: float) -> None:
     cv2.putText(wall, number, at, cv2.FONT_HERSHEY_SIMPLEX, 0.6 * FINE, (40, 50, 90), round(2 * FINE), ANTIALIASED)
 
 
-def road(rng: Rng, width: float, length: float) -> Bytes:
-    """Draw a vertical road with lines, crossings and manhole covers."""
+def road(rng: Rng, width: float, length: float, crossings: tuple[float, ...] = (0.3, 0.72)) -> Bytes:
+    """Draw a vertical road with lines, manhole covers, and zebra crossings at shares of its length."""
     import cv2
 
     image = materials.asphalt(rng, width, length, PIXELS_PER_METRE)
@@ -125,14 +125,11 @@ def road(rng: Rng, width: float, length: float) -> Bytes:
         ] = 1
     for edge in (0.25, width - 0.35):
         paint[:, round(edge * m) : round((edge + 0.1) * m)] = 1
-    for crossing in (0.3, 0.72):
+    for crossing in crossings:
         top = round(crossing * rows)
         paint[top : top + round(3.4 * m)] = 0
-        for u in np.arange(0.4, width - 0.4, 1.0):
-            paint[top : top + round(3 * m), round(u * m) : round((u + 0.5) * m)] = 1
-    worn = 0.72 + 0.035 * materials.fractal_noise(rng, (rows, columns), 0.5 * PIXELS_PER_METRE, 2.5)
-    share = (paint * np.clip(worn, 0, 1))[..., None]
-    image = materials.to_8bit(image * (1 - share) + share * np.array((226, 224, 214), np.float32))
+        _bars(paint[top : top + round(3 * m)], width)
+    image = _painted(rng, image, paint)
     for _ in range(int(length / 9)):
         at = (int(rng.uniform(0.2, 0.8) * columns), int(rng.integers(rows)))
         cv2.circle(image, at, round(0.33 * m), (74, 72, 70), -1, ANTIALIASED)
@@ -141,6 +138,27 @@ def road(rng: Rng, width: float, length: float) -> Bytes:
             y, half = at[1] + round(5 * FINE * k), round(14 * FINE)
             cv2.line(image, (at[0] - half, y), (at[0] + half, y), (92, 88, 84), round(FINE), ANTIALIASED)
     return image
+
+
+def zebra_crossing(rng: Rng, width: float, length: float) -> Bytes:
+    """Draw the end of a vertical road with a zebra crossing."""
+    image = materials.asphalt(rng, width, length, PIXELS_PER_METRE)
+    paint, margin = np.zeros(image.shape[:2], np.float32), round(0.2 * PIXELS_PER_METRE)
+    _bars(paint[margin:-margin], width)
+    return _painted(rng, image, paint)
+
+
+def _bars(paint: NDArray[np.float32], width: float) -> None:
+    """Paint the bars of a zebra crossing across a road of a width in metres."""
+    for u in np.arange(0.4, width - 0.4, 1.0):
+        paint[:, round(u * PIXELS_PER_METRE) : round((u + 0.5) * PIXELS_PER_METRE)] = 1
+
+
+def _painted(rng: Rng, image: Bytes, paint: NDArray[np.float32]) -> Bytes:
+    """Return a road with worn white paint where `paint` (h, w) is 1."""
+    worn = 0.72 + 0.035 * materials.fractal_noise(rng, paint.shape[:2], 0.5 * PIXELS_PER_METRE, 2.5)
+    share = (paint * np.clip(worn, 0, 1))[..., None]
+    return materials.to_8bit(image * (1 - share) + share * np.array((226, 224, 214), np.float32))
 
 
 def car_side(rng: Rng, paint: Colour, *, cabin: bool) -> Bytes:

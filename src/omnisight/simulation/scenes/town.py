@@ -1,0 +1,145 @@
+"""A town on a slope: six streets with repeated house fronts, parked cars, trees, lamps and signs, under a fair sky."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from omnisight.simulation.preset_motion import DRIVE, Route
+from omnisight.simulation.procedural_textures import materials, outdoors
+from omnisight.simulation.scene import Scene
+from omnisight.simulation.scenes._town_objects import Prototypes, placed
+from omnisight.simulation.scenes._town_streets import (
+    GROUND,
+    KERB,
+    LOT,
+    WALL,
+    Frame,
+    Street,
+    crossing,
+    roadway,
+    street_textures,
+)
+from omnisight.simulation.solids import Solid, rectangle
+from omnisight.simulation.texture import Texture
+
+Rng = np.random.Generator
+
+# Crossings of the streets: x and z of the centres, and heights above the origin's ground, metres.
+COLUMNS, ROWS = (0.0, 68.0, 136.0), (0.0, 50.0, 100.0)
+HEIGHTS = ((0.0, 0.4, -0.5), (1.2, 1.6, 0.3), (1.8, 2.6, 1.4))
+# Side streets that leave the town end at a house.
+STUB = 2.0 * LOT
+# Middle of the right lane.
+LANE = 1.7
+SUN = (0.55, -0.75, -0.36)
+
+
+def scene(seed: int = 0) -> Scene:
+    """Build the town; the origin is 1.6 m above the first crossing, and the first street leads forward."""
+    rng = np.random.default_rng(seed + 31)
+    textures, prototypes = street_textures(rng), Prototypes(rng)
+    solids: list[Solid] = []
+    for i, x in enumerate(COLUMNS):
+        for j, z in enumerate(ROWS):
+            solids += crossing(Frame((x, z), 0.0), HEIGHTS[j][i], textures, f"crossing {3 * i + j + 1}")
+    for number, street in enumerate(_streets(), 1):
+        solids += roadway(street, textures, f"street {number}")
+        solids += _row_of_houses(street, -1, prototypes, rng, f"house {number}.")
+        solids += _row_of_houses(street, 1, prototypes, rng, f"house {number}.")
+        solids += _street_objects(street, prototypes, rng, f" {number}.")
+        if street.ends:
+            solids += _closing_houses(street, prototypes, rng, f"house {number}.")
+    meadow, wide = Texture(materials.grass(rng, 15.0, 15.0, outdoors.PIXELS_PER_METRE), (30, 30)), 450.0
+    corner = (COLUMNS[1] - wide / 2, GROUND + 1.2, ROWS[1] + wide / 2)
+    solids.append(rectangle(corner, (wide, 0, 0), (0, 0, -wide), meadow, "meadow"))
+    return Scene(
+        tuple(solids),
+        ((-1.2, -0.6, 8.0), (1.2, 0.0, 12.0)),
+        route=Route(_loop(), 10.0, DRIVE),
+        sky=Texture(outdoors.sky(rng, SUN)),
+        sun=(SUN, 0.8),
+        ambient=0.5,
+        reach=2.5,
+        spacing=3.0,
+    )
+
+
+def _streets() -> Iterator[Street]:
+    """Yield the streets between the crossings, and those that leave the town from its outer crossings."""
+    for j, z in enumerate(ROWS):
+        for i, x in enumerate(COLUMNS):
+            here = HEIGHTS[j][i]
+            if i + 1 < len(COLUMNS):
+                yield Street(Frame((x + WALL, z), np.pi / 2), COLUMNS[i + 1] - x - 2 * WALL, here, HEIGHTS[j][i + 1])
+            if j + 1 < len(ROWS):
+                yield Street(Frame((x, z + WALL), 0.0), ROWS[j + 1] - z - 2 * WALL, here, HEIGHTS[j + 1][i], True)
+            for edge, yaw in ((i == 0, -np.pi / 2), (i == len(COLUMNS) - 1, np.pi / 2)):
+                if edge:
+                    start = (x + np.sin(yaw) * WALL, z)
+                    yield Street(Frame(start, yaw), STUB, here, here, ends=True)
+            for edge, yaw in ((j == 0, np.pi), (j == len(ROWS) - 1, 0.0)):
+                if edge:
+                    start = (x, z + np.cos(yaw) * WALL)
+                    yield Street(Frame(start, yaw), STUB, here, here, True, ends=True)
+
+
+def _loop() -> tuple[tuple[float, float, float], ...]:
+    """Return the route around the town on the right lane, with left turns."""
+    around = ((0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0), (1, 0))
+    points: list[tuple[float, float, float]] = []
+    for (i, j), (k, m), (n, o) in zip(around, around[1:], around[2:], strict=False):
+        into, out = np.sign((k - i, m - j)), np.sign((n - k, o - m))
+        # Right of a direction (x, z) is (z, -x).
+        right_in, right_out = into[::-1] * (LANE, -LANE), out[::-1] * (LANE, -LANE)
+        centre = np.array((COLUMNS[k], ROWS[m]))
+        corner = centre + right_in + (right_out if (into != out).any() else 0)
+        for place in (centre - WALL * into + right_in, corner, centre + WALL * out + right_out):
+            points.append((float(place[0]), -HEIGHTS[m][k], float(place[1])))
+    return tuple(points)
+
+
+def _row_of_houses(street: Street, side: int, prototypes: Prototypes, rng: Rng, name: str) -> list[Solid]:
+    """Return the houses on one side; those at corners belong to the streets along x."""
+    solids: list[Solid] = []
+    margin = LOT if street.skips_corners else 0.0
+    start, end = margin, street.length - (0.0 if street.ends else margin)
+    count = round((end - start) / LOT)
+    for k in range(count):
+        along = start + k * LOT + (LOT if side > 0 else 0.0)
+        pose = street.pose(side * WALL, along, side * np.pi / 2, at=start + (k + 0.5) * LOT)
+        house = prototypes.houses[int(rng.integers(len(prototypes.houses)))]
+        solids += placed(house, pose, f"{name}{2 * k + (side > 0) + 1}")
+    return solids
+
+
+def _closing_houses(street: Street, prototypes: Prototypes, rng: Rng, name: str) -> list[Solid]:
+    """Return two houses across the end of a street."""
+    solids: list[Solid] = []
+    for k, x in enumerate((-LOT, 0.0)):
+        house = prototypes.houses[int(rng.integers(len(prototypes.houses)))]
+        solids += placed(house, street.pose(x, street.length, 0.0), f"{name}{91 + k}")
+    return solids
+
+
+def _street_objects(street: Street, prototypes: Prototypes, rng: Rng, number: str) -> list[Solid]:
+    """Return the trees, lamp posts, signs and parked cars of a street."""
+    solids: list[Solid] = []
+    for k, along in enumerate(np.arange(5.0, street.length - 6.0, 12.0)):
+        for side in (-1, 1):
+            lift, label = 0.12, f"{number}{2 * k + (side > 0) + 1}"
+            turn = 0.0 if side < 0 else np.pi
+            tree = prototypes.trees[int(rng.integers(len(prototypes.trees)))]
+            spot = street.pose(side * 5.6, along + 3.0 * (side > 0), rng.uniform(0, 6), lift=lift)
+            solids += placed(tree, spot, "tree" + label)
+            post = street.pose(side * (KERB + 0.5), along + 6.0, turn, lift=lift)
+            solids += placed(prototypes.lamp_post, post, "lamp post" + label)
+            if rng.random() < 0.6:
+                vehicle = prototypes.cars[int(rng.integers(len(prototypes.cars)))]
+                spot = street.pose(side * (KERB + 1.0), along + rng.uniform(0, 3.5), turn, lift=0.12)
+                solids += placed(vehicle, spot, "car" + label)
+    for side in (-1, 1):
+        sign = prototypes.signs[int(rng.integers(len(prototypes.signs)))]
+        along, turn = (2.0, 0.0) if side > 0 else (street.length - 2.0, np.pi)
+        label = f"sign{number}{(side > 0) + 1}"
+        solids += placed(sign, street.pose(side * (KERB + 0.6), along, turn, lift=0.12), label)
+    return solids
