@@ -44,8 +44,11 @@ from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
 from omnisight.pipeline.options import DetectOptions as DetectOptions
 from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
 from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions
+from omnisight.pipeline.options import ReconstructOptions as ReconstructOptions
 from omnisight.pipeline.options import SourceOptions as SourceOptions
 from omnisight.pipeline.options import StereoOptions as StereoOptions
+from omnisight.pipeline.reconstruct import ReconstructionResult as ReconstructionResult
+from omnisight.pipeline.reconstruct import reconstruct as reconstruct
 from omnisight.pipeline.simulate import SimulateOptions as SimulateOptions
 from omnisight.pipeline.simulate import simulate as simulate
 from omnisight.pipeline.stereo import StereoResult as StereoResult
@@ -60,6 +63,7 @@ from omnisight.report import ReportOptions as ReportOptions
 from omnisight.report import write_report as write_report
 from omnisight.report import write_viewer as write_viewer
 from omnisight.rig import Rig as Rig
+from omnisight.sfm.reconstruction import Reconstruction as Reconstruction
 from omnisight.targets import Checkerboard as Checkerboard
 from omnisight.targets import Detection as Detection
 from omnisight.targets import Detections as Detections

@@ -1,11 +1,14 @@
 """Parallel loops on threads: compiled code releases the interpreter lock."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def thread_count() -> int:
@@ -32,3 +35,20 @@ def parallel_for(work: Callable[[int, int], Any], count: int, grain: int) -> Non
     work(edges[0], edges[1])
     for future in futures:
         future.result()
+
+
+def parallel_map(
+    work: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[int, int], None] | None = None
+) -> list[Result]:
+    """Return work(item) of all items in order; `progress` is called with the number of finished items and of all."""
+    report = progress or (lambda done, total: None)
+    results: list[Result] = []
+    if thread_count() < 2 or len(items) < 2:
+        for item in items:
+            results.append(work(item))
+            report(len(results), len(items))
+        return results
+    for result in _pool(os.getpid()).map(work, items):
+        results.append(result)
+        report(len(results), len(items))
+    return results

@@ -19,6 +19,7 @@ FUNCTIONS = {
     "evaluate": om.evaluate,
     "export": om.export,
     "next": om.next_view,
+    "reconstruct": om.reconstruct,
     "simulate": om.simulate,
     "stereo": om.stereo,
     "view": om.view,

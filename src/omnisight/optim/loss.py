@@ -34,3 +34,19 @@ class Huber:
 def robust_sigma(length: Array) -> float:
     """Return the standard deviation per coordinate of 2-D residuals, from the median of their lengths."""
     return float(np.median(length) / RAYLEIGH_MEDIAN) if len(length) else 0.0
+
+
+@dataclass(frozen=True)
+class Cauchy:
+    """The loss c² log(1 + s/c²) of a squared length s, with the threshold c: long residuals hardly have influence."""
+
+    threshold: float
+
+    def cost(self, squares: Array) -> float:
+        """Return half the sum of the losses; an infinite residual costs as much as one of a hundred thresholds."""
+        square = self.threshold**2
+        return float(0.5 * square * np.log1p(np.minimum(squares / square, 1e4)).sum())
+
+    def weight(self, squares: Array) -> Array:
+        """Return the weight of each residual in the normal equations."""
+        return np.where(np.isfinite(squares), 1.0 / (1.0 + squares / self.threshold**2), 0.0)

@@ -264,3 +264,41 @@ class StereoOptions:
     def __post_init__(self) -> None:
         if not 0 < self.max_sigma <= MAX_RELATIVE_SIGMA:
             raise ValueError(f"max_sigma is {self.max_sigma:g}; choose a value above 0 and up to {MAX_RELATIVE_SIGMA}")
+
+
+@dataclass(frozen=True)
+class ReconstructOptions:
+    """Options of `reconstruct`.
+
+    Attributes
+    ----------
+    pairs
+        Pairs of images to match: all of them, or, for images in the order of a path, those at most `window` apart; auto
+        takes all whose strongest keypoints match.
+    window
+        Number of following images that each image is matched with.
+    name
+        Name of the camera in a file of several, such as a rig.
+    mask
+        Image that is white where keypoints are wanted, in all images (in a PBM file: 1).
+    max_keypoints
+        Number of keypoints per image; the strongest are used.
+    scale_camera
+        Scale the camera, if the images were resized after the calibration.
+    apply_exif
+        Rotate images by their EXIF orientation.
+    """
+
+    pairs: Literal["auto", "all", "sequential"] = "auto"
+    window: int = 10
+    name: str | None = None
+    mask: Path | None = None
+    max_keypoints: int = 4000
+    scale_camera: bool = False
+    apply_exif: bool = False
+
+    def __post_init__(self) -> None:
+        if self.window < 1:
+            raise ValueError(f"window is {self.window}; choose at least 1 following image")
+        if self.max_keypoints < 1:
+            raise ValueError(f"max_keypoints is {self.max_keypoints}; choose a positive number")

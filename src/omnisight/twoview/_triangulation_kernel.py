@@ -61,31 +61,36 @@ def angular_optimum(points, origins, directions, whitening):
         (N, 3), sum of squared components (N,), and J^T J (N, 3, 3) at the points.
     """
     points, information, costs = points.copy(), np.zeros((len(points), 3, 3)), np.full(len(points), np.nan)
-    gradient, trial, damped = np.empty(3), np.empty(3), np.empty((3, 3))
     for n in range(len(points)):
-        if np.isnan(points[n, 0]):
-            continue
-        damping = INITIAL_DAMPING
-        cost = _normal_equations(points[n], origins[n], directions[n], whitening[n], information[n], gradient)
-        for _ in range(MAX_ITERATIONS):
-            damped[:] = information[n]
-            for i in range(3):
-                damped[i, i] *= 1.0 + damping
-            trial[:] = points[n] - solve_symmetric(damped, gradient)
-            new = _cost(trial, origins[n], directions[n], whitening[n])
-            if new > cost or np.isnan(new):
-                damping *= 10.0
-                if damping > MAX_DAMPING:
-                    break
-                continue
-            has_converged = cost - new <= TOLERANCE * cost
-            points[n] = trial
-            damping *= 0.1
-            cost = _normal_equations(points[n], origins[n], directions[n], whitening[n], information[n], gradient)
-            if has_converged:
-                break
-        costs[n] = cost
+        if not np.isnan(points[n, 0]):
+            costs[n] = refine_point(points[n], origins[n], directions[n], whitening[n], information[n])
     return points, costs, information
+
+
+@njit_helper
+def refine_point(point, origins, directions, whitening, information):
+    """Minimize the whitened chords of one point (3,) in place; fill J^T J (3, 3), and return the cost."""
+    gradient, trial, damped = np.empty(3), np.empty(3), np.empty((3, 3))
+    damping = INITIAL_DAMPING
+    cost = _normal_equations(point, origins, directions, whitening, information, gradient)
+    for _ in range(MAX_ITERATIONS):
+        damped[:] = information
+        for i in range(3):
+            damped[i, i] *= 1.0 + damping
+        trial[:] = point - solve_symmetric(damped, gradient)
+        new = _cost(trial, origins, directions, whitening)
+        if new > cost or np.isnan(new):
+            damping *= 10.0
+            if damping > MAX_DAMPING:
+                break
+            continue
+        has_converged = cost - new <= TOLERANCE * cost
+        point[:] = trial
+        damping *= 0.1
+        cost = _normal_equations(point, origins, directions, whitening, information, gradient)
+        if has_converged:
+            break
+    return cost
 
 
 @njit_helper

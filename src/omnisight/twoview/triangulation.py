@@ -124,11 +124,17 @@ def _world_rays(
     return seen, (np.ascontiguousarray(origin), np.ascontiguousarray(direction), rotations)
 
 
-def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) -> Array:
-    """Return the maps (V, N, 2, 3) of chords in the camera frames to two components of unit variance.
+def whitening(covariance: Array) -> Array:
+    """Return the maps (N, 2, 3) of chords to two components of unit variance, given covariances (N, 3, 3).
 
     With a covariance V diag(v) V^T and v_1 = 0 along the bearing, these are the other columns of V over sqrt(v).
     """
+    variances, axes = np.linalg.eigh(covariance)
+    return np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]
+
+
+def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) -> Array:
+    """Return the maps (V, N, 2, 3) of chords in the camera frames to two components of unit variance."""
     views, count = bearings.shape[:2]
     flat = bearings.reshape(-1, 3)
     if covariance is not None:
@@ -136,9 +142,7 @@ def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) 
         if given.shape != (views, count, 3, 3):
             raise ValueError(f"covariance must have the shape ({views}, {count}, 3, 3), got {given.shape}")
         covariance = np.where(np.isfinite(given), given, np.eye(3)).reshape(-1, 3, 3)
-    variances, axes = np.linalg.eigh(tangent_covariances(flat, covariance, sigma_deg))
-    maps = np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]
-    return maps.reshape(views, count, 2, 3)
+    return whitening(tangent_covariances(flat, covariance, sigma_deg)).reshape(views, count, 2, 3)
 
 
 def _scale(cost: Array, count: NDArray[np.intp]) -> float:

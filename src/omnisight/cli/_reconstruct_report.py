@@ -1,0 +1,47 @@
+"""Report of `omnisight reconstruct`."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from omnisight.pipeline.reconstruct import ReconstructionResult
+
+
+def print_json(result: ReconstructionResult) -> None:
+    """Print the result as one JSON object."""
+    model = result.models[0] if result else None
+    has_points = model is not None and len(model.points) > 0
+    data = {
+        "registered": len(model) if model else 0,
+        "images": result.images,
+        "models": [len(each) for each in result.models],
+        "points": len(model.points) if model else 0,
+        "observations": len(model.observations) if model else 0,
+        "rms_px": model.rms_px if model and has_points else None,
+        "mean_track_length": model.mean_track_length if model and has_points else None,
+        "unregistered": result.unregistered,
+        "seconds": round(result.seconds, 3),
+        "reason": result.reason,
+    }
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_report(result: ReconstructionResult, output: Path) -> None:
+    """Print the models, and the images that are in none of them."""
+    for number, model in enumerate(result.models):
+        folder = output if number == 0 else output / str(number)
+        print(f"model       {len(model)} of {result.images} images, written to {folder}/")
+        if not len(model.points):
+            print("points      none: these images were taken in one place, only their orientations are known")
+            continue
+        track = f"{len(model.observations)} observations, {model.mean_track_length:.1f} images per point"
+        print(f"points      {len(model.points)}, {track}")
+        print(f"residuals   {model.rms_px:.3f} px (rms)")
+        sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
+        print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
+    for reason, count in Counter(result.unregistered.values()).items():
+        first = next(name for name, why in result.unregistered.items() if why == reason)
+        others = f" and {count - 1} more" if count > 1 else ""
+        print(f"left out    {first}{others}: {reason}")

@@ -1,0 +1,221 @@
+"""Compiled loops of the bundle adjustment of poses and points over observations, sorted by point.
+
+An observation is a ray of a sensor: an origin o and a bearing b with two whitened tangents A (2, 3), A b = 0. With the
+point x_s = S (F X) in the sensor frame, F = rig_from_world, S = sensor_from_rig and u the direction of x_s - o, its
+residual is A u: to first order the whitened residual in pixels, without the poles and seams of images.
+"""
+
+# Compiled code takes its types from its arguments.
+# pyright: basic
+
+import numpy as np
+
+from omnisight.compiled import njit_driver, njit_helper
+from omnisight.twoview._small_vectors_kernel import cross, dot, times, transposed_times
+
+# Derivatives by a pose.
+POSE = 6
+
+
+@njit_helper
+def _direction(frame_pose, sensor_pose, point, origin):
+    """Return R_f X, R_s x_rig, the direction of the point from the origin of the ray, and the inverse distance."""
+    a = times(frame_pose, point)
+    q = a[0] + frame_pose[0, 3], a[1] + frame_pose[1, 3], a[2] + frame_pose[2, 3]
+    b = times(sensor_pose, q)
+    x = b[0] + sensor_pose[0, 3] - origin[0]
+    y = b[1] + sensor_pose[1, 3] - origin[1]
+    z = b[2] + sensor_pose[2, 3] - origin[2]
+    inverse = 1.0 / max(np.sqrt(x * x + y * y + z * z), 1e-300)
+    return a, b, (x * inverse, y * inverse, z * inverse), inverse
+
+
+@njit_driver
+def squared_lengths(frame_poses, sensor_poses, points, frame, sensor, point, origins, bearings, axes, squares):
+    """Fill the squared lengths (M,) of whitened residuals; inf for points behind their rays."""
+    for i in range(len(frame)):
+        _, _, u, _ = _direction(frame_poses[frame[i]], sensor_poses[sensor[i]], points[point[i]], origins[i])
+        squares[i] = np.inf if dot(u, bearings[i]) <= 0.0 else dot(axes[i, 0], u) ** 2 + dot(axes[i, 1], u) ** 2
+
+
+@njit_driver
+def linearize(
+    frame_poses, sensor_poses, points, frame, sensor, point, origins, axes, weights, residuals, by_camera, by_point
+):
+    """Fill weighted residuals (M, 2) and their derivatives by the poses (M, 2, 6 or 12) and by the point (M, 2, 3).
+
+    The first six columns are of a step of the frame, the next of a step of the sensor, if there is room for them.
+    """
+    sensors_are_free = by_camera.shape[2] >= 2 * POSE
+    for i in range(len(frame)):
+        frame_pose, sensor_pose = frame_poses[frame[i]], sensor_poses[sensor[i]]
+        a, b, u, inverse = _direction(frame_pose, sensor_pose, points[point[i]], origins[i])
+        root = np.sqrt(weights[i])
+        for k in range(2):
+            row = axes[i, k]
+            along = dot(row, u)
+            residuals[i, k] = root * along
+            scale = root * inverse
+            d = scale * (row[0] - along * u[0]), scale * (row[1] - along * u[1]), scale * (row[2] - along * u[2])
+            in_rig = transposed_times(sensor_pose, d)
+            # x changes by w x (R x) + v, and d . (w x c) = w . (c x d).
+            turn = cross(a, in_rig)
+            in_world = transposed_times(frame_pose, in_rig)
+            for c in range(3):
+                by_camera[i, k, c], by_camera[i, k, 3 + c] = turn[c], in_rig[c]
+                by_point[i, k, c] = in_world[c]
+            if sensors_are_free:
+                turn = cross(b, d)
+                for c in range(3):
+                    by_camera[i, k, POSE + c], by_camera[i, k, POSE + 3 + c] = turn[c], d[c]
+
+
+@njit_helper
+def _inverse_of_point(by_point, residuals, first, last, damping, inverse, gradient):
+    """Fill the inverse (3, 3) of the damped information of a point, and its gradient (3,)."""
+    a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    gradient[:] = 0.0
+    for i in range(first, last):
+        for k in range(2):
+            x, y, z = by_point[i, k, 0], by_point[i, k, 1], by_point[i, k, 2]
+            a, b, c, d, e, f = a + x * x, b + x * y, c + x * z, d + y * y, e + y * z, f + z * z
+            gradient[0] += x * residuals[i, k]
+            gradient[1] += y * residuals[i, k]
+            gradient[2] += z * residuals[i, k]
+    if not a + d + f > 0.0:  # all its rays are outliers: it keeps its place
+        inverse[:] = 0.0
+        return
+    least = 1e-12 * (a + d + f)
+    a, d, f = a * (1.0 + damping) + least, d * (1.0 + damping) + least, f * (1.0 + damping) + least
+    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+    factor = 1.0 / (a * p + b * q + c * r)
+    inverse[0, 0], inverse[0, 1], inverse[0, 2] = factor * p, factor * q, factor * r
+    inverse[1, 1], inverse[1, 2] = factor * (a * f - c * c), factor * (b * c - a * e)
+    inverse[2, 2] = factor * (a * d - b * b)
+    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+
+
+@njit_driver
+def reduce_points(starts, columns, residuals, by_camera, by_point, damping, first, last, schur, right, diagonal):
+    """Add the points first ... last to the lower triangle of the Schur complement (C, C), in place.
+
+    Also add to its right side (C,) and to the diagonal (C,) of the normal equations of the cameras.
+
+    Parameters
+    ----------
+    starts
+        (P + 1,) first observation of each point.
+    columns
+        (M, L) column of each derivative by a camera; -1 if it is fixed.
+    """
+    size = columns.shape[1]
+    inverse, gradient = np.empty((3, 3)), np.empty(3)
+    for n in range(first, last):
+        start, end = starts[n], starts[n + 1]
+        _inverse_of_point(by_point, residuals, start, end, damping, inverse, gradient)
+        count = end - start
+        cross_terms, gains = np.zeros((count, size, 3)), np.empty((count, size, 3))
+        for m in range(count):
+            i = start + m
+            for r in range(size):
+                for k in range(2):
+                    value = by_camera[i, k, r]
+                    cross_terms[m, r, 0] += value * by_point[i, k, 0]
+                    cross_terms[m, r, 1] += value * by_point[i, k, 1]
+                    cross_terms[m, r, 2] += value * by_point[i, k, 2]
+            for r in range(size):
+                w = cross_terms[m, r]
+                gains[m, r, 0] = dot(inverse[0], w)
+                gains[m, r, 1] = dot(inverse[1], w)
+                gains[m, r, 2] = dot(inverse[2], w)
+                row = columns[i, r]
+                if row < 0:
+                    continue
+                right[row] -= dot(gains[m, r], gradient)
+                for k in range(2):
+                    right[row] += by_camera[i, k, r] * residuals[i, k]
+                    diagonal[row] += by_camera[i, k, r] ** 2
+                for c in range(size):
+                    column = columns[i, c]
+                    if 0 <= column <= row:
+                        schur[row, column] += (
+                            by_camera[i, 0, r] * by_camera[i, 0, c] + by_camera[i, 1, r] * by_camera[i, 1, c]
+                        )
+            for other in range(m + 1):
+                j = start + other
+                for r in range(size):
+                    row = columns[i, r]
+                    if row < 0:
+                        continue
+                    g0, g1, g2 = gains[m, r, 0], gains[m, r, 1], gains[m, r, 2]
+                    for c in range(size):
+                        column = columns[j, c]
+                        w = cross_terms[other, c]
+                        value = g0 * w[0] + g1 * w[1] + g2 * w[2]
+                        if m == other:
+                            if 0 <= column <= row:
+                                schur[row, column] -= value
+                        elif column >= 0:
+                            # Observations that share a parameter add to its square twice.
+                            schur[max(row, column), min(row, column)] -= 2.0 * value if row == column else value
+
+
+@njit_driver
+def solve_points(starts, columns, residuals, by_camera, by_point, damping, first, last, step, moves):
+    """Fill the steps (P, 3) of the points first ... last, given that of the cameras (C,)."""
+    inverse, gradient = np.empty((3, 3)), np.empty(3)
+    for n in range(first, last):
+        _inverse_of_point(by_point, residuals, starts[n], starts[n + 1], damping, inverse, gradient)
+        for i in range(starts[n], starts[n + 1]):
+            for k in range(2):
+                moved = 0.0
+                for r in range(columns.shape[1]):
+                    if columns[i, r] >= 0:
+                        moved += by_camera[i, k, r] * step[columns[i, r]]
+                for c in range(3):
+                    gradient[c] += by_point[i, k, c] * moved
+        for r in range(3):
+            moves[n, r] = -dot(inverse[r], gradient)
+
+
+@njit_driver
+def linear_decrease(columns, point, residuals, by_camera, by_point, step, moves):
+    """Return the decrease of the linearized cost along steps of the cameras (C,) and of the points (P, 3)."""
+    total = 0.0
+    for i in range(len(point)):
+        for k in range(2):
+            change = dot(by_point[i, k], moves[point[i]])
+            for r in range(columns.shape[1]):
+                if columns[i, r] >= 0:
+                    change += by_camera[i, k, r] * step[columns[i, r]]
+            total -= change * (residuals[i, k] + 0.5 * change)
+    return total
+
+
+@njit_driver
+def point_covariances(starts, columns, residuals, by_camera, by_point, camera_covariance, first, last, covariance):
+    """Fill the covariances (P, 3, 3) of the points first ... last, given that of the cameras (C, C)."""
+    size = columns.shape[1]
+    inverse, gradient = np.empty((3, 3)), np.empty(3)
+    for n in range(first, last):
+        start, end = starts[n], starts[n + 1]
+        _inverse_of_point(by_point, residuals, start, end, 0.0, inverse, gradient)
+        gains = np.zeros((end - start, size, 3))
+        for m in range(end - start):
+            for r in range(size):
+                for k in range(2):
+                    for c in range(3):
+                        gains[m, r, c] += by_camera[start + m, k, r] * dot(inverse[c], by_point[start + m, k])
+        covariance[n] = inverse
+        for m in range(end - start):
+            for other in range(end - start):
+                for r in range(size):
+                    row = columns[start + m, r]
+                    for c in range(size):
+                        column = columns[start + other, c]
+                        if row < 0 or column < 0:
+                            continue
+                        value = camera_covariance[row, column]
+                        for p in range(3):
+                            for q in range(3):
+                                covariance[n, p, q] += value * gains[m, r, p] * gains[other, c, q]

@@ -1,0 +1,170 @@
+"""Mapping: poses of all images of a view graph, and their points."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.features import Keypoints
+from omnisight.geometry.pose import Pose
+from omnisight.optim.loss import RAYLEIGH_MEDIAN, Cauchy
+from omnisight.parallel import parallel_for
+from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.initial_poses import initial_poses, panorama_poses
+from omnisight.sfm.tracks import Tracks, build_tracks
+from omnisight.sfm.view_graph import Edge
+from omnisight.twoview.triangulation import whitening
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Watch = Callable[[str], None]
+
+# Residuals of inliers in standard deviations. The noise is measured on inliers, so that lower thresholds shrink it.
+MAX_RESIDUAL_SIGMA = 5.0
+# Least parallax of a point: below, its distance is hardly known, and its covariance not symmetric.
+MIN_PARALLAX_RAD = float(np.radians(0.5))
+# Standard deviation of the residuals of the averaged poses in units of that of the keypoints; threshold of the loss.
+INITIAL_SCALE, LOSS_SIGMA = 10.0, 2.0
+# Rounds of triangulation and bundle adjustment; they end when the noise changes by less than this share.
+MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
+TRACKS_PER_TASK = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class KeypointRays:
+    """Rays of the keypoints of all images.
+
+    Attributes
+    ----------
+    offsets
+        (I + 1,) first keypoint of each image.
+    origins, bearings, axes
+        (K, 3), (K, 3) and (K, 2, 3); see `RayObservations`.
+    """
+
+    offsets: Indices
+    origins: Array
+    bearings: Array
+    axes: Array
+
+    @classmethod
+    def of(cls, keypoints: Sequence[Keypoints]) -> "KeypointRays":
+        """Join the keypoints of central cameras."""
+        offsets = np.concatenate([[0], np.cumsum([len(k) for k in keypoints])]).astype(np.intp)
+        bearings = np.concatenate([k.bearings for k in keypoints])
+        axes = whitening(np.concatenate([k.covariance for k in keypoints]))
+        return cls(offsets, np.zeros_like(bearings), bearings, axes)
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Poses of images, and points with their tracks.
+
+    Attributes
+    ----------
+    images
+        (I,) indices of the images.
+    cam_from_world
+        (I, 3, 4) poses.
+    points
+        (P, 3); none if all images were taken in one place.
+    tracks
+        Observations of the points; `image` counts in `images`.
+    scale
+        Standard deviation of the residuals in units of those of the keypoints.
+    """
+
+    images: Indices
+    cam_from_world: Array
+    points: Array
+    tracks: Tracks
+    scale: float
+
+    def observations(self, rays: KeypointRays) -> RayObservations:
+        """Return the rays of the observations."""
+        which = rays.offsets[self.images[self.tracks.image]] + self.tracks.keypoint
+        sensor = np.zeros(len(which), np.intp)
+        of_rays = rays.origins[which], rays.bearings[which], rays.axes[which]
+        return RayObservations(self.tracks.image, sensor, self.tracks.track, *of_rays)
+
+    @property
+    def structure(self) -> Structure:
+        """Poses and points of the bundle adjustment."""
+        return Structure(self.cam_from_world, Pose().matrix[None], self.points)
+
+    def bundle(self, rays: KeypointRays) -> Bundle:
+        """Return the least-squares problem of the poses and points."""
+        return Bundle(self.observations(rays), Cauchy(LOSS_SIGMA * self.scale), self.structure)
+
+
+def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Watch) -> list[Map]:
+    """Return the maps of all connected parts of a view graph, the one with most images first.
+
+    Orientations and positions are averaged over the edges; tracks are triangulated, and poses and points refined by
+    bundle adjustment (as in L. Pan et al., Global structure-from-motion revisited, ECCV 2024, but with positions from
+    relative scales). Images that are connected by rotations only form a map without points.
+    """
+    rays, maps = KeypointRays.of(keypoints), list[Map]()
+    rest = list(edges)
+    while rest:
+        moving = [edge for edge in rest if edge.has_translation]
+        images, poses = initial_poses(moving, keypoints) if moving else panorama_poses(rest, len(keypoints))
+        position = np.full(len(keypoints), -1)
+        position[images] = np.arange(len(images))
+        inside = [
+            replace(edge, a=int(position[edge.a]), b=int(position[edge.b]))
+            for edge in rest
+            if position[edge.a] >= 0 and position[edge.b] >= 0
+        ]
+        start = Map(images, poses, np.zeros((0, 3)), build_tracks([], []), INITIAL_SCALE)
+        tracks = build_tracks(inside, np.diff(rays.offsets)[images].tolist())
+        maps.append(_refined(start, tracks, rays, watch) if moving else start)
+        rest = [edge for edge in rest if position[edge.a] < 0 and position[edge.b] < 0]
+    return sorted(maps, key=lambda found: -len(found.images))
+
+
+def _refined(current: Map, tracks: Tracks, rays: KeypointRays, watch: Watch) -> Map:
+    """Triangulate tracks and adjust poses and points until the noise of the residuals stays the same."""
+    for _ in range(MAX_ROUNDS):
+        before = current.scale
+        current = _triangulated(current, tracks, rays)
+        watch(f"{len(current.images)} images, {len(current.points)} points")
+        current = _adjusted(current, rays)
+        if abs(current.scale - before) <= CONVERGED_CHANGE * before:
+            break
+    return current
+
+
+def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
+    """Return the map with the points of all tracks that agree with its poses."""
+    from omnisight.sfm._track_kernel import triangulate_tracks
+
+    which = rays.offsets[current.images[tracks.image]] + tracks.keypoint
+    rotations = current.cam_from_world[tracks.image, :, :3]
+    origins = np.einsum("mji,mj->mi", rotations, rays.origins[which] - current.cam_from_world[tracks.image, :, 3])
+    directions = np.einsum("mji,mj->mi", rotations, rays.bearings[which])
+    world_rays = tracks.starts, tracks.image, origins, directions, rays.axes[which] @ rotations
+    limits = (MAX_RESIDUAL_SIGMA * current.scale) ** 2, MIN_PARALLAX_RAD
+    points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
+    parallel_for(
+        lambda first, last: triangulate_tracks(*world_rays, *limits, first, last, points, inliers),
+        len(tracks),
+        TRACKS_PER_TASK,
+    )
+    return replace(current, points=points[np.isfinite(points[:, 0])], tracks=tracks.select(inliers))
+
+
+def _adjusted(current: Map, rays: KeypointRays) -> Map:
+    """Return the map with poses and points of the least robust cost, and the noise of the residuals."""
+    observations = current.observations(rays)
+    current = replace(current, scale=_noise(current.structure, observations))
+    structure = adjust_bundle(current.bundle(rays)).state
+    poses, points = structure.rig_from_world, structure.points
+    return replace(current, cam_from_world=poses, points=points, scale=_noise(structure, observations))
+
+
+def _noise(structure: Structure, observations: RayObservations) -> float:
+    """Return the standard deviation of the whitened residuals, from their median length."""
+    squares = structure.squared_residuals(observations)
+    return float(np.sqrt(np.median(squares)) / RAYLEIGH_MEDIAN) if len(squares) else INITIAL_SCALE

@@ -1,0 +1,172 @@
+"""Positions of cameras with known orientations from the directions and the relative scales of pairs of images.
+
+The distance of a point from a camera is known up to the scale of each pair that triangulates it. Pairs that share a
+camera and keypoints thus have known relative scales, also along a straight path, where directions alone do not
+determine positions.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, diags_array, kron
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import spsolve
+
+from omnisight.features import Keypoints
+from omnisight.geometry.pose import Pose
+from omnisight.sfm.view_graph import Edge
+from omnisight.twoview.triangulation import triangulate
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Rounds of reweighting: the least sum of lengths (L1) is close after ten.
+ROUNDS = 15
+# Noise of a logarithm of a scale or distance besides that of triangulation, and of a direction, radians.
+MIN_LOG_SIGMA, MIN_DIRECTION_SIGMA = 0.02, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeDistances:
+    """Distances of the points that an edge triangulates with a baseline of length 1.
+
+    Attributes
+    ----------
+    camera, keypoint
+        (D,) indices of the camera from which the distance is, and of its keypoint.
+    log_distance, sigma
+        (D,) logarithm, and its standard deviation.
+    """
+
+    camera: Indices
+    keypoint: Indices
+    log_distance: Array
+    sigma: Array
+
+
+def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
+    """Triangulate the inliers of an edge, and return the distances from both cameras."""
+    of_a, of_b = keypoints[edge.a][edge.pairs[:, 0]], keypoints[edge.b][edge.pairs[:, 1]]
+    poses = [Pose(), edge.pose.b_from_a or Pose()]
+    covariance = np.stack([of_a.covariance, of_b.covariance])
+    found = triangulate(poses, np.stack([of_a.bearings, of_b.bearings]), covariance)
+    use = np.flatnonzero(found.valid)
+    parts: list[tuple[Indices, Indices, Array, Array]] = []
+    for side, (image, pose) in enumerate(zip((edge.a, edge.b), poses, strict=True)):
+        points = pose @ found.points[use]
+        distance = np.linalg.norm(points, axis=1)
+        along = (points / distance[:, None]) @ pose.rotation
+        variance = np.einsum("ni,nij,nj->n", along, found.covariance[use], along)
+        sigma = np.hypot(np.sqrt(np.maximum(variance, 0.0)) / distance, MIN_LOG_SIGMA)
+        parts.append((np.full(len(use), image, np.intp), edge.pairs[use, side], np.log(distance), sigma))
+    return EdgeDistances(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def average_log_scales(distances: Sequence[EdgeDistances]) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Return the logarithms (E,) of the scales of edges, their standard deviations, and the component of each edge.
+
+    Minimize the sum of |log d + log s_e - log D_k| / sigma over all distances d of the keypoints k, whose true
+    distances D are eliminated. Edges without a common keypoint are in different components; in each, the first has the
+    scale 1.
+    """
+    edge = np.repeat(np.arange(len(distances)), [len(d.camera) for d in distances])
+    camera, keypoint, values, sigma = (
+        np.concatenate([getattr(d, name) for d in distances])
+        for name in ("camera", "keypoint", "log_distance", "sigma")
+    )
+    _, node = np.unique(np.column_stack([camera, keypoint]), axis=0, return_inverse=True)
+    edges, nodes, rows = len(distances), int(node.max(initial=-1)) + 1, np.arange(len(edge))
+    by_edge = csr_array((np.ones(len(edge)), (rows, edge)), shape=(len(edge), edges))
+    by_node = csr_array((np.ones(len(edge)), (rows, node)), shape=(len(edge), nodes))
+    component = connected_components((by_edge.T @ by_node) @ (by_node.T @ by_edge), directed=False)[1]
+    anchors = np.unique(component, return_index=True)[1]
+    free = np.setdiff1d(np.arange(edges), anchors)
+
+    def solve(weights: Array) -> tuple[Array, Array]:
+        """Return scales (E,) and residuals (D,)."""
+        total = by_node.T @ weights
+        weighted_edge = diags_array(weights) @ by_edge
+        coupling = (by_node.T @ weighted_edge).tocsr()
+        scaled = diags_array(1 / np.maximum(total, 1e-300)) @ coupling
+        normal = (by_edge.T @ weighted_edge - coupling.T @ scaled).tocsc()
+        right = -(weighted_edge.T @ values - scaled.T @ (by_node.T @ (weights * values)))
+        scales = np.zeros(edges)
+        if len(free):
+            scales[free] = np.asarray(spsolve(normal[free][:, free], right[free]), float)
+        shifted = values + by_edge @ scales
+        return scales, shifted - by_node @ ((by_node.T @ (weights * shifted)) / np.maximum(total, 1e-300))
+
+    scales, _, weights = _reweighted(solve, 1 / sigma**2, sigma)
+    information = np.bincount(edge, weights, minlength=edges)
+    return scales, 1 / np.sqrt(np.maximum(information, 1e-300)), component.astype(np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePositions:
+    """Displacements between pairs of cameras.
+
+    Attributes
+    ----------
+    a, b
+        (E,) indices of the cameras.
+    displacement
+        (E, 3) from camera a to camera b in the world frame.
+    lengthwise, crosswise
+        (E,) standard deviations along and across the displacement.
+    """
+
+    a: Indices
+    b: Indices
+    displacement: Array
+    lengthwise: Array
+    crosswise: Array
+
+
+def average_positions(count: int, edges: RelativePositions) -> Array:
+    """Return the positions (N, 3) of cameras that the edges connect; the first is zero.
+
+    Minimize the sum of the lengths of the residuals in standard deviations, by iteratively reweighted least squares.
+    """
+    length = np.maximum(np.linalg.norm(edges.displacement, axis=1), 1e-300)
+    along = edges.displacement / length[:, None]
+    rows, ones = np.arange(len(along)), np.ones(len(along))
+    ends = np.tile(rows, 2), np.concatenate([edges.a, edges.b])
+    incidence = coo_array((np.concatenate([-ones, ones]), ends), shape=(len(along), count)).tocsr()[:, 1:]
+    outer = along[:, :, None] * along[:, None, :]
+    lengthwise, crosswise = edges.lengthwise[:, None, None], edges.crosswise[:, None, None]
+    information = outer / lengthwise**2 + (np.eye(3) - outer) / crosswise**2
+    half = np.linalg.cholesky(information).transpose(0, 2, 1)
+    # Each edge has three rows, half (c_b - c_a - displacement), of a matrix with three columns for each camera.
+    matrix: Any = csr_array(_block_diagonal(half) @ csr_array(kron(incidence, np.eye(3))))
+    right = np.einsum("erc,ec->er", half, edges.displacement).ravel()
+
+    def solve(weights: Array) -> tuple[Array, Array]:
+        """Return positions (N - 1, 3) and the lengths (E,) of the residuals."""
+        weighted = diags_array(np.repeat(weights, 3)) @ matrix
+        solution = np.asarray(spsolve((matrix.T @ weighted).tocsc(), weighted.T @ right), float)
+        return solution.reshape(-1, 3), np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
+
+    positions, _, _ = _reweighted(solve, ones, ones)
+    return np.vstack([np.zeros((1, 3)), positions])
+
+
+def _block_diagonal(blocks: Array) -> csr_array:
+    """Return the sparse matrix (3 E, 3 E) with blocks (E, 3, 3) on its diagonal."""
+    count = len(blocks)
+    indices = 3 * np.repeat(np.arange(count), 9).reshape(count, 3, 3) + np.arange(3)
+    return csr_array((blocks.ravel(), indices.ravel(), np.arange(0, 9 * count + 1, 3)), shape=(3 * count, 3 * count))
+
+
+def _reweighted(
+    solve: Callable[[Array], tuple[Array, Array]], weights: Array, sigma: Array
+) -> tuple[Array, Array, Array]:
+    """Minimize the sum of lengths of residuals over their standard deviations; return solution, residuals, weights."""
+    solution, residuals = solve(weights)
+    used = weights
+    for _ in range(ROUNDS):
+        used = weights / np.maximum(np.abs(residuals) / sigma, 1.0)
+        solution, residuals = solve(used)
+    return solution, residuals, used

@@ -1,0 +1,143 @@
+"""Rotation averaging: orientations of all images from the relative rotations of pairs, some of which are wrong."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.linalg import spsolve
+
+from omnisight.geometry import rotation as so3
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Robust scale of the residuals, radians: it decreases by the factor until it is that of the noise (graduated
+# non-convexity; A. Blake, A. Zisserman, Visual reconstruction, 1987). The L1 loss leaves no larger errors.
+INITIAL_SCALE_RAD, SCALE_FACTOR = float(np.radians(5)), 0.5
+# Rounds of reweighting with the L1 loss, which tolerates a wrong spanning tree.
+L1_ROUNDS = 20
+# Residuals of good edges in units of their scale, and the least scale: calibration errors bend rotations.
+MAX_RESIDUAL_SIGMA, MIN_SCALE_RAD = 4.0, float(np.radians(0.02))
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeRotations:
+    """Relative rotations of pairs of images.
+
+    Attributes
+    ----------
+    a, b
+        (E,) indices of the images.
+    b_from_a
+        (E, 3, 3).
+    sigma
+        (E,) standard deviations, radians.
+    """
+
+    a: Indices
+    b: Indices
+    b_from_a: Array
+    sigma: Array
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedRotations:
+    """Orientations of images.
+
+    Attributes
+    ----------
+    cam_from_world
+        (N, 3, 3); the first image has the orientation of the world.
+    residuals
+        (E,) angles, radians, between relative rotations and those of the orientations.
+    is_consistent
+        (E,), whether the edge agrees with the orientations.
+    """
+
+    cam_from_world: Array
+    residuals: Array
+    is_consistent: NDArray[np.bool_]
+
+
+def average_rotations(count: int, edges: RelativeRotations) -> AveragedRotations:
+    """Estimate the orientations of N images that the edges connect.
+
+    Iteratively reweighted least squares on the tangent space (A. Chatterjee, V. Govindu, Robust relative rotation
+    averaging, PAMI 2018), from a spanning tree of the most certain edges: first with the L1 loss, then with the
+    Geman-McClure loss of decreasing scale.
+    """
+    rotations = _from_spanning_tree(count, edges)
+    for weight in (*(_least_lengths for _ in range(L1_ROUNDS)), *_geman_mcclure()):
+        residuals = _residuals(edges, rotations)
+        weights = weight(np.linalg.norm(residuals, axis=1), edges.sigma)
+        rotations = rotations @ so3.exp(_solve_laplacian(count, edges, weights, -residuals))
+    angles = np.linalg.norm(_residuals(edges, rotations), axis=1)
+    scale = _noise_scale(angles, edges.sigma)
+    is_consistent = angles <= MAX_RESIDUAL_SIGMA * np.hypot(scale, edges.sigma)
+    return AveragedRotations(rotations @ rotations[0].T, angles, is_consistent)
+
+
+def _from_spanning_tree(count: int, edges: RelativeRotations) -> Array:
+    """Return rotations (N, 3, 3) composed along the tree of the edges with the least variance."""
+    weights = csr_array(coo_array((np.maximum(edges.sigma, 1e-9), (edges.a, edges.b)), shape=(count, count)))
+    tree = minimum_spanning_tree(weights)
+    order, parents = breadth_first_order(tree, 0, directed=False)
+    known = {(int(a), int(b)): r for a, b, r in zip(edges.a, edges.b, edges.b_from_a, strict=True)}
+    rotations = np.tile(np.eye(3), (count, 1, 1))
+    for node in order[1:]:
+        parent = int(parents[node])
+        forward = known.get((parent, int(node)))
+        step = forward if forward is not None else known[int(node), parent].T
+        rotations[node] = step @ rotations[parent]
+    return rotations
+
+
+def _residuals(edges: RelativeRotations, rotations: Array) -> Array:
+    """Return the rotation vectors (E, 3) of R_b^T R_ba R_a, in the world frame."""
+    return so3.log(rotations[edges.b].transpose(0, 2, 1) @ edges.b_from_a @ rotations[edges.a])
+
+
+def _least_lengths(angles: Array, sigma: Array) -> Array:
+    """Return the weights of the L1 loss."""
+    return 1 / (np.maximum(angles, MIN_SCALE_RAD) * sigma)
+
+
+def _geman_mcclure() -> Iterator[Callable[[Array, Array], Array]]:
+    """Yield the weights of the Geman-McClure loss for decreasing scales, the last one three times."""
+    scale = INITIAL_SCALE_RAD
+    scales: list[float] = []
+    while scale > MIN_SCALE_RAD:
+        scales.append(scale)
+        scale *= SCALE_FACTOR
+    for each in (*scales, *(MIN_SCALE_RAD for _ in range(3))):
+
+        def weight(angles: Array, sigma: Array, square: float = each**2) -> Array:
+            noise = square + sigma**2
+            return noise / (noise + angles**2) ** 2
+
+        yield weight
+
+
+def _noise_scale(angles: Array, sigma: Array) -> float:
+    """Return the scale of the residuals beyond the stated standard deviations: that of their median."""
+    # The median length of a vector of three unit Gaussians is 1.54.
+    excess = np.median(np.maximum((angles / 1.54) ** 2 - sigma**2 / 3, 0.0)) if len(angles) else 0.0
+    return float(max(np.sqrt(excess), MIN_SCALE_RAD))
+
+
+def _solve_laplacian(count: int, edges: RelativeRotations, weights: Array, differences: Array) -> Array:
+    """Return x (N, 3), x_0 = 0, that minimizes the weighted sum of |x_a - x_b - difference|^2 over the edges."""
+    rows = np.arange(len(weights))
+    ones = np.ones(len(weights))
+    incidence = coo_array(
+        (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([edges.a, edges.b]))),
+        shape=(len(weights), count),
+    ).tocsr()[:, 1:]
+    weighted = incidence.multiply(weights[:, None])
+    if count < 2:
+        return np.zeros((count, 3))
+    solution = np.asarray(spsolve((incidence.T @ weighted).tocsc(), weighted.T @ differences), float)
+    return np.vstack([np.zeros((1, 3)), solution.reshape(-1, 3)])

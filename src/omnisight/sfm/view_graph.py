@@ -1,0 +1,81 @@
+"""The view graph: images, and the relative poses of pairs of images that overlap."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.features import Keypoints, match_features
+from omnisight.optim.ransac import RansacOptions
+from omnisight.parallel import parallel_map
+from omnisight.twoview.bearing_pairs import BearingPairs
+from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Matches that agree with a relative pose, below which an edge is not reliable: a pose has five degrees of freedom, and
+# repeated structure agrees by more than chance.
+MIN_INLIERS = 20
+# Keypoints of each image, the strongest, that decide whether a pair is worth matching, and matches among them (C. Wu,
+# Towards linear-time incremental structure from motion, 3DV 2013).
+PREEMPTIVE_KEYPOINTS, MIN_PREEMPTIVE_MATCHES = 300, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """Two images with an estimated relative pose.
+
+    Attributes
+    ----------
+    a, b
+        Indices of the images.
+    pose
+        The relative pose.
+    pairs
+        (N, 2) indices of the keypoints of the inliers.
+    """
+
+    a: int
+    b: int
+    pose: RelativePose
+    pairs: Indices
+
+    @property
+    def has_translation(self) -> bool:
+        """Whether the direction of the translation is known."""
+        return self.pose.motion.name not in ("rotation only", "insufficient parallax", "no overlap")
+
+
+def match_pairs(
+    keypoints: Sequence[Keypoints], pairs: Sequence[tuple[int, int]], progress: Callable[[int, int], None]
+) -> list[Edge]:
+    """Match pairs of images and estimate their relative poses; pairs that do not overlap are left out."""
+    found = parallel_map(lambda pair: match_pair(keypoints, *pair), pairs, progress)
+    return [edge for edge in found if edge is not None]
+
+
+def match_pair(keypoints: Sequence[Keypoints], a: int, b: int) -> Edge | None:
+    """Match two images and estimate their relative pose; return None if they do not overlap."""
+    matches = match_features(keypoints[a], keypoints[b]).pairs
+    if len(matches) < MIN_INLIERS:
+        return None
+    of_a, of_b = keypoints[a][matches[:, 0]], keypoints[b][matches[:, 1]]
+    pairs = BearingPairs.of(of_a.bearings, of_b.bearings, of_a.covariance, of_b.covariance, None)
+    pose = estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
+    if not pose or pose.inliers.sum() < MIN_INLIERS:
+        return None
+    return Edge(a, b, pose, matches[pose.inliers])
+
+
+def overlapping_pairs(
+    keypoints: Sequence[Keypoints], pairs: Sequence[tuple[int, int]], progress: Callable[[int, int], None]
+) -> list[tuple[int, int]]:
+    """Return the pairs whose strongest keypoints match."""
+    strongest = [each[:PREEMPTIVE_KEYPOINTS] for each in keypoints]
+
+    def matches(pair: tuple[int, int]) -> bool:
+        return len(match_features(strongest[pair[0]], strongest[pair[1]]).pairs) >= MIN_PREEMPTIVE_MATCHES
+
+    return [pair for pair, keep in zip(pairs, parallel_map(matches, pairs, progress), strict=True) if keep]

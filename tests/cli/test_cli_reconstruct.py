@@ -1,0 +1,85 @@
+"""omnisight reconstruct, on rendered images of a room whose poses are known."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.geometry.rotation import exp
+from omnisight.simulation import Renderer, scene_named
+from sfm.worlds import similarity_errors
+
+SPHERE = om.sphere(640)
+POSES = [
+    om.Pose(exp([0, 0.5 * k, 0]), np.array([0.35 * np.sin(1.1 * k), 0.1 * np.cos(k), 0.3 * k - 0.6])) for k in range(5)
+]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    folder, scene = tmp_path_factory.mktemp("room"), scene_named("room")
+    for k, pose in enumerate(POSES):
+        om.write_image(folder / f"{k}.png", Renderer(SPHERE, pose, scene, samples=1)().image)
+    return folder
+
+
+def test_poses_of_a_room_are_reconstructed_and_written(run, room, tmp_path):
+    status, out, _ = run("reconstruct", room, "-o", tmp_path / "model", "--json")
+    assert status == 0
+    result = json.loads(out)
+    assert (result["registered"], result["images"], result["models"]) == (5, 5, [5])
+    assert result["reason"] == ""
+    assert result["unregistered"] == {}
+    assert 0 < result["rms_px"] < 1
+    assert result["mean_track_length"] > 2
+    model = om.read_reconstruction(tmp_path / "model")
+    assert model.names == tuple(f"{k}.png" for k in range(5))
+    assert (len(model.points), len(model.observations)) == (result["points"], result["observations"])
+    poses = np.array([pose.matrix for pose in model.rig_from_world])
+    positions, rotations = similarity_errors(poses, [pose.inverse() for pose in POSES])
+    assert positions.max() < 0.005
+    assert rotations.max() < 0.1
+    with (tmp_path / "model" / "poses.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    written = [[float(row[axis]) for axis in "xyz"] for row in rows]
+    np.testing.assert_allclose(written, [model.world_from_cam(k).translation for k in range(5)], atol=1e-6)
+
+
+def test_the_report_lists_models_points_and_images_left_out(run, room, tmp_path):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for name in ("0.png", "1.png", "2.png"):
+        (folder / name).write_bytes((room / name).read_bytes())
+    om.write_image(folder / "blank.png", np.full((320, 640, 3), 128, np.uint8))
+    status, out, _ = run("reconstruct", folder, "-o", tmp_path / "model", "--pairs", "sequential", "--window", "2")
+    assert status == 0
+    assert f"model       3 of 4 images, written to {tmp_path / 'model'}/" in out
+    assert "left out    blank.png: 0 keypoints: the image shows no texture" in out
+
+
+def test_one_image_is_refused_with_the_reason(run, room, tmp_path):
+    status, out, err = run("reconstruct", room / "0.png", "-o", tmp_path / "model", "--json")
+    assert status == 2
+    assert json.loads(out)["reason"].startswith("one image shows no motion")
+    assert "one image shows no motion" in err
+    assert not (tmp_path / "model").exists()
+
+
+def test_identical_images_are_one_place(run, room, tmp_path):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for name in ("a.png", "b.png"):
+        (folder / name).write_bytes((room / "0.png").read_bytes())
+    status, out, _ = run("reconstruct", folder, "-o", tmp_path / "model")
+    assert status == 0
+    assert "only their orientations are known" in out
+
+
+def test_images_that_do_not_fit_the_camera_are_refused(run, room, tmp_path):
+    om.save(om.sphere(800), tmp_path / "other.json")
+    status, _, err = run("reconstruct", room, "--camera", tmp_path / "other.json", "-o", tmp_path / "model")
+    assert status == 2
+    assert "640x320" in err
+    assert "800x400" in err

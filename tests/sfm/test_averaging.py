@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+from omnisight.geometry.rotation import exp
+from omnisight.sfm.position_averaging import EdgeDistances, RelativePositions, average_log_scales, average_positions
+from omnisight.sfm.rotation_averaging import RelativeRotations, average_rotations
+from sfm.worlds import circle_of_poses, unit
+
+
+def pairs(count, span):
+    return np.array([(a, b) for a in range(count) for b in range(a + 1, min(a + span, count - 1) + 1)]).T
+
+
+@pytest.mark.parametrize("wrong_share", [0.0, 0.3])
+def test_rotations_are_those_of_the_cameras_although_edges_are_wrong(wrong_share):
+    rng, poses = np.random.default_rng(3), circle_of_poses(20)
+    a, b = pairs(20, 8)
+    noise, is_wrong = np.radians(0.05), rng.random(len(a)) < wrong_share
+    turns = np.where(is_wrong[:, None], unit(rng.normal(size=(len(a), 3))), rng.normal(0, noise, (len(a), 3)))
+    rotations = np.array([poses[j].rotation @ poses[i].rotation.T for i, j in zip(a, b, strict=True)])
+    averaged = average_rotations(20, RelativeRotations(a, b, exp(turns) @ rotations, np.full(len(a), noise)))
+    true = np.array([pose.rotation for pose in poses]) @ poses[0].rotation.T
+    error = np.degrees(np.linalg.norm(averaged.cam_from_world - true, axis=(1, 2)) / np.sqrt(2))
+    assert error.max() < 0.15
+    assert not averaged.is_consistent[is_wrong].any()
+    assert averaged.is_consistent[~is_wrong].mean() > 0.95
+
+
+def test_relative_scales_of_a_straight_path_follow_from_common_points():
+    """Four cameras on a line: the directions of the edges do not determine the lengths."""
+    rng, positions = np.random.default_rng(0), np.array([0.0, 1.0, 1.5, 3.5])
+    points = rng.uniform(-5, 5, (200, 3))
+    distances, ends = [], [(0, 1), (1, 2), (2, 3), (0, 2)]
+    for a, b in ends:
+        centers = np.array([(positions[a], 0, 0), (positions[b], 0, 0)])
+        length = positions[b] - positions[a]
+        from_both = np.linalg.norm(points - centers[:, None], axis=2) / length
+        from_both[:, :20] *= 3  # wrong matches
+        index = np.tile(np.arange(200), 2)
+        camera = np.repeat([a, b], 200)
+        distances.append(EdgeDistances(camera, index, np.log(from_both).ravel(), np.full(400, 0.02)))
+    log_scales, _, component = average_log_scales(distances)
+    lengths = np.array([positions[b] - positions[a] for a, b in ends])
+    np.testing.assert_allclose(np.exp(log_scales), lengths / lengths[0], rtol=1e-6)
+    assert component.tolist() == [0, 0, 0, 0]
+
+
+def test_edges_without_a_common_point_are_in_different_components():
+    def edge(a, b, keypoints):
+        one = np.ones(2 * len(keypoints))
+        return EdgeDistances(np.repeat([a, b], len(keypoints)), np.tile(keypoints, 2), 0 * one, 0.02 * one)
+
+    component = average_log_scales([edge(0, 1, [1, 2]), edge(1, 2, [3, 4]), edge(2, 3, [4, 5])])[2]
+    assert component[1] == component[2] != component[0]
+
+
+def test_positions_are_those_of_the_cameras_although_edges_are_wrong():
+    rng, count = np.random.default_rng(5), 20
+    centers = np.array([pose.inverse().translation for pose in circle_of_poses(count)])
+    a, b = pairs(count, 6)
+    displacement = centers[b] - centers[a]
+    is_wrong = rng.random(len(a)) < 0.15
+    displacement[is_wrong] = rng.normal(size=(is_wrong.sum(), 3))
+    ones = np.ones(len(a))
+    found = average_positions(count, RelativePositions(a, b, displacement, 0.02 * ones, 0.01 * ones))
+    assert np.linalg.norm(found - centers, axis=1).max() < 0.02  # the stated noise
