@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from omnisight.optim.loss import Huber, robust_sigma
+from omnisight.optim.loss import Huber, StudentT, robust_sigma
 
 
 def test_huber_loss_is_quadratic_then_linear():
@@ -33,3 +33,37 @@ def test_robust_sigma_ignores_outliers():
     assert robust_sigma(length) == pytest.approx(0.3, rel=0.1)
     assert robust_sigma(length[2000:]) == pytest.approx(0.3, rel=0.02)
     assert robust_sigma(np.array([])) == 0
+
+
+def test_student_t_weight_is_the_cost_derivative():
+    loss = StudentT(3.0, 1.5)
+    for square in (0.1, 2.0, 40.0):
+        slope = (loss.cost(np.array([square + 1e-6])) - loss.cost(np.array([square - 1e-6]))) / 2e-6
+        assert loss.weight(np.array([square]))[0] == pytest.approx(2 * slope, rel=1e-6)
+    assert loss.weight(np.array([np.inf])).tolist() == [0.0]
+    assert np.isfinite(loss.cost(np.array([np.inf])))
+
+
+def test_student_t_without_tails_is_least_squares():
+    squares = np.array([0.0, 1.0, 25.0])
+    assert StudentT(sigma=2.0).cost(squares) == pytest.approx(squares.sum() / 8)
+    np.testing.assert_allclose(StudentT(sigma=2.0).weight(squares), 0.25)
+
+
+@pytest.mark.parametrize("degrees", [2.0, 4.0, 1e9])
+def test_student_t_is_recovered_from_its_samples_and_its_information_is_that_of_the_mean(degrees):
+    rng = np.random.default_rng(1)
+    tails = np.sqrt(rng.chisquare(min(degrees, 1e5), 20000) / min(degrees, 1e5))
+    residuals = 0.7 * rng.normal(size=(20000, 2)) / tails[:, None]
+    loss = StudentT.fit((residuals**2).sum(axis=1))
+    assert loss.degrees == degrees
+    assert loss.sigma == pytest.approx(0.7, rel=0.02)
+    # Maximum likelihood estimates of the centre from 50 residuals each have the variance of the information.
+    centres = []
+    for sample in residuals.reshape(400, 50, 2):
+        centre = np.zeros(2)
+        for _ in range(30):
+            weight = loss.weight(((sample - centre) ** 2).sum(axis=1))
+            centre = (weight[:, None] * sample).sum(0) / weight.sum()
+        centres.append(centre)
+    assert np.var(centres) * 50 * loss.information == pytest.approx(1.0, abs=0.12)

@@ -29,7 +29,7 @@ def test_cameras_on_a_circle_are_mapped_with_points_and_noise():
     assert rotations.max() < 0.1
     assert len(found.points) > 145
     assert len(found.tracks.track) > 7.5 * len(found.points)
-    assert 0.8 < found.scale < 1.2
+    assert 0.9 < found.noise.sigma < 1.1
 
 
 def test_the_map_is_deterministic():

@@ -1,6 +1,7 @@
 """Robust losses: the cost of a residual length, and the weight for iteratively reweighted least squares."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,9 @@ Array = NDArray[np.float64]
 
 # Median length of a 2-vector of independent unit Gaussians (Rayleigh distribution).
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+# Degrees of freedom among which those of residuals are selected, and rounds for the scale of each.
+DEGREES_OF_FREEDOM = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e9)
+SCALE_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -37,16 +41,50 @@ def robust_sigma(length: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Cauchy:
-    """The loss c² log(1 + s/c²) of a squared length s, with the threshold c: long residuals hardly have influence."""
+class StudentT:
+    """The negative log-likelihood of residuals in two dimensions with the heavy tails of Student's t distribution.
 
-    threshold: float
+    K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution, 1989. Without tails (infinite
+    degrees of freedom) it is half the sum of squares over the variance.
+
+    Attributes
+    ----------
+    degrees
+        Degrees of freedom; fewer have heavier tails.
+    sigma
+        Scale of the residuals: their standard deviation if there are no tails.
+    """
+
+    degrees: float = 1e9
+    sigma: float = 1.0
+
+    @classmethod
+    def fit(cls, squares: Array) -> Self:
+        """Estimate the distribution of residuals with squared lengths (N,) by maximum likelihood."""
+        finite = squares[np.isfinite(squares)]
+        if not len(finite) or not finite.any():
+            return cls()
+        fitted = [cls(degrees, _scale(finite, degrees)) for degrees in DEGREES_OF_FREEDOM]
+        return min(fitted, key=lambda loss: loss.cost(finite) + 2 * len(finite) * np.log(loss.sigma))
 
     def cost(self, squares: Array) -> float:
-        """Return half the sum of the losses; an infinite residual costs as much as one of a hundred thresholds."""
-        square = self.threshold**2
-        return float(0.5 * square * np.log1p(np.minimum(squares / square, 1e4)).sum())
+        """Return the cost of squared lengths (N,); an infinite one costs as much as a hundred times the scale."""
+        normalized = np.minimum(squares / self.sigma**2, 1e4) / self.degrees
+        return float(0.5 * (self.degrees + 2) * np.log1p(normalized).sum())
 
     def weight(self, squares: Array) -> Array:
-        """Return the weight of each residual in the normal equations."""
-        return np.where(np.isfinite(squares), 1.0 / (1.0 + squares / self.threshold**2), 0.0)
+        """Return the weights (N,) in the normal equations; zero of an infinite length."""
+        return (self.degrees + 2) / (self.degrees * self.sigma**2 + squares)
+
+    @property
+    def information(self) -> float:
+        """Expected information of a residual along each axis: the inverse of the variance of a mean, per residual."""
+        return (self.degrees + 2) / ((self.degrees + 4) * self.sigma**2)
+
+
+def _scale(squares: Array, degrees: float) -> float:
+    """Return the scale of maximum likelihood for given degrees of freedom, by expectation maximization."""
+    square = float(np.median(squares)) / float(RAYLEIGH_MEDIAN) ** 2
+    for _ in range(SCALE_ROUNDS):
+        square = float(np.mean((degrees + 2) / (degrees + squares / max(square, 1e-300)) * squares)) / 2
+    return float(np.sqrt(square))

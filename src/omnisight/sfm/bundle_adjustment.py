@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.levenberg_marquardt import Solution, minimize
-from omnisight.optim.loss import Cauchy
+from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 
 Array = NDArray[np.float64]
@@ -202,7 +202,7 @@ class Bundle:
     """
 
     rays: RayObservations
-    loss: Cauchy
+    loss: StudentT
     start: Structure
     has_scale: bool = False
     refines_sensors: bool = False
@@ -244,18 +244,31 @@ class Bundle:
         """Return the robust cost."""
         return self.loss.cost(state.squared_residuals(self.rays))
 
-    def linearize(self, state: Structure) -> LinearizedBundle:
-        """Return the weighted residuals and derivatives."""
+    def linearize(self, state: Structure, weights: Array | None = None) -> LinearizedBundle:
+        """Return residuals and derivatives with weights (M,), by default those of the loss."""
         from omnisight.sfm._bundle_kernel import linearize
 
         rays, count = self.rays, len(self.rays)
-        weights = self.loss.weight(state.squared_residuals(rays))
+        weights = self.loss.weight(state.squared_residuals(rays)) if weights is None else weights
         residuals, by_point = np.empty((count, 2)), np.empty((count, 2, 3))
         by_camera = np.empty((count, 2, self.columns.shape[1]))
         indices, derivatives = (rays.frame, rays.sensor, rays.point), (residuals, by_camera, by_point)
         poses = state.rig_from_world, state.sensor_from_rig
         linearize(*poses, state.points, *indices, rays.origins, rays.axes, weights, *derivatives)
         return LinearizedBundle(self.starts, rays.point, self.columns, self.parameters[2], *derivatives)
+
+    def covariances(self, state: Structure) -> tuple[Array, Array]:
+        """Return the covariances of the cameras (C, C), and of the points (P, 3, 3), at the optimum.
+
+        They are those of maximum likelihood, with the expected information of the residuals.
+
+        Raises
+        ------
+        LinAlgError
+            If the observations do not determine the cameras.
+        """
+        weights = np.where(np.isfinite(state.squared_residuals(self.rays)), self.loss.information, 0.0)
+        return self.linearize(state, weights).covariances()
 
     def move(self, state: Structure, step: Array) -> Structure:
         """Return the structure moved by a step."""

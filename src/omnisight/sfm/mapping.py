@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.optim.loss import RAYLEIGH_MEDIAN, Cauchy
+from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.initial_poses import initial_poses, panorama_poses
@@ -24,8 +24,8 @@ Watch = Callable[[str], None]
 MAX_RESIDUAL_SIGMA = 5.0
 # Least parallax of a point: below, its distance is hardly known, and its covariance not symmetric.
 MIN_PARALLAX_RAD = float(np.radians(0.5))
-# Standard deviation of the residuals of the averaged poses in units of that of the keypoints; threshold of the loss.
-INITIAL_SCALE, LOSS_SIGMA = 10.0, 2.0
+# Standard deviation of the residuals of the averaged poses in units of that of the keypoints.
+INITIAL_SCALE = 10.0
 # Rounds of triangulation and bundle adjustment; they end when the noise changes by less than this share.
 MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
 TRACKS_PER_TASK = 1024
@@ -71,15 +71,15 @@ class Map:
         (P, 3); none if all images were taken in one place.
     tracks
         Observations of the points; `image` counts in `images`.
-    scale
-        Standard deviation of the residuals in units of those of the keypoints.
+    noise
+        Distribution of the residuals in units of the standard deviations of the keypoints.
     """
 
     images: Indices
     cam_from_world: Array
     points: Array
     tracks: Tracks
-    scale: float
+    noise: StudentT
 
     def observations(self, rays: KeypointRays) -> RayObservations:
         """Return the rays of the observations."""
@@ -95,7 +95,7 @@ class Map:
 
     def bundle(self, rays: KeypointRays) -> Bundle:
         """Return the least-squares problem of the poses and points."""
-        return Bundle(self.observations(rays), Cauchy(LOSS_SIGMA * self.scale), self.structure)
+        return Bundle(self.observations(rays), self.noise, self.structure)
 
 
 def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Watch) -> list[Map]:
@@ -117,7 +117,7 @@ def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Wat
             for edge in rest
             if position[edge.a] >= 0 and position[edge.b] >= 0
         ]
-        start = Map(images, poses, np.zeros((0, 3)), build_tracks([], []), INITIAL_SCALE)
+        start = Map(images, poses, np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE))
         tracks = build_tracks(inside, np.diff(rays.offsets)[images].tolist())
         maps.append(_refined(start, tracks, rays, watch) if moving else start)
         rest = [edge for edge in rest if position[edge.a] < 0 and position[edge.b] < 0]
@@ -127,11 +127,11 @@ def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Wat
 def _refined(current: Map, tracks: Tracks, rays: KeypointRays, watch: Watch) -> Map:
     """Triangulate tracks and adjust poses and points until the noise of the residuals stays the same."""
     for _ in range(MAX_ROUNDS):
-        before = current.scale
+        before = current.noise.sigma
         current = _triangulated(current, tracks, rays)
         watch(f"{len(current.images)} images, {len(current.points)} points")
         current = _adjusted(current, rays)
-        if abs(current.scale - before) <= CONVERGED_CHANGE * before:
+        if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
     return current
 
@@ -145,7 +145,7 @@ def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
     origins = np.einsum("mji,mj->mi", rotations, rays.origins[which] - current.cam_from_world[tracks.image, :, 3])
     directions = np.einsum("mji,mj->mi", rotations, rays.bearings[which])
     world_rays = tracks.starts, tracks.image, origins, directions, rays.axes[which] @ rotations
-    limits = (MAX_RESIDUAL_SIGMA * current.scale) ** 2, MIN_PARALLAX_RAD
+    limits = (MAX_RESIDUAL_SIGMA * current.noise.sigma) ** 2, MIN_PARALLAX_RAD
     points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
     parallel_for(
         lambda first, last: triangulate_tracks(*world_rays, *limits, first, last, points, inliers),
@@ -158,13 +158,14 @@ def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
 def _adjusted(current: Map, rays: KeypointRays) -> Map:
     """Return the map with poses and points of the least robust cost, and the noise of the residuals."""
     observations = current.observations(rays)
-    current = replace(current, scale=_noise(current.structure, observations))
+    current = replace(current, noise=_noise(current.structure, observations))
     structure = adjust_bundle(current.bundle(rays)).state
     poses, points = structure.rig_from_world, structure.points
-    return replace(current, cam_from_world=poses, points=points, scale=_noise(structure, observations))
+    return replace(current, cam_from_world=poses, points=points, noise=_noise(structure, observations))
 
 
-def _noise(structure: Structure, observations: RayObservations) -> float:
-    """Return the standard deviation of the whitened residuals, from their median length."""
-    squares = structure.squared_residuals(observations)
-    return float(np.sqrt(np.median(squares)) / RAYLEIGH_MEDIAN) if len(squares) else INITIAL_SCALE
+def _noise(structure: Structure, observations: RayObservations) -> StudentT:
+    """Return the distribution of the whitened residuals, corrected for the parameters that were fitted to them."""
+    fitted = StudentT.fit(structure.squared_residuals(observations))
+    freedom = 2 * len(observations) - structure.points.size - 6 * len(structure.rig_from_world)
+    return replace(fitted, sigma=fitted.sigma * float(np.sqrt(2 * len(observations) / max(freedom, 1))))

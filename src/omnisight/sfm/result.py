@@ -66,9 +66,9 @@ def _covariances(found: Map, rays: KeypointRays) -> tuple[Array, Array]:
     bundle: Bundle = found.bundle(rays)
     columns, _, _ = bundle.parameters
     try:
-        cameras, points = bundle.linearize(found.structure).covariances()
+        cameras, points = bundle.covariances(found.structure)
     except LinAlgError:
         return np.full_like(poses, np.nan), np.full((len(found.points), 3, 3), np.nan)
     padded = np.pad(cameras, ((0, 1), (0, 1)))  # the last row is that of fixed parameters, whose column is -1
     poses[:] = padded[columns[:, :, None], columns[:, None, :]]
-    return found.scale**2 * poses, found.scale**2 * points
+    return poses, points
