@@ -55,6 +55,7 @@ def test_the_report_lists_models_points_and_images_left_out(run, room, tmp_path)
     om.write_image(folder / "blank.png", np.full((320, 640, 3), 128, np.uint8))
     status, out, _ = run("reconstruct", folder, "-o", tmp_path / "model", "--pairs", "sequential", "--window", "2")
     assert status == 0
+    assert (tmp_path / "model" / "viewer.html").stat().st_size > 10_000
     assert f"model       3 of 4 images, written to {tmp_path / 'model'}/" in out
     assert "left out    blank.png: 0 keypoints: the image shows no texture" in out
 

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -89,3 +90,21 @@ def test_tracks_join_matches_of_several_images():
     groups = [[(i, k) for t, i, k in rows if t == track] for track in range(len(tracks))]
     assert sorted(groups) == [[(0, 5), (1, 1), (2, 0)], [(0, 6), (1, 2)], [(0, 7), (2, 3)]]
     assert len(build_tracks([], [])) == 0
+
+
+def test_images_that_averaging_left_out_are_registered_by_resection():
+    """An image whose relative poses are wrong, but whose matches are right, is not consistent with the others."""
+    poses, keypoints = circle_of_poses(6), observe(circle_of_poses(6), points_around(150), 0.1)
+    edges = match_pairs(keypoints, list(combinations(range(6), 2)), ignore)
+    rng = np.random.default_rng(0)
+    spoiled = [
+        replace(edge, pose=replace(edge.pose, b_from_a=Pose(exp(rng.normal(0, 1, 3)), edge.pose.b_from_a.translation)))
+        if edge.b == 5
+        else edge
+        for edge in edges
+    ]
+    (found,) = map_images(keypoints, spoiled, ignore)
+    assert sorted(found.images.tolist()) == list(range(6))
+    order = np.argsort(found.images)
+    positions, _ = similarity_errors(found.cam_from_world[order], poses)
+    assert positions.max() < 0.01

@@ -29,7 +29,7 @@ def print_json(result: ReconstructionResult) -> None:
 
 
 def print_report(result: ReconstructionResult, output: Path) -> None:
-    """Print the models, and the images that are in none of them."""
+    """Print the models, their viewer, and the images that are in none of them."""
     for number, model in enumerate(result.models):
         folder = output if number == 0 else output / str(number)
         print(f"model       {len(model)} of {result.images} images, written to {folder}/")
@@ -41,6 +41,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         print(f"residuals   {model.rms_px:.3f} px (rms)")
         sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
         print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
+    print(f"look at     {(output / 'viewer.html').resolve().as_uri()}")
     for reason, count in Counter(result.unregistered.values()).items():
         first = next(name for name, why in result.unregistered.items() if why == reason)
         others = f" and {count - 1} more" if count > 1 else ""

@@ -31,8 +31,8 @@ def reconstruct(
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images.
     output
-        Folder of the model: poses.csv (world_from_camera), reconstruction.npz, points.ply, and COLMAP's text files
-        where COLMAP has the camera.
+        Folder of the model: poses.csv (world_from_camera), reconstruction.npz, points.ply, viewer.html to look at, and
+        COLMAP's text files where COLMAP has the camera.
     quiet
         Show no progress.
     json
@@ -41,11 +41,14 @@ def reconstruct(
     from omnisight.cli._reconstruct_report import print_json, print_report
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.reconstructions import write_reconstruction
+    from omnisight.report import write_viewer
 
     with progress(quiet or json) as report:
         result = run(images, camera, options, report)
     for number, model in enumerate(result.models):
-        write_reconstruction(output if number == 0 else output / str(number), model)
+        folder = output if number == 0 else output / str(number)
+        write_reconstruction(folder, model)
+        write_viewer(folder / "viewer.html", model, images if images.is_dir() else images.parent)
     if json:
         print_json(result)
     if not result:

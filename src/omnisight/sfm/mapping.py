@@ -12,8 +12,9 @@ from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.initial_poses import initial_poses, panorama_poses
+from omnisight.sfm.registration import register_images
 from omnisight.sfm.tracks import Tracks, build_tracks
-from omnisight.sfm.view_graph import Edge
+from omnisight.sfm.view_graph import MIN_INLIERS, Edge
 from omnisight.twoview.triangulation import whitening
 
 Array = NDArray[np.float64]
@@ -103,25 +104,42 @@ def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Wat
 
     Orientations and positions are averaged over the edges; tracks are triangulated, and poses and points refined by
     bundle adjustment (as in L. Pan et al., Global structure-from-motion revisited, ECCV 2024, but with positions from
-    relative scales). Images that are connected by rotations only form a map without points.
+    relative scales). Images that averaging left out are registered by resection. Images that are connected by rotations
+    only form a map without points.
     """
     rays, maps = KeypointRays.of(keypoints), list[Map]()
     rest = list(edges)
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
         images, poses = initial_poses(moving, keypoints) if moving else panorama_poses(rest, len(keypoints))
-        position = np.full(len(keypoints), -1)
-        position[images] = np.arange(len(images))
-        inside = [
-            replace(edge, a=int(position[edge.a]), b=int(position[edge.b]))
-            for edge in rest
-            if position[edge.a] >= 0 and position[edge.b] >= 0
-        ]
-        start = Map(images, poses, np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE))
-        tracks = build_tracks(inside, np.diff(rays.offsets)[images].tolist())
-        maps.append(_refined(start, tracks, rays, watch) if moving else start)
-        rest = [edge for edge in rest if position[edge.a] < 0 and position[edge.b] < 0]
+        found = Map(images, poses, np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE))
+        count = 0
+        while moving:
+            found = _refined(found, _tracks(found.images, rest, rays), rays, watch)
+            if len(found.images) <= count:  # the registered images did not agree with the map
+                break
+            count = len(found.images)
+            added, poses = register_images(found.images, found.tracks, found.points, rest, keypoints)
+            if not len(added):
+                break
+            together = np.concatenate([found.cam_from_world, poses])
+            found = replace(found, images=np.concatenate([found.images, added]), cam_from_world=together)
+        is_map = len(found.images) > 1
+        maps += [found] if is_map else []
+        inside = set((found.images if is_map else images).tolist())
+        rest = [edge for edge in rest if edge.a not in inside and edge.b not in inside]
     return sorted(maps, key=lambda found: -len(found.images))
+
+
+def _tracks(images: Indices, edges: Sequence[Edge], rays: KeypointRays) -> Tracks:
+    """Return the tracks of the edges between some images, in which these are counted."""
+    position = {int(image): i for i, image in enumerate(images)}
+    inside = [
+        replace(edge, a=position[edge.a], b=position[edge.b])
+        for edge in edges
+        if edge.a in position and edge.b in position
+    ]
+    return build_tracks(inside, np.diff(rays.offsets)[images].tolist())
 
 
 def _refined(current: Map, tracks: Tracks, rays: KeypointRays, watch: Watch) -> Map:
@@ -133,7 +151,24 @@ def _refined(current: Map, tracks: Tracks, rays: KeypointRays, watch: Watch) -> 
         current = _adjusted(current, rays)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
-    return current
+    return _without_unsupported_images(current)
+
+
+def _without_unsupported_images(current: Map) -> Map:
+    """Return the map without images whose observations do not agree with it: their poses are wrong or unknown."""
+    tracks = current.tracks
+    keep = np.bincount(tracks.image, minlength=len(current.images)) >= MIN_INLIERS
+    if keep.all():
+        return current
+    supported, used = tracks.select(keep[tracks.image])
+    index = np.cumsum(keep) - 1
+    return replace(
+        current,
+        images=current.images[keep],
+        cam_from_world=current.cam_from_world[keep],
+        points=current.points[used],
+        tracks=replace(supported, image=index[supported.image]),
+    )
 
 
 def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
@@ -152,7 +187,8 @@ def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
         len(tracks),
         TRACKS_PER_TASK,
     )
-    return replace(current, points=points[np.isfinite(points[:, 0])], tracks=tracks.select(inliers))
+    agreeing, kept = tracks.select(inliers)
+    return replace(current, points=points[kept], tracks=agreeing)
 
 
 def _adjusted(current: Map, rays: KeypointRays) -> Map:

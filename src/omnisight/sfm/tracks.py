@@ -36,13 +36,14 @@ class Tracks:
         """First observation (T + 1,) of each track."""
         return np.searchsorted(self.track, np.arange(len(self) + 1))
 
-    def select(self, use: NDArray[np.bool_]) -> "Tracks":
-        """Return the observations of a mask (M,), without tracks in fewer than two images."""
+    def select(self, use: NDArray[np.bool_]) -> tuple["Tracks", Indices]:
+        """Return the observations of a mask (M,), and the indices of the tracks that are in two images or more."""
         track, image, keypoint = self.track[use], self.image[use], self.keypoint[use]
         is_first = np.append(True, (np.diff(track) != 0) | (np.diff(image) != 0))[: len(track)]
         images = np.bincount(track, is_first, minlength=len(self))
         keep = images[track] >= 2
-        return Tracks(np.unique(track[keep], return_inverse=True)[1], image[keep], keypoint[keep])
+        kept, renumbered = np.unique(track[keep], return_inverse=True)
+        return Tracks(renumbered, image[keep], keypoint[keep]), kept
 
 
 def build_tracks(edges: Sequence[Edge], counts: Sequence[int]) -> Tracks:
@@ -67,4 +68,4 @@ def build_tracks(edges: Sequence[Edge], counts: Sequence[int]) -> Tracks:
     order = used[np.argsort(label[used], kind="stable")]
     image = np.searchsorted(offsets, order, side="right") - 1
     every = Tracks(np.unique(label[order], return_inverse=True)[1], image, order - offsets[image])
-    return every.select(np.ones(len(order), bool))
+    return every.select(np.ones(len(order), bool))[0]
