@@ -2,7 +2,7 @@
 
 `python -m benchmarks sfm` prints the table of docs/guide/reconstruct.md. The rendered images are kept in the cache
 folder, or in the folder of temporary files if it does not exist. pycolmap runs in a process of its own, with its own
-SIFT, all pairs, the camera model EQUIRECTANGULAR and fixed intrinsics; it has no model of the fisheye and of the mirror.
+SIFT, all pairs, the camera model EQUIRECTANGULAR and fixed intrinsics; it has no model of the other two cameras.
 """
 
 import argparse
