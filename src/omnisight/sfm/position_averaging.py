@@ -49,10 +49,10 @@ class EdgeDistances:
 
 def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
     """Triangulate the inliers of an edge, and return the distances from both cameras."""
-    of_a, of_b = keypoints[edge.a][edge.pairs[:, 0]], keypoints[edge.b][edge.pairs[:, 1]]
+    ends = (keypoints[edge.a], edge.pairs[:, 0]), (keypoints[edge.b], edge.pairs[:, 1])
     poses = [Pose(), edge.pose.b_from_a or Pose()]
-    covariance = np.stack([of_a.covariance, of_b.covariance])
-    found = triangulate(poses, np.stack([of_a.bearings, of_b.bearings]), covariance)
+    bearings, covariance = (np.stack([getattr(k, name)[i] for k, i in ends]) for name in ("bearings", "covariance"))
+    found = triangulate(poses, bearings, covariance)
     use = np.flatnonzero(found.valid)
     parts: list[tuple[Indices, Indices, Array, Array]] = []
     for side, (image, pose) in enumerate(zip((edge.a, edge.b), poses, strict=True)):
@@ -77,7 +77,7 @@ def average_log_scales(distances: Sequence[EdgeDistances]) -> tuple[Array, Array
         np.concatenate([getattr(d, name) for d in distances])
         for name in ("camera", "keypoint", "log_distance", "sigma")
     )
-    _, node = np.unique(np.column_stack([camera, keypoint]), axis=0, return_inverse=True)
+    _, node = np.unique(camera * (keypoint.max(initial=0) + 1) + keypoint, return_inverse=True)
     edges, nodes, rows = len(distances), int(node.max(initial=-1)) + 1, np.arange(len(edge))
     by_edge = csr_array((np.ones(len(edge)), (rows, edge)), shape=(len(edge), edges))
     by_node = csr_array((np.ones(len(edge)), (rows, node)), shape=(len(edge), nodes))

@@ -61,8 +61,9 @@ def match_pair(keypoints: Sequence[Keypoints], a: int, b: int) -> Edge | None:
     matches = match_features(keypoints[a], keypoints[b]).pairs
     if len(matches) < MIN_INLIERS:
         return None
-    of_a, of_b = keypoints[a][matches[:, 0]], keypoints[b][matches[:, 1]]
-    pairs = BearingPairs.of(of_a.bearings, of_b.bearings, of_a.covariance, of_b.covariance, None)
+    (of_a, in_a), (of_b, in_b) = (keypoints[a], matches[:, 0]), (keypoints[b], matches[:, 1])
+    covariances = of_a.covariance[in_a], of_b.covariance[in_b]
+    pairs = BearingPairs.of(of_a.bearings[in_a], of_b.bearings[in_b], *covariances, None)
     pose = estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
     if not pose or pose.inliers.sum() < MIN_INLIERS:
         return None
