@@ -6,7 +6,7 @@ import numpy as np
 from omnisight.features.keypoints import concatenate
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
-from omnisight.sfm.mapping import map_images
+from omnisight.sfm.mapping import KeypointRays, map_images
 from omnisight.sfm.tracks import build_tracks
 from omnisight.sfm.view_graph import Edge, match_pairs, overlapping_pairs
 from sfm.worlds import circle_of_poses, observe, points_around, similarity_errors
@@ -18,7 +18,7 @@ def ignore(*_):
 
 def mapped(keypoints):
     edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
-    return map_images(keypoints, edges, ignore)
+    return map_images(keypoints, KeypointRays.of(keypoints), edges, ignore)
 
 
 def test_cameras_on_a_circle_are_mapped_with_points_and_noise():
@@ -103,7 +103,7 @@ def test_images_that_averaging_left_out_are_registered_by_resection():
         else edge
         for edge in edges
     ]
-    (found,) = map_images(keypoints, spoiled, ignore)
+    (found,) = map_images(keypoints, KeypointRays.of(keypoints), spoiled, ignore)
     assert sorted(found.images.tolist()) == list(range(6))
     order = np.argsort(found.images)
     positions, _ = similarity_errors(found.cam_from_world[order], poses)

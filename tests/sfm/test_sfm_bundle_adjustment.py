@@ -5,7 +5,7 @@ from scipy.optimize import least_squares
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
 from omnisight.optim.loss import StudentT
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle, stack_poses
+from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.mapping import KeypointRays
 from omnisight.twoview.triangulation import whitening
 from sfm.worlds import circle_of_poses, observe, points_around
@@ -29,7 +29,8 @@ def problem(sigma_deg=0.1, cameras=4, count=30, seed=2, sensors=None):
     point, frame, sensor = (np.array([row[i] for row in table], np.intp) for i in range(3))
     bearings, axes = np.array([row[3] for row in table]), np.array([row[4] for row in table])
     rays = RayObservations(frame, sensor, point, np.zeros_like(bearings), bearings, axes)
-    return Structure(stack_poses(poses), stack_poses(sensors), points), rays
+    matrices = (np.array([pose.matrix for pose in each]) for each in (poses, sensors))
+    return Structure(*matrices, points), rays
 
 
 @pytest.mark.parametrize("refines_sensors", [False, True])

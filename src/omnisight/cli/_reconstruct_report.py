@@ -9,6 +9,11 @@ import numpy as np
 from omnisight.pipeline.reconstruct import ReconstructionResult
 
 
+def model_folder(output: Path, number: int) -> Path:
+    """Return the folder of a model; the first is the largest."""
+    return output if number == 0 else output / str(number)
+
+
 def print_json(result: ReconstructionResult) -> None:
     """Print the result as one JSON object."""
     model = result.models[0] if result else None
@@ -31,8 +36,7 @@ def print_json(result: ReconstructionResult) -> None:
 def print_report(result: ReconstructionResult, output: Path) -> None:
     """Print the models, their viewer, and the images that are in none of them."""
     for number, model in enumerate(result.models):
-        folder = output if number == 0 else output / str(number)
-        print(f"model       {len(model)} of {result.images} images, written to {folder}/")
+        print(f"model       {len(model)} of {result.images} images, written to {model_folder(output, number)}/")
         if not len(model.points):
             print("points      none: these images were taken in one place, only their orientations are known")
             continue

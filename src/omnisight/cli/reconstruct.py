@@ -38,7 +38,7 @@ def reconstruct(
     json
         Print one JSON object and nothing else.
     """
-    from omnisight.cli._reconstruct_report import print_json, print_report
+    from omnisight.cli._reconstruct_report import model_folder, print_json, print_report
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report import write_viewer
@@ -46,7 +46,7 @@ def reconstruct(
     with progress(quiet or json) as report:
         result = run(images, camera, options, report)
     for number, model in enumerate(result.models):
-        folder = output if number == 0 else output / str(number)
+        folder = model_folder(output, number)
         write_reconstruction(folder, model)
         write_viewer(folder / "viewer.html", model, images if images.is_dir() else images.parent)
     if json:

@@ -2,18 +2,22 @@
 
 import dataclasses
 import re
+from os import PathLike
 from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.targets.length import parse_length
+from omnisight.views import sphere
 from omnisight.views.remapper import is_resized, size_mismatch
+
+CameraSource = Camera | str | PathLike[str]
 
 MAX_ERROR_PX = 1.0  # of the central approximation at its distance
 
 
 def central_camera(
-    path: str | Path, *, name: str | None = None, distance: str | None = None, accepts_distance: bool = True
+    path: str | PathLike[str], *, name: str | None = None, distance: str | None = None, accepts_distance: bool = True
 ) -> Camera:
     """Read a central camera from a calibration file of any format.
 
@@ -33,7 +37,7 @@ def central_camera(
     ValueError
         If the camera is non-central and `distance` is missing or invalid, or central and `distance` is given.
     """
-    camera = load(path, name=name)
+    camera = load(Path(path), name=name)
     where = f"{path}, {name}" if name else str(path)
     if isinstance(camera, Camera):
         if distance is not None:
@@ -58,6 +62,27 @@ def central_camera(
             " specify a larger distance, or inf"
         )
     return central
+
+
+def camera_of_image(
+    source: CameraSource | None, size: tuple[int, int], image: str, *, name: str | None, scale: bool
+) -> Camera:
+    """Return the camera for an image of a size: a given one, that of a file, or without both an equirectangular one.
+
+    Raises
+    ------
+    ValueError
+        If there is none and the image is not twice as wide as high, or the size does not fit.
+    """
+    if source is None:
+        if size[0] != 2 * size[1]:
+            raise ValueError(
+                f"{image}: is {size[0]}x{size[1]} px, and only 2:1 equirectangular images need no camera: specify"
+                " its calibration file (--camera)"
+            )
+        return sphere(size[0])
+    camera = source if isinstance(source, Camera) else central_camera(source, name=name, accepts_distance=False)
+    return fit_camera(camera, size, image, scale=scale)
 
 
 def fit_camera(camera: Camera, size: tuple[int, int], image: str, *, scale: bool) -> Camera:

@@ -2,27 +2,23 @@
 
 import time
 from dataclasses import dataclass, field, replace
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features
 from omnisight.geometry.pose import Pose
 from omnisight.images import read_mask
 from omnisight.optim.ransac import RansacOptions
-from omnisight.pipeline.central_camera import central_camera, fit_camera
+from omnisight.pipeline.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.options import EpipolarOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS, ImageSource, Photo, read_source
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, largest_sigma_deg
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
-from omnisight.views import sphere
 
 Array = NDArray[np.float64]
-CameraSource = Camera | str | PathLike[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,16 +189,7 @@ def _load_photo(
 ) -> Photo:
     label, image = read_source(source, default_label, options.apply_exif)
     size = image.shape[1], image.shape[0]
-    if camera is None:
-        if size[0] != 2 * size[1]:
-            raise ValueError(
-                f"{label}: is {size[0]}x{size[1]} px, and only 2:1 equirectangular images need no camera: specify"
-                " its calibration file (--camera)"
-            )
-        return Photo(label, image, sphere(size[0]), None)
-    if not isinstance(camera, Camera):
-        camera = central_camera(Path(camera), name=name, accepts_distance=False)
-    return Photo(label, image, fit_camera(camera, size, label, scale=options.scale_camera), None)
+    return Photo(label, image, camera_of_image(camera, size, label, name=name, scale=options.scale_camera), None)
 
 
 def _with_mask(photo: Photo, mask: Path | None) -> Photo:

@@ -16,15 +16,14 @@ from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.geometry.pose import Pose
 from omnisight.images import collect_images, read_image, read_mask
-from omnisight.pipeline.central_camera import central_camera, fit_camera
+from omnisight.pipeline.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.rig import Rig
-from omnisight.sfm.mapping import map_images
+from omnisight.sfm.mapping import KeypointRays, map_images
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping_pairs
-from omnisight.views import sphere
 
 # Called with the stage, the work done and the total.
 Progress = Callable[[str, int, int], None]
@@ -61,7 +60,7 @@ class ReconstructionResult:
 
 def reconstruct(
     images: str | PathLike[str] | Iterable[str | PathLike[str]],
-    camera: Camera | str | PathLike[str] | None = None,
+    camera: CameraSource | None = None,
     options: ReconstructOptions = ReconstructOptions(),
     progress: Progress = lambda stage, done, total: None,
 ) -> ReconstructionResult:
@@ -97,9 +96,10 @@ def reconstruct(
     names = _names(paths)
     fitted, keypoints, colors = _detect(paths, camera, options, progress)
     edges = _edges(keypoints, options, progress)
-    maps = map_images(keypoints, edges, lambda text: progress(f"mapping: {text}", 0, 1))
+    rays = KeypointRays.of(keypoints)
+    maps = map_images(keypoints, rays, edges, lambda text: progress(f"mapping: {text}", 0, 1))
     rig = Rig((fitted,), (Pose(),), ("camera",))
-    models = tuple(build_reconstruction(found, rig, names, keypoints, colors) for found in maps)
+    models = tuple(build_reconstruction(found, rays, rig, names, keypoints, colors) for found in maps)
     registered = {name for model in models for name in model.names}
     unregistered = {
         name: _reason(i, keypoints, edges, len(paths)) for i, name in enumerate(names) if name not in registered
@@ -109,12 +109,9 @@ def reconstruct(
 
 
 def _detect(
-    paths: Sequence[Path], source: Camera | str | PathLike[str] | None, options: ReconstructOptions, progress: Progress
+    paths: Sequence[Path], source: CameraSource | None, options: ReconstructOptions, progress: Progress
 ) -> tuple[Camera, list[Keypoints], list[NDArray[np.uint8]]]:
     """Return the camera for the images, and the keypoints of each with their colours (K, 3)."""
-    camera = source
-    if source is not None and not isinstance(source, Camera):
-        camera = central_camera(Path(source), name=options.name, accepts_distance=False)
     fitted, mask = None, None
     keypoints: list[Keypoints] = []
     colors: list[NDArray[np.uint8]] = []
@@ -123,7 +120,7 @@ def _detect(
         image = read_image(path, apply_exif=options.apply_exif)
         size = image.shape[1], image.shape[0]
         if fitted is None:
-            fitted = _camera_of(path, size, camera if isinstance(camera, Camera) else None, options)
+            fitted = camera_of_image(source, size, str(path), name=options.name, scale=options.scale_camera)
             mask = None if options.mask is None else read_mask(options.mask, fitted.size)
         elif size != fitted.size:
             raise ValueError(
@@ -139,18 +136,6 @@ def _detect(
         progress("keypoints", len(keypoints), len(paths))
     assert fitted is not None  # `collect_images` returns at least one image
     return fitted, keypoints, colors
-
-
-def _camera_of(path: Path, size: tuple[int, int], camera: Camera | None, options: ReconstructOptions) -> Camera:
-    """Return the camera of the images: the given one, or that of an equirectangular image."""
-    if camera is not None:
-        return fit_camera(camera, size, str(path), scale=options.scale_camera)
-    if size[0] != 2 * size[1]:
-        raise ValueError(
-            f"{path}: is {size[0]}x{size[1]} px, and only 2:1 equirectangular images need no camera: specify its"
-            " calibration file (--camera)"
-        )
-    return sphere(size[0])
 
 
 def _edges(keypoints: Sequence[Keypoints], options: ReconstructOptions, progress: Progress) -> list[Edge]:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from omnisight.geometry import rotation as so3
-from omnisight.geometry.pose import Pose
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
@@ -141,7 +140,7 @@ class LinearizedBundle:
         return float(linear_decrease(self.columns, self.point, *jacobian, step[: self.count], moves))
 
     def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return the Schur complement (C, C), of which only the lower triangle is filled, right side and diagonal."""
+        """Return the Schur complement (C, C; lower triangle only), right side and diagonal."""
         from omnisight.sfm._bundle_kernel import reduce_points
 
         parts: list[tuple[Array, Array, Array]] = []
@@ -292,11 +291,6 @@ def adjust_bundle(
     return minimize(
         bundle, bundle.start, iterations=MAX_ITERATIONS, tolerance=tolerance, damping=INITIAL_DAMPING, watch=watch
     )
-
-
-def stack_poses(poses: list[Pose] | tuple[Pose, ...]) -> Array:
-    """Return the matrices (N, 3, 4) of poses."""
-    return np.array([pose.matrix for pose in poses]).reshape(-1, 3, 4)
 
 
 def _moved(poses: Array, steps: Array) -> Array:

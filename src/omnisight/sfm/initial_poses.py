@@ -37,7 +37,7 @@ def initial_poses(edges: Sequence[Edge], keypoints: Sequence[Keypoints]) -> tupl
     Returns
     -------
     images
-        (I,) indices of the images, the first of which is the origin of the world.
+        (I,) indices of the images; the first is the origin of the world.
     cam_from_world
         (I, 3, 4) poses.
     """

@@ -57,6 +57,10 @@ class KeypointRays:
         axes = whitening(np.concatenate([k.covariance for k in keypoints]))
         return cls(offsets, np.zeros_like(bearings), bearings, axes)
 
+    def indices(self, images: Indices, tracks: Tracks) -> Indices:
+        """Return which keypoints (M,) are the observations of tracks whose `image` counts in `images`."""
+        return self.offsets[images[tracks.image]] + tracks.keypoint
+
 
 @dataclass(frozen=True, eq=False)
 class Map:
@@ -84,7 +88,7 @@ class Map:
 
     def observations(self, rays: KeypointRays) -> RayObservations:
         """Return the rays of the observations."""
-        which = rays.offsets[self.images[self.tracks.image]] + self.tracks.keypoint
+        which = rays.indices(self.images, self.tracks)
         sensor = np.zeros(len(which), np.intp)
         of_rays = rays.origins[which], rays.bearings[which], rays.axes[which]
         return RayObservations(self.tracks.image, sensor, self.tracks.track, *of_rays)
@@ -99,7 +103,7 @@ class Map:
         return Bundle(self.observations(rays), self.noise, self.structure)
 
 
-def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Watch) -> list[Map]:
+def map_images(keypoints: Sequence[Keypoints], rays: KeypointRays, edges: Sequence[Edge], watch: Watch) -> list[Map]:
     """Return the maps of all connected parts of a view graph, the one with most images first.
 
     Orientations and positions are averaged over the edges; tracks are triangulated, and poses and points refined by
@@ -107,8 +111,7 @@ def map_images(keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Wat
     relative scales). Images that averaging left out are registered by resection. Images that are connected by rotations
     only form a map without points.
     """
-    rays, maps = KeypointRays.of(keypoints), list[Map]()
-    rest = list(edges)
+    maps, rest = list[Map](), list(edges)
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
         images, poses = initial_poses(moving, keypoints) if moving else panorama_poses(rest, len(keypoints))
@@ -175,7 +178,7 @@ def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
     """Return the map with the points of all tracks that agree with its poses."""
     from omnisight.sfm._track_kernel import triangulate_tracks
 
-    which = rays.offsets[current.images[tracks.image]] + tracks.keypoint
+    which = rays.indices(current.images, tracks)
     rotations = current.cam_from_world[tracks.image, :, :3]
     origins = np.einsum("mji,mj->mi", rotations, rays.origins[which] - current.cam_from_world[tracks.image, :, 3])
     directions = np.einsum("mji,mj->mi", rotations, rays.bearings[which])

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array, kron
+from scipy.sparse import csr_array, diags_array, kron
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
+from omnisight.sfm.incidence import incidence_matrix
 from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.triangulation import triangulate
 
@@ -132,15 +133,14 @@ def average_positions(count: int, edges: RelativePositions) -> Array:
     """
     length = np.maximum(np.linalg.norm(edges.displacement, axis=1), 1e-300)
     along = edges.displacement / length[:, None]
-    rows, ones = np.arange(len(along)), np.ones(len(along))
-    ends = np.tile(rows, 2), np.concatenate([edges.a, edges.b])
-    incidence = coo_array((np.concatenate([-ones, ones]), ends), shape=(len(along), count)).tocsr()[:, 1:]
     outer = along[:, :, None] * along[:, None, :]
     lengthwise, crosswise = edges.lengthwise[:, None, None], edges.crosswise[:, None, None]
     information = outer / lengthwise**2 + (np.eye(3) - outer) / crosswise**2
     half = np.linalg.cholesky(information).transpose(0, 2, 1)
     # Each edge has three rows, half (c_b - c_a - displacement), of a matrix with three columns for each camera.
-    matrix: Any = csr_array(_block_diagonal(half) @ csr_array(kron(incidence, np.eye(3))))
+    matrix: Any = csr_array(
+        _block_diagonal(half) @ csr_array(kron(incidence_matrix(count, edges.a, edges.b), np.eye(3)))
+    )
     right = np.einsum("erc,ec->er", half, edges.displacement).ravel()
 
     def solve(weights: Array) -> tuple[Array, Array]:
@@ -149,6 +149,7 @@ def average_positions(count: int, edges: RelativePositions) -> Array:
         solution = np.asarray(spsolve((matrix.T @ weighted).tocsc(), weighted.T @ right), float)
         return solution.reshape(-1, 3), np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
+    ones = np.ones(len(along))
     positions, _, _ = _reweighted(solve, ones, ones)
     return np.vstack([np.zeros((1, 3)), positions])
 

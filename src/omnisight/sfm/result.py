@@ -18,7 +18,12 @@ Colors = NDArray[np.uint8]
 
 
 def build_reconstruction(
-    found: Map, rig: Rig, names: Sequence[str], keypoints: Sequence[Keypoints], colors: Sequence[Colors]
+    found: Map,
+    rays: KeypointRays,
+    rig: Rig,
+    names: Sequence[str],
+    keypoints: Sequence[Keypoints],
+    colors: Sequence[Colors],
 ) -> Reconstruction:
     """Return the reconstruction of a map, whose images are of the first camera of a rig.
 
@@ -26,6 +31,8 @@ def build_reconstruction(
     ----------
     found
         The map.
+    rays
+        The rays of the keypoints.
     rig
         The camera.
     names, keypoints, colors
@@ -33,8 +40,7 @@ def build_reconstruction(
     """
     tracks, camera = found.tracks, rig.cameras[0]
     poses = tuple(Pose.of_matrix(pose) for pose in found.cam_from_world)
-    offsets = np.concatenate([[0], np.cumsum([len(each) for each in keypoints])])
-    which = offsets[found.images[tracks.image]] + tracks.keypoint
+    which = rays.indices(found.images, tracks)
     pixels = np.concatenate([each.pixels for each in keypoints])[which]
     rotations, translations = found.cam_from_world[tracks.image, :, :3], found.cam_from_world[tracks.image, :, 3]
     projected, _ = camera.project(np.einsum("mij,mj->mi", rotations, found.points[tracks.track]) + translations)
@@ -44,7 +50,7 @@ def build_reconstruction(
     rgb = np.concatenate(list(colors))[which].astype(float)
     seen = np.maximum(np.bincount(tracks.track, minlength=len(found.points)), 1)[:, None]
     mean = np.column_stack([np.bincount(tracks.track, rgb[:, c], minlength=len(found.points)) for c in range(3)]) / seen
-    pose_covariance, point_covariance = _covariances(found, KeypointRays.of(keypoints))
+    pose_covariance, point_covariance = _covariances(found, rays)
     count = len(found.images)
     return Reconstruction(
         rig,

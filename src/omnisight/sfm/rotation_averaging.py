@@ -1,7 +1,7 @@
-"""Rotation averaging: orientations of all images from the relative rotations of pairs, some of which are wrong."""
+"""Rotation averaging: orientations of all images from relative rotations of pairs with outliers."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,17 +10,18 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.sparse.linalg import spsolve
 
 from omnisight.geometry import rotation as so3
+from omnisight.sfm.incidence import incidence_matrix
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Robust scale of the residuals, radians: it decreases by the factor until it is that of the noise (graduated
-# non-convexity; A. Blake, A. Zisserman, Visual reconstruction, 1987). The L1 loss leaves no larger errors.
-INITIAL_SCALE_RAD, SCALE_FACTOR = float(np.radians(5)), 0.5
 # Rounds of reweighting with the L1 loss, which tolerates a wrong spanning tree.
 L1_ROUNDS = 20
 # Residuals of good edges in units of their scale, and the least scale: calibration errors bend rotations.
 MAX_RESIDUAL_SIGMA, MIN_SCALE_RAD = 4.0, float(np.radians(0.02))
+# Scales of the Geman-McClure loss: they decrease to that of the noise (graduated non-convexity; A. Blake, A. Zisserman,
+# Visual reconstruction, 1987). The L1 loss leaves no larger errors.
+SCALES_RAD = (*(float(np.radians(5.0)) * 0.5**k for k in range(8)), *[MIN_SCALE_RAD] * 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +52,11 @@ class AveragedRotations:
     ----------
     cam_from_world
         (N, 3, 3); the first image has the orientation of the world.
-    residuals
-        (E,) angles, radians, between relative rotations and those of the orientations.
     is_consistent
         (E,), whether the edge agrees with the orientations.
     """
 
     cam_from_world: Array
-    residuals: Array
     is_consistent: NDArray[np.bool_]
 
 
@@ -70,14 +68,15 @@ def average_rotations(count: int, edges: RelativeRotations) -> AveragedRotations
     Geman-McClure loss of decreasing scale.
     """
     rotations = _from_spanning_tree(count, edges)
-    for weight in (*(_least_lengths for _ in range(L1_ROUNDS)), *_geman_mcclure()):
+    annealed = (partial(_geman_mcclure_weights, scale=scale) for scale in SCALES_RAD)
+    for weights_of in (*[_l1_weights] * L1_ROUNDS, *annealed):
         residuals = _residuals(edges, rotations)
-        weights = weight(np.linalg.norm(residuals, axis=1), edges.sigma)
-        rotations = rotations @ so3.exp(_solve_laplacian(count, edges, weights, -residuals))
+        weights = weights_of(np.linalg.norm(residuals, axis=1), edges.sigma)
+        rotations = rotations @ so3.exp(_solve_laplacian(count, edges, weights, residuals))
     angles = np.linalg.norm(_residuals(edges, rotations), axis=1)
     scale = _noise_scale(angles, edges.sigma)
     is_consistent = angles <= MAX_RESIDUAL_SIGMA * np.hypot(scale, edges.sigma)
-    return AveragedRotations(rotations @ rotations[0].T, angles, is_consistent)
+    return AveragedRotations(rotations @ rotations[0].T, is_consistent)
 
 
 def _from_spanning_tree(count: int, edges: RelativeRotations) -> Array:
@@ -100,25 +99,15 @@ def _residuals(edges: RelativeRotations, rotations: Array) -> Array:
     return so3.log(rotations[edges.b].transpose(0, 2, 1) @ edges.b_from_a @ rotations[edges.a])
 
 
-def _least_lengths(angles: Array, sigma: Array) -> Array:
+def _l1_weights(angles: Array, sigma: Array) -> Array:
     """Return the weights of the L1 loss."""
     return 1 / (np.maximum(angles, MIN_SCALE_RAD) * sigma)
 
 
-def _geman_mcclure() -> Iterator[Callable[[Array, Array], Array]]:
-    """Yield the weights of the Geman-McClure loss for decreasing scales, the last one three times."""
-    scale = INITIAL_SCALE_RAD
-    scales: list[float] = []
-    while scale > MIN_SCALE_RAD:
-        scales.append(scale)
-        scale *= SCALE_FACTOR
-    for each in (*scales, *(MIN_SCALE_RAD for _ in range(3))):
-
-        def weight(angles: Array, sigma: Array, square: float = each**2) -> Array:
-            noise = square + sigma**2
-            return noise / (noise + angles**2) ** 2
-
-        yield weight
+def _geman_mcclure_weights(angles: Array, sigma: Array, scale: float) -> Array:
+    """Return the weights of the Geman-McClure loss."""
+    noise = scale**2 + sigma**2
+    return noise / (noise + angles**2) ** 2
 
 
 def _noise_scale(angles: Array, sigma: Array) -> float:
@@ -129,15 +118,10 @@ def _noise_scale(angles: Array, sigma: Array) -> float:
 
 
 def _solve_laplacian(count: int, edges: RelativeRotations, weights: Array, differences: Array) -> Array:
-    """Return x (N, 3), x_0 = 0, that minimizes the weighted sum of |x_a - x_b - difference|^2 over the edges."""
-    rows = np.arange(len(weights))
-    ones = np.ones(len(weights))
-    incidence = coo_array(
-        (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([edges.a, edges.b]))),
-        shape=(len(weights), count),
-    ).tocsr()[:, 1:]
-    weighted = incidence.multiply(weights[:, None])
+    """Return x (N, 3), x_0 = 0, that minimizes the weighted sum of |x_b - x_a - difference|^2 over the edges."""
     if count < 2:
         return np.zeros((count, 3))
+    incidence = incidence_matrix(count, edges.a, edges.b)
+    weighted = incidence.multiply(weights[:, None])
     solution = np.asarray(spsolve((incidence.T @ weighted).tocsc(), weighted.T @ differences), float)
     return np.vstack([np.zeros((1, 3)), solution.reshape(-1, 3)])
