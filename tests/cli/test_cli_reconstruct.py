@@ -9,6 +9,7 @@ import pytest
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.simulation import Renderer, scene_named
+from omnisight.simulation.example_rigs import back_to_back
 from sfm.worlds import similarity_errors
 
 SPHERE = om.sphere(640)
@@ -84,3 +85,52 @@ def test_images_that_do_not_fit_the_camera_are_refused(run, room, tmp_path):
     assert status == 2
     assert "640x320" in err
     assert "800x400" in err
+
+
+@pytest.fixture(scope="module")
+def rig_images(tmp_path_factory):
+    """Return a folder with front/0.png, back/0.png ..., and the file of their rig, 0.2 m apart."""
+    folder, scene, rig = tmp_path_factory.mktemp("rig"), scene_named("room"), back_to_back(400, apart=0.2)
+    for name, camera, sensor_from_rig in zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True):
+        (folder / "images" / name).mkdir(parents=True)
+        for k, pose in enumerate(POSES):
+            image = Renderer(camera, pose @ sensor_from_rig.inverse(), scene, samples=1)().image
+            om.write_image(folder / "images" / name / f"{k}.png", image)
+        om.save(camera, folder / f"{name}.json")
+    om.save(rig, folder / "rig.json")
+    return folder
+
+
+def test_poses_of_a_rig_are_reconstructed_in_metres(run, rig_images, tmp_path):
+    rig = ("--rig", rig_images / "rig.json")
+    status, out, _ = run("reconstruct", rig_images / "images", *rig, "-o", tmp_path / "model", "--json")
+    assert status == 0
+    assert json.loads(out)["registered"] == 10
+    model = om.read_reconstruction(tmp_path / "model")
+    assert model.has_scale
+    assert len(model.rig_from_world) == 5
+    assert set(model.names) == {f"{name}/{k}.png" for name in ("front", "back") for k in range(5)}
+    positions = np.array([pose.inverse().translation for pose in model.rig_from_world])
+    true = np.linalg.norm(POSES[4].translation - POSES[0].translation)
+    assert np.linalg.norm(positions[4] - positions[0]) == pytest.approx(true, rel=0.02)
+
+
+def test_cameras_of_an_unknown_rig_are_reconstructed_with_it(run, rig_images, tmp_path):
+    cameras = [item for name in ("front", "back") for item in ("--camera", f"{name}={rig_images / name}.json")]
+    arguments = ("-o", tmp_path / "model", "--extrinsics", "unknown", "--json")
+    status, out, _ = run("reconstruct", rig_images / "images", *cameras, *arguments)
+    assert status == 0
+    assert json.loads(out)["registered"] == 10
+    model = om.read_reconstruction(tmp_path / "model")
+    assert not model.has_scale
+    assert len(model.rig_from_world) == 5
+    found = model.rig.sensor_from_rig[1] @ model.rig.sensor_from_rig[0].inverse()
+    rotation = np.diag([-1.0, 1.0, -1.0])
+    assert np.degrees(np.arccos((np.trace(found.rotation @ rotation.T) - 1) / 2)) < 0.3
+
+
+def test_images_of_no_camera_of_the_rig_are_refused(run, rig_images, tmp_path):
+    om.save(back_to_back(400).subset(["front"]), tmp_path / "rig.json")
+    status, _, err = run("reconstruct", rig_images / "images", "--rig", tmp_path / "rig.json", "-o", tmp_path / "model")
+    assert status == 2
+    assert "belongs to none of the cameras front" in err

@@ -20,7 +20,7 @@ def test_rotations_are_those_of_the_cameras_although_edges_are_wrong(wrong_share
     rotations = np.array([poses[j].rotation @ poses[i].rotation.T for i, j in zip(a, b, strict=True)])
     averaged = average_rotations(20, RelativeRotations(a, b, exp(turns) @ rotations, np.full(len(a), noise)))
     true = np.array([pose.rotation for pose in poses]) @ poses[0].rotation.T
-    error = np.degrees(np.linalg.norm(averaged.cam_from_world - true, axis=(1, 2)) / np.sqrt(2))
+    error = np.degrees(np.linalg.norm(averaged.rig_from_world - true, axis=(1, 2)) / np.sqrt(2))
     assert error.max() < 0.15
     assert not averaged.is_consistent[is_wrong].any()
     assert averaged.is_consistent[~is_wrong].mean() > 0.95
@@ -62,5 +62,24 @@ def test_positions_are_those_of_the_cameras_although_edges_are_wrong():
     is_wrong = rng.random(len(a)) < 0.15
     displacement[is_wrong] = rng.normal(size=(is_wrong.sum(), 3))
     ones = np.ones(len(a))
-    found = average_positions(count, RelativePositions(a, b, displacement, 0.02 * ones, 0.01 * ones))
+    edges = RelativePositions(a, b, displacement, np.zeros_like(displacement), 0.02 * ones, 0.01 * ones)
+    found = average_positions(count, edges)
     assert np.linalg.norm(found - centers, axis=1).max() < 0.02  # the stated noise
+
+
+def test_positions_of_a_rig_have_its_unit():
+    """Displacements between two sensors of a turning rig, in a unit of 0.4 of the rig's."""
+    rng, poses = np.random.default_rng(7), circle_of_poses(15)
+    frames = np.array([pose.inverse().translation for pose in poses])
+    sensors = np.array([[0.2, 0, 0], [-0.1, 0.1, 0.2]])
+    a, b = pairs(15, 5)
+    of_a, of_b = rng.integers(0, 2, (2, len(a)))
+    ends = [
+        np.array([poses[f].rotation.T @ sensors[s] for f, s in zip(*end, strict=True)])
+        for end in ((a, of_a), (b, of_b))
+    ]
+    arm = ends[1] - ends[0]
+    displacement = 0.4 * (frames[b] - frames[a] + arm + rng.normal(0, 0.002, (len(a), 3)))
+    ones = np.full(len(a), 0.4 * 0.002)
+    found = average_positions(15, RelativePositions(a, b, displacement, arm, ones, ones))
+    assert np.linalg.norm(found - frames, axis=1).max() < 0.02 * np.linalg.norm(frames, axis=1).max()

@@ -2,14 +2,17 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+import pytest
 
 from omnisight.features.keypoints import concatenate
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
-from omnisight.sfm.mapping import KeypointRays, map_images
+from omnisight.sfm.extrinsics import estimate_extrinsics
+from omnisight.sfm.mapping import map_images
+from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import build_tracks
 from omnisight.sfm.view_graph import Edge, match_pairs, overlapping_pairs
-from sfm.worlds import circle_of_poses, observe, points_around, similarity_errors
+from sfm.worlds import circle_of_poses, observe, points_around, sensors_apart, similarity_errors, unit
 
 
 def ignore(*_):
@@ -18,14 +21,14 @@ def ignore(*_):
 
 def mapped(keypoints):
     edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
-    return map_images(keypoints, KeypointRays.of(keypoints), edges, ignore)
+    return map_images(keypoints, RigImages.of(keypoints), edges, ignore)
 
 
 def test_cameras_on_a_circle_are_mapped_with_points_and_noise():
     poses, points = circle_of_poses(8), points_around(150)
     (found,) = mapped(observe(poses, points, 0.1))
-    positions, rotations = similarity_errors(found.cam_from_world, poses)
-    assert found.images.tolist() == list(range(8))
+    positions, rotations = similarity_errors(found.rig_from_world, poses)
+    assert found.frames.tolist() == list(range(8))
     assert positions.max() < 0.01
     assert rotations.max() < 0.1
     assert len(found.points) > 145
@@ -36,7 +39,7 @@ def test_cameras_on_a_circle_are_mapped_with_points_and_noise():
 def test_the_map_is_deterministic():
     keypoints = observe(circle_of_poses(5), points_around(80), 0.1)
     (a,), (b,) = mapped(keypoints), mapped(keypoints)
-    assert np.array_equal(a.cam_from_world, b.cam_from_world)
+    assert np.array_equal(a.rig_from_world, b.rig_from_world)
     assert np.array_equal(a.points, b.points)
 
 
@@ -46,7 +49,7 @@ def test_two_places_give_two_maps():
         observe(circle_of_poses(4), points_around(100, seed=8), 0.1, seed=9),
     )
     maps = mapped([*here, *there])
-    assert [found.images.tolist() for found in maps] == [[0, 1, 2, 3, 4], [5, 6, 7, 8]]
+    assert [found.frames.tolist() for found in maps] == [[0, 1, 2, 3, 4], [5, 6, 7, 8]]
 
 
 def test_images_of_one_place_have_orientations_and_no_points():
@@ -54,9 +57,9 @@ def test_images_of_one_place_have_orientations_and_no_points():
     poses = [Pose(), *(Pose(exp(rng.normal(0, 1, 3))) for _ in range(4))]
     (found,) = mapped(observe(poses, points_around(100), 0.05))
     assert len(found.points) == 0
-    assert not found.cam_from_world[:, :, 3].any()
+    assert not found.rig_from_world[:, :, 3].any()
     true = np.array([pose.rotation for pose in poses])
-    np.testing.assert_allclose(found.cam_from_world[:, :, :3], true, atol=2e-3)
+    np.testing.assert_allclose(found.rig_from_world[:, :, :3], true, atol=2e-3)
 
 
 def test_wrong_matches_are_not_observations():
@@ -68,7 +71,7 @@ def test_wrong_matches_are_not_observations():
     )
     keypoints = [concatenate([a, b]) for a, b in zip(right, wrong, strict=True)]
     maps = mapped(keypoints)
-    positions, _ = similarity_errors(maps[0].cam_from_world, poses)
+    positions, _ = similarity_errors(maps[0].rig_from_world, poses)
     assert positions.max() < 0.02
 
 
@@ -103,8 +106,58 @@ def test_images_that_averaging_left_out_are_registered_by_resection():
         else edge
         for edge in edges
     ]
-    (found,) = map_images(keypoints, KeypointRays.of(keypoints), spoiled, ignore)
-    assert sorted(found.images.tolist()) == list(range(6))
-    order = np.argsort(found.images)
-    positions, _ = similarity_errors(found.cam_from_world[order], poses)
+    (found,) = map_images(keypoints, RigImages.of(keypoints), spoiled, ignore)
+    assert sorted(found.frames.tolist()) == list(range(6))
+    order = np.argsort(found.frames)
+    positions, _ = similarity_errors(found.rig_from_world[order], poses)
     assert positions.max() < 0.01
+
+
+def rig_views(frames, sensors, points, *, field_deg=360.0, sigma_deg=0.05):
+    """Return the keypoints of all sensors in all frames, sensor by sensor, with their sensors and frames."""
+    sensor, frame = np.divmod(np.arange(len(sensors) * len(frames)), len(frames))
+    every = observe([sensors[s] @ frames[f] for s, f in zip(sensor, frame, strict=True)], points, sigma_deg)
+    return [k[k.bearings[:, 2] > np.cos(np.radians(field_deg / 2))] for k in every], sensor, frame
+
+
+@pytest.mark.parametrize("field_deg", [360.0, 190.0])
+def test_a_rig_of_known_sensors_is_mapped_in_metres(field_deg):
+    frames, sensors = circle_of_poses(7), sensors_apart(3)
+    keypoints, sensor, frame = rig_views(frames, sensors, points_around(200), field_deg=field_deg)
+    matrices = np.array([pose.matrix for pose in sensors])
+    images = RigImages.of(keypoints, sensor, 3).on_rig(frame, matrices, is_known=True)
+    pairs = list(combinations(range(len(keypoints)), 2))
+    (found,) = map_images(keypoints, images, match_pairs(keypoints, pairs, ignore, images.known_pose), ignore)
+    assert found.frames.tolist() == list(range(7))
+    true = np.array([pose.matrix for pose in frames])
+    np.testing.assert_allclose(found.rig_from_world, true, atol=5e-3)
+
+
+def test_unknown_poses_of_sensors_are_estimated():
+    frames, sensors = circle_of_poses(7), sensors_apart(2)
+    keypoints, sensor, frame = rig_views(frames, sensors, points_around(200), field_deg=220.0)
+    independent = RigImages.of(keypoints, sensor, 2)
+    edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
+    (found,) = map_images(keypoints, independent, edges, ignore)
+    poses, used = estimate_extrinsics(found, independent, frame)
+    assert used.tolist() == [0, 7]
+    images = independent.on_rig(frame, poses, is_known=False)
+    edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore, images.known_pose)
+    (refined,) = map_images(keypoints, images, edges, ignore, refines_sensors=True)
+    assert refined.frames.tolist() == list(range(7))
+    found, true = Pose.of_matrix(refined.sensor_from_rig[1]), sensors[1]
+    np.testing.assert_allclose(found.rotation, true.rotation, atol=1e-3)
+    np.testing.assert_allclose(unit(found.translation), unit(true.translation), atol=5e-3)
+
+
+def test_one_frame_of_a_rig_has_points():
+    sensors = sensors_apart(3)
+    keypoints, sensor, frame = rig_views([Pose()], sensors, points_around(100))
+    matrices = np.array([pose.matrix for pose in sensors])
+    images = RigImages.of(keypoints, sensor, 3).on_rig(frame, matrices, is_known=True)
+    edges = match_pairs(keypoints, [(0, 1), (0, 2), (1, 2)], ignore, images.known_pose)
+    (found,) = map_images(keypoints, images, edges, ignore)
+    assert len(found.points) > 80
+    true = points_around(100)
+    nearest = np.linalg.norm(found.points[:, None] - true, axis=2).min(1) / np.linalg.norm(found.points, axis=1)
+    assert np.median(nearest) < 0.02

@@ -20,6 +20,13 @@ def circle_of_poses(count, radius=2.0, seed=0):
     return [Pose(r, -r @ c) for r, c in zip(rotations, centers, strict=True)]
 
 
+def sensors_apart(count=2, radius=0.5, seed=20):
+    """Return sensor_from_rig of sensors in different directions; the first is the rig's frame."""
+    rng = np.random.default_rng(seed)
+    others = [Pose(exp(rng.normal(0, 1, 3)), rng.normal(0, radius, 3)) for _ in range(count - 1)]
+    return [Pose(), *others]
+
+
 def points_around(count, seed=1):
     rng = np.random.default_rng(seed)
     return unit(rng.normal(size=(count, 3))) * rng.uniform(4, 10, (count, 1)) + (2, 0, 0)

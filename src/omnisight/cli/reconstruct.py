@@ -13,23 +13,28 @@ def reconstruct(
     images: Path,
     /,
     *,
-    camera: Path | None = None,
+    camera: list[str] | None = None,
+    rig: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[ReconstructOptions, Parameter(name="*")] = ReconstructOptions(),
     quiet: bool = False,
     json: bool = False,
 ) -> None:
-    """Reconstruct the poses of images of any central camera, and the points that they show.
+    """Reconstruct the poses of images of any central cameras or a rig, and the points that they show.
 
     Images without common points are in separate models: the largest is in the output folder, further ones in its
-    sub-folders 1, 2 ... The unit of a model is arbitrary. `omnisight export` writes it for other programs.
+    sub-folders 1, 2 ... The unit of a model is the metre if a rig determines it, and otherwise
+    arbitrary. `omnisight export` writes it for other programs.
 
     Parameters
     ----------
     images
         Folder of images.
     camera
-        Calibration file of any format; none is needed for 2:1 equirectangular images.
+        Calibration file of any format; none is needed for 2:1 equirectangular images. Repeat it for several cameras,
+        with their names: front=front.json, where the images are in front/ or named front_1.jpg.
+    rig
+        File of a rig, in place of the camera. Its cameras' images of the same name or number were taken together.
     output
         Folder of the model: poses.csv (world_from_camera), reconstruction.npz, points.ply, viewer.html to look at, and
         COLMAP's text files where COLMAP has the camera.
@@ -44,7 +49,7 @@ def reconstruct(
     from omnisight.report import write_viewer
 
     with progress(quiet or json) as report:
-        result = run(images, camera, options, report)
+        result = run(images, _cameras(camera or []), rig, options, report)
     for number, model in enumerate(result.models):
         folder = model_folder(output, number)
         write_reconstruction(folder, model)
@@ -55,3 +60,13 @@ def reconstruct(
         raise ValueError(f"{images}: {result.reason}")
     if not json:
         print_report(result, output)
+
+
+def _cameras(values: list[str]) -> Path | dict[str, Path] | None:
+    """Return the file of the only camera, or those of several by name."""
+    if len(values) <= 1 and not any("=" in value for value in values):
+        return Path(values[0]) if values else None
+    pairs = [value.partition("=") for value in values]
+    if unnamed := [value for value, sign, _ in pairs if not sign]:
+        raise ValueError(f"--camera {unnamed[0]}: several cameras need names, such as --camera front={unnamed[0]}")
+    return {name: Path(file) for name, _, file in pairs}

@@ -277,10 +277,14 @@ class ReconstructOptions:
         takes all whose strongest keypoints match.
     window
         Number of following images that each image is matched with.
+    extrinsics
+        Poses of the cameras on the rig: fixed, refined from those of the rig file, or unknown, for several cameras that
+        are rigidly connected. By default those of a rig are fixed, and several cameras without a rig are independent.
     name
-        Name of the camera in a file of several, such as a rig.
+        Name of the camera in a file of several.
     mask
-        Image that is white where keypoints are wanted, in all images (in a PBM file: 1).
+        Image that is white where keypoints are wanted, in all images (in a PBM file: 1); or a folder with a mask for
+        each camera, which has its name.
     max_keypoints
         Number of keypoints per image; the strongest are used.
     scale_camera
@@ -291,6 +295,7 @@ class ReconstructOptions:
 
     pairs: Literal["auto", "all", "sequential"] = "auto"
     window: int = 10
+    extrinsics: Literal["fixed", "refined", "unknown"] | None = None
     name: str | None = None
     mask: Path | None = None
     max_keypoints: int = 4000

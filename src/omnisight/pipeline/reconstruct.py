@@ -1,8 +1,7 @@
 """Structure from motion: the counterpart of `omnisight reconstruct`."""
 
-import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from os import PathLike
@@ -15,14 +14,18 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.geometry.pose import Pose
-from omnisight.images import collect_images, read_image, read_mask
+from omnisight.images import read_image, read_mask
+from omnisight.pipeline.camera_sources import CameraSources, RigSource
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image
+from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.rig import Rig
-from omnisight.sfm.mapping import KeypointRays, map_images
+from omnisight.sfm.extrinsics import estimate_extrinsics
+from omnisight.sfm.mapping import Map, map_images
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
+from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping_pairs
 
 # Called with the stage, the work done and the total.
@@ -60,7 +63,8 @@ class ReconstructionResult:
 
 def reconstruct(
     images: str | PathLike[str] | Iterable[str | PathLike[str]],
-    camera: CameraSource | None = None,
+    camera: CameraSource | Mapping[str, CameraSource] | None = None,
+    rig: RigSource | None = None,
     options: ReconstructOptions = ReconstructOptions(),
     progress: Progress = lambda stage, done, total: None,
 ) -> ReconstructionResult:
@@ -72,10 +76,14 @@ def reconstruct(
     Parameters
     ----------
     images
-        Folder, or image files.
+        Folder, or image files. The sub-folders of a folder without images of its own are searched too.
     camera
-        The camera of all images, or its calibration file of any format. It may be omitted for equirectangular images of
-        360° x 180°, which are twice as wide as high.
+        The camera of all images, or its calibration file of any format; or several by name, where the path of each
+        image contains the name of its camera, as a folder or in the file name. It may be omitted for equirectangular
+        images of 360° x 180°, which are twice as wide as high.
+    rig
+        In place of `camera`: the cameras and their poses on one rigid body, or the file. Images of its cameras with the
+        same name or number were taken at the same time.
     options
         Options of the command.
     progress
@@ -83,69 +91,119 @@ def reconstruct(
 
     Returns
     -------
-    The models, without scale: the unit of the world is arbitrary.
+    The models: in metres for a rig of cameras that are apart, otherwise the unit of the world is arbitrary.
 
     Raises
     ------
     ValueError
-        If there are no images, one cannot be read, or the camera does not fit.
+        If there are no images, one cannot be read, or a camera does not fit.
     """
     start = time.perf_counter()
-    inputs = [images] if isinstance(images, str | PathLike) else list(images)
-    paths = collect_images([Path(item) for item in inputs])
-    names = _names(paths)
-    fitted, keypoints, colors = _detect(paths, camera, options, progress)
-    edges = _edges(keypoints, options, progress)
-    rays = KeypointRays.of(keypoints)
-    maps = map_images(keypoints, rays, edges, lambda text: progress(f"mapping: {text}", 0, 1))
-    rig = Rig((fitted,), (Pose(),), ("camera",))
-    models = tuple(build_reconstruction(found, rays, rig, names, keypoints, colors) for found in maps)
+    sources = CameraSources.of(camera, rig, options.extrinsics)
+    files = image_set(images, sources.names, is_rig=sources.is_rigid)
+    cameras, keypoints, colors = _detect(files, sources, options, progress)
+    of_cameras = RigImages.of(keypoints, files.camera, len(cameras))
+    if sources.poses:
+        poses = np.array([pose.matrix for pose in sources.poses])
+        of_cameras = of_cameras.on_rig(files.frame, poses, is_known=True)
+    edges = _edges(keypoints, of_cameras, options, progress)
+
+    def mapping(refines_sensors: bool) -> list[Map]:
+        def watch(done: int) -> None:
+            progress("mapping", done, of_cameras.frames)
+
+        return map_images(keypoints, of_cameras, edges, watch, refines_sensors=refines_sensors)
+
+    maps = mapping(sources.refines_extrinsics)
+    if sources.estimates_extrinsics and maps:
+        of_cameras, edges = _on_estimated_rig(maps[0], of_cameras, files, edges, keypoints)
+        maps = mapping(refines_sensors=True)
+    names = sources.names or ("camera",)
+    body = Rig(cameras, tuple(Pose.of_matrix(pose) for pose in of_cameras.sensor_from_rig), tuple(names))
+    models = tuple(build_reconstruction(found, of_cameras, body, files.names, keypoints, colors) for found in maps)
     registered = {name for model in models for name in model.names}
     unregistered = {
-        name: _reason(i, keypoints, edges, len(paths)) for i, name in enumerate(names) if name not in registered
+        name: _reason(i, keypoints, edges, len(files)) for i, name in enumerate(files.names) if name not in registered
     }
     reason = "" if models else next(iter(unregistered.values()))
-    return ReconstructionResult(models, len(paths), unregistered, time.perf_counter() - start, reason)
+    return ReconstructionResult(models, len(files), unregistered, time.perf_counter() - start, reason)
 
 
 def _detect(
-    paths: Sequence[Path], source: CameraSource | None, options: ReconstructOptions, progress: Progress
-) -> tuple[Camera, list[Keypoints], list[NDArray[np.uint8]]]:
-    """Return the camera for the images, and the keypoints of each with their colours (K, 3)."""
-    fitted, mask = None, None
+    files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
+) -> tuple[tuple[Camera, ...], list[Keypoints], list[NDArray[np.uint8]]]:
+    """Return the cameras for the images, and the keypoints of each image with their colours (K, 3)."""
+    cameras, masks, first = dict[int, Camera](), dict[int, NDArray[np.bool_] | None](), dict[int, Path]()
     keypoints: list[Keypoints] = []
     colors: list[NDArray[np.uint8]] = []
     features = FeatureOptions(max_keypoints=options.max_keypoints)
-    for path in paths:
+    for path, k in zip(files.paths, files.camera.tolist(), strict=True):
         image = read_image(path, apply_exif=options.apply_exif)
         size = image.shape[1], image.shape[0]
-        if fitted is None:
-            fitted = camera_of_image(source, size, str(path), name=options.name, scale=options.scale_camera)
-            mask = None if options.mask is None else read_mask(options.mask, fitted.size)
-        elif size != fitted.size:
-            raise ValueError(
-                f"{path}: is {size[0]}x{size[1]} px, and {paths[0]} {fitted.width}x{fitted.height}: images of one"
-                " camera have one size; leave it out, or reconstruct it separately"
+        if k not in cameras:
+            cameras[k] = camera_of_image(
+                sources.sources[k], size, str(path), name=options.name, scale=options.scale_camera
             )
-        found = detect_features(image, fitted, features, mask=mask)
+            masks[k], first[k] = _read_mask(options.mask, sources.names[k] if sources.names else "", size), path
+        elif size != cameras[k].size:
+            raise ValueError(
+                f"{path}: is {size[0]}x{size[1]} px, and {first[k]} {cameras[k].width}x{cameras[k].height}: images of"
+                " one camera have one size; leave it out, or reconstruct it separately"
+            )
+        found = detect_features(image, cameras[k], features, mask=masks[k])
         columns, rows = np.rint(found.pixels).astype(int).T
         rows, columns = np.clip(rows, 0, size[1] - 1), np.clip(columns, 0, size[0] - 1)
         gray_or_rgb = image if image.ndim == 3 else np.repeat(image[:, :, None], 3, axis=2)
         keypoints.append(found)
         colors.append(_to_uint8(gray_or_rgb[rows, columns, :3]))
-        progress("keypoints", len(keypoints), len(paths))
-    assert fitted is not None  # `collect_images` returns at least one image
-    return fitted, keypoints, colors
+        progress("keypoints", len(keypoints), len(files))
+    if missing := [name for k, name in enumerate(sources.names) if k not in cameras]:
+        raise ValueError(
+            f"{files.paths[0].parent}: no images of the camera {missing[0]!r}; leave it out of the cameras"
+        )
+    return tuple(cameras[k] for k in range(len(cameras))), keypoints, colors
 
 
-def _edges(keypoints: Sequence[Keypoints], options: ReconstructOptions, progress: Progress) -> list[Edge]:
+def _read_mask(path: Path | None, camera: str, size: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """Return the mask of a camera: that of all, or the file with its name in a folder; None if there is none."""
+    if path is None or not path.is_dir():
+        return None if path is None else read_mask(path, size)
+    named = [file for file in sorted(path.iterdir()) if file.stem == camera]
+    return read_mask(named[0], size) if named else None
+
+
+def _edges(
+    keypoints: Sequence[Keypoints], images: RigImages, options: ReconstructOptions, progress: Progress
+) -> list[Edge]:
     """Match the selected pairs of images."""
     pairs = list(combinations(range(len(keypoints)), 2))
     if options.pairs == "sequential":
-        pairs = [(a, b) for a, b in pairs if b - a <= options.window]
+        pairs = [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= options.window]
     if options.pairs == "auto":
         pairs = overlapping_pairs(keypoints, pairs, lambda done, total: progress("selecting pairs", done, total))
-    return match_pairs(keypoints, pairs, lambda done, total: progress("matching", done, total))
+    return match_pairs(keypoints, pairs, lambda done, total: progress("matching", done, total), images.known_pose)
+
+
+def _on_estimated_rig(
+    found: Map, images: RigImages, files: ImageSet, edges: Sequence[Edge], keypoints: Sequence[Keypoints]
+) -> tuple[RigImages, list[Edge]]:
+    """Return the images as those of the rig that a map shows, and their edges.
+
+    Raises
+    ------
+    ValueError
+        If the map does not connect all cameras.
+    """
+    poses, _ = estimate_extrinsics(found, images, files.frame)
+    if (unknown := np.flatnonzero(np.isnan(poses[:, 0, 0]))).size:
+        raise ValueError(
+            f"the pose of camera {unknown[0]} on the rig is unknown: no image of it is in the largest model together"
+            " with an image of another camera taken at the same time; move the rig further, or leave the camera out"
+        )
+    on_rig = images.on_rig(files.frame, poses, is_known=False)
+    together = [(edge.a, edge.b) for edge in edges if on_rig.frame[edge.a] == on_rig.frame[edge.b]]
+    others = [edge for edge in edges if on_rig.frame[edge.a] != on_rig.frame[edge.b]]
+    return on_rig, others + match_pairs(keypoints, together, lambda done, total: None, on_rig.known_pose)
 
 
 def _reason(image: int, keypoints: Sequence[Keypoints], edges: Sequence[Edge], count: int) -> str:
@@ -157,12 +215,6 @@ def _reason(image: int, keypoints: Sequence[Keypoints], edges: Sequence[Edge], c
     if not any(image in (edge.a, edge.b) for edge in edges):
         return f"no overlap: no other image has {MIN_INLIERS} matches that agree with a motion"
     return "its matches do not agree with the poses of the other images"
-
-
-def _names(paths: Sequence[Path]) -> list[str]:
-    """Return the names of images relative to the folder that contains all of them."""
-    parent = Path(os.path.commonpath([path.resolve().parent for path in paths]))
-    return [path.resolve().relative_to(parent).as_posix() for path in paths]
 
 
 def _to_uint8(colors: NDArray[Any]) -> NDArray[np.uint8]:

@@ -14,9 +14,10 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
+from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.options import StereoOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS, ImageSource, Photo
-from omnisight.pipeline.stereo_rig import RigSource, load_pair
+from omnisight.pipeline.stereo_rig import load_pair
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.dense_stereo import DenseStereo, dense_stereo
 from omnisight.twoview.motion_model import largest_sigma_deg

@@ -1,6 +1,5 @@
 """The two images of a stereo pair with the cameras and masks that belong to them."""
 
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,11 @@ from omnisight.camera import Camera
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.images import read_mask
+from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.central_camera import fit_camera
 from omnisight.pipeline.options import StereoOptions
 from omnisight.pipeline.photo import ImageSource, Photo, read_source
 from omnisight.rig import Rig
-
-RigSource = Rig | str | PathLike[str]
 
 
 def load_pair(

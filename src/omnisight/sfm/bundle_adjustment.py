@@ -183,8 +183,9 @@ class LinearizedBundle:
 class Bundle:
     """The least-squares problem over `Structure`.
 
-    The first frame is fixed, and without known sensors that are apart also the largest coordinate of the frame that is
-    farthest from it: the observations determine neither place nor scale of the world.
+    The observations determine neither place nor scale of the world: the first frame and the first sensor are fixed, and
+    for the scale the largest coordinate of the frame that is farthest from the first, or, if the sensors have a scale
+    and are refined, of the farthest sensor.
 
     Attributes
     ----------
@@ -214,23 +215,19 @@ class Bundle:
     @cached_property
     def parameters(self) -> tuple[Indices, Indices, int]:
         """Columns of the frames (F, 6) and of the sensors (S, 6), -1 if they are fixed, and their number."""
-        poses = self.start.rig_from_world
-        is_free = np.ones((len(poses), 6), bool)
+        frames, sensors = self.start.rig_from_world, self.start.sensor_from_rig
+        is_free, is_seen = np.ones((len(frames) + len(sensors), 6), bool), np.zeros(len(frames) + len(sensors), bool)
+        is_seen[self.rays.frame], is_seen[len(frames) + self.rays.sensor] = True, True
+        is_free[~is_seen] = False
         is_free[0] = False
-        if not self.has_scale and len(poses) > 1:
-            centers = -np.einsum("fji,fj->fi", poses[:, :, :3], poses[:, :, 3])
-            farthest = int(np.linalg.norm(centers - centers[0], axis=1).argmax())
-            # In the frame of the camera, the distance from the first frame changes most along this coordinate.
-            baseline = poses[farthest, :, :3] @ (centers[0] - centers[farthest])
-            is_free[farthest, 3 + int(np.abs(baseline).argmax())] = False
-        is_seen = np.zeros(len(poses), bool)
-        is_seen[self.rays.frame] = True
-        is_free &= is_seen[:, None]
-        sensors_free = np.zeros((len(self.start.sensor_from_rig), 6), bool)
-        sensors_free[1:] = self.refines_sensors
-        every = np.concatenate([is_free, sensors_free])
-        columns = np.where(every, np.cumsum(every).reshape(every.shape) - 1, -1)
-        return columns[: len(poses)], columns[len(poses) :], int(every.sum())
+        is_free[len(frames) :] &= self.refines_sensors
+        is_free[len(frames)] = False
+        if self.has_scale and self.refines_sensors:
+            is_free[len(frames) :][_farthest_coordinate(sensors)] = False
+        elif not self.has_scale and len(frames) > 1:
+            is_free[_farthest_coordinate(frames)] = False
+        columns = np.where(is_free, np.cumsum(is_free).reshape(is_free.shape) - 1, -1)
+        return columns[: len(frames)], columns[len(frames) :], int(is_free.sum())
 
     @cached_property
     def columns(self) -> Indices:
@@ -291,6 +288,15 @@ def adjust_bundle(
     return minimize(
         bundle, bundle.start, iterations=MAX_ITERATIONS, tolerance=tolerance, damping=INITIAL_DAMPING, watch=watch
     )
+
+
+def _farthest_coordinate(poses: Array) -> tuple[int, int]:
+    """Return the pose (N, 3, 4) farthest from the first, and the element of its step that changes the distance most."""
+    centers = -np.einsum("fji,fj->fi", poses[:, :, :3], poses[:, :, 3])
+    farthest = int(np.linalg.norm(centers - centers[0], axis=1).argmax())
+    # In the frame of the camera, the distance from the first changes most along this coordinate.
+    baseline = poses[farthest, :, :3] @ (centers[0] - centers[farthest])
+    return farthest, 3 + int(np.abs(baseline).argmax())
 
 
 def _moved(poses: Array, steps: Array) -> Array:

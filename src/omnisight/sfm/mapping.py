@@ -1,4 +1,4 @@
-"""Mapping: poses of all images of a view graph, and their points."""
+"""Mapping: poses of all frames of a view graph, and the points that their images show."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,19 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
-from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.initial_poses import initial_poses, panorama_poses
-from omnisight.sfm.registration import register_images
+from omnisight.sfm.registration import register_frames
+from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks, build_tracks
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge
-from omnisight.twoview.triangulation import whitening
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Watch = Callable[[str], None]
+# Called with the number of frames in a map.
+Watch = Callable[[int], None]
 
 # Residuals of inliers in standard deviations. The noise is measured on inliers, so that lower thresholds shrink it.
 MAX_RESIDUAL_SIGMA = 5.0
@@ -33,156 +33,148 @@ TRACKS_PER_TASK = 1024
 
 
 @dataclass(frozen=True, eq=False)
-class KeypointRays:
-    """Rays of the keypoints of all images.
-
-    Attributes
-    ----------
-    offsets
-        (I + 1,) first keypoint of each image.
-    origins, bearings, axes
-        (K, 3), (K, 3) and (K, 2, 3); see `RayObservations`.
-    """
-
-    offsets: Indices
-    origins: Array
-    bearings: Array
-    axes: Array
-
-    @classmethod
-    def of(cls, keypoints: Sequence[Keypoints]) -> "KeypointRays":
-        """Join the keypoints of central cameras."""
-        offsets = np.concatenate([[0], np.cumsum([len(k) for k in keypoints])]).astype(np.intp)
-        bearings = np.concatenate([k.bearings for k in keypoints])
-        axes = whitening(np.concatenate([k.covariance for k in keypoints]))
-        return cls(offsets, np.zeros_like(bearings), bearings, axes)
-
-    def indices(self, images: Indices, tracks: Tracks) -> Indices:
-        """Return which keypoints (M,) are the observations of tracks whose `image` counts in `images`."""
-        return self.offsets[images[tracks.image]] + tracks.keypoint
-
-
-@dataclass(frozen=True, eq=False)
 class Map:
-    """Poses of images, and points with their tracks.
+    """Poses of frames and sensors, and points with their tracks.
 
     Attributes
     ----------
-    images
-        (I,) indices of the images.
-    cam_from_world
-        (I, 3, 4) poses.
+    frames
+        (F,) indices of frames.
+    rig_from_world
+        (F, 3, 4) poses of these frames.
+    sensor_from_rig
+        (S, 3, 4) poses of all sensors.
     points
-        (P, 3); none if all images were taken in one place.
+        (P, 3); none if all frames were taken in one place.
     tracks
-        Observations of the points; `image` counts in `images`.
+        Observations of the points.
     noise
         Distribution of the residuals in units of the standard deviations of the keypoints.
+    refines_sensors
+        Whether bundle adjustment refines the poses of the sensors.
     """
 
-    images: Indices
-    cam_from_world: Array
+    frames: Indices
+    rig_from_world: Array
+    sensor_from_rig: Array
     points: Array
     tracks: Tracks
     noise: StudentT
+    refines_sensors: bool = False
 
-    def observations(self, rays: KeypointRays) -> RayObservations:
-        """Return the rays of the observations."""
-        which = rays.indices(self.images, self.tracks)
-        sensor = np.zeros(len(which), np.intp)
-        of_rays = rays.origins[which], rays.bearings[which], rays.axes[which]
-        return RayObservations(self.tracks.image, sensor, self.tracks.track, *of_rays)
+    def rows(self, images: RigImages) -> Indices:
+        """Return the row (M,) of the frame of each observation."""
+        row = np.full(images.frames, -1)
+        row[self.frames] = np.arange(len(self.frames))
+        return row[images.frame[self.tracks.image]]
 
     @property
     def structure(self) -> Structure:
         """Poses and points of the bundle adjustment."""
-        return Structure(self.cam_from_world, Pose().matrix[None], self.points)
+        return Structure(self.rig_from_world, self.sensor_from_rig, self.points)
 
-    def bundle(self, rays: KeypointRays) -> Bundle:
+    def bundle(self, images: RigImages) -> Bundle:
         """Return the least-squares problem of the poses and points."""
-        return Bundle(self.observations(rays), self.noise, self.structure)
+        which = images.keypoints(self.tracks)
+        of_rays = images.origins[which], images.bearings[which], images.axes[which]
+        sensor = images.sensor[self.tracks.image]
+        rays = RayObservations(self.rows(images), sensor, self.tracks.track, *of_rays)
+        return Bundle(rays, self.noise, self.structure, images.has_scale(self.frames), self.refines_sensors)
 
 
-def map_images(keypoints: Sequence[Keypoints], rays: KeypointRays, edges: Sequence[Edge], watch: Watch) -> list[Map]:
-    """Return the maps of all connected parts of a view graph, the one with most images first.
+def map_images(
+    keypoints: Sequence[Keypoints],
+    images: RigImages,
+    edges: Sequence[Edge],
+    watch: Watch,
+    *,
+    refines_sensors: bool = False,
+) -> list[Map]:
+    """Return the maps of all connected parts of a view graph, the one with most frames first.
 
     Orientations and positions are averaged over the edges; tracks are triangulated, and poses and points refined by
     bundle adjustment (as in L. Pan et al., Global structure-from-motion revisited, ECCV 2024, but with positions from
-    relative scales). Images that averaging left out are registered by resection. Images that are connected by rotations
+    relative scales). Frames that averaging left out are registered by resection. Frames that are connected by rotations
     only form a map without points.
     """
     maps, rest = list[Map](), list(edges)
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
-        images, poses = initial_poses(moving, keypoints) if moving else panorama_poses(rest, len(keypoints))
-        found = Map(images, poses, np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE))
+        frames, poses = _start(moving, rest, keypoints, images)
+        no_tracks = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
+        found = Map(frames, poses, images.sensor_from_rig, np.zeros((0, 3)), *no_tracks, refines_sensors)
         count = 0
         while moving:
-            found = _refined(found, _tracks(found.images, rest, rays), rays, watch)
-            if len(found.images) <= count:  # the registered images did not agree with the map
+            found = _refined(found, _tracks(found.frames, rest, images), images, watch)
+            if len(found.frames) <= count:  # the registered frames did not agree with the map
                 break
-            count = len(found.images)
-            added, poses = register_images(found.images, found.tracks, found.points, rest, keypoints)
+            count = len(found.frames)
+            added, poses = register_frames(found.frames, found.tracks, found.points, rest, keypoints, images)
             if not len(added):
                 break
-            together = np.concatenate([found.cam_from_world, poses])
-            found = replace(found, images=np.concatenate([found.images, added]), cam_from_world=together)
-        is_map = len(found.images) > 1
+            together = np.concatenate([found.rig_from_world, poses])
+            found = replace(found, frames=np.concatenate([found.frames, added]), rig_from_world=together)
+        is_map = np.isin(images.frame, found.frames).sum() > 1
         maps += [found] if is_map else []
-        inside = set((found.images if is_map else images).tolist())
-        rest = [edge for edge in rest if edge.a not in inside and edge.b not in inside]
-    return sorted(maps, key=lambda found: -len(found.images))
+        inside = np.isin(images.frame, found.frames if is_map else frames)
+        rest = [edge for edge in rest if not inside[edge.a] and not inside[edge.b]]
+    return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _tracks(images: Indices, edges: Sequence[Edge], rays: KeypointRays) -> Tracks:
-    """Return the tracks of the edges between some images, in which these are counted."""
-    position = {int(image): i for i, image in enumerate(images)}
-    inside = [
-        replace(edge, a=position[edge.a], b=position[edge.b])
-        for edge in edges
-        if edge.a in position and edge.b in position
-    ]
-    return build_tracks(inside, np.diff(rays.offsets)[images].tolist())
+def _start(
+    moving: Sequence[Edge], edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages
+) -> tuple[Indices, Array]:
+    """Return the frames of the largest part of a view graph, and their initial poses (F, 3, 4)."""
+    if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving):
+        return initial_poses(moving, keypoints, images)
+    return panorama_poses(edges, images)
 
 
-def _refined(current: Map, tracks: Tracks, rays: KeypointRays, watch: Watch) -> Map:
+def _tracks(frames: Indices, edges: Sequence[Edge], images: RigImages) -> Tracks:
+    """Return the tracks of the edges between images of some frames."""
+    inside = np.isin(images.frame, frames)
+    return build_tracks([e for e in edges if inside[e.a] and inside[e.b]], np.diff(images.offsets).tolist())
+
+
+def _refined(current: Map, tracks: Tracks, images: RigImages, watch: Watch) -> Map:
     """Triangulate tracks and adjust poses and points until the noise of the residuals stays the same."""
     for _ in range(MAX_ROUNDS):
         before = current.noise.sigma
-        current = _triangulated(current, tracks, rays)
-        watch(f"{len(current.images)} images, {len(current.points)} points")
-        current = _adjusted(current, rays)
+        current = _triangulated(current, tracks, images)
+        watch(len(current.frames))
+        current = _adjusted(current, images)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
-    return _without_unsupported_images(current)
+    return _without_unsupported_frames(current, images)
 
 
-def _without_unsupported_images(current: Map) -> Map:
-    """Return the map without images whose observations do not agree with it: their poses are wrong or unknown."""
-    tracks = current.tracks
-    keep = np.bincount(tracks.image, minlength=len(current.images)) >= MIN_INLIERS
+def _without_unsupported_frames(current: Map, images: RigImages) -> Map:
+    """Return the map without frames whose observations do not agree with it: their poses are wrong or unknown."""
+    rows = current.rows(images)
+    keep = np.bincount(rows, minlength=len(current.frames)) >= MIN_INLIERS
     if keep.all():
         return current
-    supported, used = tracks.select(keep[tracks.image])
-    index = np.cumsum(keep) - 1
+    supported, used = current.tracks.select(keep[rows])
     return replace(
         current,
-        images=current.images[keep],
-        cam_from_world=current.cam_from_world[keep],
+        frames=current.frames[keep],
+        rig_from_world=current.rig_from_world[keep],
         points=current.points[used],
-        tracks=replace(supported, image=index[supported.image]),
+        tracks=supported,
     )
 
 
-def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
+def _triangulated(current: Map, tracks: Tracks, images: RigImages) -> Map:
     """Return the map with the points of all tracks that agree with its poses."""
     from omnisight.sfm._track_kernel import triangulate_tracks
 
-    which = rays.indices(current.images, tracks)
-    rotations = current.cam_from_world[tracks.image, :, :3]
-    origins = np.einsum("mji,mj->mi", rotations, rays.origins[which] - current.cam_from_world[tracks.image, :, 3])
-    directions = np.einsum("mji,mj->mi", rotations, rays.bearings[which])
-    world_rays = tracks.starts, tracks.image, origins, directions, rays.axes[which] @ rotations
+    which, rows = images.keypoints(tracks), replace(current, tracks=tracks).rows(images)
+    of_sensor = current.sensor_from_rig[images.sensor[tracks.image]]
+    rotations = of_sensor[:, :, :3] @ current.rig_from_world[rows, :, :3]
+    translations = np.einsum("mij,mj->mi", of_sensor[:, :, :3], current.rig_from_world[rows, :, 3]) + of_sensor[:, :, 3]
+    origins = np.einsum("mji,mj->mi", rotations, images.origins[which] - translations)
+    directions = np.einsum("mji,mj->mi", rotations, images.bearings[which])
+    world_rays = tracks.starts, tracks.image, origins, directions, images.axes[which] @ rotations
     limits = (MAX_RESIDUAL_SIGMA * current.noise.sigma) ** 2, MIN_PARALLAX_RAD
     points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
     parallel_for(
@@ -194,17 +186,23 @@ def _triangulated(current: Map, tracks: Tracks, rays: KeypointRays) -> Map:
     return replace(current, points=points[kept], tracks=agreeing)
 
 
-def _adjusted(current: Map, rays: KeypointRays) -> Map:
+def _adjusted(current: Map, images: RigImages) -> Map:
     """Return the map with poses and points of the least robust cost, and the noise of the residuals."""
-    observations = current.observations(rays)
-    current = replace(current, noise=_noise(current.structure, observations))
-    structure = adjust_bundle(current.bundle(rays)).state
-    poses, points = structure.rig_from_world, structure.points
-    return replace(current, cam_from_world=poses, points=points, noise=_noise(structure, observations))
+    current = replace(current, noise=_noise(current.bundle(images), current.structure))
+    bundle = current.bundle(images)
+    structure = adjust_bundle(bundle).state
+    return replace(
+        current,
+        rig_from_world=structure.rig_from_world,
+        sensor_from_rig=structure.sensor_from_rig,
+        points=structure.points,
+        noise=_noise(bundle, structure),
+    )
 
 
-def _noise(structure: Structure, observations: RayObservations) -> StudentT:
+def _noise(bundle: Bundle, structure: Structure) -> StudentT:
     """Return the distribution of the whitened residuals, corrected for the parameters that were fitted to them."""
-    fitted = StudentT.fit(structure.squared_residuals(observations))
-    freedom = 2 * len(observations) - structure.points.size - 6 * len(structure.rig_from_world)
-    return replace(fitted, sigma=fitted.sigma * float(np.sqrt(2 * len(observations) / max(freedom, 1))))
+    fitted = StudentT.fit(structure.squared_residuals(bundle.rays))
+    values = 2 * len(bundle.rays)
+    freedom = values - structure.points.size - bundle.parameters[2]
+    return replace(fitted, sigma=fitted.sigma * float(np.sqrt(values / max(freedom, 1))))

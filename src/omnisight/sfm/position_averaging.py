@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array, kron
+from scipy.sparse import csr_array, diags_array, hstack, kron
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
@@ -26,6 +26,8 @@ Indices = NDArray[np.intp]
 
 # Rounds of reweighting: the least sum of lengths (L1) is close after ten.
 ROUNDS = 15
+# Standard deviation of the logarithm of a distance above which it is not Gaussian, and its mean is wrong.
+MAX_LOG_SIGMA = 0.3
 # Noise of a logarithm of a scale or distance besides that of triangulation, and of a direction, radians.
 MIN_LOG_SIGMA, MIN_DIRECTION_SIGMA = 0.02, 1e-3
 
@@ -49,7 +51,7 @@ class EdgeDistances:
 
 
 def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
-    """Triangulate the inliers of an edge, and return the distances from both cameras."""
+    """Triangulate the inliers of an edge, and return the well-known distances from both cameras."""
     ends = (keypoints[edge.a], edge.pairs[:, 0]), (keypoints[edge.b], edge.pairs[:, 1])
     poses = [Pose(), edge.pose.b_from_a or Pose()]
     bearings, covariance = (np.stack([getattr(k, name)[i] for k, i in ends]) for name in ("bearings", "covariance"))
@@ -61,8 +63,10 @@ def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
         distance = np.linalg.norm(points, axis=1)
         along = (points / distance[:, None]) @ pose.rotation
         variance = np.einsum("ni,nij,nj->n", along, found.covariance[use], along)
-        sigma = np.hypot(np.sqrt(np.maximum(variance, 0.0)) / distance, MIN_LOG_SIGMA)
-        parts.append((np.full(len(use), image, np.intp), edge.pairs[use, side], np.log(distance), sigma))
+        sigma = np.sqrt(np.maximum(variance, 0.0)) / distance
+        known = sigma <= MAX_LOG_SIGMA
+        keypoint, sigma = edge.pairs[use[known], side], np.hypot(sigma[known], MIN_LOG_SIGMA)
+        parts.append((np.full(len(keypoint), image, np.intp), keypoint, np.log(distance[known]), sigma))
     return EdgeDistances(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
@@ -107,14 +111,16 @@ def average_log_scales(distances: Sequence[EdgeDistances]) -> tuple[Array, Array
 
 @dataclass(frozen=True, eq=False)
 class RelativePositions:
-    """Displacements between pairs of cameras.
+    """Displacements between pairs of images.
 
     Attributes
     ----------
     a, b
-        (E,) indices of the cameras.
+        (E,) indices of the frames of the images.
     displacement
-        (E, 3) from camera a to camera b in the world frame.
+        (E, 3) from image a to image b in the world frame, in a unit of its own.
+    arm
+        (E, 3) part of it that is due to the places of the sensors in the rig, in the unit of the rig.
     lengthwise, crosswise
         (E,) standard deviations along and across the displacement.
     """
@@ -122,36 +128,47 @@ class RelativePositions:
     a: Indices
     b: Indices
     displacement: Array
+    arm: Array
     lengthwise: Array
     crosswise: Array
 
 
 def average_positions(count: int, edges: RelativePositions) -> Array:
-    """Return the positions (N, 3) of cameras that the edges connect; the first is zero.
+    """Return the positions (N, 3) of frames that the edges connect; the first is zero.
 
     Minimize the sum of the lengths of the residuals in standard deviations, by iteratively reweighted least squares.
+    With arms, their length in the unit of the displacements is estimated too, and positions are in the unit of the rig.
     """
-    length = np.maximum(np.linalg.norm(edges.displacement, axis=1), 1e-300)
-    along = edges.displacement / length[:, None]
+    along = edges.displacement / np.maximum(np.linalg.norm(edges.displacement, axis=1), 1e-300)[:, None]
     outer = along[:, :, None] * along[:, None, :]
     lengthwise, crosswise = edges.lengthwise[:, None, None], edges.crosswise[:, None, None]
     information = outer / lengthwise**2 + (np.eye(3) - outer) / crosswise**2
     half = np.linalg.cholesky(information).transpose(0, 2, 1)
-    # Each edge has three rows, half (c_b - c_a - displacement), of a matrix with three columns for each camera.
+    # Each edge has three rows, half (c_b - c_a + unit arm - displacement), of a matrix with three columns for each
+    # frame and the last one for the unit of the rig.
     matrix: Any = csr_array(
         _block_diagonal(half) @ csr_array(kron(incidence_matrix(count, edges.a, edges.b), np.eye(3)))
     )
+    has_arms = bool(edges.arm.any())
+    if has_arms:
+        matrix = hstack([matrix, csr_array(np.einsum("erc,ec->er", half, edges.arm).reshape(-1, 1))]).tocsr()
     right = np.einsum("erc,ec->er", half, edges.displacement).ravel()
 
     def solve(weights: Array) -> tuple[Array, Array]:
-        """Return positions (N - 1, 3) and the lengths (E,) of the residuals."""
+        """Return the solution and the lengths (E,) of the residuals."""
         weighted = diags_array(np.repeat(weights, 3)) @ matrix
         solution = np.asarray(spsolve((matrix.T @ weighted).tocsc(), weighted.T @ right), float)
-        return solution.reshape(-1, 3), np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
+        return solution, np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
     ones = np.ones(len(along))
-    positions, _, _ = _reweighted(solve, ones, ones)
-    return np.vstack([np.zeros((1, 3)), positions])
+    solution, _, weights = _reweighted(solve, ones, ones)
+    positions = np.vstack([np.zeros((1, 3)), solution[: 3 * (count - 1)].reshape(-1, 3)])
+    if not has_arms:
+        return positions
+    normal = matrix.T @ diags_array(np.repeat(weights, 3)) @ matrix
+    last = np.append(np.zeros(matrix.shape[1] - 1), 1.0)
+    sigma = float(np.sqrt(np.asarray(spsolve(normal.tocsc(), last), float)[-1]))
+    return positions / max(float(solution[-1]), sigma)
 
 
 def _block_diagonal(blocks: Array) -> csr_array:

@@ -1,4 +1,4 @@
-"""Registration of further images in a map, by resection from its points."""
+"""Registration of further frames in a map, by resection from its points."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
+from omnisight.geometry.pose import Pose
+from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge
 from omnisight.twoview.absolute_pose import resect
@@ -14,49 +16,62 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-def register_images(
-    images: Indices, tracks: Tracks, points: Array, edges: Sequence[Edge], keypoints: Sequence[Keypoints]
+def register_frames(
+    frames: Indices,
+    tracks: Tracks,
+    points: Array,
+    edges: Sequence[Edge],
+    keypoints: Sequence[Keypoints],
+    images: RigImages,
 ) -> tuple[Indices, Array]:
-    """Estimate the poses of the images that edges connect with a map.
+    """Estimate the poses of the frames that edges connect with a map, each by the image with the most inliers.
 
-    Images that averaging left out, because the scales of their edges are unknown or because the edges do not agree with
+    Frames that averaging left out, because the scales of their edges are unknown or because the edges do not agree with
     others, can still see enough of the points.
 
     Parameters
     ----------
-    images
-        (I,) indices of the images of the map.
+    frames
+        (F,) indices of the frames of the map.
     tracks, points
-        Observations of the points (P, 3) of the map; `image` counts in `images`.
+        Observations of the points (P, 3) of the map.
     edges
         All edges.
     keypoints
         Keypoints of all images.
+    images
+        The images.
 
     Returns
     -------
-    images, cam_from_world
-        (J,) indices of the registered images, and their poses (J, 3, 4).
+    frames, rig_from_world
+        (J,) indices of the registered frames, and their poses (J, 3, 4).
     """
+    best = dict[int, tuple[int, Array]]()
+    for image, rows in sorted(_matches(frames, tracks, edges, images).items()):
+        pose = resect(points[rows[:, 1]], keypoints[image].bearings[rows[:, 0]])
+        support, frame = int(pose.inliers.sum()), int(images.frame[image])
+        if pose.cam_from_world is None or support < MIN_INLIERS or support <= best.get(frame, (0,))[0]:
+            continue
+        sensor_from_rig = Pose.of_matrix(images.sensor_from_rig[images.sensor[image]])
+        best[frame] = support, (sensor_from_rig.inverse() @ pose.cam_from_world).matrix
+    poses = np.array([pose for _, pose in best.values()], float).reshape(-1, 3, 4)
+    return np.array(list(best), np.intp), poses
+
+
+def _matches(frames: Indices, tracks: Tracks, edges: Sequence[Edge], images: RigImages) -> dict[int, Indices]:
+    """Return the keypoints and points (M, 2) that edges connect, by the images that are not in the map."""
     point_of = {
-        (int(images[image]), int(keypoint)): int(point)
+        (int(image), int(keypoint)): int(point)
         for image, keypoint, point in zip(tracks.image, tracks.keypoint, tracks.track, strict=True)
     }
-    inside, seen = set(images.tolist()), dict[int, set[tuple[int, int]]]()
+    inside, seen = np.isin(images.frame, frames), dict[int, set[tuple[int, int]]]()
     for edge in edges:
         for new, known, order in ((edge.a, edge.b, (0, 1)), (edge.b, edge.a, (1, 0))):
-            if new in inside or known not in inside:
+            if inside[new] or not inside[known]:
                 continue
             found = seen.setdefault(new, set())
             for keypoint, other in edge.pairs[:, order].tolist():
                 if (point := point_of.get((known, other))) is not None:
                     found.add((keypoint, point))
-    registered: list[int] = []
-    poses: list[Array] = []
-    for image, matches in sorted(seen.items()):
-        rows = np.array(sorted(matches), np.intp).reshape(-1, 2)
-        pose = resect(points[rows[:, 1]], keypoints[image].bearings[rows[:, 0]])
-        if pose.cam_from_world is not None and pose.inliers.sum() >= MIN_INLIERS:
-            registered.append(image)
-            poses.append(pose.cam_from_world.matrix)
-    return np.array(registered, np.intp), np.array(poses, float).reshape(-1, 3, 4)
+    return {image: np.array(sorted(rows), np.intp).reshape(-1, 2) for image, rows in seen.items()}

@@ -1,6 +1,7 @@
 """Reconstructions from maps: pixels, residuals, colours and covariances."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +9,10 @@ from scipy.linalg import LinAlgError
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.rig import Rig
-from omnisight.sfm.bundle_adjustment import Bundle
-from omnisight.sfm.mapping import KeypointRays, Map
+from omnisight.rig import Rig, Sensor
+from omnisight.sfm.mapping import Map
 from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.sfm.rig_images import RigImages
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -19,57 +20,70 @@ Colors = NDArray[np.uint8]
 
 def build_reconstruction(
     found: Map,
-    rays: KeypointRays,
+    images: RigImages,
     rig: Rig,
     names: Sequence[str],
     keypoints: Sequence[Keypoints],
     colors: Sequence[Colors],
 ) -> Reconstruction:
-    """Return the reconstruction of a map, whose images are of the first camera of a rig.
+    """Return the reconstruction of a map.
 
     Parameters
     ----------
     found
         The map.
-    rays
-        The rays of the keypoints.
+    images
+        The images.
     rig
-        The camera.
+        Their cameras; the poses are those of the map.
     names, keypoints, colors
         Name of each image, its keypoints, and their colours (K, 3), RGB.
     """
-    tracks, camera = found.tracks, rig.cameras[0]
-    poses = tuple(Pose.of_matrix(pose) for pose in found.cam_from_world)
-    which = rays.indices(found.images, tracks)
+    tracks, which = found.tracks, images.keypoints(found.tracks)
+    rig = replace(rig, sensor_from_rig=tuple(Pose.of_matrix(pose) for pose in found.sensor_from_rig))
     pixels = np.concatenate([each.pixels for each in keypoints])[which]
-    rotations, translations = found.cam_from_world[tracks.image, :, :3], found.cam_from_world[tracks.image, :, 3]
-    projected, _ = camera.project(np.einsum("mij,mj->mi", rotations, found.points[tracks.track]) + translations)
-    residuals = projected - pixels
-    if (period := camera.model.period) is not None:
-        residuals[:, 0] -= period * np.round(residuals[:, 0] / period)
     rgb = np.concatenate(list(colors))[which].astype(float)
     seen = np.maximum(np.bincount(tracks.track, minlength=len(found.points)), 1)[:, None]
     mean = np.column_stack([np.bincount(tracks.track, rgb[:, c], minlength=len(found.points)) for c in range(3)]) / seen
-    pose_covariance, point_covariance = _covariances(found, rays)
-    count = len(found.images)
+    pose_covariance, point_covariance = _covariances(found, images)
+    inside = np.flatnonzero(np.isin(images.frame, found.frames))
+    row_of_frame = np.full(images.frames, -1)
+    row_of_frame[found.frames] = np.arange(len(found.frames))
     return Reconstruction(
         rig,
-        tuple(str(names[i]) for i in found.images),
-        np.zeros(count, np.intp),
-        np.arange(count),
-        poses,
+        tuple(names[i] for i in inside.tolist()),
+        images.sensor[inside],
+        row_of_frame[images.frame[inside]],
+        tuple(Pose.of_matrix(pose) for pose in found.rig_from_world),
         pose_covariance,
         Points(found.points, point_covariance, np.rint(mean).astype(np.uint8)),
-        Observations(tracks.image, tracks.track, pixels, residuals),
+        Observations(
+            np.searchsorted(inside, tracks.image), tracks.track, pixels, _residuals(found, images, rig, pixels)
+        ),
+        has_scale=images.has_scale(found.frames),
     )
 
 
-def _covariances(found: Map, rays: KeypointRays) -> tuple[Array, Array]:
-    """Return the covariances of the poses (I, 6, 6) and of the points (P, 3, 3); NaN if they are not determined."""
-    poses = np.zeros((len(found.images), 6, 6))
+def _residuals(found: Map, images: RigImages, rig: Rig, pixels: Array) -> Array:
+    """Return the projections of the points minus the pixels (M, 2) of their observations."""
+    tracks, poses = found.tracks, found.rig_from_world[found.rows(images)]
+    in_rig = np.einsum("mij,mj->mi", poses[:, :, :3], found.points[tracks.track]) + poses[:, :, 3]
+    residuals = np.empty_like(pixels)
+    of_sensor = images.sensor[tracks.image]
+    for s, (camera, sensor_from_rig) in enumerate(zip(rig.cameras, rig.sensor_from_rig, strict=True)):
+        use = of_sensor == s
+        residuals[use] = camera.project(sensor_from_rig @ in_rig[use])[0] - pixels[use]
+        if (period := _period(camera)) is not None:
+            residuals[use, 0] -= period * np.round(residuals[use, 0] / period)
+    return residuals
+
+
+def _covariances(found: Map, images: RigImages) -> tuple[Array, Array]:
+    """Return the covariances of the poses (F, 6, 6) and of the points (P, 3, 3); NaN if they are not determined."""
+    poses = np.zeros((len(found.frames), 6, 6))
     if not len(found.points):
         return poses, np.zeros((0, 3, 3))
-    bundle: Bundle = found.bundle(rays)
+    bundle = found.bundle(images)
     columns, _, _ = bundle.parameters
     try:
         cameras, points = bundle.covariances(found.structure)
@@ -78,3 +92,8 @@ def _covariances(found: Map, rays: KeypointRays) -> tuple[Array, Array]:
     padded = np.pad(cameras, ((0, 1), (0, 1)))  # the last row is that of fixed parameters, whose column is -1
     poses[:] = padded[columns[:, :, None], columns[:, None, :]]
     return poses, points
+
+
+def _period(camera: Sensor) -> float | None:
+    """Return the width of a 360 image in pixels; None for other cameras."""
+    return getattr(camera.model, "period", None)

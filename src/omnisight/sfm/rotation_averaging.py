@@ -1,4 +1,4 @@
-"""Rotation averaging: orientations of all images from relative rotations of pairs with outliers."""
+"""Rotation averaging: orientations of all frames from relative rotations of pairs with outliers."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -26,12 +26,12 @@ SCALES_RAD = (*(float(np.radians(5.0)) * 0.5**k for k in range(8)), *[MIN_SCALE_
 
 @dataclass(frozen=True, eq=False)
 class RelativeRotations:
-    """Relative rotations of pairs of images.
+    """Relative rotations of pairs of frames.
 
     Attributes
     ----------
     a, b
-        (E,) indices of the images.
+        (E,) indices of the frames; a pair may have several edges.
     b_from_a
         (E, 3, 3).
     sigma
@@ -46,22 +46,22 @@ class RelativeRotations:
 
 @dataclass(frozen=True, eq=False)
 class AveragedRotations:
-    """Orientations of images.
+    """Orientations of frames.
 
     Attributes
     ----------
-    cam_from_world
-        (N, 3, 3); the first image has the orientation of the world.
+    rig_from_world
+        (N, 3, 3); the first frame has the orientation of the world.
     is_consistent
         (E,), whether the edge agrees with the orientations.
     """
 
-    cam_from_world: Array
+    rig_from_world: Array
     is_consistent: NDArray[np.bool_]
 
 
 def average_rotations(count: int, edges: RelativeRotations) -> AveragedRotations:
-    """Estimate the orientations of N images that the edges connect.
+    """Estimate the orientations of N frames that the edges connect.
 
     Iteratively reweighted least squares on the tangent space (A. Chatterjee, V. Govindu, Robust relative rotation
     averaging, PAMI 2018), from a spanning tree of the most certain edges: first with the L1 loss, then with the
@@ -81,10 +81,13 @@ def average_rotations(count: int, edges: RelativeRotations) -> AveragedRotations
 
 def _from_spanning_tree(count: int, edges: RelativeRotations) -> Array:
     """Return rotations (N, 3, 3) composed along the tree of the edges with the least variance."""
-    weights = csr_array(coo_array((np.maximum(edges.sigma, 1e-9), (edges.a, edges.b)), shape=(count, count)))
-    tree = minimum_spanning_tree(weights)
+    a, b = np.minimum(edges.a, edges.b), np.maximum(edges.a, edges.b)
+    certain = np.lexsort((edges.sigma, b, a))
+    certain = certain[np.unique(a[certain] * count + b[certain], return_index=True)[1]]  # one edge of each pair
+    weights = np.maximum(edges.sigma[certain], 1e-9)
+    tree = minimum_spanning_tree(csr_array(coo_array((weights, (a[certain], b[certain])), shape=(count, count))))
     order, parents = breadth_first_order(tree, 0, directed=False)
-    known = {(int(a), int(b)): r for a, b, r in zip(edges.a, edges.b, edges.b_from_a, strict=True)}
+    known = {(int(edges.a[e]), int(edges.b[e])): edges.b_from_a[e] for e in certain}
     rotations = np.tile(np.eye(3), (count, 1, 1))
     for node in order[1:]:
         parent = int(parents[node])

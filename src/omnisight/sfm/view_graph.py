@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.features import Keypoints, match_features
+from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.parallel import parallel_map
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
+from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose, known_relative_pose
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -49,22 +50,31 @@ class Edge:
 
 
 def match_pairs(
-    keypoints: Sequence[Keypoints], pairs: Sequence[tuple[int, int]], progress: Callable[[int, int], None]
+    keypoints: Sequence[Keypoints],
+    pairs: Sequence[tuple[int, int]],
+    progress: Callable[[int, int], None],
+    known: Callable[[int, int], Pose | None] = lambda a, b: None,
 ) -> list[Edge]:
-    """Match pairs of images and estimate their relative poses; pairs that do not overlap are left out."""
-    found = parallel_map(lambda pair: match_pair(keypoints, *pair), pairs, progress)
+    """Match pairs of images and estimate those of their relative poses that are not known.
+
+    Pairs that do not overlap are left out.
+    """
+    found = parallel_map(lambda pair: match_pair(keypoints, *pair, known(*pair)), pairs, progress)
     return [edge for edge in found if edge is not None]
 
 
-def match_pair(keypoints: Sequence[Keypoints], a: int, b: int) -> Edge | None:
-    """Match two images and estimate their relative pose; return None if they do not overlap."""
+def match_pair(keypoints: Sequence[Keypoints], a: int, b: int, known: Pose | None = None) -> Edge | None:
+    """Match two images and estimate their relative pose, or take the known one; return None if they do not overlap."""
     matches = match_features(keypoints[a], keypoints[b]).pairs
     if len(matches) < MIN_INLIERS:
         return None
     (of_a, in_a), (of_b, in_b) = (keypoints[a], matches[:, 0]), (keypoints[b], matches[:, 1])
     covariances = of_a.covariance[in_a], of_b.covariance[in_b]
     pairs = BearingPairs.of(of_a.bearings[in_a], of_b.bearings[in_b], *covariances, None)
-    pose = estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
+    if known is None:
+        pose = estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
+    else:
+        pose = known_relative_pose(pairs, known)
     if not pose or pose.inliers.sum() < MIN_INLIERS:
         return None
     return Edge(a, b, pose, matches[pose.inliers])

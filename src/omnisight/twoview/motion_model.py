@@ -89,7 +89,7 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     homography, squares_of_plane = _best(HomographyProblem.of(inliers), options)
     _, squares_of_rotation = _best(RotationProblem.of(inliers), options)
     squares = {
-        "general": _squares(RelativePoseProblem.of(inliers), general.model),
+        "general": squared_residuals(RelativePoseProblem.of(inliers), general.model),
         "dominant plane": squares_of_plane,
         "rotation only": squares_of_rotation,
     }
@@ -168,7 +168,7 @@ def largest_sigma_deg(covariance: Array) -> float:
     return min(float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))), 180.0)
 
 
-def _squares(problem: Any, model: Array) -> Array:
+def squared_residuals(problem: Any, model: Array) -> Array:
     """Return the squared residuals (N,) over their variances; inf where impossible."""
     from omnisight.optim._robust_problem_kernel import linearized
 
@@ -181,7 +181,7 @@ def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
     order = np.random.default_rng(options.seed).permutation(len(problem[0]))
     options = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
     found = ransac(permuted(problem, order), THRESHOLDS[2], options)
-    return found.model, _squares(problem, found.model)
+    return found.model, squared_residuals(problem, found.model)
 
 
 def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> Selection:

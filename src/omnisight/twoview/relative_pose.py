@@ -9,12 +9,15 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry import sphere
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
-from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
+from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.motion_model import MotionModel, select_motion, unknown_direction
+from omnisight.twoview.motion_model import MotionModel, select_motion, squared_residuals, unknown_direction
 from omnisight.twoview.plane_motion import PlaneMotion, plane_motions, tangent_basis
 
 Array = NDArray[np.float64]
+
+# Largest residual of an inlier of a known pose: it includes the errors of the calibration.
+MAX_RESIDUAL_SIGMA = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +122,17 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
         return _on_plane(pairs, motions, best.motion, found)
     sigma, motion = _sigma_deg(pairs), best.motion
     return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
+
+
+def known_relative_pose(pairs: BearingPairs, b_from_a: Pose) -> RelativePose:
+    """Return a relative pose that is known, such as that of two cameras of a rig, with the pairs that agree with it."""
+    from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
+
+    squares = squared_residuals(RelativePoseProblem.of(pairs), b_from_a.matrix)
+    score = float(np.minimum(squares, THRESHOLDS[1]).sum())
+    motion = MotionModel("general", "known")
+    inliers = squares <= MAX_RESIDUAL_SIGMA**2
+    return RelativePose(b_from_a, np.zeros((6, 6)), inliers, motion, _sigma_deg(pairs), score, 0)
 
 
 def _rotation_only(pairs: BearingPairs, model: Array, rotation: RobustEstimate, motion: MotionModel) -> RelativePose:

@@ -1,0 +1,86 @@
+"""Images of the sensors of a rig, and the rays of their keypoints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.features import Keypoints
+from omnisight.geometry.pose import Pose
+from omnisight.sfm.tracks import Tracks
+from omnisight.twoview.triangulation import whitening
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class RigImages:
+    """Images that the sensors of a rig took of frames, with the rays of their keypoints.
+
+    Independent cameras are sensors whose poses are identities, and each of their images is a frame of its own.
+
+    Attributes
+    ----------
+    sensor, frame
+        (I,) indices of the sensor and of the frame of each image.
+    sensor_from_rig
+        (S, 3, 4).
+    offsets
+        (I + 1,) first keypoint of each image.
+    origins, bearings, axes
+        (K, 3), (K, 3) and (K, 2, 3) of all keypoints; see `RayObservations`.
+    is_rig_known
+        Whether the poses of the sensors were given, and not estimated.
+    """
+
+    sensor: Indices
+    frame: Indices
+    sensor_from_rig: Array
+    offsets: Indices
+    origins: Array
+    bearings: Array
+    axes: Array
+    is_rig_known: bool = False
+
+    @classmethod
+    def of(cls, keypoints: Sequence[Keypoints], sensor: Indices | None = None, sensors: int = 1) -> Self:
+        """Return the images of independent cameras; by default they are all of the same."""
+        offsets = np.concatenate([[0], np.cumsum([len(k) for k in keypoints])]).astype(np.intp)
+        bearings = np.concatenate([k.bearings for k in keypoints])
+        axes = whitening(np.concatenate([k.covariance for k in keypoints]))
+        of_image = np.zeros(len(keypoints), np.intp) if sensor is None else sensor
+        poses = np.tile(Pose().matrix, (sensors, 1, 1))
+        return cls(of_image, np.arange(len(keypoints)), poses, offsets, np.zeros_like(bearings), bearings, axes)
+
+    def on_rig(self, frame: Indices, sensor_from_rig: Array, *, is_known: bool) -> Self:
+        """Return the images as those of the sensors of a rig."""
+        return replace(self, frame=frame, sensor_from_rig=sensor_from_rig, is_rig_known=is_known)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return int(self.frame.max(initial=-1)) + 1
+
+    @property
+    def centers(self) -> Array:
+        """Positions (S, 3) of the sensors in the rig."""
+        return -np.einsum("sji,sj->si", self.sensor_from_rig[:, :, :3], self.sensor_from_rig[:, :, 3])
+
+    def has_scale(self, frames: Indices) -> bool:
+        """Return whether sensors that are known to be apart took images of some frames."""
+        used = self.centers[np.unique(self.sensor[np.isin(self.frame, frames)])]
+        return self.is_rig_known and bool(np.ptp(used, axis=0).any())
+
+    def keypoints(self, tracks: Tracks) -> Indices:
+        """Return the indices (M,) of the keypoints of observations among those of all images."""
+        return self.offsets[tracks.image] + tracks.keypoint
+
+    def known_pose(self, a: int, b: int) -> Pose | None:
+        """Return the relative pose of two images of one frame; None for others."""
+        if self.frame[a] != self.frame[b]:
+            return None
+        of_a, of_b = (Pose.of_matrix(self.sensor_from_rig[self.sensor[image]]) for image in (a, b))
+        return of_b @ of_a.inverse()
