@@ -154,7 +154,7 @@ def test_one_frame_of_a_rig_has_points():
     sensors = sensors_apart(3)
     keypoints, sensor, frame = rig_views([Pose()], sensors, points_around(100))
     matrices = np.array([pose.matrix for pose in sensors])
-    images = RigImages.of(keypoints, sensor, 3).on_rig(frame, matrices, is_known=True)
+    images = RigImages.of(keypoints, sensor, 3).on_rig(frame + 1, matrices, is_known=True)  # a frame without images
     edges = match_pairs(keypoints, [(0, 1), (0, 2), (1, 2)], ignore, images.known_pose)
     (found,) = map_images(keypoints, images, edges, ignore)
     assert len(found.points) > 80

@@ -7,11 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from omnisight.pipeline.reconstruct import ReconstructionResult
+from omnisight.reconstructions import remove_reconstruction
 
 
 def model_folder(output: Path, number: int) -> Path:
     """Return the folder of a model; the first is the largest."""
     return output if number == 0 else output / str(number)
+
+
+def remove_models(output: Path, first: int) -> None:
+    """Delete the models of an earlier run from a number on."""
+    while (folder := model_folder(output, first)).is_dir():
+        remove_reconstruction(folder)
+        first += 1
 
 
 def print_json(result: ReconstructionResult) -> None:
@@ -35,6 +43,8 @@ def print_json(result: ReconstructionResult) -> None:
 
 def print_report(result: ReconstructionResult, output: Path) -> None:
     """Print the models, their viewer, and the images that are in none of them."""
+    if result.simultaneous:
+        print(f"rig         images of different cameras with the same {result.simultaneous} were taken together")
     for number, model in enumerate(result.models):
         print(f"model       {len(model)} of {result.images} images, written to {model_folder(output, number)}/")
         if not len(model.points):
@@ -43,8 +53,10 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         track = f"{len(model.observations)} observations, {model.mean_track_length:.1f} images per point"
         print(f"points      {len(model.points)}, {track}")
         print(f"residuals   {model.rms_px:.3f} px (rms)")
-        sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
-        print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
+        if len(model.rig_from_world) > 1:
+            sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
+            print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
+            print(f"scale       {f'metres, ± {model.scale_sigma:.2%} (1σ)' if model.has_scale else 'arbitrary'}")
     print(f"look at     {(output / 'viewer.html').resolve().as_uri()}")
     for reason, count in Counter(result.unregistered.values()).items():
         first = next(name for name, why in result.unregistered.items() if why == reason)

@@ -43,7 +43,7 @@ def reconstruct(
     json
         Print one JSON object and nothing else.
     """
-    from omnisight.cli._reconstruct_report import model_folder, print_json, print_report
+    from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report import write_viewer
@@ -54,6 +54,8 @@ def reconstruct(
         folder = model_folder(output, number)
         write_reconstruction(folder, model)
         write_viewer(folder / "viewer.html", model, images if images.is_dir() else images.parent)
+    if result:
+        remove_models(output, first=len(result.models))
     if json:
         print_json(result)
     if not result:

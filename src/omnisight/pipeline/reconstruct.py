@@ -48,6 +48,8 @@ class ReconstructionResult:
         Time of the whole computation.
     reason
         Why there is no model; empty otherwise.
+    simultaneous
+        For a rig, what images that were taken together have in common: "name", "number" or "order".
     """
 
     models: tuple[Reconstruction, ...]
@@ -55,6 +57,7 @@ class ReconstructionResult:
     unregistered: dict[str, str] = field(repr=False)
     seconds: float
     reason: str = ""
+    simultaneous: str = ""
 
     def __bool__(self) -> bool:
         """Return whether there is a model."""
@@ -115,18 +118,22 @@ def reconstruct(
         return map_images(keypoints, of_cameras, edges, watch, refines_sensors=refines_sensors)
 
     maps = mapping(sources.refines_extrinsics)
-    if sources.estimates_extrinsics and maps:
-        of_cameras, edges = _on_estimated_rig(maps[0], of_cameras, files, edges, keypoints)
-        maps = mapping(refines_sensors=True)
     names = sources.names or ("camera",)
-    body = Rig(cameras, tuple(Pose.of_matrix(pose) for pose in of_cameras.sensor_from_rig), tuple(names))
+    if sources.estimates_extrinsics and maps:
+        poses, _ = estimate_extrinsics(maps[0], of_cameras, files.frame)
+        _check_extrinsics(poses, names)
+        of_cameras = of_cameras.on_rig(files.frame, poses, is_known=False)
+        edges = _with_known_poses(edges, of_cameras, keypoints)
+        maps = mapping(refines_sensors=True)
+    body = Rig(cameras, tuple(Pose.of_matrix(pose) for pose in of_cameras.sensor_from_rig), names)
     models = tuple(build_reconstruction(found, of_cameras, body, files.names, keypoints, colors) for found in maps)
     registered = {name for model in models for name in model.names}
     unregistered = {
         name: _reason(i, keypoints, edges, len(files)) for i, name in enumerate(files.names) if name not in registered
     }
     reason = "" if models else next(iter(unregistered.values()))
-    return ReconstructionResult(models, len(files), unregistered, time.perf_counter() - start, reason)
+    seconds = time.perf_counter() - start
+    return ReconstructionResult(models, len(files), unregistered, seconds, reason, files.rule)
 
 
 def _detect(
@@ -184,26 +191,20 @@ def _edges(
     return match_pairs(keypoints, pairs, lambda done, total: progress("matching", done, total), images.known_pose)
 
 
-def _on_estimated_rig(
-    found: Map, images: RigImages, files: ImageSet, edges: Sequence[Edge], keypoints: Sequence[Keypoints]
-) -> tuple[RigImages, list[Edge]]:
-    """Return the images as those of the rig that a map shows, and their edges.
-
-    Raises
-    ------
-    ValueError
-        If the map does not connect all cameras.
-    """
-    poses, _ = estimate_extrinsics(found, images, files.frame)
-    if (unknown := np.flatnonzero(np.isnan(poses[:, 0, 0]))).size:
+def _check_extrinsics(poses: NDArray[np.float64], names: Sequence[str]) -> None:
+    """Raise ValueError if the poses (S, 3, 4) of sensors on a rig are not all known."""
+    if unknown := [name for name, pose in zip(names, poses, strict=True) if np.isnan(pose).any()]:
         raise ValueError(
             f"the pose of camera {unknown[0]} on the rig is unknown: no image of it is in the largest model together"
             " with an image of another camera taken at the same time; move the rig further, or leave the camera out"
         )
-    on_rig = images.on_rig(files.frame, poses, is_known=False)
-    together = [(edge.a, edge.b) for edge in edges if on_rig.frame[edge.a] == on_rig.frame[edge.b]]
-    others = [edge for edge in edges if on_rig.frame[edge.a] != on_rig.frame[edge.b]]
-    return on_rig, others + match_pairs(keypoints, together, lambda done, total: None, on_rig.known_pose)
+
+
+def _with_known_poses(edges: Sequence[Edge], images: RigImages, keypoints: Sequence[Keypoints]) -> list[Edge]:
+    """Return the edges, where those between images of one frame have the poses of the rig."""
+    together = [(edge.a, edge.b) for edge in edges if images.frame[edge.a] == images.frame[edge.b]]
+    others = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
+    return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose)
 
 
 def _reason(image: int, keypoints: Sequence[Keypoints], edges: Sequence[Edge], count: int) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path, PurePosixPath
 from typing import cast
 
 from omnisight.extensions import module_in, names_in
+from omnisight.formats import save
 from omnisight.images import write_bytes
 from omnisight.reconstructions import colmap, native
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile, ReconstructionError, ReconstructionFormat
@@ -14,6 +15,12 @@ PACKAGE = "omnisight.reconstructions"
 # What `write_reconstruction` writes; the native file last, because a folder without it is incomplete.
 MODEL_FORMATS = ("poses_csv", "ply", "native")
 COLMAP_FOLDER = "colmap"
+RIG_FILE = "rig.json"
+# All files of the folder of a reconstruction besides the native one.
+FILES = (
+    *("poses.csv", "points.ply", "cameras.ply", "viewer.html", RIG_FILE),
+    *(f"{COLMAP_FOLDER}/{name}" for name in colmap.FILES),
+)
 DEFAULT = ExportOptions()
 
 
@@ -62,7 +69,8 @@ def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> 
     """Write the folder of a reconstruction: poses.csv, points.ply, cameras.ply and reconstruction.npz.
 
     Each file is replaced atomically, `reconstruction.npz` last, which `read_reconstruction` reads; the folder is
-    created. The subfolder `colmap` has the reconstruction as COLMAP text if COLMAP can represent the cameras.
+    created. The subfolder `colmap` has the reconstruction as COLMAP text if COLMAP can represent the cameras, and
+    `rig.json` several cameras with their poses.
 
     Returns
     -------
@@ -79,9 +87,23 @@ def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> 
         files = [
             file for name in MODEL_FORMATS for file in get_reconstruction_format(name).files(reconstruction, DEFAULT)
         ]
-        return tuple(_write(folder, [*_colmap_files(folder, reconstruction), *files]))
+        (folder / RIG_FILE).unlink(missing_ok=True)
+        rig = [save(reconstruction.rig, folder / RIG_FILE).path] if len(reconstruction.rig) > 1 else []
+        return (*rig, *_write(folder, [*_colmap_files(folder, reconstruction), *files]))
     except (ValueError, OSError) as error:
         raise ReconstructionError(f"{folder}: {error}") from error
+
+
+def remove_reconstruction(folder: str | Path) -> None:
+    """Delete the files of a reconstruction in a folder, and the folder if it is then empty; others are kept."""
+    folder = Path(folder)
+    if not (folder / native.FILE).is_file():
+        return
+    for name in (native.FILE, *FILES):
+        (folder / name).unlink(missing_ok=True)
+    for path in (folder / COLMAP_FOLDER, folder):
+        if path.is_dir() and not any(path.iterdir()):
+            path.rmdir()
 
 
 def read_reconstruction(folder: str | Path) -> Reconstruction:

@@ -85,7 +85,8 @@ def largest_component(edges: Sequence[Edge], images: RigImages) -> tuple[Indices
     a, b = (images.frame[[getattr(edge, side) for edge in edges]] for side in ("a", "b"))
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(images.frames, images.frames))
     label = connected_components(graph, directed=False)[1]
-    largest = np.bincount(label).argmax()
+    sizes = np.bincount(label)
+    largest = max(set(label[a].tolist()), key=lambda each: sizes[each])
     return np.flatnonzero(label == largest), _select(edges, label[a] == largest)
 
 

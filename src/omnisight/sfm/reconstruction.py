@@ -112,6 +112,18 @@ class Reconstruction:
         return self.cam_from_world(image).inverse()
 
     @property
+    def scale_sigma(self) -> float:
+        """Relative standard deviation of the distance of the farthest frame: of the scale, if it is the metre."""
+        positions = np.array([pose.inverse().translation for pose in self.rig_from_world])
+        baselines = positions - positions[0]
+        farthest = int(np.linalg.norm(baselines, axis=1).argmax())
+        pose, length = self.rig_from_world[farthest], float(np.linalg.norm(baselines[farthest]))
+        if not length:
+            return float("nan")
+        along = pose.rotation @ baselines[farthest] / length
+        return float(np.sqrt(along @ self.pose_covariance[farthest, 3:, 3:] @ along)) / length
+
+    @property
     def rms_px(self) -> float:
         """Root mean square length of the residuals, px; NaN without observations."""
         squares = (self.observations.residuals**2).sum(axis=1)
