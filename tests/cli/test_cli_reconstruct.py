@@ -134,3 +134,16 @@ def test_images_of_no_camera_of_the_rig_are_refused(run, rig_images, tmp_path):
     status, _, err = run("reconstruct", rig_images / "images", "--rig", tmp_path / "rig.json", "-o", tmp_path / "model")
     assert status == 2
     assert "belongs to none of the cameras front" in err
+
+
+def test_a_camera_without_calibration_is_estimated_with_a_warning(run, rig_images, tmp_path):
+    status, out, _ = run("reconstruct", rig_images / "images" / "front", "-o", tmp_path / "model")
+    assert status == 0
+    assert "camera: has no calibration; estimated from the images: kannala_brandt, f = " in out
+    true = om.load(rig_images / "front.json")
+    found = om.read_reconstruction(tmp_path / "model").rig.cameras[0]
+    theta = np.radians(np.arange(5, 86, 10))
+    bearings = np.column_stack([np.sin(theta), 0 * theta, np.cos(theta)])
+    radii = [camera.project(bearings)[0][:, 0] - camera.model.cx for camera in (true, found)]
+    np.testing.assert_allclose(radii[1], radii[0], rtol=0.02)
+    assert found.covariance is not None

@@ -139,7 +139,7 @@ def test_unknown_poses_of_sensors_are_estimated():
     independent = RigImages.of(keypoints, sensor, 2)
     edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
     (found,) = map_images(keypoints, independent, edges, ignore)
-    poses, used = estimate_extrinsics(found, independent, frame)
+    poses, used = estimate_extrinsics(found, frame)
     assert used.tolist() == [0, 7]
     images = independent.on_rig(frame, poses, is_known=False)
     edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore, images.known_pose)

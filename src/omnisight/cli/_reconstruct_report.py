@@ -8,6 +8,7 @@ import numpy as np
 
 from omnisight.pipeline.reconstruct import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
+from omnisight.rig import Rig
 
 
 def model_folder(output: Path, number: int) -> Path:
@@ -34,6 +35,7 @@ def print_json(result: ReconstructionResult) -> None:
         "observations": len(model.observations) if model else 0,
         "rms_px": model.rms_px if model and has_points else None,
         "mean_track_length": model.mean_track_length if model and has_points else None,
+        "self_calibrated": list(result.self_calibrated),
         "unregistered": result.unregistered,
         "seconds": round(result.seconds, 3),
         "reason": result.reason,
@@ -53,6 +55,8 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         track = f"{len(model.observations)} observations, {model.mean_track_length:.1f} images per point"
         print(f"points      {len(model.points)}, {track}")
         print(f"residuals   {model.rms_px:.3f} px (rms)")
+        for name in result.self_calibrated:
+            print(_describe_camera(model.rig, name))
         if len(model.rig_from_world) > 1:
             sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
             print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
@@ -62,3 +66,17 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         first = next(name for name, why in result.unregistered.items() if why == reason)
         others = f" and {count - 1} more" if count > 1 else ""
         print(f"left out    {first}{others}: {reason}")
+
+
+def _describe_camera(rig: Rig, name: str) -> str:
+    """Return focal length and distortion of a camera that was estimated from the images, and a warning."""
+    camera = rig.cameras[rig.index(name)]
+    sigma = np.full(len(camera.model.params), np.nan)
+    if camera.covariance is not None:
+        sigma = np.sqrt(np.diag(camera.covariance))
+    focal, k1 = (camera.model.param_names.index(each) for each in ("fx", "k1"))
+    values = [f"{camera.model.params[i]:.{digits}f} ± {sigma[i]:.1g}" for i, digits in ((focal, 2), (k1, 5))]
+    return (
+        f"warning     {name}: has no calibration; estimated from the images: {camera.model.name}, f = {values[0]} px,"
+        f" k1 = {values[1]}. Calibrate it with a board (omnisight calibrate) for accurate results"
+    )

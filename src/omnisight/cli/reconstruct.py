@@ -31,8 +31,9 @@ def reconstruct(
     images
         Folder of images.
     camera
-        Calibration file of any format; none is needed for 2:1 equirectangular images. Repeat it for several cameras,
-        with their names: front=front.json, where the images are in front/ or named front_1.jpg.
+        Calibration file of any format; none is needed for 2:1 equirectangular images. Without it, or with auto, focal
+        length and one distortion term are estimated from the images. Repeat it for several cameras, with their names:
+        front=front.json, where the images are in front/ or named front_1.jpg.
     rig
         File of a rig, in place of the camera. Its cameras' images of the same name or number were taken together.
     output
@@ -64,11 +65,11 @@ def reconstruct(
         print_report(result, output)
 
 
-def _cameras(values: list[str]) -> Path | dict[str, Path] | None:
+def _cameras(values: list[str]) -> str | dict[str, str] | None:
     """Return the file of the only camera, or those of several by name."""
     if len(values) <= 1 and not any("=" in value for value in values):
-        return Path(values[0]) if values else None
+        return values[0] if values else None
     pairs = [value.partition("=") for value in values]
     if unnamed := [value for value, sign, _ in pairs if not sign]:
         raise ValueError(f"--camera {unnamed[0]}: several cameras need names, such as --camera front={unnamed[0]}")
-    return {name: Path(file) for name, _, file in pairs}
+    return {name: file for name, _, file in pairs}

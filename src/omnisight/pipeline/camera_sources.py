@@ -13,6 +13,8 @@ from omnisight.pipeline.central_camera import CameraSource
 from omnisight.rig import Rig
 
 RigSource = Rig | str | PathLike[str]
+# The name in place of a calibration file with which a camera is estimated from its images.
+AUTO = "auto"
 Extrinsics = Literal["fixed", "refined", "unknown"]
 
 
@@ -25,7 +27,7 @@ class CameraSources:
     names
         Names of the cameras; none for the only camera of all images.
     sources
-        The cameras or their files; None for equirectangular images.
+        The cameras, their files, or "auto"; None for equirectangular images, and without calibration for others.
     poses
         Poses sensor_from_rig of the cameras; none if they are not known.
     extrinsics
@@ -79,6 +81,11 @@ class CameraSources:
             cameras.append(camera)
         poses = () if extrinsics == "unknown" else body.sensor_from_rig
         return cls(body.names, tuple(cameras), poses, extrinsics)
+
+    def is_unknown(self, camera: int, size: tuple[int, int]) -> bool:
+        """Return whether a camera with images of a size has no calibration and is not equirectangular."""
+        source = self.sources[camera]
+        return source == AUTO or (source is None and size[0] != 2 * size[1])
 
     @property
     def is_rigid(self) -> bool:

@@ -1,25 +1,23 @@
 """Structure from motion: the counterpart of `omnisight reconstruct`."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from os import PathLike
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import Camera
-from omnisight.features import FeatureOptions, Keypoints, detect_features
+from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.images import read_image, read_mask
 from omnisight.pipeline.camera_sources import CameraSources, RigSource
-from omnisight.pipeline.central_camera import CameraSource, camera_of_image
+from omnisight.pipeline.central_camera import CameraSource
+from omnisight.pipeline.detected_images import DetectedImages, Progress, detect_images
 from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS
+from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
 from omnisight.rig import Rig
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.mapping import Map, map_images
@@ -27,9 +25,6 @@ from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping_pairs
-
-# Called with the stage, the work done and the total.
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +45,8 @@ class ReconstructionResult:
         Why there is no model; empty otherwise.
     simultaneous
         For a rig, what images that were taken together have in common: "name", "number" or "order".
+    self_calibrated
+        Names of the cameras that were estimated from the images; their covariance is in the rigs of the models.
     """
 
     models: tuple[Reconstruction, ...]
@@ -58,6 +55,7 @@ class ReconstructionResult:
     seconds: float
     reason: str = ""
     simultaneous: str = ""
+    self_calibrated: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         """Return whether there is a model."""
@@ -104,79 +102,63 @@ def reconstruct(
     start = time.perf_counter()
     sources = CameraSources.of(camera, rig, options.extrinsics)
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
-    cameras, keypoints, colors = _detect(files, sources, options, progress)
-    of_cameras = RigImages.of(keypoints, files.camera, len(cameras))
-    if sources.poses:
-        poses = np.array([pose.matrix for pose in sources.poses])
-        of_cameras = of_cameras.on_rig(files.frame, poses, is_known=True)
-    edges = _edges(keypoints, of_cameras, options, progress)
-
-    def mapping(refines_sensors: bool) -> list[Map]:
-        def watch(done: int) -> None:
-            progress("mapping", done, of_cameras.frames)
-
-        return map_images(keypoints, of_cameras, edges, watch, refines_sensors=refines_sensors)
-
-    maps = mapping(sources.refines_extrinsics)
+    detected = detect_images(files, sources, options, progress)
+    edges, maps = _map(detected, files, sources, options, progress)
+    for _ in range(MAX_ROUNDS if any(detected.is_guessed) and maps else 0):
+        adapted = detected.seen_by(maps[0].cameras)
+        if adapted.change_of_rays(detected) <= CONVERGED_RAD:
+            break
+        detected = adapted
+        edges, maps = _map(detected, files, sources, options, progress)
     names = sources.names or ("camera",)
-    if sources.estimates_extrinsics and maps:
-        poses, _ = estimate_extrinsics(maps[0], of_cameras, files.frame)
-        _check_extrinsics(poses, names)
-        of_cameras = of_cameras.on_rig(files.frame, poses, is_known=False)
-        edges = _with_known_poses(edges, of_cameras, keypoints)
-        maps = mapping(refines_sensors=True)
-    body = Rig(cameras, tuple(Pose.of_matrix(pose) for pose in of_cameras.sensor_from_rig), names)
-    models = tuple(build_reconstruction(found, of_cameras, body, files.names, keypoints, colors) for found in maps)
+    body = Rig(detected.cameras, (Pose(),) * len(names), names)
+    scene = files.names, detected.keypoints, detected.colors
+    models = tuple(build_reconstruction(found, body, *scene) for found in maps)
     registered = {name for model in models for name in model.names}
     unregistered = {
-        name: _reason(i, keypoints, edges, len(files)) for i, name in enumerate(files.names) if name not in registered
+        name: _reason(i, detected.keypoints, edges, len(files))
+        for i, name in enumerate(files.names)
+        if name not in registered
     }
-    reason = "" if models else next(iter(unregistered.values()))
-    seconds = time.perf_counter() - start
-    return ReconstructionResult(models, len(files), unregistered, seconds, reason, files.rule)
+    return ReconstructionResult(
+        models,
+        len(files),
+        unregistered,
+        time.perf_counter() - start,
+        reason="" if models else next(iter(unregistered.values())),
+        simultaneous=files.rule,
+        self_calibrated=tuple(name for name, guessed in zip(names, detected.is_guessed, strict=True) if guessed),
+    )
 
 
-def _detect(
-    files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
-) -> tuple[tuple[Camera, ...], list[Keypoints], list[NDArray[np.uint8]]]:
-    """Return the cameras for the images, and the keypoints of each image with their colours (K, 3)."""
-    cameras, masks, first = dict[int, Camera](), dict[int, NDArray[np.bool_] | None](), dict[int, Path]()
-    keypoints: list[Keypoints] = []
-    colors: list[NDArray[np.uint8]] = []
-    features = FeatureOptions(max_keypoints=options.max_keypoints)
-    for path, k in zip(files.paths, files.camera.tolist(), strict=True):
-        image = read_image(path, apply_exif=options.apply_exif)
-        size = image.shape[1], image.shape[0]
-        if k not in cameras:
-            cameras[k] = camera_of_image(
-                sources.sources[k], size, str(path), name=options.name, scale=options.scale_camera
-            )
-            masks[k], first[k] = _read_mask(options.mask, sources.names[k] if sources.names else "", size), path
-        elif size != cameras[k].size:
-            raise ValueError(
-                f"{path}: is {size[0]}x{size[1]} px, and {first[k]} {cameras[k].width}x{cameras[k].height}: images of"
-                " one camera have one size; leave it out, or reconstruct it separately"
-            )
-        found = detect_features(image, cameras[k], features, mask=masks[k])
-        columns, rows = np.rint(found.pixels).astype(int).T
-        rows, columns = np.clip(rows, 0, size[1] - 1), np.clip(columns, 0, size[0] - 1)
-        gray_or_rgb = image if image.ndim == 3 else np.repeat(image[:, :, None], 3, axis=2)
-        keypoints.append(found)
-        colors.append(_to_uint8(gray_or_rgb[rows, columns, :3]))
-        progress("keypoints", len(keypoints), len(files))
-    if missing := [name for k, name in enumerate(sources.names) if k not in cameras]:
-        raise ValueError(
-            f"{files.paths[0].parent}: no images of the camera {missing[0]!r}; leave it out of the cameras"
-        )
-    return tuple(cameras[k] for k in range(len(cameras))), keypoints, colors
-
-
-def _read_mask(path: Path | None, camera: str, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-    """Return the mask of a camera: that of all, or the file with its name in a folder; None if there is none."""
-    if path is None or not path.is_dir():
-        return None if path is None else read_mask(path, size)
-    named = [file for file in sorted(path.iterdir()) if file.stem == camera]
-    return read_mask(named[0], size) if named else None
+def _map(
+    detected: DetectedImages, files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
+) -> tuple[list[Edge], list[Map]]:
+    """Match pairs of images and map them."""
+    keypoints = detected.keypoints
+    images = RigImages.of(keypoints, files.camera, len(detected.cameras))
+    if any(detected.is_guessed):
+        images = images.with_free_cameras(detected.free_cameras, keypoints)
+    if sources.poses:
+        poses = np.array([pose.matrix for pose in sources.poses])
+        images = images.on_rig(files.frame, poses, is_known=True)
+    edges = _edges(keypoints, images, options, progress)
+    maps = map_images(
+        keypoints,
+        images,
+        edges,
+        lambda done: progress("mapping", done, images.frames),
+        refines_sensors=sources.refines_extrinsics,
+    )
+    if not sources.estimates_extrinsics or not maps:
+        return edges, maps
+    poses, _ = estimate_extrinsics(maps[0], files.frame)
+    _check_extrinsics(poses, sources.names)
+    of_rig = images.on_rig(files.frame, poses, is_known=False)
+    edges = _with_known_poses(edges, of_rig, keypoints)
+    return edges, map_images(
+        keypoints, of_rig, edges, lambda done: progress("mapping", done, of_rig.frames), refines_sensors=True
+    )
 
 
 def _edges(
@@ -216,11 +198,3 @@ def _reason(image: int, keypoints: Sequence[Keypoints], edges: Sequence[Edge], c
     if not any(image in (edge.a, edge.b) for edge in edges):
         return f"no overlap: no other image has {MIN_INLIERS} matches that agree with a motion"
     return "its matches do not agree with the poses of the other images"
-
-
-def _to_uint8(colors: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return colours of 8 or 16 bits, or floats from 0 to 1, as 8 bits."""
-    if colors.dtype == np.uint8:
-        return np.asarray(colors, np.uint8)
-    white = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
-    return np.clip(np.nan_to_num(colors.astype(float)) / white * 255, 0, 255).astype(np.uint8)

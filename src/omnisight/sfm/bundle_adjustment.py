@@ -1,23 +1,21 @@
 """Bundle adjustment of frames, sensors and points seen by any cameras."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
-from omnisight.parallel import parallel_for
+from omnisight.sfm.linearized_bundle import LinearizedBundle
+from omnisight.sfm.pixel_rays import PixelRays
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Points per task of a thread.
-POINTS_PER_TASK = 2048
 MAX_ITERATIONS, TOLERANCE = 100, 1e-6
 # Damping at the start: the initial points are far from the optimum along their rays.
 INITIAL_DAMPING = 1e-4
@@ -67,11 +65,14 @@ class Structure:
         (S, 3, 4) poses of the sensors.
     points
         (P, 3) in the world frame.
+    values
+        (Q,) of free cameras, see `FreeCameras`; none if the cameras are fixed.
     """
 
     rig_from_world: Array
     sensor_from_rig: Array
     points: Array
+    values: Array = field(default_factory=lambda: np.zeros(0))
 
     def squared_residuals(self, rays: RayObservations) -> Array:
         """Return the squared lengths (M,) of the whitened residuals; inf for points behind their rays."""
@@ -81,102 +82,6 @@ class Structure:
         poses = self.rig_from_world, self.sensor_from_rig
         squared_lengths(*poses, self.points, *indices, rays.origins, rays.bearings, rays.axes, squares)
         return squares
-
-
-@dataclass(frozen=True, eq=False)
-class LinearizedBundle:
-    """Weighted residuals and their derivatives; the points are eliminated by the Schur complement.
-
-    Attributes
-    ----------
-    starts
-        (P + 1,) first observation of each point.
-    point
-        (M,) indices of the points.
-    columns
-        (M, L) column of each derivative by a camera; -1 if it is fixed.
-    count
-        Number of columns C.
-    residuals, by_camera, by_point
-        (M, 2), (M, 2, L) and (M, 2, 3).
-    """
-
-    starts: Indices
-    point: Indices
-    columns: Indices
-    count: int
-    residuals: Array
-    by_camera: Array
-    by_point: Array
-
-    @property
-    def _jacobian(self) -> tuple[Indices, Array, Array, Array]:
-        return self.columns, self.residuals, self.by_camera, self.by_point
-
-    def solve(self, damping: float) -> Array:
-        """Return the step (C + 3 P,): cameras, then points; NaN if there is none."""
-        from omnisight.sfm._bundle_kernel import solve_points
-
-        moves = np.full((len(self.starts) - 1, 3), np.nan)
-        try:
-            schur, right, diagonal = self.reduced(damping)
-            schur[np.diag_indices(self.count)] += damping * diagonal
-            step = -cho_solve(cho_factor(schur, lower=True, overwrite_a=True, check_finite=False), right)
-        except LinAlgError:
-            return np.full(self.count + moves.size, np.nan)
-        parallel_for(
-            lambda first, last: solve_points(self.starts, *self._jacobian, damping, first, last, step, moves),
-            len(moves),
-            POINTS_PER_TASK,
-        )
-        return np.concatenate([step, moves.ravel()])
-
-    def decrease(self, step: Array) -> float:
-        """Return the decrease of the linearized cost along a step."""
-        from omnisight.sfm._bundle_kernel import linear_decrease
-
-        jacobian = self.residuals, self.by_camera, self.by_point
-        moves = step[self.count :].reshape(-1, 3)
-        return float(linear_decrease(self.columns, self.point, *jacobian, step[: self.count], moves))
-
-    def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return the Schur complement (C, C; lower triangle only), right side and diagonal."""
-        from omnisight.sfm._bundle_kernel import reduce_points
-
-        parts: list[tuple[Array, Array, Array]] = []
-
-        def work(first: int, last: int) -> None:
-            part = np.zeros((self.count, self.count)), np.zeros(self.count), np.zeros(self.count)
-            reduce_points(self.starts, *self._jacobian, damping, first, last, *part)
-            parts.append(part)
-
-        parallel_for(work, len(self.starts) - 1, POINTS_PER_TASK)
-        total = parts.pop()
-        for part in parts:
-            for target, values in zip(total, part, strict=True):
-                target += values
-        return total
-
-    def covariances(self) -> tuple[Array, Array]:
-        """Return the covariances of the cameras (C, C), and of the points (P, 3, 3).
-
-        Raises
-        ------
-        LinAlgError
-            If the observations do not determine the cameras.
-        """
-        from omnisight.sfm._bundle_kernel import point_covariances
-
-        schur, _, _ = self.reduced()
-        factor = cho_factor(schur, lower=True, overwrite_a=True, check_finite=False)
-        cameras = np.asarray(cho_solve(factor, np.eye(self.count)), float)
-        points = np.empty((len(self.starts) - 1, 3, 3))
-        parallel_for(
-            lambda first, last: point_covariances(self.starts, *self._jacobian, cameras, first, last, points),
-            len(points),
-            POINTS_PER_TASK,
-        )
-        return cameras, points
 
 
 @dataclass(frozen=True)
@@ -199,6 +104,8 @@ class Bundle:
         Whether the poses of the sensors determine the scale.
     refines_sensors
         Whether the poses of all sensors but the first are refined.
+    pixels
+        The pixels of the observations, if their cameras are refined.
     """
 
     rays: RayObservations
@@ -206,6 +113,7 @@ class Bundle:
     start: Structure
     has_scale: bool = False
     refines_sensors: bool = False
+    pixels: PixelRays | None = None
 
     @cached_property
     def starts(self) -> Indices:
@@ -214,7 +122,10 @@ class Bundle:
 
     @cached_property
     def parameters(self) -> tuple[Indices, Indices, int]:
-        """Columns of the frames (F, 6) and of the sensors (S, 6), -1 if they are fixed, and their number."""
+        """Columns of the frames (F, 6) and of the sensors (S, 6), -1 if they are fixed, and the number of columns.
+
+        Those of the values of free cameras are the last.
+        """
         frames, sensors = self.start.rig_from_world, self.start.sensor_from_rig
         is_free, is_seen = np.ones((len(frames) + len(sensors), 6), bool), np.zeros(len(frames) + len(sensors), bool)
         is_seen[self.rays.frame], is_seen[len(frames) + self.rays.sensor] = True, True
@@ -227,31 +138,56 @@ class Bundle:
         elif not self.has_scale and len(frames) > 1:
             is_free[_farthest_coordinate(frames)] = False
         columns = np.where(is_free, np.cumsum(is_free).reshape(is_free.shape) - 1, -1)
-        return columns[: len(frames)], columns[len(frames) :], int(is_free.sum())
+        return columns[: len(frames)], columns[len(frames) :], int(is_free.sum()) + len(self.start.values)
 
     @cached_property
     def columns(self) -> Indices:
-        """Columns (M, 6 or 12) of the derivatives of each observation."""
-        frames, sensors, _ = self.parameters
-        of_frames = frames[self.rays.frame]
-        return np.hstack([of_frames, sensors[self.rays.sensor]]) if self.refines_sensors else of_frames
+        """Columns (M, L) of the derivatives of each observation."""
+        frames, sensors, count = self.parameters
+        values = np.arange(count - len(self.start.values), count)
+        parts = [frames[self.rays.frame], np.tile(values, (len(self.rays), 1))]
+        if self.refines_sensors:
+            parts.insert(1, sensors[self.rays.sensor])
+        return np.hstack(parts)
+
+    def rays_at(self, state: Structure) -> tuple[RayObservations, Array]:
+        """Return the rays with the cameras of a state, and the derivatives (M, 2, Q) of residuals by their values."""
+        if self.pixels is None:
+            return self.rays, np.zeros((len(self.rays), 2, 0))
+        bearings, axes, derivatives = self.pixels.at(state.values)
+        return replace(self.rays, bearings=bearings, axes=axes), derivatives
+
+    def squared_residuals(self, state: Structure) -> Array:
+        """Return the squared lengths (M,) of the whitened residuals; inf for points behind their rays."""
+        return state.squared_residuals(self.rays_at(state)[0])
 
     def cost(self, state: Structure) -> float:
         """Return the robust cost."""
-        return self.loss.cost(state.squared_residuals(self.rays))
+        residuals, _ = self._prior(state)
+        return self.loss.cost(self.squared_residuals(state)) + 0.5 * float(residuals @ residuals)
 
     def linearize(self, state: Structure, weights: Array | None = None) -> LinearizedBundle:
         """Return residuals and derivatives with weights (M,), by default those of the loss."""
         from omnisight.sfm._bundle_kernel import linearize
 
-        rays, count = self.rays, len(self.rays)
+        rays, by_values = self.rays_at(state)
+        count, poses = len(rays), (state.rig_from_world, state.sensor_from_rig)
         weights = self.loss.weight(state.squared_residuals(rays)) if weights is None else weights
         residuals, by_point = np.empty((count, 2)), np.empty((count, 2, 3))
-        by_camera = np.empty((count, 2, self.columns.shape[1]))
-        indices, derivatives = (rays.frame, rays.sensor, rays.point), (residuals, by_camera, by_point)
-        poses = state.rig_from_world, state.sensor_from_rig
+        by_pose = np.empty((count, 2, self.columns.shape[1] - by_values.shape[2]))
+        indices, derivatives = (rays.frame, rays.sensor, rays.point), (residuals, by_pose, by_point)
         linearize(*poses, state.points, *indices, rays.origins, rays.axes, weights, *derivatives)
-        return LinearizedBundle(self.starts, rays.point, self.columns, self.parameters[2], *derivatives)
+        if by_values.shape[2]:
+            by_pose = np.concatenate([by_pose, np.sqrt(weights)[:, None, None] * by_values], axis=2)
+        blocks = residuals, by_pose, by_point
+        return LinearizedBundle(
+            self.starts, rays.point, self.columns, self.parameters[2], *blocks, prior=self._prior(state)
+        )
+
+    def _prior(self, state: Structure) -> tuple[Array, Array]:
+        """Return the residuals and derivatives (Q,) of the prior of the free values."""
+        derivatives = np.zeros(0) if self.pixels is None else np.sqrt(self.pixels.free.precision)
+        return derivatives * state.values, derivatives
 
     def covariances(self, state: Structure) -> tuple[Array, Array]:
         """Return the covariances of the cameras (C, C), and of the points (P, 3, 3), at the optimum.
@@ -263,7 +199,7 @@ class Bundle:
         LinAlgError
             If the observations do not determine the cameras.
         """
-        weights = np.where(np.isfinite(state.squared_residuals(self.rays)), self.loss.information, 0.0)
+        weights = np.where(np.isfinite(self.squared_residuals(state)), self.loss.information, 0.0)
         return self.linearize(state, weights).covariances()
 
     def move(self, state: Structure, step: Array) -> Structure:
@@ -275,6 +211,7 @@ class Bundle:
             _moved(state.rig_from_world, cameras[frames]),
             _moved(state.sensor_from_rig, cameras[sensors]),
             state.points + moves,
+            state.values + cameras[count - len(state.values) : count],
         )
 
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.sfm.mapping import Map
-from omnisight.sfm.rig_images import RigImages
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -17,15 +16,13 @@ Indices = NDArray[np.intp]
 ROUNDS = 20
 
 
-def estimate_extrinsics(found: Map, images: RigImages, frame: Indices) -> tuple[Array, Indices]:
+def estimate_extrinsics(found: Map, frame: Indices) -> tuple[Array, Indices]:
     """Estimate the poses of the sensors of a rig from the poses of independent images.
 
     Parameters
     ----------
     found
         A map in which each image is a frame of its own.
-    images
-        The images.
     frame
         (I,) index of the time at which each image was taken.
 
@@ -38,6 +35,7 @@ def estimate_extrinsics(found: Map, images: RigImages, frame: Indices) -> tuple[
         Number of times (S,) that connect each sensor with one that is known.
     """
     pose_of = dict(zip(found.frames.tolist(), found.rig_from_world, strict=True))
+    images = found.images
     taken = [dict[int, Pose]() for _ in images.sensor_from_rig]  # of each sensor, by time
     for image, pose in pose_of.items():
         taken[images.sensor[image]][int(frame[image])] = Pose.of_matrix(pose)

@@ -1,11 +1,12 @@
 """Mapping: poses of all frames of a view graph, and the points that their images show."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.camera import Camera
 from omnisight.features import Keypoints
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
@@ -38,6 +39,8 @@ class Map:
 
     Attributes
     ----------
+    images
+        The images, with the rays of the refined cameras.
     frames
         (F,) indices of frames.
     rig_from_world
@@ -52,8 +55,11 @@ class Map:
         Distribution of the residuals in units of the standard deviations of the keypoints.
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
+    values
+        (Q,) of free cameras.
     """
 
+    images: RigImages
     frames: Indices
     rig_from_world: Array
     sensor_from_rig: Array
@@ -61,25 +67,35 @@ class Map:
     tracks: Tracks
     noise: StudentT
     refines_sensors: bool = False
+    values: Array = field(default_factory=lambda: np.zeros(0))
 
-    def rows(self, images: RigImages) -> Indices:
-        """Return the row (M,) of the frame of each observation."""
-        row = np.full(images.frames, -1)
+    @property
+    def row_of_image(self) -> Indices:
+        """Row (I,) of the frame of each image; -1 outside the map."""
+        row = np.full(self.images.frames, -1)
         row[self.frames] = np.arange(len(self.frames))
-        return row[images.frame[self.tracks.image]]
+        return row[self.images.frame]
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The free cameras; none if the cameras are fixed."""
+        return () if self.images.pixels is None else self.images.pixels.free.at(self.values)
 
     @property
     def structure(self) -> Structure:
         """Poses and points of the bundle adjustment."""
-        return Structure(self.rig_from_world, self.sensor_from_rig, self.points)
+        return Structure(self.rig_from_world, self.sensor_from_rig, self.points, self.values)
 
-    def bundle(self, images: RigImages) -> Bundle:
-        """Return the least-squares problem of the poses and points."""
+    @property
+    def bundle(self) -> Bundle:
+        """The least-squares problem of the poses and points."""
+        images, image = self.images, self.tracks.image
         which = images.keypoints(self.tracks)
         of_rays = images.origins[which], images.bearings[which], images.axes[which]
-        sensor = images.sensor[self.tracks.image]
-        rays = RayObservations(self.rows(images), sensor, self.tracks.track, *of_rays)
-        return Bundle(rays, self.noise, self.structure, images.has_scale(self.frames), self.refines_sensors)
+        rays = RayObservations(self.row_of_image[image], images.sensor[image], self.tracks.track, *of_rays)
+        pixels = None if images.pixels is None else images.pixels[which]
+        has_scale = images.has_scale(self.frames)
+        return Bundle(rays, self.noise, self.structure, has_scale, self.refines_sensors, pixels)
 
 
 def map_images(
@@ -100,57 +116,64 @@ def map_images(
     maps, rest = list[Map](), list(edges)
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
-        frames, poses = _start(moving, rest, keypoints, images)
-        no_tracks = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
-        found = Map(frames, poses, images.sensor_from_rig, np.zeros((0, 3)), *no_tracks, refines_sensors)
+        found = start = _start(moving, rest, keypoints, images, refines_sensors)
         count = 0
         while moving:
-            found = _refined(found, _tracks(found.frames, rest, images), images, watch)
+            found = _refined(found, _tracks(found, rest), watch)
             if len(found.frames) <= count:  # the registered frames did not agree with the map
                 break
             count = len(found.frames)
-            added, poses = register_frames(found.frames, found.tracks, found.points, rest, keypoints, images)
+            added, poses = register_frames(found.frames, found.tracks, found.points, rest, keypoints, found.images)
             if not len(added):
                 break
             together = np.concatenate([found.rig_from_world, poses])
             found = replace(found, frames=np.concatenate([found.frames, added]), rig_from_world=together)
-        is_map = np.isin(images.frame, found.frames).sum() > 1
+        is_map = (found.row_of_image >= 0).sum() > 1
         maps += [found] if is_map else []
-        inside = np.isin(images.frame, found.frames if is_map else frames)
+        inside = (found if is_map else start).row_of_image >= 0
         rest = [edge for edge in rest if not inside[edge.a] and not inside[edge.b]]
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
 def _start(
-    moving: Sequence[Edge], edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages
-) -> tuple[Indices, Array]:
-    """Return the frames of the largest part of a view graph, and their initial poses (F, 3, 4)."""
+    moving: Sequence[Edge],
+    edges: Sequence[Edge],
+    keypoints: Sequence[Keypoints],
+    images: RigImages,
+    refines_sensors: bool,
+) -> Map:
+    """Return a map without points of the largest part of a view graph, with initial poses."""
     if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving):
-        return initial_poses(moving, keypoints, images)
-    return panorama_poses(edges, images)
+        frames, poses = initial_poses(moving, keypoints, images)
+    else:
+        frames, poses = panorama_poses(edges, images)
+    no_tracks, noise = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
+    values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
+    rig = images.sensor_from_rig, np.zeros((0, 3)), no_tracks, noise, refines_sensors
+    return Map(images, frames, poses, *rig, values)
 
 
-def _tracks(frames: Indices, edges: Sequence[Edge], images: RigImages) -> Tracks:
-    """Return the tracks of the edges between images of some frames."""
-    inside = np.isin(images.frame, frames)
-    return build_tracks([e for e in edges if inside[e.a] and inside[e.b]], np.diff(images.offsets).tolist())
+def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:
+    """Return the tracks of the edges between images of a map."""
+    inside = current.row_of_image >= 0
+    return build_tracks([e for e in edges if inside[e.a] and inside[e.b]], np.diff(current.images.offsets).tolist())
 
 
-def _refined(current: Map, tracks: Tracks, images: RigImages, watch: Watch) -> Map:
+def _refined(current: Map, tracks: Tracks, watch: Watch) -> Map:
     """Triangulate tracks and adjust poses and points until the noise of the residuals stays the same."""
     for _ in range(MAX_ROUNDS):
         before = current.noise.sigma
-        current = _triangulated(current, tracks, images)
+        current = _triangulated(current, tracks)
         watch(len(current.frames))
-        current = _adjusted(current, images)
+        current = _adjusted(current)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
-    return _without_unsupported_frames(current, images)
+    return _without_unsupported_frames(current)
 
 
-def _without_unsupported_frames(current: Map, images: RigImages) -> Map:
+def _without_unsupported_frames(current: Map) -> Map:
     """Return the map without frames whose observations do not agree with it: their poses are wrong or unknown."""
-    rows = current.rows(images)
+    rows = current.row_of_image[current.tracks.image]
     keep = np.bincount(rows, minlength=len(current.frames)) >= MIN_INLIERS
     if keep.all():
         return current
@@ -164,14 +187,15 @@ def _without_unsupported_frames(current: Map, images: RigImages) -> Map:
     )
 
 
-def _triangulated(current: Map, tracks: Tracks, images: RigImages) -> Map:
+def _triangulated(current: Map, tracks: Tracks) -> Map:
     """Return the map with the points of all tracks that agree with its poses."""
     from omnisight.sfm._track_kernel import triangulate_tracks
 
-    which, rows = images.keypoints(tracks), replace(current, tracks=tracks).rows(images)
+    images, which = current.images, current.images.keypoints(tracks)
+    of_frame = current.rig_from_world[current.row_of_image[tracks.image]]
     of_sensor = current.sensor_from_rig[images.sensor[tracks.image]]
-    rotations = of_sensor[:, :, :3] @ current.rig_from_world[rows, :, :3]
-    translations = np.einsum("mij,mj->mi", of_sensor[:, :, :3], current.rig_from_world[rows, :, 3]) + of_sensor[:, :, 3]
+    rotations = of_sensor[:, :, :3] @ of_frame[:, :, :3]
+    translations = np.einsum("mij,mj->mi", of_sensor[:, :, :3], of_frame[:, :, 3]) + of_sensor[:, :, 3]
     origins = np.einsum("mji,mj->mi", rotations, images.origins[which] - translations)
     directions = np.einsum("mji,mj->mi", rotations, images.bearings[which])
     world_rays = tracks.starts, tracks.image, origins, directions, images.axes[which] @ rotations
@@ -186,23 +210,25 @@ def _triangulated(current: Map, tracks: Tracks, images: RigImages) -> Map:
     return replace(current, points=points[kept], tracks=agreeing)
 
 
-def _adjusted(current: Map, images: RigImages) -> Map:
-    """Return the map with poses and points of the least robust cost, and the noise of the residuals."""
-    current = replace(current, noise=_noise(current.bundle(images), current.structure))
-    bundle = current.bundle(images)
+def _adjusted(current: Map) -> Map:
+    """Return the map with poses, points and cameras of the least robust cost, and the noise of the residuals."""
+    current = replace(current, noise=_noise(current.bundle, current.structure))
+    bundle = current.bundle
     structure = adjust_bundle(bundle).state
     return replace(
         current,
+        images=current.images.at(structure.values),
         rig_from_world=structure.rig_from_world,
         sensor_from_rig=structure.sensor_from_rig,
         points=structure.points,
         noise=_noise(bundle, structure),
+        values=structure.values,
     )
 
 
 def _noise(bundle: Bundle, structure: Structure) -> StudentT:
     """Return the distribution of the whitened residuals, corrected for the parameters that were fitted to them."""
-    fitted = StudentT.fit(structure.squared_residuals(bundle.rays))
+    fitted = StudentT.fit(bundle.squared_residuals(structure))
     values = 2 * len(bundle.rays)
     freedom = values - structure.points.size - bundle.parameters[2]
     return replace(fitted, sigma=fitted.sigma * float(np.sqrt(values / max(freedom, 1))))

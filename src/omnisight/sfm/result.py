@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig, Sensor
 from omnisight.sfm.mapping import Map
 from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
-from omnisight.sfm.rig_images import RigImages
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -20,7 +20,6 @@ Colors = NDArray[np.uint8]
 
 def build_reconstruction(
     found: Map,
-    images: RigImages,
     rig: Rig,
     names: Sequence[str],
     keypoints: Sequence[Keypoints],
@@ -32,44 +31,41 @@ def build_reconstruction(
     ----------
     found
         The map.
-    images
-        The images.
     rig
-        Their cameras; the poses are those of the map.
+        Its cameras; the poses are those of the map.
     names, keypoints, colors
         Name of each image, its keypoints, and their colours (K, 3), RGB.
     """
-    tracks, which = found.tracks, images.keypoints(found.tracks)
+    tracks, images = found.tracks, found.images
+    which = images.keypoints(tracks)
     rig = replace(rig, sensor_from_rig=tuple(Pose.of_matrix(pose) for pose in found.sensor_from_rig))
+    covariances = _covariances(found)
+    if images.pixels is not None:
+        rig = replace(rig, cameras=images.pixels.free.at(found.values, covariances.values))
     pixels = np.concatenate([each.pixels for each in keypoints])[which]
     rgb = np.concatenate(list(colors))[which].astype(float)
     seen = np.maximum(np.bincount(tracks.track, minlength=len(found.points)), 1)[:, None]
     mean = np.column_stack([np.bincount(tracks.track, rgb[:, c], minlength=len(found.points)) for c in range(3)]) / seen
-    pose_covariance, point_covariance = _covariances(found, images)
-    inside = np.flatnonzero(np.isin(images.frame, found.frames))
-    row_of_frame = np.full(images.frames, -1)
-    row_of_frame[found.frames] = np.arange(len(found.frames))
+    inside = np.flatnonzero(found.row_of_image >= 0)
     return Reconstruction(
         rig,
         tuple(names[i] for i in inside.tolist()),
         images.sensor[inside],
-        row_of_frame[images.frame[inside]],
+        found.row_of_image[inside],
         tuple(Pose.of_matrix(pose) for pose in found.rig_from_world),
-        pose_covariance,
-        Points(found.points, point_covariance, np.rint(mean).astype(np.uint8)),
-        Observations(
-            np.searchsorted(inside, tracks.image), tracks.track, pixels, _residuals(found, images, rig, pixels)
-        ),
+        covariances.poses,
+        Points(found.points, covariances.points, np.rint(mean).astype(np.uint8)),
+        Observations(np.searchsorted(inside, tracks.image), tracks.track, pixels, _residuals(found, rig, pixels)),
         has_scale=images.has_scale(found.frames),
     )
 
 
-def _residuals(found: Map, images: RigImages, rig: Rig, pixels: Array) -> Array:
+def _residuals(found: Map, rig: Rig, pixels: Array) -> Array:
     """Return the projections of the points minus the pixels (M, 2) of their observations."""
-    tracks, poses = found.tracks, found.rig_from_world[found.rows(images)]
+    tracks = found.tracks
+    poses = found.rig_from_world[found.row_of_image[tracks.image]]
     in_rig = np.einsum("mij,mj->mi", poses[:, :, :3], found.points[tracks.track]) + poses[:, :, 3]
-    residuals = np.empty_like(pixels)
-    of_sensor = images.sensor[tracks.image]
+    residuals, of_sensor = np.empty_like(pixels), found.images.sensor[tracks.image]
     for s, (camera, sensor_from_rig) in enumerate(zip(rig.cameras, rig.sensor_from_rig, strict=True)):
         use = of_sensor == s
         residuals[use] = camera.project(sensor_from_rig @ in_rig[use])[0] - pixels[use]
@@ -78,20 +74,29 @@ def _residuals(found: Map, images: RigImages, rig: Rig, pixels: Array) -> Array:
     return residuals
 
 
-def _covariances(found: Map, images: RigImages) -> tuple[Array, Array]:
-    """Return the covariances of the poses (F, 6, 6) and of the points (P, 3, 3); NaN if they are not determined."""
-    poses = np.zeros((len(found.frames), 6, 6))
-    if not len(found.points):
-        return poses, np.zeros((0, 3, 3))
-    bundle = found.bundle(images)
-    columns, _, _ = bundle.parameters
+class Covariances(NamedTuple):
+    """Covariances of the poses (F, 6, 6), the points (P, 3, 3) and the values (Q, Q); NaN if not determined."""
+
+    poses: Array
+    points: Array
+    values: Array
+
+
+def _covariances(found: Map) -> Covariances:
+    poses, points, count = np.zeros((len(found.frames), 6, 6)), len(found.points), len(found.values)
+    if not points:
+        return Covariances(poses, np.zeros((0, 3, 3)), np.full((count, count), np.nan))
+    bundle = found.bundle
+    columns, _, total = bundle.parameters
     try:
-        cameras, points = bundle.covariances(found.structure)
+        cameras, of_points = bundle.covariances(found.structure)
     except LinAlgError:
-        return np.full_like(poses, np.nan), np.full((len(found.points), 3, 3), np.nan)
+        return Covariances(
+            np.full_like(poses, np.nan), np.full((points, 3, 3), np.nan), np.full((count, count), np.nan)
+        )
     padded = np.pad(cameras, ((0, 1), (0, 1)))  # the last row is that of fixed parameters, whose column is -1
     poses[:] = padded[columns[:, :, None], columns[:, None, :]]
-    return poses, points
+    return Covariances(poses, of_points, cameras[total - count :, total - count :])
 
 
 def _period(camera: Sensor) -> float | None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
+from omnisight.sfm.pixel_rays import FreeCameras, PixelRays
 from omnisight.sfm.tracks import Tracks
 from omnisight.twoview.triangulation import whitening
 
@@ -34,6 +35,8 @@ class RigImages:
         (K, 3), (K, 3) and (K, 2, 3) of all keypoints; see `RayObservations`.
     is_rig_known
         Whether the poses of the sensors were given, and not estimated.
+    pixels
+        (K,) pixels of all keypoints, if bundle adjustment refines the cameras.
     """
 
     sensor: Indices
@@ -44,6 +47,7 @@ class RigImages:
     bearings: Array
     axes: Array
     is_rig_known: bool = False
+    pixels: PixelRays | None = None
 
     @classmethod
     def of(cls, keypoints: Sequence[Keypoints], sensor: Indices | None = None, sensors: int = 1) -> Self:
@@ -58,6 +62,20 @@ class RigImages:
     def on_rig(self, frame: Indices, sensor_from_rig: Array, *, is_known: bool) -> Self:
         """Return the images as those of the sensors of a rig."""
         return replace(self, frame=frame, sensor_from_rig=sensor_from_rig, is_rig_known=is_known)
+
+    def with_free_cameras(self, free: FreeCameras, keypoints: Sequence[Keypoints]) -> Self:
+        """Return the images with cameras that bundle adjustment refines; the rays are those of their first values."""
+        sensor = np.repeat(self.sensor, np.diff(self.offsets))
+        return replace(
+            self, pixels=PixelRays.of(free, sensor, np.concatenate([k.pixels for k in keypoints]), self.axes)
+        )
+
+    def at(self, values: Array) -> Self:
+        """Return the images with the rays for values (Q,) of free cameras."""
+        if self.pixels is None:
+            return self
+        bearings, axes, _ = self.pixels.at(values)
+        return replace(self, bearings=bearings, axes=axes)
 
     @property
     def frames(self) -> int:

@@ -1,0 +1,123 @@
+"""Linearized bundle adjustment: the points are eliminated by the Schur complement."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from omnisight.parallel import parallel_for
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Points per task of a thread.
+POINTS_PER_TASK = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class LinearizedBundle:
+    """Weighted residuals and their derivatives.
+
+    Attributes
+    ----------
+    starts
+        (P + 1,) first observation of each point.
+    point
+        (M,) indices of the points.
+    columns
+        (M, L) column of each derivative by a camera; -1 if it is fixed.
+    count
+        Number of columns C.
+    residuals, by_camera, by_point
+        (M, 2), (M, 2, L) and (M, 2, 3).
+    prior
+        Residuals and derivatives (Q,) of the prior of the last Q columns.
+    """
+
+    starts: Indices
+    point: Indices
+    columns: Indices
+    count: int
+    residuals: Array
+    by_camera: Array
+    by_point: Array
+    prior: tuple[Array, Array]
+
+    @property
+    def _jacobian(self) -> tuple[Indices, Array, Array, Array]:
+        return self.columns, self.residuals, self.by_camera, self.by_point
+
+    def solve(self, damping: float) -> Array:
+        """Return the step (C + 3 P,): cameras, then points; NaN if there is none."""
+        from omnisight.sfm._bundle_kernel import solve_points
+
+        moves = np.full((len(self.starts) - 1, 3), np.nan)
+        try:
+            schur, right, diagonal = self.reduced(damping)
+            schur[np.diag_indices(self.count)] += damping * diagonal
+            step = -cho_solve(cho_factor(schur, lower=True, overwrite_a=True, check_finite=False), right)
+        except LinAlgError:
+            return np.full(self.count + moves.size, np.nan)
+        parallel_for(
+            lambda first, last: solve_points(self.starts, *self._jacobian, damping, first, last, step, moves),
+            len(moves),
+            POINTS_PER_TASK,
+        )
+        return np.concatenate([step, moves.ravel()])
+
+    def decrease(self, step: Array) -> float:
+        """Return the decrease of the linearized cost along a step."""
+        from omnisight.sfm._bundle_kernel import linear_decrease
+
+        jacobian = self.residuals, self.by_camera, self.by_point
+        cameras, moves = step[: self.count], step[self.count :].reshape(-1, 3)
+        residuals, derivatives = self.prior
+        change = derivatives * cameras[self.count - len(residuals) :]
+        of_prior = float(change @ (residuals + 0.5 * change))
+        return float(linear_decrease(self.columns, self.point, *jacobian, cameras, moves)) - of_prior
+
+    def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array]:
+        """Return the Schur complement (C, C; lower triangle only), right side and diagonal."""
+        from omnisight.sfm._bundle_kernel import reduce_points
+
+        parts: list[tuple[Array, Array, Array]] = []
+
+        def work(first: int, last: int) -> None:
+            part = np.zeros((self.count, self.count)), np.zeros(self.count), np.zeros(self.count)
+            reduce_points(self.starts, *self._jacobian, damping, first, last, *part)
+            parts.append(part)
+
+        parallel_for(work, len(self.starts) - 1, POINTS_PER_TASK)
+        total = parts.pop()
+        for part in parts:
+            for target, values in zip(total, part, strict=True):
+                target += values
+        schur, right, diagonal = total
+        residuals, derivatives = self.prior
+        last = np.arange(self.count - len(residuals), self.count)
+        schur[last, last] += derivatives**2
+        diagonal[last] += derivatives**2
+        right[last] += derivatives * residuals
+        return total
+
+    def covariances(self) -> tuple[Array, Array]:
+        """Return the covariances of the cameras (C, C), and of the points (P, 3, 3).
+
+        Raises
+        ------
+        LinAlgError
+            If the observations do not determine the cameras.
+        """
+        from omnisight.sfm._bundle_kernel import point_covariances
+
+        schur, _, _ = self.reduced()
+        factor = cho_factor(schur, lower=True, overwrite_a=True, check_finite=False)
+        cameras = np.asarray(cho_solve(factor, np.eye(self.count)), float)
+        points = np.empty((len(self.starts) - 1, 3, 3))
+        parallel_for(
+            lambda first, last: point_covariances(self.starts, *self._jacobian, cameras, first, last, points),
+            len(points),
+            POINTS_PER_TASK,
+        )
+        return cameras, points

@@ -1,0 +1,84 @@
+"""Bundle adjustment of cameras whose calibration is unknown or uncertain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from omnisight.camera import Camera
+from omnisight.geometry.pose import Pose
+from omnisight.models.kannala_brandt import KannalaBrandt
+from omnisight.optim.loss import StudentT
+from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.pixel_rays import FreeCameras, PixelRays
+from omnisight.twoview.triangulation import whitening
+from sfm.worlds import circle_of_poses, points_around, unit
+
+TRUE = Camera(KannalaBrandt(fx=300.0, fy=300.0, cx=400.0, cy=390.0, k1=0.02, k2=0.0, k3=0.0, k4=0.0), (800, 800))
+GROUPS = {("fx", "fy"): np.inf, ("k1",): np.inf}
+NOISE_PX = 0.3
+
+
+def problem(seed, start, sigmas=None):
+    """Return the structure, and the bundle of noisy pixels whose rays are those of another camera."""
+    rng = np.random.default_rng(seed)
+    poses, points = circle_of_poses(5), points_around(60, seed=seed)
+    rows = []
+    for n, point in enumerate(points):
+        for f, pose in enumerate(poses):
+            bearing = unit(pose @ point)
+            if bearing[2] > -0.2:
+                rows.append((n, f, TRUE.project(bearing)[0] + rng.normal(0, NOISE_PX, 2)))
+    point, frame = (np.array([row[i] for row in rows], np.intp) for i in range(2))
+    pixels, sensor = np.array([row[2] for row in rows]), np.zeros(len(rows), np.intp)
+    free = FreeCameras.of_parameters([start], [sigmas or GROUPS])
+    bearings, _, by_pixel, _ = start.model.unproject_with_jacobians(pixels)
+    axes = whitening(NOISE_PX**2 * by_pixel @ by_pixel.transpose(0, 2, 1))
+    rays = RayObservations(frame, sensor, point, np.zeros_like(bearings), bearings, axes)
+    matrices = np.array([pose.matrix for pose in poses]), Pose().matrix[None]
+    truth = Structure(*matrices, points, np.zeros(free.count))
+    return Bundle(rays, StudentT(), truth, pixels=PixelRays.of(free, sensor, pixels, axes))
+
+
+def test_derivatives_agree_with_central_differences():
+    bundle = problem(0, TRUE, {**GROUPS, ("cx",): 1.0})
+    truth = bundle.start
+    linearized = bundle.linearize(truth)
+    # The residual of a step of the values is linearized at the bearing of the pixel, so that it is exact only there.
+    step = np.zeros(linearized.count + truth.points.size)
+    for column in range(linearized.count - 3, linearized.count):
+        size = 1e-3 if column == linearized.count - 2 else 0.1
+        step[column] = size
+        numeric = (
+            bundle.linearize(bundle.move(truth, step)).residuals - bundle.linearize(bundle.move(truth, -step)).residuals
+        )
+        step[column] = 0.0
+        analytic = linearized.by_camera[:, :, column - linearized.count]
+        np.testing.assert_allclose(analytic, numeric / (2 * size), atol=0.02 * np.abs(analytic).max())
+
+
+def test_focal_length_and_distortion_are_estimated():
+    start = replace(TRUE, model=replace(TRUE.model, fx=320.0, fy=320.0, k1=0.0))
+    bundle = problem(1, start)
+    found = adjust_bundle(bundle).state
+    (camera,) = bundle.pixels.free.at(found.values)
+    assert camera.model.fx == camera.model.fy == pytest.approx(300.0, abs=0.3)
+    assert camera.model.k1 == pytest.approx(0.02, abs=1e-3)
+
+
+def test_covariances_of_cameras_agree_with_monte_carlo():
+    squares = []
+    for seed in range(40):
+        bundle = problem(seed, TRUE)
+        found = adjust_bundle(bundle).state
+        cameras, _ = bundle.covariances(found)
+        squares.append(found.values @ np.linalg.solve(cameras[-2:, -2:], found.values) / 2)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_prior_holds_what_the_images_do_not_determine():
+    free = problem(2, TRUE, {**GROUPS, ("k4",): 1e-7})
+    found = adjust_bundle(free).state
+    assert abs(found.values[2]) < 1e-7
+    cameras, _ = free.covariances(found)
+    assert np.sqrt(cameras[-1, -1]) == pytest.approx(1e-7, rel=0.05)
