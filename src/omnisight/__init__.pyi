@@ -55,6 +55,9 @@ from omnisight.pipeline.stereo import StereoResult as StereoResult
 from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
+from omnisight.places import Place as Place
+from omnisight.places import PlaceIndex as PlaceIndex
+from omnisight.places import similar_pairs as similar_pairs
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction
