@@ -49,6 +49,14 @@ def test_bearings_are_those_of_the_pixels(detect, name, kind, surface):
     np.testing.assert_allclose(keypoints.bearings, bearings, atol=1e-9)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_dark_image_has_almost_as_many_keypoints(kind):
+    image = photograph(FISHEYE)
+    dark = np.rint(image * 0.2).astype(np.uint8)
+    count, dark_count = (len(detect_features(i, FISHEYE, FeatureOptions(kind))) for i in (image, dark))
+    assert dark_count > 0.8 * count
+
+
 @pytest.mark.parametrize(("name", "kind"), [(name, kind) for name in CAMERAS for kind in KINDS])
 def test_the_covariance_is_the_propagated_covariance_of_the_pixels(detect, name, kind):
     keypoints, camera, step = detect(name, kind, "image"), CAMERAS[name], 1e-3

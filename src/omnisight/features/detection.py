@@ -15,6 +15,9 @@ from omnisight.images import estimate_image_field, to_gray8
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+# Share of the pixels that are darker than what becomes white.
+WHITE_QUANTILE = 0.995
+
 
 @dataclass(frozen=True)
 class FeatureOptions:
@@ -79,6 +82,7 @@ def detect_features(
         _check_size("mask", mask, camera)
     gray = to_gray8(image)
     valid = illuminated_region(gray, camera)
+    gray = _brightened(gray, valid)
     detector = DETECTORS[options.kind]
     views = tangent_views(camera) if options.surface == "views" else whole_image(camera)
     found = [_detect_in_view(view, gray, valid, detector, options.max_keypoints) for view in views]
@@ -106,6 +110,15 @@ def _detect_in_view(
     scale = raw.radius * np.linalg.det(gram) ** 0.25  # the area that a pixel covers on the sphere is sqrt(det)
     covariance = d_pixel @ d_pixel.transpose(0, 2, 1) * detector.sigma_px(raw.radius)[:, None, None] ** 2
     return Keypoints(located.pixels, located.bearings, covariance, scale, raw.descriptors), raw.response
+
+
+def _brightened(gray: NDArray[np.uint8], valid: Mask) -> NDArray[np.uint8]:
+    """Return a dark image with full contrast: detectors have thresholds in gray levels."""
+    white = float(np.quantile(gray[valid], WHITE_QUANTILE)) if valid.any() else 0.0
+    if not 0 < white < 255:
+        return gray
+    levels = np.minimum(np.rint(np.arange(256) * (255 / white)), 255).astype(np.uint8)
+    return levels[gray]
 
 
 def _distance_to_invalid(valid: Mask) -> NDArray[np.float32]:
