@@ -26,6 +26,18 @@ def test_rotations_are_those_of_the_cameras_although_edges_are_wrong(wrong_share
     assert averaged.is_consistent[~is_wrong].mean() > 0.95
 
 
+def test_a_confident_wrong_edge_that_closes_no_triangle_is_not_believed():
+    poses = circle_of_poses(6)
+    a, b = pairs(6, 3)
+    rotations = np.array([poses[j].rotation @ poses[i].rotation.T for i, j in zip(a, b, strict=True)])
+    is_wrong, sigma = (a == 2) & (b == 3), np.full(len(a), np.radians(0.1))
+    rotations[is_wrong], sigma[is_wrong] = exp([0.0, 2.5, 0.0]) @ rotations[is_wrong], np.radians(0.001)
+    averaged = average_rotations(6, RelativeRotations(a, b, rotations, sigma))
+    assert (averaged.is_consistent == ~is_wrong).all()
+    true = np.array([pose.rotation for pose in poses]) @ poses[0].rotation.T
+    np.testing.assert_allclose(averaged.rig_from_world, true, atol=1e-6)
+
+
 def test_relative_scales_of_a_straight_path_follow_from_common_points():
     """Four cameras on a line: the directions of the edges do not determine the lengths."""
     rng, positions = np.random.default_rng(0), np.array([0.0, 1.0, 1.5, 3.5])
