@@ -10,6 +10,9 @@ from omnisight.pipeline.reconstruct import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
 
+# Mean number of images per point below which wrong matches can agree with wrong poses.
+WEAK_TRACK_LENGTH = 2.25
+
 
 def model_folder(output: Path, number: int) -> Path:
     """Return the folder of a model; the first is the largest."""
@@ -55,6 +58,11 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         track = f"{len(model.observations)} observations, {model.mean_track_length:.1f} images per point"
         print(f"points      {len(model.points)}, {track}")
         print(f"residuals   {model.rms_px:.3f} px (rms)")
+        if model.mean_track_length < WEAK_TRACK_LENGTH:
+            print(
+                "warning     most points are in two images only, so that nothing verifies poses and their standard"
+                " deviations: take images closer together, and of more texture"
+            )
         for name in result.self_calibrated:
             print(_describe_camera(model.rig, name))
         if len(model.rig_from_world) > 1:
