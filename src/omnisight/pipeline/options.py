@@ -274,7 +274,7 @@ class ReconstructOptions:
     ----------
     pairs
         Pairs of images to match: all of them, or, for images in the order of a path, those at most `window` apart; auto
-        takes all whose strongest keypoints match.
+        takes all whose strongest keypoints match, and, of more than 40 images, those of the 20 most similar images.
     window
         Number of following images that each image is matched with.
     extrinsics

