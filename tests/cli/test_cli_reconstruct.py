@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import omnisight as om
+from jpegs import jpeg_at
 from omnisight.geometry.rotation import exp
 from omnisight.simulation import Renderer, scene_named
 from omnisight.simulation.example_rigs import back_to_back
@@ -85,6 +86,69 @@ def test_images_that_do_not_fit_the_camera_are_refused(run, room, tmp_path):
     assert status == 2
     assert "640x320" in err
     assert "800x400" in err
+
+
+def test_a_known_distance_makes_a_model_metric(run, room, tmp_path):
+    true = float(np.linalg.norm(POSES[4].translation - POSES[0].translation))
+    status, out, _ = run("reconstruct", room, "--scale", "0", "4.png", f"{100 * true}cm", "-o", tmp_path / "model")
+    assert status == 0
+    assert "scale       metres" in out
+    model = om.read_reconstruction(tmp_path / "model")
+    positions = [model.world_from_cam(k).translation for k in range(5)]
+    assert np.linalg.norm(positions[4] - positions[0]) == pytest.approx(true, rel=1e-6)
+    for k in range(1, 5):
+        expected = np.linalg.norm(POSES[k].translation - POSES[0].translation)
+        assert np.linalg.norm(positions[k] - positions[0]) == pytest.approx(expected, rel=0.02)
+
+
+def test_gps_tags_make_a_model_with_axes_east_north_up(run, room, tmp_path):
+    """The room is 200 times larger, so that rounded tags are exact; its up is -y, and z points north."""
+    folder = tmp_path / "images"
+    to_north, to_east = np.radians(6_335_439.0), np.radians(6_378_137.0)  # metres per degree at the equator
+    folder.mkdir()
+    east_north_up = 200 * np.array([(pose.translation[0], pose.translation[2], -pose.translation[1]) for pose in POSES])
+    for k, (east, north, up) in enumerate(east_north_up):
+        latitude, longitude = north / to_north, 8.0 + east / to_east
+        (folder / f"{k}.jpg").write_bytes(jpeg_at(om.read_image(room / f"{k}.png"), latitude, longitude, 400 + up))
+    status, out, _ = run("reconstruct", folder, "--positions", "exif", "-o", tmp_path / "model", "--json")
+    assert status == 0
+    georeference = json.loads(out)["georeference"]
+    assert georeference["images"] == 5
+    assert georeference["inliers"] >= 4
+    assert georeference["origin"][1] == pytest.approx(8.0 + east_north_up[0, 0] / to_east, abs=1e-6)
+    model = om.read_reconstruction(tmp_path / "model")
+    positions = np.array([model.world_from_cam(k).translation for k in range(5)])
+    np.testing.assert_allclose(positions, east_north_up - east_north_up[0], atol=1.0)
+
+
+def test_positions_of_a_table_are_used(run, room, tmp_path):
+    rows = [f"{k}.png,{','.join(str(10 * x) for x in pose.translation)}" for k, pose in enumerate(POSES)]
+    (tmp_path / "gps.csv").write_text("\n".join(["name,x,y,z", *rows, "other.png,1,2,3"]))
+    status, out, _ = run("reconstruct", room, "--positions", tmp_path / "gps.csv", "-o", tmp_path / "model")
+    assert status == 0
+    assert "positions   5 of 5 agree within" in out
+    model = om.read_reconstruction(tmp_path / "model")
+    positions = [model.world_from_cam(k).translation for k in range(5)]
+    np.testing.assert_allclose(positions, [10 * pose.translation for pose in POSES], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "table", "message"),
+    [
+        (("--positions", "exif"), "", "none of the 5 images has a position in their EXIF tags"),
+        (("--positions", "{table}"), "a,b\n", "expected the columns name,x,y,z or name,latitude,longitude,altitude"),
+        (("--positions", "{table}"), "name,x,y,z\n0.png,1,north,3\n", "gps.csv, line 2: could not convert"),
+        (("--positions", "{table}"), "name,x,y,z\nno.png,1,2,3\n", "none of the 5 images has a position in"),
+        (("--scale", "0", "9.png", "1m"), "", "9.png: no such image"),
+        (("--scale", "0", "1", "3"), "", "has no unit"),
+    ],
+)
+def test_measurements_that_cannot_be_used_are_refused(run, room, tmp_path, arguments, table, message):
+    (tmp_path / "gps.csv").write_text(table)
+    arguments = [argument.format(table=tmp_path / "gps.csv") for argument in arguments]
+    status, _, err = run("reconstruct", room, *arguments, "-o", tmp_path / "model")
+    assert status == 2
+    assert message in err
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from jpegs import jpeg
+from jpegs import jpeg, jpeg_at
 from omnisight.images import (
     UnreadableImage,
     collect_images,
     decode_image,
     exif_orientation,
+    exif_position,
     read_image,
     to_gray8,
     write_bytes,
@@ -201,3 +202,27 @@ def test_gray_of_colour_alpha_and_nan():
     assert not to_gray8(np.full((4, 4), 7000, np.uint16)).any()
     with pytest.raises(ValueError, match=r"got shape \(4,\)"):
         to_gray8(np.zeros(4))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("position", [(47.36667, 8.55, 432.5), (-33.9, -18.4, -3.25)])
+def test_the_position_of_an_image_is_read(position, order):
+    found = exif_position(jpeg_at(COLOURS, *position, order))
+    assert found == pytest.approx(position, abs=1e-7)
+
+
+def test_a_missing_position_or_altitude_is_unknown():
+    assert exif_position(jpeg(COLOURS, orientation=1)) is None
+    assert exif_position(b"") is None
+    assert exif_position(jpeg_at(COLOURS, 95.0, 8.0)) is None
+    assert np.isnan(exif_position(jpeg_at(COLOURS, 47.0, 8.0)).altitude)
+
+
+def test_damaged_exif_tags_are_no_position_or_a_valid_one():
+    good, rng = jpeg_at(COLOURS, 47.0, 8.0, 400.0), np.random.default_rng(0)
+    for _ in range(300):
+        data = bytearray(good)
+        for at in rng.integers(2, 180, 3):
+            data[at] = rng.integers(256)
+        found = exif_position(bytes(data[: rng.integers(len(data))]))
+        assert found is None or (abs(found.latitude) <= 90 and abs(found.longitude) <= 180)

@@ -9,6 +9,8 @@ import numpy as np
 from omnisight.pipeline.reconstruct import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
+from omnisight.sfm.georeference import Georeference
+from omnisight.sfm.reconstruction import Reconstruction
 
 # Mean number of images per point below which wrong matches can agree with wrong poses.
 WEAK_TRACK_LENGTH = 2.25
@@ -38,12 +40,28 @@ def print_json(result: ReconstructionResult) -> None:
         "observations": len(model.observations) if model else 0,
         "rms_px": model.rms_px if model and has_points else None,
         "mean_track_length": model.mean_track_length if model and has_points else None,
+        "has_scale": bool(model and model.has_scale),
+        "georeference": _georeference_json(result),
         "self_calibrated": list(result.self_calibrated),
         "unregistered": result.unregistered,
         "seconds": round(result.seconds, 3),
         "reason": result.reason,
     }
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def _georeference_json(result: ReconstructionResult) -> dict[str, object] | None:
+    """Return how the largest model was brought into metres."""
+    if not result.georeferences:
+        return None
+    georeference = result.georeferences[0]
+    return {
+        "images": georeference.images,
+        "inliers": georeference.inliers,
+        "sigma_m": None if georeference.sigma is None else georeference.sigma.tolist(),
+        "origin": result.models[0].origin,
+        "reason": georeference.reason,
+    }
 
 
 def print_report(result: ReconstructionResult, output: Path) -> None:
@@ -69,11 +87,26 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
             print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
             print(f"scale       {f'metres, ± {model.scale_sigma:.2%} (1σ)' if model.has_scale else 'arbitrary'}")
+        if result.georeferences:
+            _print_georeference(result.georeferences[number], model)
     print(f"look at     {(output / 'viewer.html').resolve().as_uri()}")
     for reason, count in Counter(result.unregistered.values()).items():
         first = next(name for name, why in result.unregistered.items() if why == reason)
         others = f" and {count - 1} more" if count > 1 else ""
         print(f"left out    {first}{others}: {reason}")
+
+
+def _print_georeference(georeference: Georeference, model: Reconstruction) -> None:
+    """Print how many known positions a model agrees with, and the origin of its world."""
+    if not georeference:
+        print(f"warning     not in metres: {georeference.reason}")
+    if georeference and georeference.sigma is not None:
+        scatter = ", ".join(f"{sigma:.3g}" for sigma in georeference.sigma)
+        agreeing = f"{georeference.inliers} of {georeference.images}"
+        print(f"positions   {agreeing} agree within {scatter} m (1σ; x, y, z)")
+    if model.origin is not None:
+        latitude, longitude, altitude = model.origin
+        print(f"origin      {latitude:.7f}, {longitude:.7f}, {altitude:.1f} m (WGS 84; x east, y north, z up)")
 
 
 def _describe_camera(rig: Rig, name: str) -> str:

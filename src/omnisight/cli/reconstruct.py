@@ -23,8 +23,8 @@ def reconstruct(
     """Reconstruct the poses of images of any central cameras or a rig, and the points that they show.
 
     Images without common points are in separate models: the largest is in the output folder, further ones in its
-    sub-folders 1, 2 ... The unit of a model is the metre if a rig determines it, and otherwise
-    arbitrary. `omnisight export` writes it for other programs.
+    sub-folders 1, 2 ... The unit of a model is the metre if a rig, a known distance or
+    known positions determine it, and otherwise arbitrary. `omnisight export` writes it for other programs.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Reading and writing of images and videos, edges, and the image field. Independent of cameras and boards."""
 
 from omnisight.images.collect import IMAGE_SUFFIXES, collect_images, expand_path
+from omnisight.images.exif import GeodeticPosition, exif_orientation, exif_position
 from omnisight.images.gray import to_gray8
-from omnisight.images.headers import exif_orientation
 from omnisight.images.image_field import ImageField, downsample, estimate_image_field
 from omnisight.images.mask import read_mask
 from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
@@ -15,6 +15,7 @@ __all__ = [
     "VIDEO_SUFFIXES",
     "Clip",
     "Frame",
+    "GeodeticPosition",
     "ImageField",
     "UnreadableImage",
     "collect_images",
@@ -23,6 +24,7 @@ __all__ = [
     "encode_image",
     "estimate_image_field",
     "exif_orientation",
+    "exif_position",
     "expand_path",
     "read_bytes",
     "read_image",

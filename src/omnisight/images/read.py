@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.images.exif import exif_orientation
 from omnisight.images.headers import (
     JPEG_MAGIC,
     PNG_MAGIC,
     declared_size,
-    exif_orientation,
     find_jpeg_defect,
     find_png_defect,
 )

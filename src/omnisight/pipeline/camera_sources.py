@@ -6,6 +6,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal, Self
 
+import numpy as np
+
 from omnisight.camera import Camera
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
@@ -38,6 +40,12 @@ class CameraSources:
     sources: tuple[CameraSource | None, ...]
     poses: tuple[Pose, ...] = ()
     extrinsics: Extrinsics | None = None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether known poses of cameras that are apart determine the scale of the world."""
+        centers = [pose.inverse().translation for pose in self.poses]
+        return bool(centers) and bool(np.ptp(centers, axis=0).any())
 
     @classmethod
     def of(

@@ -280,6 +280,11 @@ class ReconstructOptions:
     extrinsics
         Poses of the cameras on the rig: fixed, refined from those of the rig file, or unknown, for several cameras that
         are rigidly connected. By default those of a rig are fixed, and several cameras without a rig are independent.
+    scale
+        Two images and the distance between their cameras, such as first.jpg last.jpg 3.2m.
+    positions
+        Positions of images, for a model in metres: exif for the GPS tags of the images, or a CSV file with the columns
+        name,x,y,z (metres) or name,latitude,longitude,altitude (degrees, metres).
     name
         Name of the camera in a file of several.
     mask
@@ -296,6 +301,8 @@ class ReconstructOptions:
     pairs: Literal["auto", "all", "sequential"] = "auto"
     window: int = 10
     extrinsics: Literal["fixed", "refined", "unknown"] | None = None
+    scale: tuple[str, str, str] | None = None
+    positions: str | None = None
     name: str | None = None
     mask: Path | None = None
     max_keypoints: int = 4000
@@ -305,5 +312,7 @@ class ReconstructOptions:
     def __post_init__(self) -> None:
         if self.window < 1:
             raise ValueError(f"window is {self.window}; choose at least 1 following image")
+        if self.scale and self.positions:
+            raise ValueError("positions determine the scale: leave scale out")
         if self.max_keypoints < 1:
             raise ValueError(f"max_keypoints is {self.max_keypoints}; choose a positive number")

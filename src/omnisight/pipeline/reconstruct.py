@@ -15,12 +15,14 @@ from omnisight.pipeline.camera_sources import CameraSources, RigSource
 from omnisight.pipeline.central_camera import CameraSource
 from omnisight.pipeline.detected_images import DetectedImages, Progress, detect_images
 from omnisight.pipeline.image_set import ImageSet, image_set
+from omnisight.pipeline.metric_world import MetricWorld
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
 from omnisight.places import similar_pairs
 from omnisight.rig import Rig
 from omnisight.sfm.extrinsics import estimate_extrinsics
+from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
@@ -52,6 +54,8 @@ class ReconstructionResult:
         For a rig, what images that were taken together have in common: "name", "number" or "order".
     self_calibrated
         Names of the cameras that were estimated from the images; their covariance is in the rigs of the models.
+    georeferences
+        How each model was scaled or brought to known positions; none if there are no measurements in metres.
     """
 
     models: tuple[Reconstruction, ...]
@@ -61,6 +65,7 @@ class ReconstructionResult:
     reason: str = ""
     simultaneous: str = ""
     self_calibrated: tuple[str, ...] = ()
+    georeferences: tuple[Georeference, ...] = ()
 
     def __bool__(self) -> bool:
         """Return whether there is a model."""
@@ -97,7 +102,8 @@ def reconstruct(
 
     Returns
     -------
-    The models: in metres for a rig of cameras that are apart, otherwise the unit of the world is arbitrary.
+    The models: in metres for a rig of cameras that are apart, or with the option `scale` or `positions`; otherwise the
+    unit of the world is arbitrary.
 
     Raises
     ------
@@ -107,18 +113,14 @@ def reconstruct(
     start = time.perf_counter()
     sources = CameraSources.of(camera, rig, options.extrinsics)
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
+    world = MetricWorld.of(files, sources, options)
     detected = detect_images(files, sources, options, progress)
-    edges, maps = _map(detected, files, sources, options, progress)
-    for _ in range(MAX_ROUNDS if any(detected.is_guessed) and maps else 0):
-        adapted = detected.seen_by(maps[0].cameras)
-        if adapted.change_of_rays(detected) <= CONVERGED_RAD:
-            break
-        detected = adapted
-        edges, maps = _map(detected, files, sources, options, progress)
+    detected, edges, maps = _self_calibrated_maps(detected, files, sources, options, progress)
+    maps, georeferences = world.place(maps)
     names = sources.names or ("camera",)
     body = Rig(detected.cameras, (Pose(),) * len(names), names)
     scene = files.names, detected.keypoints, detected.colors
-    models = tuple(build_reconstruction(found, body, *scene) for found in maps)
+    models = tuple(build_reconstruction(found, body, *scene, world.origin) for found in maps)
     registered = {name for model in models for name in model.names}
     unregistered = {
         name: _reason(i, detected.keypoints, edges, len(files))
@@ -133,7 +135,22 @@ def reconstruct(
         reason="" if models else next(iter(unregistered.values())),
         simultaneous=files.rule,
         self_calibrated=tuple(name for name, guessed in zip(names, detected.is_guessed, strict=True) if guessed),
+        georeferences=georeferences,
     )
+
+
+def _self_calibrated_maps(
+    detected: DetectedImages, files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
+) -> tuple[DetectedImages, list[Edge], list[Map]]:
+    """Map the images; with guessed cameras, repeat it with those of the map until their rays stay the same."""
+    edges, maps = _map(detected, files, sources, options, progress)
+    for _ in range(MAX_ROUNDS if any(detected.is_guessed) and maps else 0):
+        adapted = detected.seen_by(maps[0].cameras)
+        if adapted.change_of_rays(detected) <= CONVERGED_RAD:
+            break
+        detected = adapted
+        edges, maps = _map(detected, files, sources, options, progress)
+    return detected, edges, maps
 
 
 def _map(

@@ -30,7 +30,9 @@ def world_from_cameras(reconstruction: Reconstruction) -> tuple[Array, Array]:
 
 
 def up_direction(reconstruction: Reconstruction) -> Array:
-    """Return the direction (3,) of the world's up: the mean of the upper sides of the images."""
+    """Return the direction (3,) of the world's up: z at a known place, or the mean of the upper sides of the images."""
+    if reconstruction.origin is not None:
+        return np.array([0.0, 0.0, 1.0])
     up = -world_from_cameras(reconstruction)[0][:, :, 1].sum(axis=0)
     length = float(np.linalg.norm(up))
     return up / length if length > MIN_MEAN_LENGTH * len(reconstruction) else np.array([0.0, -1.0, 0.0])

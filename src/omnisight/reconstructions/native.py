@@ -95,6 +95,7 @@ def _to_json(reconstruction: Reconstruction) -> dict[str, Any]:
         "version": VERSION,
         "convention": CONVENTION,
         "has_scale": reconstruction.has_scale,
+        "origin": reconstruction.origin,
         "rig": rig_to_json(reconstruction.rig),
         "names": list(reconstruction.names),
     }
@@ -161,7 +162,18 @@ def _reconstruction(text: Any, arrays: Mapping[str, NDArray[Any]]) -> Reconstruc
             arrays["image"].astype(np.intp), arrays["point"].astype(np.intp), arrays["pixels"], arrays["residuals"]
         ),
         has_scale=text["has_scale"] is True,
+        origin=_origin(text.get("origin")),
     )
+
+
+def _origin(values: Any) -> tuple[float, float, float] | None:
+    """Return latitude, longitude and altitude of the origin of the world."""
+    if values is None:
+        return None
+    latitude, longitude, altitude = (float(value) for value in values)
+    if not (abs(latitude) <= 90 and abs(longitude) <= 180 and math.isfinite(altitude)):
+        raise ValueError(f"the origin {values!r:.80} is not latitude, longitude and altitude")
+    return latitude, longitude, altitude
 
 
 def _names(names: Any) -> tuple[str, ...]:

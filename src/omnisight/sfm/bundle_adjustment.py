@@ -6,11 +6,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, vstack
 
 from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
-from omnisight.sfm.linearized_bundle import LinearizedBundle
+from omnisight.sfm.linearized_bundle import LinearizedBundle, Prior
+from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.pixel_rays import PixelRays
 
 Array = NDArray[np.float64]
@@ -88,9 +90,9 @@ class Structure:
 class Bundle:
     """The least-squares problem over `Structure`.
 
-    The observations determine neither place nor scale of the world: the first frame and the first sensor are fixed, and
-    for the scale the largest coordinate of the frame that is farthest from the first, or, if the sensors have a scale
-    and are refined, of the farthest sensor.
+    The observations determine neither place nor scale of the world. Without measurements the first frame and the first
+    sensor are fixed, and for the scale the largest coordinate of the frame that is farthest from the first, or, if the
+    sensors have a scale and are refined, of the farthest sensor.
 
     Attributes
     ----------
@@ -106,6 +108,8 @@ class Bundle:
         Whether the poses of all sensors but the first are refined.
     pixels
         The pixels of the observations, if their cameras are refined.
+    measured
+        What was measured of the cameras besides, in the unit of the world.
     """
 
     rays: RayObservations
@@ -114,6 +118,7 @@ class Bundle:
     has_scale: bool = False
     refines_sensors: bool = False
     pixels: PixelRays | None = None
+    measured: Measurements | None = None
 
     @cached_property
     def starts(self) -> Indices:
@@ -130,12 +135,12 @@ class Bundle:
         is_free, is_seen = np.ones((len(frames) + len(sensors), 6), bool), np.zeros(len(frames) + len(sensors), bool)
         is_seen[self.rays.frame], is_seen[len(frames) + self.rays.sensor] = True, True
         is_free[~is_seen] = False
-        is_free[0] = False
+        is_free[0] &= self.measured is not None and self.measured.fixes_place
         is_free[len(frames) :] &= self.refines_sensors
         is_free[len(frames)] = False
         if self.has_scale and self.refines_sensors:
             is_free[len(frames) :][_farthest_coordinate(sensors)] = False
-        elif not self.has_scale and len(frames) > 1:
+        elif not self.has_scale and self.measured is None and len(frames) > 1:
             is_free[_farthest_coordinate(frames)] = False
         columns = np.where(is_free, np.cumsum(is_free).reshape(is_free.shape) - 1, -1)
         return columns[: len(frames)], columns[len(frames) :], int(is_free.sum()) + len(self.start.values)
@@ -184,10 +189,19 @@ class Bundle:
             self.starts, rays.point, self.columns, self.parameters[2], *blocks, prior=self._prior(state)
         )
 
-    def _prior(self, state: Structure) -> tuple[Array, Array]:
-        """Return the residuals and derivatives (Q,) of the prior of the free values."""
-        derivatives = np.zeros(0) if self.pixels is None else np.sqrt(self.pixels.free.precision)
-        return derivatives * state.values, derivatives
+    def _prior(self, state: Structure) -> Prior:
+        """Return the prior of the free values, and the measurements."""
+        count, values = self.parameters[2], len(state.values)
+        precision = np.zeros(values) if self.pixels is None else np.sqrt(self.pixels.free.precision)
+        of_values = coo_array((precision, (np.arange(values), np.arange(count - values, count))), shape=(values, count))
+        if self.measured is None:
+            return Prior(precision * state.values, of_values.tocsr())
+        residuals, frames, derivatives = self.measured.linearize(state.rig_from_world)
+        columns = self.parameters[0][frames]
+        rows = np.broadcast_to(np.arange(len(residuals))[:, None, None], columns.shape)
+        free = columns >= 0
+        measured = coo_array((derivatives[free], (rows[free], columns[free])), shape=(len(residuals), count))
+        return Prior(np.append(precision * state.values, residuals), csr_array(vstack([of_values, measured])))
 
     def covariances(self, state: Structure) -> tuple[Array, Array]:
         """Return the covariances of the cameras (C, C), and of the points (P, 3, 3), at the optimum.

@@ -1,10 +1,12 @@
 """Linearized bundle adjustment: the points are eliminated by the Schur complement."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from omnisight.parallel import parallel_for
 
@@ -13,6 +15,13 @@ Indices = NDArray[np.intp]
 
 # Points per task of a thread.
 POINTS_PER_TASK = 2048
+
+
+class Prior(NamedTuple):
+    """Whitened residuals (R,) that depend on cameras only, and their derivatives (R, C)."""
+
+    residuals: Array
+    derivatives: csr_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +41,7 @@ class LinearizedBundle:
     residuals, by_camera, by_point
         (M, 2), (M, 2, L) and (M, 2, 3).
     prior
-        Residuals and derivatives (Q,) of the prior of the last Q columns.
+        What is known of the cameras besides the observations.
     """
 
     starts: Indices
@@ -42,7 +51,7 @@ class LinearizedBundle:
     residuals: Array
     by_camera: Array
     by_point: Array
-    prior: tuple[Array, Array]
+    prior: Prior
 
     @property
     def _jacobian(self) -> tuple[Indices, Array, Array, Array]:
@@ -72,9 +81,8 @@ class LinearizedBundle:
 
         jacobian = self.residuals, self.by_camera, self.by_point
         cameras, moves = step[: self.count], step[self.count :].reshape(-1, 3)
-        residuals, derivatives = self.prior
-        change = derivatives * cameras[self.count - len(residuals) :]
-        of_prior = float(change @ (residuals + 0.5 * change))
+        change = self.prior.derivatives @ cameras
+        of_prior = float(change @ (self.prior.residuals + 0.5 * change))
         return float(linear_decrease(self.columns, self.point, *jacobian, cameras, moves)) - of_prior
 
     def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array]:
@@ -95,10 +103,10 @@ class LinearizedBundle:
                 target += values
         schur, right, diagonal = total
         residuals, derivatives = self.prior
-        last = np.arange(self.count - len(residuals), self.count)
-        schur[last, last] += derivatives**2
-        diagonal[last] += derivatives**2
-        right[last] += derivatives * residuals
+        of_prior = (derivatives.T @ derivatives).tocoo()
+        schur[of_prior.row, of_prior.col] += of_prior.data
+        diagonal += of_prior.diagonal()
+        right += derivatives.T @ residuals
         return total
 
     def covariances(self) -> tuple[Array, Array]:

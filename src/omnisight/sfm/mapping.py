@@ -12,6 +12,7 @@ from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.initial_poses import initial_poses, panorama_poses
+from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks, build_tracks
@@ -57,6 +58,8 @@ class Map:
         Whether bundle adjustment refines the poses of the sensors.
     values
         (Q,) of free cameras.
+    measured
+        What was measured in metres.
     """
 
     images: RigImages
@@ -68,6 +71,12 @@ class Map:
     noise: StudentT
     refines_sensors: bool = False
     values: Array = field(default_factory=lambda: np.zeros(0))
+    measured: Measurements | None = None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether the unit of the world is the metre."""
+        return self.measured is not None or self.images.has_scale(self.frames)
 
     @property
     def row_of_image(self) -> Indices:
@@ -95,7 +104,7 @@ class Map:
         rays = RayObservations(self.row_of_image[image], images.sensor[image], self.tracks.track, *of_rays)
         pixels = None if images.pixels is None else images.pixels[which]
         has_scale = images.has_scale(self.frames)
-        return Bundle(rays, self.noise, self.structure, has_scale, self.refines_sensors, pixels)
+        return Bundle(rays, self.noise, self.structure, has_scale, self.refines_sensors, pixels, self.measured)
 
 
 def map_images(
@@ -165,7 +174,7 @@ def _refined(current: Map, tracks: Tracks, watch: Watch) -> Map:
         before = current.noise.sigma
         current = _triangulated(current, tracks)
         watch(len(current.frames))
-        current = _adjusted(current)
+        current = adjust_map(current)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
     return _without_unsupported_frames(current)
@@ -210,7 +219,7 @@ def _triangulated(current: Map, tracks: Tracks) -> Map:
     return replace(current, points=points[kept], tracks=agreeing)
 
 
-def _adjusted(current: Map) -> Map:
+def adjust_map(current: Map) -> Map:
     """Return the map with poses, points and cameras of the least robust cost, and the noise of the residuals."""
     current = replace(current, noise=_noise(current.bundle, current.structure))
     bundle = current.bundle

@@ -80,13 +80,16 @@ class Reconstruction:
         Pose of each frame.
     pose_covariance
         (F, 6, 6) covariances of the steps (w, v) of `Pose.moved` of these poses: relative to the first frame, which has
-        none, and to the scale. Zero for images without points.
+        none, and to the scale; in the world for known positions. Zero for images without points.
     points
         The points; none in a graph of panoramas that were taken in one place.
     observations
         What the images see of them.
     has_scale
         Whether the unit of the world is the metre; otherwise it is arbitrary.
+    origin
+        Latitude and longitude, degrees, and altitude, metres, of the origin of the world, whose axes are then east,
+        north and up; None if the place is unknown.
     """
 
     rig: Rig
@@ -98,6 +101,7 @@ class Reconstruction:
     points: Points
     observations: Observations
     has_scale: bool = False
+    origin: tuple[float, float, float] | None = None
 
     def __len__(self) -> int:
         """Return the number of images."""
@@ -117,11 +121,14 @@ class Reconstruction:
         positions = np.array([pose.inverse().translation for pose in self.rig_from_world])
         baselines = positions - positions[0]
         farthest = int(np.linalg.norm(baselines, axis=1).argmax())
-        pose, length = self.rig_from_world[farthest], float(np.linalg.norm(baselines[farthest]))
+        length = float(np.linalg.norm(baselines[farthest]))
         if not length:
             return float("nan")
-        along = pose.rotation @ baselines[farthest] / length
-        return float(np.sqrt(along @ self.pose_covariance[farthest, 3:, 3:] @ along)) / length
+        variance = 0.0
+        for frame in (0, farthest):
+            along = self.rig_from_world[frame].rotation @ baselines[farthest] / length
+            variance += along @ self.pose_covariance[frame, 3:, 3:] @ along
+        return float(np.sqrt(variance)) / length
 
     @property
     def rms_px(self) -> float:

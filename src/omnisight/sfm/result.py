@@ -24,6 +24,7 @@ def build_reconstruction(
     names: Sequence[str],
     keypoints: Sequence[Keypoints],
     colors: Sequence[Colors],
+    origin: tuple[float, float, float] | None = None,
 ) -> Reconstruction:
     """Return the reconstruction of a map.
 
@@ -35,6 +36,8 @@ def build_reconstruction(
         Its cameras; the poses are those of the map.
     names, keypoints, colors
         Name of each image, its keypoints, and their colours (K, 3), RGB.
+    origin
+        Of a map at known positions: latitude, longitude, degrees, and altitude, metres.
     """
     tracks, images = found.tracks, found.images
     which = images.keypoints(tracks)
@@ -56,7 +59,8 @@ def build_reconstruction(
         covariances.poses,
         Points(found.points, covariances.points, np.rint(mean).astype(np.uint8)),
         Observations(np.searchsorted(inside, tracks.image), tracks.track, pixels, _residuals(found, rig, pixels)),
-        has_scale=images.has_scale(found.frames),
+        has_scale=found.has_scale,
+        origin=origin if found.measured is not None else None,
     )
 
 

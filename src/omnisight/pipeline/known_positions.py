@@ -1,0 +1,134 @@
+"""Known positions of images: from their EXIF tags or from a table."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.geometry.geodesy import east_north_up
+from omnisight.images import GeodeticPosition, exif_position
+from omnisight.pipeline.image_set import ImageSet
+
+Array = NDArray[np.float64]
+
+# Bytes of a JPEG file that contain its EXIF tags: segments of up to 64 KiB, the first of which may be another.
+EXIF_BYTES = 1 << 17
+EXIF = "exif"
+METRIC = ("x", "y", "z")
+GEODETIC = ("latitude", "longitude", "altitude")
+SHORT = {"lat": "latitude", "lon": "longitude", "lng": "longitude", "alt": "altitude", "image": "name", "file": "name"}
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPositions:
+    """Positions of images.
+
+    Attributes
+    ----------
+    positions
+        (I, 3) metres; NaN if unknown. East, north and up of the origin, if there is one.
+    origin
+        On the ellipsoid WGS 84; None for positions in another frame.
+    """
+
+    positions: Array
+    origin: GeodeticPosition | None = None
+
+    @classmethod
+    def of_geodetic(cls, positions: Array) -> "KnownPositions":
+        """Return positions (I, 3) of latitude, longitude and altitude relative to the first of them."""
+        altitude = positions[:, 2]
+        if np.isnan(altitude).all():
+            positions = np.column_stack([positions[:, :2], np.zeros(len(positions))])
+        known = np.flatnonzero(np.isfinite(positions).all(axis=1))
+        if not len(known):
+            return cls(np.full((len(positions), 3), np.nan))
+        origin = GeodeticPosition(*positions[known[0]].tolist())
+        return cls(east_north_up(positions, origin), origin)
+
+
+def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
+    """Read the positions of images.
+
+    Parameters
+    ----------
+    source
+        "exif" for the tags of the images, or a CSV file with a header: name and x, y, z in metres, or name, latitude,
+        longitude and altitude.
+    files
+        The images.
+
+    Raises
+    ------
+    ValueError
+        If no image has a position, or the file is damaged.
+    """
+    found = _exif_positions(files) if str(source) == EXIF else _read_table(Path(source), files)
+    if not np.isfinite(found.positions).all(axis=1).any():
+        where = "their EXIF tags" if str(source) == EXIF else source
+        raise ValueError(f"{files.paths[0].parent}: none of the {len(files)} images has a position in {where}")
+    return found
+
+
+def image_named(files: ImageSet, name: str) -> int:
+    """Return the index of an image by its path relative to the folder, its file name, or its name without extension.
+
+    Raises
+    ------
+    ValueError
+        If there is no such image, or several.
+    """
+    for of_image in (lambda path: path.as_posix(), lambda path: path.name, lambda path: path.stem):
+        found = [i for i, each in enumerate(files.names) if of_image(PurePosixPath(each)) == name]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise ValueError(
+                f"{name}: {len(found)} images have this name, such as {files.names[found[0]]}: add the folder"
+            )
+    raise ValueError(f"{name}: no such image; the first is {files.names[0]}")
+
+
+def _exif_positions(files: ImageSet) -> KnownPositions:
+    positions = np.full((len(files), 3), np.nan)
+    for i, path in enumerate(files.paths):
+        with path.open("rb") as file:
+            position = exif_position(file.read(EXIF_BYTES))
+        if position is not None:
+            positions[i] = position
+    return KnownPositions.of_geodetic(positions)
+
+
+def _read_table(path: Path, files: ImageSet) -> KnownPositions:
+    """Read a CSV file; lines of other images are skipped."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, csv.Error) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from error
+    header = [SHORT.get(cell.strip().lower(), cell.strip().lower()) for cell in rows[0]] if rows else []
+    kind = next((kind for kind in (METRIC, GEODETIC) if {"name", *kind} <= set(header)), None)
+    if kind is None:
+        raise ValueError(
+            f"{path}: its first line is {','.join(header)[:80]!r}; expected the columns name,x,y,z or"
+            " name,latitude,longitude,altitude"
+        )
+    name_column, columns = header.index("name"), [header.index(column) for column in kind]
+    number = {name: i for i, name in reversed(list(enumerate(files.names)))}
+    number |= {PurePosixPath(name).name: i for name, i in number.items()}
+    positions = np.full((len(files), 3), np.nan)
+    for line, row in enumerate(rows[1:], start=2):
+        if row and len(row) > max(name_column, *columns) and row[name_column] in number:
+            positions[number[row[name_column]]] = _numbers([row[c] for c in columns], f"{path}, line {line}")
+    return KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
+
+
+def _numbers(cells: Sequence[str], where: str) -> Array:
+    """Return the numbers of cells, NaN of empty ones; raise ValueError with their place for others."""
+    try:
+        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None

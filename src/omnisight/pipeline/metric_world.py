@@ -1,0 +1,63 @@
+"""What the user knows of the world in metres: the distance of two images, or positions of images."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+from omnisight.images import GeodeticPosition
+from omnisight.pipeline.camera_sources import CameraSources
+from omnisight.pipeline.image_set import ImageSet
+from omnisight.pipeline.known_positions import KnownPositions, image_named, read_positions
+from omnisight.pipeline.options import ReconstructOptions
+from omnisight.sfm.georeference import Georeference, georeferenced, scaled
+from omnisight.sfm.mapping import Map
+from omnisight.targets.length import parse_length
+
+
+@dataclass(frozen=True, eq=False)
+class MetricWorld:
+    """Measurements that bring maps into metres; at most one of them.
+
+    Attributes
+    ----------
+    positions
+        Known positions of images.
+    distance
+        Indices of two images, and their distance in metres.
+    """
+
+    positions: KnownPositions | None = None
+    distance: tuple[int, int, float] | None = None
+
+    @classmethod
+    def of(cls, files: ImageSet, sources: CameraSources, options: ReconstructOptions) -> Self:
+        """Read the options `positions` and `scale`.
+
+        Raises
+        ------
+        ValueError
+            If an image is unknown, a length has no unit, no position can be read, or the rig determines the scale.
+        """
+        if options.positions is not None:
+            return cls(positions=read_positions(options.positions, files))
+        if options.scale is None:
+            return cls()
+        if sources.has_scale:
+            raise ValueError("the distances between the cameras of the rig determine the scale: leave scale out")
+        a, b, length = options.scale
+        return cls(distance=(image_named(files, a), image_named(files, b), parse_length(length)))
+
+    @property
+    def origin(self) -> GeodeticPosition | None:
+        """Origin of the world on the ellipsoid WGS 84."""
+        return None if self.positions is None else self.positions.origin
+
+    def place(self, maps: Sequence[Map]) -> tuple[list[Map], tuple[Georeference, ...]]:
+        """Return the maps in metres, as far as the measurements determine them."""
+        if self.positions is not None:
+            placed = [georeferenced(found, self.positions.positions) for found in maps]
+        elif self.distance is not None:
+            placed = [scaled(found, *self.distance) for found in maps]
+        else:
+            return list(maps), ()
+        return [found for found, _ in placed], tuple(georeference for _, georeference in placed)
