@@ -1,6 +1,7 @@
 """omnisight reconstruct, on rendered images of a room whose poses are known."""
 
 import csv
+import errno
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import omnisight as om
 from jpegs import jpeg_at
 from omnisight.geometry.rotation import exp
+from omnisight.pipeline import reconstruct as pipeline
 from omnisight.simulation import Renderer, scene_named
 from omnisight.simulation.example_rigs import back_to_back
 from sfm.worlds import similarity_errors
@@ -68,6 +70,62 @@ def test_one_image_is_refused_with_the_reason(run, room, tmp_path):
     assert json.loads(out)["reason"].startswith("one image shows no motion")
     assert "one image shows no motion" in err
     assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize("stage", ["keypoints", "matching", "mapping"])
+def test_an_interrupted_run_continues_and_gives_the_same_model(run, room, tmp_path, monkeypatch, stage):
+    run("reconstruct", room, "-o", tmp_path / "whole")
+    interrupted = pipeline.reconstruct
+
+    def interrupt(images, camera, rig, options, progress, work):
+        def stop(name, done, total):
+            if name == stage and done >= total / 2:
+                raise KeyboardInterrupt
+
+        return interrupted(images, camera, rig, options, stop, work)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pipeline, "reconstruct", interrupt)
+        status, _, err = run("reconstruct", room, "-o", tmp_path / "model")
+    work = tmp_path / "model" / "work"
+    assert status == 130
+    assert f"continues from {work}" in err
+    kept = {file.name: file.read_bytes() for file in work.iterdir()}
+    assert len([name for name in kept if name.startswith("keypoints")]) >= 2
+    first = work / sorted(kept)[0]
+    first.write_bytes(first.read_bytes()[:1000])  # a damaged file is computed again
+    assert run("reconstruct", room, "-o", tmp_path / "model")[0] == 0
+    assert not work.exists()
+    for name in ("poses.csv", "points.ply"):
+        assert (tmp_path / "model" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_other_images_are_not_continued(run, room, tmp_path, monkeypatch):
+    """What was kept belongs to the contents of the images, not to their names."""
+    work, folder = tmp_path / "work", tmp_path / "images"
+    folder.mkdir()
+    for k in range(2):
+        (folder / f"{k}.png").write_bytes((room / f"{k}.png").read_bytes())
+    om.reconstruct(folder, work=work)
+    kept = set(work.iterdir())
+    (folder / "1.png").write_bytes((room / "3.png").read_bytes())
+    om.reconstruct(folder, work=work)
+    assert len(set(work.iterdir()) - kept) == 2  # the keypoints of the other image, and the pair
+
+
+def test_a_full_disk_is_reported_and_the_earlier_model_kept(run, room, tmp_path, monkeypatch):
+    model = tmp_path / "model"
+    assert run("reconstruct", room, "-o", model)[0] == 0
+    before = {path: path.read_bytes() for path in model.rglob("*") if path.is_file()}
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "disk")
+
+    monkeypatch.setattr("omnisight.pipeline.work_folder.write_bytes", full)
+    status, _, err = run("reconstruct", room, "-o", model)
+    assert status == 2
+    assert "No space left on device" in err
+    assert {path: path.read_bytes() for path in model.rglob("*") if path.is_file()} == before
 
 
 def test_identical_images_are_one_place(run, room, tmp_path):

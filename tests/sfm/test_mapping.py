@@ -86,7 +86,7 @@ def test_pairs_without_common_features_are_not_selected():
 
 def test_tracks_join_matches_of_several_images():
     def edge(a, b, *pairs):
-        return Edge(a, b, None, np.array(pairs))
+        return Edge(a, b, Pose(), np.zeros((6, 6)), "general", np.array(pairs))
 
     tracks = build_tracks([edge(0, 1, (5, 1), (6, 2)), edge(1, 2, (1, 0)), edge(0, 2, (7, 3))], [10, 5, 5])
     rows = sorted(zip(tracks.track, tracks.image, tracks.keypoint, strict=True))
@@ -101,9 +101,7 @@ def test_images_that_averaging_left_out_are_registered_by_resection():
     edges = match_pairs(keypoints, list(combinations(range(6), 2)), ignore)
     rng = np.random.default_rng(0)
     spoiled = [
-        replace(edge, pose=replace(edge.pose, b_from_a=Pose(exp(rng.normal(0, 1, 3)), edge.pose.b_from_a.translation)))
-        if edge.b == 5
-        else edge
+        replace(edge, b_from_a=Pose(exp(rng.normal(0, 1, 3)), edge.b_from_a.translation)) if edge.b == 5 else edge
         for edge in edges
     ]
     (found,) = map_images(keypoints, RigImages.of(keypoints), spoiled, ignore)

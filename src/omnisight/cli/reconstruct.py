@@ -1,12 +1,21 @@
 """omnisight reconstruct."""
 
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
+
+if TYPE_CHECKING:
+    from omnisight.pipeline.work_folder import WorkFolder
+
+# Sub-folder of the output with what an interrupted run has computed.
+WORK = "work"
 
 
 def reconstruct(
@@ -23,8 +32,9 @@ def reconstruct(
     """Reconstruct the poses of images of any central cameras or a rig, and the points that they show.
 
     Images without common points are in separate models: the largest is in the output folder, further ones in its
-    sub-folders 1, 2 ... The unit of a model is the metre if a rig, a known distance or
-    known positions determine it, and otherwise arbitrary. `omnisight export` writes it for other programs.
+    sub-folders 1, 2 ... The unit of a model is the metre if a rig, a known distance or known positions determine it,
+    and otherwise arbitrary. After an interruption, the same command continues where it stopped. `omnisight export`
+    writes the model for other programs.
 
     Parameters
     ----------
@@ -46,23 +56,37 @@ def reconstruct(
     """
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
     from omnisight.pipeline.reconstruct import reconstruct as run
+    from omnisight.pipeline.work_folder import WorkFolder
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report import write_viewer
 
-    with progress(quiet or json) as report:
-        result = run(images, _cameras(camera or []), rig, options, report)
+    work = WorkFolder(output / WORK)
+    with _continuing(work), progress(quiet or json) as report:
+        result = run(images, _cameras(camera or []), rig, options, report, work.folder)
     for number, model in enumerate(result.models):
         folder = model_folder(output, number)
         write_reconstruction(folder, model)
         write_viewer(folder / "viewer.html", model, images if images.is_dir() else images.parent)
     if result:
         remove_models(output, first=len(result.models))
+    work.remove()
     if json:
         print_json(result)
     if not result:
         raise ValueError(f"{images}: {result.reason}")
     if not json:
         print_report(result, output)
+
+
+@contextmanager
+def _continuing(work: "WorkFolder") -> Generator[None]:
+    """State after Ctrl-C how to continue."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if work.folder is not None and work.folder.is_dir():
+            print(f"the same command continues from {work.folder}; delete it to start anew", file=sys.stderr)
+        raise
 
 
 def _cameras(values: list[str]) -> str | dict[str, str] | None:

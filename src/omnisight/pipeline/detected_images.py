@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.features import FeatureOptions, Keypoints, detect_features
+from omnisight.features import FeatureOptions, Keypoints
 from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
 from omnisight.pipeline.camera_sources import CameraSources
 from omnisight.pipeline.central_camera import camera_of_image
@@ -22,6 +22,8 @@ from omnisight.pipeline.self_calibration import (
     relocated,
     select_camera,
 )
+from omnisight.pipeline.stored_stages import detect
+from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.sfm.pixel_rays import FreeCameras
 
 Indices = NDArray[np.intp]
@@ -83,7 +85,11 @@ class DetectedImages:
 
 
 def detect_images(
-    files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
+    files: ImageSet,
+    sources: CameraSources,
+    options: ReconstructOptions,
+    progress: Progress,
+    work: WorkFolder,
 ) -> DetectedImages:
     """Read images and detect their keypoints; of cameras without calibration, select the field of view.
 
@@ -109,9 +115,9 @@ def detect_images(
                 f"{path}: is {size[0]}x{size[1]} px, and {first} {cameras[k].width}x{cameras[k].height}: images of one"
                 " camera have one size; leave it out, or reconstruct it separately"
             )
-        found = detect_features(image, cameras[k], FeatureOptions(max_keypoints=options.max_keypoints), mask=masks[k])
+        found, rgb = detect(work, image, cameras[k], FeatureOptions(max_keypoints=options.max_keypoints), masks[k])
         keypoints.append(found)
-        colors.append(_colors(image, found.pixels))
+        colors.append(rgb)
         progress("keypoints", len(keypoints), len(files))
     if missing := [name for k, name in enumerate(sources.names) if k not in cameras]:
         raise ValueError(f"{files.paths[0].parent}: no images of the camera {missing[0]!r}: leave the camera out")
@@ -138,15 +144,3 @@ def _read_mask(path: Path | None, camera: str, size: tuple[int, int]) -> NDArray
         return None if path is None else read_mask(path, size)
     named = [file for file in sorted(path.iterdir()) if file.stem == camera]
     return read_mask(named[0], size) if named else None
-
-
-def _colors(image: NDArray[Any], pixels: NDArray[np.float64]) -> Bytes:
-    """Return the colours (N, 3), 8 bits, of pixels (N, 2)."""
-    columns, rows = np.rint(pixels).astype(int).T
-    rows, columns = np.clip(rows, 0, image.shape[0] - 1), np.clip(columns, 0, image.shape[1] - 1)
-    gray_or_rgb = image if image.ndim == 3 else np.repeat(image[:, :, None], 3, axis=2)
-    colors = gray_or_rgb[rows, columns, :3]
-    if colors.dtype == np.uint8:
-        return np.asarray(colors, np.uint8)
-    white = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
-    return np.clip(np.nan_to_num(colors.astype(float)) / white * 255, 0, 255).astype(np.uint8)

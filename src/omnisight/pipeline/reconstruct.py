@@ -3,8 +3,10 @@
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,8 @@ from omnisight.pipeline.metric_world import MetricWorld
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
+from omnisight.pipeline.stored_stages import match
+from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.places import similar_pairs
 from omnisight.rig import Rig
 from omnisight.sfm.extrinsics import estimate_extrinsics
@@ -78,6 +82,7 @@ def reconstruct(
     rig: RigSource | None = None,
     options: ReconstructOptions = ReconstructOptions(),
     progress: Progress = lambda stage, done, total: None,
+    work: str | PathLike[str] | None = None,
 ) -> ReconstructionResult:
     """Estimate the poses of images and the points that they show.
 
@@ -99,6 +104,9 @@ def reconstruct(
         Options of the command.
     progress
         Called with the stage, the work done and the total.
+    work
+        Folder for keypoints and relative poses: after an interruption, the same call continues with them. It can be
+        deleted afterwards.
 
     Returns
     -------
@@ -114,8 +122,8 @@ def reconstruct(
     sources = CameraSources.of(camera, rig, options.extrinsics)
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
     world = MetricWorld.of(files, sources, options)
-    detected = detect_images(files, sources, options, progress)
-    detected, edges, maps = _self_calibrated_maps(detected, files, sources, options, progress)
+    task = _Task(files, sources, options, progress, WorkFolder(None if work is None else Path(work)))
+    detected, edges, maps = task.self_calibrated_maps(detect_images(files, sources, options, progress, task.work))
     maps, georeferences = world.place(maps)
     names = sources.names or ("camera",)
     body = Rig(detected.cameras, (Pose(),) * len(names), names)
@@ -139,67 +147,70 @@ def reconstruct(
     )
 
 
-def _self_calibrated_maps(
-    detected: DetectedImages, files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
-) -> tuple[DetectedImages, list[Edge], list[Map]]:
-    """Map the images; with guessed cameras, repeat it with those of the map until their rays stay the same."""
-    edges, maps = _map(detected, files, sources, options, progress)
-    for _ in range(MAX_ROUNDS if any(detected.is_guessed) and maps else 0):
-        adapted = detected.seen_by(maps[0].cameras)
-        if adapted.change_of_rays(detected) <= CONVERGED_RAD:
-            break
-        detected = adapted
-        edges, maps = _map(detected, files, sources, options, progress)
-    return detected, edges, maps
+@dataclass(frozen=True)
+class _Task:
+    """What is computed of which images, with its progress and its work folder."""
 
+    files: ImageSet
+    sources: CameraSources
+    options: ReconstructOptions
+    progress: Progress
+    work: WorkFolder
 
-def _map(
-    detected: DetectedImages, files: ImageSet, sources: CameraSources, options: ReconstructOptions, progress: Progress
-) -> tuple[list[Edge], list[Map]]:
-    """Match pairs of images and map them."""
-    keypoints = detected.keypoints
-    images = RigImages.of(keypoints, files.camera, len(detected.cameras))
-    if any(detected.is_guessed):
-        images = images.with_free_cameras(detected.free_cameras, keypoints)
-    if sources.poses:
-        poses = np.array([pose.matrix for pose in sources.poses])
-        images = images.on_rig(files.frame, poses, is_known=True)
-    edges = _edges(keypoints, images, options, progress)
-    maps = map_images(
-        keypoints,
-        images,
-        edges,
-        lambda done: progress("mapping", done, images.frames),
-        refines_sensors=sources.refines_extrinsics,
-    )
-    if not sources.estimates_extrinsics or not maps:
-        return edges, maps
-    poses, _ = estimate_extrinsics(maps[0], files.frame)
-    _check_extrinsics(poses, sources.names)
-    of_rig = images.on_rig(files.frame, poses, is_known=False)
-    edges = _with_known_poses(edges, of_rig, keypoints)
-    return edges, map_images(
-        keypoints, of_rig, edges, lambda done: progress("mapping", done, of_rig.frames), refines_sensors=True
-    )
+    def self_calibrated_maps(self, detected: DetectedImages) -> tuple[DetectedImages, list[Edge], list[Map]]:
+        """Map the images; with guessed cameras, repeat it with those of the map until their rays stay the same."""
+        edges, maps = self.map(detected)
+        for _ in range(MAX_ROUNDS if any(detected.is_guessed) and maps else 0):
+            adapted = detected.seen_by(maps[0].cameras)
+            if adapted.change_of_rays(detected) <= CONVERGED_RAD:
+                break
+            detected = adapted
+            edges, maps = self.map(detected)
+        return detected, edges, maps
 
+    def map(self, detected: DetectedImages) -> tuple[list[Edge], list[Map]]:
+        """Match pairs of images and map them."""
+        keypoints, frame = detected.keypoints, self.files.frame
+        images = RigImages.of(keypoints, self.files.camera, len(detected.cameras))
+        if any(detected.is_guessed):
+            images = images.with_free_cameras(detected.free_cameras, keypoints)
+        if self.sources.poses:
+            poses = np.array([pose.matrix for pose in self.sources.poses])
+            images = images.on_rig(frame, poses, is_known=True)
+        edges = self.match(keypoints, images)
+        maps = self.map_edges(keypoints, images, edges, refines_sensors=self.sources.refines_extrinsics)
+        if not self.sources.estimates_extrinsics or not maps:
+            return edges, maps
+        poses, _ = estimate_extrinsics(maps[0], frame)
+        _check_extrinsics(poses, self.sources.names)
+        of_rig = images.on_rig(frame, poses, is_known=False)
+        edges = _with_known_poses(edges, of_rig, keypoints)
+        return edges, self.map_edges(keypoints, of_rig, edges, refines_sensors=True)
 
-def _edges(
-    keypoints: Sequence[Keypoints], images: RigImages, options: ReconstructOptions, progress: Progress
-) -> list[Edge]:
-    """Match the selected pairs of images."""
-    pairs = list(combinations(range(len(keypoints)), 2))
-    if options.pairs == "sequential":
-        pairs = [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= options.window]
-    if options.pairs == "auto":
+    def map_edges(
+        self, keypoints: Sequence[Keypoints], images: RigImages, edges: Sequence[Edge], *, refines_sensors: bool
+    ) -> list[Map]:
+        """Map a view graph."""
 
-        def selecting(done: int, total: int) -> None:
-            progress("selecting pairs", done, total)
+        def watch(done: int) -> None:
+            self.progress("mapping", done, images.frames)
 
-        many = len(keypoints) > MAX_EXHAUSTIVE
-        pairs = (
-            similar_pairs(keypoints, NEIGHBOURS, selecting) if many else overlapping_pairs(keypoints, pairs, selecting)
-        )
-    return match_pairs(keypoints, pairs, lambda done, total: progress("matching", done, total), images.known_pose)
+        return map_images(keypoints, images, edges, watch, refines_sensors=refines_sensors)
+
+    def match(self, keypoints: Sequence[Keypoints], images: RigImages) -> list[Edge]:
+        """Match the selected pairs of images."""
+        pairs = self.pairs(keypoints, images)
+        return match(self.work, keypoints, pairs, partial(self.progress, "matching"), images.known_pose)
+
+    def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> list[tuple[int, int]]:
+        """Select pairs of images."""
+        selecting = partial(self.progress, "selecting pairs")
+        if self.options.pairs == "auto" and len(keypoints) > MAX_EXHAUSTIVE:
+            return similar_pairs(keypoints, NEIGHBOURS, selecting)
+        pairs = list(combinations(range(len(keypoints)), 2))
+        if self.options.pairs == "sequential":
+            return [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= self.options.window]
+        return pairs if self.options.pairs == "all" else overlapping_pairs(keypoints, pairs, selecting)
 
 
 def _check_extrinsics(poses: NDArray[np.float64], names: Sequence[str]) -> None:

@@ -74,9 +74,9 @@ def relative_rotations(frames: Indices, edges: Sequence[Edge], images: RigImages
     """Return the relative rotations of some of the frames from edges between their images."""
     of_sensor = images.sensor_from_rig[:, :, :3]
     a, b = np.array([(edge.a, edge.b) for edge in edges]).T
-    b_from_a = np.array([edge.pose.b_from_a.rotation for edge in edges if edge.pose.b_from_a])
+    b_from_a = np.array([edge.b_from_a.rotation for edge in edges])
     in_rig = of_sensor[images.sensor[b]].transpose(0, 2, 1) @ b_from_a @ of_sensor[images.sensor[a]]
-    sigma = np.radians([largest_sigma_deg(edge.pose.covariance[:3, :3]) for edge in edges])
+    sigma = np.radians([largest_sigma_deg(edge.covariance[:3, :3]) for edge in edges])
     return RelativeRotations(*_ends(frames, edges, images), in_rig, sigma)
 
 
@@ -97,11 +97,11 @@ def _relative_positions(
     a, b = _ends(frames, edges, images)
     of_a, of_b = (images.sensor[[getattr(edge, side) for edge in edges]] for side in ("a", "b"))
     world_from_b = rotations[b].transpose(0, 2, 1) @ images.sensor_from_rig[of_b, :, :3].transpose(0, 2, 1)
-    translations = np.array([edge.pose.b_from_a.translation for edge in edges if edge.pose.b_from_a])
+    translations = np.array([edge.b_from_a.translation for edge in edges])
     scales = np.exp(log_scales)
     displacement = -scales[:, None] * np.einsum("eij,ej->ei", world_from_b, translations)
     arms = [np.einsum("eji,ej->ei", rotations[f], images.centers[s]) for f, s in ((a, of_a), (b, of_b))]
-    sigma = np.radians([largest_sigma_deg(edge.pose.covariance[3:, 3:]) for edge in edges])
+    sigma = np.radians([largest_sigma_deg(edge.covariance[3:, 3:]) for edge in edges])
     length = np.maximum(np.linalg.norm(displacement, axis=1), 1e-300)
     return RelativePositions(
         a,

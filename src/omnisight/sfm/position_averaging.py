@@ -53,7 +53,7 @@ class EdgeDistances:
 def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
     """Triangulate the inliers of an edge, and return the well-known distances from both cameras."""
     ends = (keypoints[edge.a], edge.pairs[:, 0]), (keypoints[edge.b], edge.pairs[:, 1])
-    poses = [Pose(), edge.pose.b_from_a or Pose()]
+    poses = [Pose(), edge.b_from_a]
     bearings, covariance = (np.stack([getattr(k, name)[i] for k, i in ends]) for name in ("bearings", "covariance"))
     found = triangulate(poses, bearings, covariance)
     use = np.flatnonzero(found.valid)

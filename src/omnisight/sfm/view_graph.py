@@ -11,7 +11,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.parallel import parallel_map
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose, known_relative_pose
+from omnisight.twoview.relative_pose import estimate_relative_pose, known_relative_pose
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -32,21 +32,25 @@ class Edge:
     ----------
     a, b
         Indices of the images.
-    pose
-        The relative pose.
+    b_from_a, covariance
+        The relative pose, and the covariance (6, 6) of its step; see `RelativePose`.
+    motion
+        Name of its motion model.
     pairs
         (N, 2) indices of the keypoints of the inliers.
     """
 
     a: int
     b: int
-    pose: RelativePose
+    b_from_a: Pose
+    covariance: Array
+    motion: str
     pairs: Indices
 
     @property
     def has_translation(self) -> bool:
         """Whether the direction of the translation is known."""
-        return self.pose.motion.name not in ("rotation only", "insufficient parallax", "no overlap")
+        return self.motion not in ("rotation only", "insufficient parallax", "no overlap")
 
 
 def match_pairs(
@@ -75,9 +79,9 @@ def match_pair(keypoints: Sequence[Keypoints], a: int, b: int, known: Pose | Non
         pose = estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
     else:
         pose = known_relative_pose(pairs, known)
-    if not pose or pose.inliers.sum() < MIN_INLIERS:
+    if pose.b_from_a is None or pose.inliers.sum() < MIN_INLIERS:
         return None
-    return Edge(a, b, pose, matches[pose.inliers])
+    return Edge(a, b, pose.b_from_a, pose.covariance, pose.motion.name, matches[pose.inliers])
 
 
 def overlapping_pairs(

@@ -1,0 +1,78 @@
+"""Results of the stages of a long computation, kept in files so that it can be continued after an interruption."""
+
+import hashlib
+import io
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import omnisight
+from omnisight.images import write_bytes
+
+# Ending of the files: no others are deleted.
+SUFFIX = ".stage.npz"
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class WorkFolder:
+    """A folder of arrays that are named by what they were computed from; without a folder nothing is kept."""
+
+    folder: Path | None = None
+
+    def arrays(self, key: str, compute: Callable[[], Arrays]) -> Arrays:
+        """Return the arrays of a key from their file, or compute and write them.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        if self.folder is None:
+            return compute()
+        file = self.folder / f"{key}{SUFFIX}"
+        if (found := _read(file)) is not None:
+            return found
+        computed, stream = compute(), io.BytesIO()
+        np.savez(stream, allow_pickle=False, **computed)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_bytes(file, stream.getvalue())
+        return computed
+
+    def remove(self) -> None:
+        """Delete the files, and the folder and the one that contains it if they are then empty."""
+        if self.folder is None or not self.folder.is_dir():
+            return
+        for file in self.folder.glob(f"*{SUFFIX}"):
+            file.unlink()
+        for folder in (self.folder, self.folder.parent):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+
+
+def digest(*parts: Any) -> str:
+    """Return a text that differs with the contents of arrays and other values, and with the version."""
+    total = hashlib.sha256(omnisight.__version__.encode())
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            total.update(f"{part.shape} {part.dtype.str}:".encode())
+            total.update(np.ascontiguousarray(part).data)
+        else:
+            total.update(f"{part!r}:".encode())
+    return total.hexdigest()[:40]
+
+
+def _read(file: Path) -> Arrays | None:
+    """Return the arrays of a file; None if it is missing or damaged."""
+    try:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+        return None
