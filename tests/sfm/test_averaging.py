@@ -74,8 +74,8 @@ def test_positions_are_those_of_the_cameras_although_edges_are_wrong():
     is_wrong = rng.random(len(a)) < 0.15
     displacement[is_wrong] = rng.normal(size=(is_wrong.sum(), 3))
     ones = np.ones(len(a))
-    edges = RelativePositions(a, b, displacement, np.zeros_like(displacement), 0.02 * ones, 0.01 * ones)
-    found = average_positions(count, edges)
+    edges = RelativePositions(a, b, displacement, np.zeros_like(displacement), 0.02 * ones, 0.01 * ones, ones)
+    found = average_positions(count, edges).positions
     assert np.linalg.norm(found - centers, axis=1).max() < 0.02  # the stated noise
 
 
@@ -93,5 +93,5 @@ def test_positions_of_a_rig_have_its_unit():
     arm = ends[1] - ends[0]
     displacement = 0.4 * (frames[b] - frames[a] + arm + rng.normal(0, 0.002, (len(a), 3)))
     ones = np.full(len(a), 0.4 * 0.002)
-    found = average_positions(15, RelativePositions(a, b, displacement, arm, ones, ones))
+    found = average_positions(15, RelativePositions(a, b, displacement, arm, ones, ones, ones)).positions
     assert np.linalg.norm(found - frames, axis=1).max() < 0.02 * np.linalg.norm(frames, axis=1).max()

@@ -33,6 +33,8 @@ from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping_pairs
 
+Pairs = list[tuple[int, int]]
+
 # Images up to which all pairs are compared by their strongest keypoints, and, beyond, number of the most similar images
 # that each is matched with: retrieval then finds 98 % or more of the overlapping pairs.
 MAX_EXHAUSTIVE, NEIGHBOURS = 40, 20
@@ -177,32 +179,35 @@ class _Task:
         if self.sources.poses:
             poses = np.array([pose.matrix for pose in self.sources.poses])
             images = images.on_rig(frame, poses, is_known=True)
-        edges = self.match(keypoints, images)
-        maps = self.map_edges(keypoints, images, edges, refines_sensors=self.sources.refines_extrinsics)
+        pairs = self.pairs(keypoints, images)
+        edges = match(self.work, keypoints, pairs, partial(self.progress, "matching"), images.known_pose)
+        mapping = partial(self.map_edges, keypoints, compared=pairs)
+        maps = mapping(images, edges, refines_sensors=self.sources.refines_extrinsics)
         if not self.sources.estimates_extrinsics or not maps:
             return edges, maps
         poses, _ = estimate_extrinsics(maps[0], frame)
         _check_extrinsics(poses, self.sources.names)
         of_rig = images.on_rig(frame, poses, is_known=False)
         edges = _with_known_poses(edges, of_rig, keypoints)
-        return edges, self.map_edges(keypoints, of_rig, edges, refines_sensors=True)
+        return edges, mapping(of_rig, edges, refines_sensors=True)
 
     def map_edges(
-        self, keypoints: Sequence[Keypoints], images: RigImages, edges: Sequence[Edge], *, refines_sensors: bool
+        self,
+        keypoints: Sequence[Keypoints],
+        images: RigImages,
+        edges: Sequence[Edge],
+        *,
+        compared: Pairs,
+        refines_sensors: bool,
     ) -> list[Map]:
         """Map a view graph."""
 
         def watch(done: int) -> None:
             self.progress("mapping", done, images.frames)
 
-        return map_images(keypoints, images, edges, watch, refines_sensors=refines_sensors)
+        return map_images(keypoints, images, edges, watch, compared=compared, refines_sensors=refines_sensors)
 
-    def match(self, keypoints: Sequence[Keypoints], images: RigImages) -> list[Edge]:
-        """Match the selected pairs of images."""
-        pairs = self.pairs(keypoints, images)
-        return match(self.work, keypoints, pairs, partial(self.progress, "matching"), images.known_pose)
-
-    def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> list[tuple[int, int]]:
+    def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:
         """Select pairs of images."""
         selecting = partial(self.progress, "selecting pairs")
         if self.options.pairs == "auto" and len(keypoints) > MAX_EXHAUSTIVE:

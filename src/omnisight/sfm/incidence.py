@@ -1,11 +1,13 @@
-"""Differences of unknowns along the edges of a graph."""
+"""Differences of unknowns along the edges of a graph, its triangles and its spanning trees."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import minimum_spanning_tree
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
@@ -14,3 +16,42 @@ def incidence_matrix(count: int, a: Indices, b: Indices) -> Any:
     rows, ones = np.arange(len(a)), np.ones(len(a))
     ends = np.tile(rows, 2), np.concatenate([a, b])
     return coo_array((np.concatenate([-ones, ones]), ends), shape=(len(a), count)).tocsr()[:, 1:]
+
+
+class Triangles(NamedTuple):
+    """Edges (T,) of the triangles i < j < k of a graph: its sides ij, jk and ik, whose edges can point either way."""
+
+    ij: Indices
+    jk: Indices
+    ik: Indices
+
+
+def triangles(a: Indices, b: Indices) -> Triangles:
+    """Return the triangles of edges between the nodes a and b (E,), of which no two have the same ends."""
+    first, last = np.minimum(a, b), np.maximum(a, b)
+    number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}
+    following: dict[int, set[int]] = {}
+    for i, j in number:
+        following.setdefault(i, set()).add(j)
+    nothing: set[int] = set()
+    found = [
+        (e, number[j, k], number[i, k])
+        for (i, j), e in number.items()
+        for k in following[i] & following.get(j, nothing)
+    ]
+    return Triangles(*np.array(found, np.intp).reshape(-1, 3).T)
+
+
+def unique_edges(a: Indices, b: Indices, cost: Array) -> Indices:
+    """Return the edge of least cost of each pair of nodes that edges a, b (E,) connect."""
+    order = np.lexsort((cost, np.maximum(a, b), np.minimum(a, b)))
+    ends = np.column_stack([np.minimum(a, b), np.maximum(a, b)])[order]
+    return order[np.append(True, (np.diff(ends, axis=0) != 0).any(axis=1))[: len(order)]]
+
+
+def spanning_tree(count: int, a: Indices, b: Indices, cost: Array) -> Indices:
+    """Return the edges of the spanning tree of least total cost > 0, of which no two have the same ends."""
+    first, last = np.minimum(a, b), np.maximum(a, b)
+    tree = minimum_spanning_tree(csr_array(coo_array((cost, (first, last)), shape=(count, count)))).tocoo()
+    number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}
+    return np.array([number[int(i), int(j)] for i, j in zip(*tree.coords, strict=True)], np.intp)

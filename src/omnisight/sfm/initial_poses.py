@@ -1,6 +1,8 @@
 """Initial poses of the frames of a view graph, by averaging the relative poses of pairs of images."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +10,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from omnisight.features import Keypoints
+from omnisight.geometry.pose import Pose
+from omnisight.parallel import parallel_map
+from omnisight.sfm.missing_matches import (
+    KnownPoints,
+    Links,
+    contradicted_links,
+    known_points,
+    missing_matches,
+    pairs_with_missing_matches,
+)
 from omnisight.sfm.position_averaging import (
     MIN_DIRECTION_SIGMA,
     MIN_LOG_SIGMA,
@@ -23,9 +35,33 @@ from omnisight.twoview.motion_model import largest_sigma_deg
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Pairs = Sequence[tuple[int, int]]
+
+# Residual up to which an edge agrees with the averaged positions: scales drift by more than their stated noise.
+AGREEING_SIGMA = 20.0
 
 
-def initial_poses(edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages) -> tuple[Indices, Array]:
+class InitialPoses(NamedTuple):
+    """Poses of frames.
+
+    Attributes
+    ----------
+    frames
+        (F,) indices; the first is the origin of the world.
+    rig_from_world
+        (F, 3, 4) poses, in the unit of the rig if its sensors are apart.
+    contradicted
+        Pairs of images whose edges place them where more matches are missing than agree.
+    """
+
+    frames: Indices
+    rig_from_world: Array
+    contradicted: frozenset[tuple[int, int]] = frozenset()
+
+
+def initial_poses(
+    edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages, compared: Pairs = ()
+) -> InitialPoses:
     """Estimate the poses of the largest part of a view graph whose relative scales are known.
 
     Parameters
@@ -36,38 +72,97 @@ def initial_poses(edges: Sequence[Edge], keypoints: Sequence[Keypoints], images:
         Keypoints of all images.
     images
         The images.
-
-    Returns
-    -------
-    frames
-        (F,) indices; the first is the origin of the world.
-    rig_from_world
-        (F, 3, 4) poses, in the unit of the rig if its sensors are apart.
+    compared
+        Pairs of images that were matched, also those without an edge.
     """
-    frames, edges = largest_component(edges, images)
+    contradicted = pairs_with_missing_matches(edges, keypoints)
+    frames, edges = largest_component([edge for edge in edges if edge.images not in contradicted], images)
     is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
     averaged = average_rotations(len(frames), relative_rotations(frames, _select(edges, is_moving), images))
-    is_moving[is_moving] = averaged.is_consistent
-    edges = _select(edges, is_moving | np.array([images.frame[edge.a] == images.frame[edge.b] for edge in edges]))
-    log_scales, log_sigma, component = average_log_scales([edge_distances(edge, keypoints) for edge in edges])
-    use = np.flatnonzero(component == np.bincount(component).argmax())
-    placed, edges = largest_component([edges[i] for i in use], images)
-    rotations = averaged.rig_from_world[np.searchsorted(frames, placed)]
-    positions = average_positions(
-        len(placed), _relative_positions(placed, rotations, edges, images, log_scales[use], log_sigma[use])
-    )
-    translations = -np.einsum("nij,nj->ni", rotations, positions)
-    return placed, np.concatenate([rotations, translations[:, :, None]], axis=2)
+    is_consistent = ~is_moving
+    is_consistent[is_moving] = averaged.is_consistent
+    edges = _select(edges, is_consistent)
+    while True:
+        placed = _place(frames, averaged.rig_from_world, edges, keypoints, images)
+        wrong = placed.contradicted_pairs(images, compared)
+        if not wrong:
+            return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
+        contradicted |= wrong
+        edges = [edge for edge in edges if edge.images not in wrong]
 
 
-def panorama_poses(edges: Sequence[Edge], images: RigImages) -> tuple[Indices, Array]:
+def panorama_poses(edges: Sequence[Edge], images: RigImages) -> InitialPoses:
     """Estimate the orientations of the largest part of a view graph whose frames were taken in one place."""
     frames, edges = largest_component(edges, images)
     if len(frames) == 1:
-        return frames, np.eye(3, 4)[None]
+        return InitialPoses(frames, np.eye(3, 4)[None])
     between = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
     averaged = average_rotations(len(frames), relative_rotations(frames, between, images))
-    return frames, np.concatenate([averaged.rig_from_world, np.zeros((len(frames), 3, 1))], axis=2)
+    poses = np.concatenate([averaged.rig_from_world, np.zeros((len(frames), 3, 1))], axis=2)
+    return InitialPoses(frames, poses)
+
+
+@dataclass(frozen=True, eq=False)
+class _Placement:
+    """Poses of frames, and the edges from which they were estimated.
+
+    Attributes
+    ----------
+    frames, rig_from_world
+        (F,) indices, and their poses (F, 3, 4).
+    edges
+        Edges between these frames that agree with the poses.
+    known
+        Keypoints of each image whose distances are known.
+    """
+
+    frames: Indices
+    rig_from_world: Array
+    edges: list[Edge]
+    known: list[KnownPoints | None]
+
+    def contradicted_pairs(self, images: RigImages, compared: Pairs) -> set[tuple[int, int]]:
+        """Return the edges that place two parts of the map where more matches are missing than agree."""
+        edges = [edge for edge in self.edges if images.frame[edge.a] != images.frame[edge.b]]
+        matches = {edge.images: len(edge.pairs) for edge in edges}
+        inside, row = np.isin(images.frame, self.frames), np.searchsorted(self.frames, images.frame)
+        pairs = [(a, b) for a, b in compared if inside[a] and inside[b] and images.frame[a] != images.frame[b]]
+
+        def pose(image: int) -> Pose:
+            of_sensor = Pose.of_matrix(images.sensor_from_rig[images.sensor[image]])
+            return of_sensor @ Pose.of_matrix(self.rig_from_world[row[image]])
+
+        def missing(pair: tuple[int, int]) -> float:
+            a, b = pair
+            return missing_matches(self.known[a], self.known[b], pose(b) @ pose(a).inverse(), matches.get(pair, 0))
+
+        lacking = np.array(parallel_map(missing, pairs), float)
+        suspicious = np.flatnonzero(lacking)
+        linked = row[np.array([edge.images for edge in edges], np.intp).reshape(-1, 2)]
+        unlinked = row[np.array(pairs, np.intp).reshape(-1, 2)[suspicious]]
+        links = Links(linked[:, 0], linked[:, 1], _support(edges))
+        without = Links(unlinked[:, 0], unlinked[:, 1], lacking[suspicious])
+        return {edge.images for edge in _select(edges, contradicted_links(len(self.frames), links, without))}
+
+
+def _place(
+    frames: Indices, rotations: Array, edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages
+) -> _Placement:
+    """Average the positions of the largest part of a view graph whose rotations (F, 3, 3) are known."""
+    _, edges = largest_component(edges, images)
+    distances = [edge_distances(edge, keypoints) for edge in edges]
+    log_scales, log_sigma, component = average_log_scales(distances)
+    use = np.flatnonzero(component == np.bincount(component).argmax())
+    placed, _ = largest_component([edges[i] for i in use], images)
+    use = use[np.isin(images.frame[[edges[i].a for i in use]], placed)]
+    edges, distances = [edges[i] for i in use], [distances[i] for i in use]
+    of_frame = rotations[np.searchsorted(frames, placed)]
+    relative = _relative_positions(placed, of_frame, edges, images, log_scales[use], log_sigma[use])
+    averaged = average_positions(len(placed), relative)
+    known = known_points(distances, log_scales[use] - np.log(averaged.unit), keypoints)
+    translations = -np.einsum("nij,nj->ni", of_frame, averaged.positions)
+    poses = np.concatenate([of_frame, translations[:, :, None]], axis=2)
+    return _Placement(placed, poses, _select(edges, averaged.residuals <= AGREEING_SIGMA), known)
 
 
 def relative_rotations(frames: Indices, edges: Sequence[Edge], images: RigImages) -> RelativeRotations:
@@ -110,6 +205,7 @@ def _relative_positions(
         arms[1] - arms[0],
         lengthwise=length * np.maximum(log_sigma, MIN_LOG_SIGMA),
         crosswise=length * np.maximum(sigma, MIN_DIRECTION_SIGMA),
+        support=_support(edges),
     )
 
 
@@ -117,6 +213,11 @@ def _ends(frames: Indices, edges: Sequence[Edge], images: RigImages) -> tuple[In
     """Return the frames (E,) of both ends of edges, counted among some of the frames."""
     a, b = (np.searchsorted(frames, images.frame[[getattr(edge, side) for edge in edges]]) for side in ("a", "b"))
     return a, b
+
+
+def _support(edges: Sequence[Edge]) -> Array:
+    """Return the number of matches (E,) of each edge."""
+    return np.array([len(edge.pairs) for edge in edges], float)
 
 
 def _select(edges: Sequence[Edge], use: NDArray[np.bool_]) -> list[Edge]:

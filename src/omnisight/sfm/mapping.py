@@ -11,7 +11,7 @@ from omnisight.features import Keypoints
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
-from omnisight.sfm.initial_poses import initial_poses, panorama_poses
+from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
@@ -113,6 +113,7 @@ def map_images(
     edges: Sequence[Edge],
     watch: Watch,
     *,
+    compared: Sequence[tuple[int, int]] = (),
     refines_sensors: bool = False,
 ) -> list[Map]:
     """Return the maps of all connected parts of a view graph, the one with most frames first.
@@ -121,11 +122,28 @@ def map_images(
     bundle adjustment (as in L. Pan et al., Global structure-from-motion revisited, ECCV 2024, but with positions from
     relative scales). Frames that averaging left out are registered by resection. Frames that are connected by rotations
     only form a map without points.
+
+    Parameters
+    ----------
+    keypoints
+        Keypoints of all images.
+    images
+        The images.
+    edges
+        Their relative poses.
+    watch
+        Called with the number of frames in a map.
+    compared
+        Pairs of images that were matched: those without an edge can contradict others.
+    refines_sensors
+        Whether bundle adjustment refines the poses of the sensors.
     """
     maps, rest = list[Map](), list(edges)
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
-        found = start = _start(moving, rest, keypoints, images, refines_sensors)
+        first = _first_poses(moving, rest, keypoints, images, compared)
+        moving, rest = ([e for e in each if e.images not in first.contradicted] for each in (moving, rest))
+        found = start = _without_points(first, images, refines_sensors)
         count = 0
         while moving:
             found = _refined(found, _tracks(found, rest), watch)
@@ -144,22 +162,25 @@ def map_images(
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _start(
+def _first_poses(
     moving: Sequence[Edge],
     edges: Sequence[Edge],
     keypoints: Sequence[Keypoints],
     images: RigImages,
-    refines_sensors: bool,
-) -> Map:
-    """Return a map without points of the largest part of a view graph, with initial poses."""
+    compared: Sequence[tuple[int, int]],
+) -> InitialPoses:
+    """Return poses of the largest part of a view graph: of the moving edges, if there are any."""
     if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving):
-        frames, poses = initial_poses(moving, keypoints, images)
-    else:
-        frames, poses = panorama_poses(edges, images)
+        return initial_poses(moving, keypoints, images, compared)
+    return panorama_poses(edges, images)
+
+
+def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:
+    """Return a map of some poses, without points."""
     no_tracks, noise = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
     values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
     rig = images.sensor_from_rig, np.zeros((0, 3)), no_tracks, noise, refines_sensors
-    return Map(images, frames, poses, *rig, values)
+    return Map(images, first.frames, first.rig_from_world, *rig, values)
 
 
 def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:

@@ -7,7 +7,7 @@ determine positions.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.sparse.linalg import spsolve
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.sfm.incidence import incidence_matrix
+from omnisight.sfm.incidence import incidence_matrix, spanning_tree, triangles, unique_edges
 from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.triangulation import triangulate
 
@@ -26,6 +26,11 @@ Indices = NDArray[np.intp]
 
 # Rounds of reweighting: the least sum of lengths (L1) is close after ten.
 ROUNDS = 15
+# Scales of the Geman-McClure loss of positions in standard deviations (graduated non-convexity; A. Blake, A. Zisserman,
+# Visual reconstruction, 1987), and weight of the edges outside the spanning tree at the start.
+SCALES, OUTSIDE_TREE = (*(100.0 * 0.5**k for k in range(5)), *[5.0] * 3), 1e-6
+# Gap of a triangle of correct displacements, relative to its longest side.
+MAX_TRIANGLE_GAP = 0.1
 # Standard deviation of the logarithm of a distance above which it is not Gaussian, and its mean is wrong.
 MAX_LOG_SIGMA = 0.3
 # Noise of a logarithm of a scale or distance besides that of triangulation, and of a direction, radians.
@@ -123,6 +128,8 @@ class RelativePositions:
         (E, 3) part of it that is due to the places of the sensors in the rig, in the unit of the rig.
     lengthwise, crosswise
         (E,) standard deviations along and across the displacement.
+    support
+        (E,) number of matches that agree with the edge: those that are wrong if it is.
     """
 
     a: Indices
@@ -131,13 +138,33 @@ class RelativePositions:
     arm: Array
     lengthwise: Array
     crosswise: Array
+    support: Array
 
 
-def average_positions(count: int, edges: RelativePositions) -> Array:
-    """Return the positions (N, 3) of frames that the edges connect; the first is zero.
+class AveragedPositions(NamedTuple):
+    """Positions of frames.
 
-    Minimize the sum of the lengths of the residuals in standard deviations, by iteratively reweighted least squares.
-    With arms, their length in the unit of the displacements is estimated too, and positions are in the unit of the rig.
+    Attributes
+    ----------
+    positions
+        (N, 3); the first is zero.
+    residuals
+        (E,) of the edges, in standard deviations.
+    unit
+        Unit of the positions in the unit of the displacements: that of the rig if there are arms, otherwise 1.
+    """
+
+    positions: Array
+    residuals: Array
+    unit: float
+
+
+def average_positions(count: int, edges: RelativePositions) -> AveragedPositions:
+    """Estimate the positions of N frames that the edges connect.
+
+    Minimize the Geman-McClure loss of the residuals in standard deviations, weighted by the support of the edges: an
+    edge far from its place has as many wrong matches as it has matches. Graduated non-convexity starts from a spanning
+    tree of the edges with most support. With arms, their length in the unit of the displacements is estimated too.
     """
     along = edges.displacement / np.maximum(np.linalg.norm(edges.displacement, axis=1), 1e-300)[:, None]
     outer = along[:, :, None] * along[:, None, :]
@@ -160,15 +187,38 @@ def average_positions(count: int, edges: RelativePositions) -> Array:
         solution = np.asarray(spsolve((matrix.T @ weighted).tocsc(), weighted.T @ right), float)
         return solution, np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
-    ones = np.ones(len(along))
-    solution, _, weights = _reweighted(solve, ones, ones)
+    weights = support = edges.support / edges.support.mean()
+    solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * support))
+    for scale in SCALES:
+        weights = support * (scale**2 / (scale**2 + residuals**2)) ** 2
+        solution, residuals = solve(weights)
     positions = np.vstack([np.zeros((1, 3)), solution[: 3 * (count - 1)].reshape(-1, 3)])
     if not has_arms:
-        return positions
+        return AveragedPositions(positions, residuals, 1.0)
     normal = matrix.T @ diags_array(np.repeat(weights, 3)) @ matrix
     last = np.append(np.zeros(matrix.shape[1] - 1), 1.0)
     sigma = float(np.sqrt(np.asarray(spsolve(normal.tocsc(), last), float)[-1]))
-    return positions / max(float(solution[-1]), sigma)
+    unit = max(float(solution[-1]), sigma)
+    return AveragedPositions(positions / unit, residuals, unit)
+
+
+def _in_tree(count: int, edges: RelativePositions) -> NDArray[np.bool_]:
+    """Return which edges are in the spanning tree of the edges with most support.
+
+    It has as few edges as possible that no triangle confirms.
+    """
+    moving = np.flatnonzero(edges.a != edges.b)
+    best = moving[unique_edges(edges.a[moving], edges.b[moving], -edges.support[moving])]
+    a, b, cost = edges.a[best], edges.b[best], 1 / edges.support[best]
+    step = np.where(a < b, 1.0, -1.0)[:, None] * edges.displacement[best]
+    sides, confirmed = triangles(a, b), np.zeros(len(best), bool)
+    gap = np.linalg.norm(step[sides.ij] + step[sides.jk] - step[sides.ik], axis=1)
+    longest = np.max([np.linalg.norm(step[side], axis=1) for side in sides], axis=0)
+    for side in sides:
+        confirmed[side[gap <= MAX_TRIANGLE_GAP * longest]] = True
+    found = np.zeros(len(edges.a), bool)
+    found[best[spanning_tree(count, a, b, cost + np.where(confirmed, 0.0, 1.0))]] = True
+    return found
 
 
 def _block_diagonal(blocks: Array) -> csr_array:

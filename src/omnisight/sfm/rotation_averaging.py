@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import spsolve
 
 from omnisight.geometry import rotation as so3
-from omnisight.sfm.incidence import incidence_matrix
+from omnisight.sfm.incidence import incidence_matrix, spanning_tree, triangles, unique_edges
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -87,44 +87,34 @@ def _from_spanning_tree(count: int, edges: RelativeRotations) -> Array:
 
     It has as few edges as possible that no triangle confirms, and of these the most certain.
     """
-    a, b = np.minimum(edges.a, edges.b), np.maximum(edges.a, edges.b)
-    certain = np.lexsort((edges.sigma, b, a))
-    certain = certain[np.unique(a[certain] * count + b[certain], return_index=True)[1]]  # one edge of each pair
-    unconfirmed = ~_is_confirmed(count, edges, certain)
-    weights = np.maximum(edges.sigma[certain], 1e-9) + np.where(unconfirmed, 2 * np.pi, 0.0)
-    tree = minimum_spanning_tree(csr_array(coo_array((weights, (a[certain], b[certain])), shape=(count, count))))
-    order, parents = breadth_first_order(tree, 0, directed=False)
-    known = {(int(edges.a[e]), int(edges.b[e])): edges.b_from_a[e] for e in certain}
+    certain = unique_edges(edges.a, edges.b, edges.sigma)
+    a, b, b_from_a = edges.a[certain], edges.b[certain], edges.b_from_a[certain]
+    unconfirmed = ~_is_confirmed(a, b, b_from_a)
+    tree = spanning_tree(count, a, b, np.maximum(edges.sigma[certain], 1e-9) + np.where(unconfirmed, 2 * np.pi, 0.0))
+    steps = {(int(a[e]), int(b[e])): b_from_a[e] for e in tree}
+    steps |= {(j, i): step.T for (i, j), step in steps.items()}
+    graph = csr_array(coo_array((np.ones(len(tree)), (a[tree], b[tree])), shape=(count, count)))
+    order, parents = breadth_first_order(graph, 0, directed=False)
     rotations = np.tile(np.eye(3), (count, 1, 1))
-    for node in order[1:]:
+    for node in order[1:].tolist():
         parent = int(parents[node])
-        forward = known.get((parent, int(node)))
-        step = forward if forward is not None else known[int(node), parent].T
-        rotations[node] = step @ rotations[parent]
+        rotations[node] = steps[parent, node] @ rotations[parent]
     return rotations
 
 
-def _is_confirmed(count: int, edges: RelativeRotations, chosen: Indices) -> NDArray[np.bool_]:
-    """Return which of some edges are in a triangle of them whose rotations compose to the identity.
+def _is_confirmed(a: Indices, b: Indices, b_from_a: Array) -> NDArray[np.bool_]:
+    """Return which edges are in a triangle whose rotations compose to the identity.
 
     A wrong rotation hardly closes one (C. Zach et al., Disambiguating visual relations using loop constraints, CVPR
     2010).
     """
-    a, b = edges.a[chosen], edges.b[chosen]
-    forward, first, last = a < b, np.minimum(a, b), np.maximum(a, b)
-    rotations = np.where(forward[:, None, None], edges.b_from_a[chosen], edges.b_from_a[chosen].transpose(0, 2, 1))
-    number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}
-    following = [set[int]() for _ in range(count)]
-    for i, j in number:
-        following[i].add(j)
-    triangles = [(e, number[j, k], number[i, k]) for (i, j), e in number.items() for k in following[i] & following[j]]
-    confirmed = np.zeros(len(chosen), bool)
-    if triangles:
-        ij, jk, ik = np.array(triangles).T
-        angles = np.linalg.norm(so3.log(rotations[ik].transpose(0, 2, 1) @ rotations[jk] @ rotations[ij]), axis=1)
-        closed = angles <= MAX_CYCLE_RAD
-        for edge in (ij, jk, ik):
-            confirmed[edge[closed]] = True
+    rotations = np.where((a < b)[:, None, None], b_from_a, b_from_a.transpose(0, 2, 1))
+    sides = triangles(a, b)
+    turns = rotations[sides.ik].transpose(0, 2, 1) @ rotations[sides.jk] @ rotations[sides.ij]
+    closed = np.linalg.norm(so3.log(turns), axis=1) <= MAX_CYCLE_RAD
+    confirmed = np.zeros(len(a), bool)
+    for side in sides:
+        confirmed[side[closed]] = True
     return confirmed
 
 

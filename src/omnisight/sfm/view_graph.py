@@ -48,6 +48,11 @@ class Edge:
     pairs: Indices
 
     @property
+    def images(self) -> tuple[int, int]:
+        """The images."""
+        return self.a, self.b
+
+    @property
     def has_translation(self) -> bool:
         """Whether the direction of the translation is known."""
         return self.motion not in ("rotation only", "insufficient parallax", "no overlap")
