@@ -22,8 +22,8 @@ OFFSET = np.array([500, -200, 80])
 @pytest.fixture(scope="module")
 def found():
     keypoints = observe(POSES, 10 * points_around(120), 0.05)
-    edges = match_pairs(keypoints, list(combinations(range(8), 2)), lambda *_: None)
-    (result,) = map_images(keypoints, RigImages.of(keypoints), edges, lambda *_: None)
+    graph = match_pairs(keypoints, list(combinations(range(8), 2)), lambda *_: None)
+    (result,) = map_images(keypoints, RigImages.of(keypoints), graph, lambda *_: None)
     return result
 
 
@@ -84,8 +84,8 @@ def test_covariances_in_the_world_are_those_of_repeated_measurements(found):
     points = 10 * points_around(120)
     for trial in range(40):
         keypoints = observe(POSES, points, 0.05, seed=100 + trial)
-        edges = match_pairs(keypoints, list(combinations(range(8), 2)), lambda *_: None)
-        (result,) = map_images(keypoints, RigImages.of(keypoints), edges, lambda *_: None)
+        graph = match_pairs(keypoints, list(combinations(range(8), 2)), lambda *_: None)
+        (result,) = map_images(keypoints, RigImages.of(keypoints), graph, lambda *_: None)
         sigma = np.array([0.3, 0.3, 0.6])
         placed, _ = georeferenced(result, TRUE + rng.normal(0, sigma, TRUE.shape))
         columns, covariance = placed.bundle.parameters[0], placed.bundle.covariances(placed.structure)[0]

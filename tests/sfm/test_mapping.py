@@ -20,8 +20,8 @@ def ignore(*_):
 
 
 def mapped(keypoints):
-    edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
-    return map_images(keypoints, RigImages.of(keypoints), edges, ignore)
+    graph = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
+    return map_images(keypoints, RigImages.of(keypoints), graph, ignore)
 
 
 def test_cameras_on_a_circle_are_mapped_with_points_and_noise():
@@ -98,13 +98,13 @@ def test_tracks_join_matches_of_several_images():
 def test_images_that_averaging_left_out_are_registered_by_resection():
     """An image whose relative poses are wrong, but whose matches are right, is not consistent with the others."""
     poses, keypoints = circle_of_poses(6), observe(circle_of_poses(6), points_around(150), 0.1)
-    edges = match_pairs(keypoints, list(combinations(range(6), 2)), ignore)
+    graph = match_pairs(keypoints, list(combinations(range(6), 2)), ignore)
     rng = np.random.default_rng(0)
     spoiled = [
         replace(edge, b_from_a=Pose(exp(rng.normal(0, 1, 3)), edge.b_from_a.translation)) if edge.b == 5 else edge
-        for edge in edges
+        for edge in graph.edges
     ]
-    (found,) = map_images(keypoints, RigImages.of(keypoints), spoiled, ignore)
+    (found,) = map_images(keypoints, RigImages.of(keypoints), replace(graph, edges=spoiled), ignore)
     assert sorted(found.frames.tolist()) == list(range(6))
     order = np.argsort(found.frames)
     positions, _ = similarity_errors(found.rig_from_world[order], poses)
@@ -135,13 +135,13 @@ def test_unknown_poses_of_sensors_are_estimated():
     frames, sensors = circle_of_poses(7), sensors_apart(2)
     keypoints, sensor, frame = rig_views(frames, sensors, points_around(200), field_deg=220.0)
     independent = RigImages.of(keypoints, sensor, 2)
-    edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
-    (found,) = map_images(keypoints, independent, edges, ignore)
+    graph = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore)
+    (found,) = map_images(keypoints, independent, graph, ignore)
     poses, used = estimate_extrinsics(found, frame)
     assert used.tolist() == [0, 7]
     images = independent.on_rig(frame, poses, is_known=False)
-    edges = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore, images.known_pose)
-    (refined,) = map_images(keypoints, images, edges, ignore, refines_sensors=True)
+    graph = match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), ignore, images.known_pose)
+    (refined,) = map_images(keypoints, images, graph, ignore, refines_sensors=True)
     assert refined.frames.tolist() == list(range(7))
     found, true = Pose.of_matrix(refined.sensor_from_rig[1]), sensors[1]
     np.testing.assert_allclose(found.rotation, true.rotation, atol=1e-3)
@@ -153,8 +153,8 @@ def test_one_frame_of_a_rig_has_points():
     keypoints, sensor, frame = rig_views([Pose()], sensors, points_around(100))
     matrices = np.array([pose.matrix for pose in sensors])
     images = RigImages.of(keypoints, sensor, 3).on_rig(frame + 1, matrices, is_known=True)  # a frame without images
-    edges = match_pairs(keypoints, [(0, 1), (0, 2), (1, 2)], ignore, images.known_pose)
-    (found,) = map_images(keypoints, images, edges, ignore)
+    graph = match_pairs(keypoints, [(0, 1), (0, 2), (1, 2)], ignore, images.known_pose)
+    (found,) = map_images(keypoints, images, graph, ignore)
     assert len(found.points) > 80
     true = points_around(100)
     nearest = np.linalg.norm(found.points[:, None] - true, axis=2).min(1) / np.linalg.norm(found.points, axis=1)

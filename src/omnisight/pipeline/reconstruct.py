@@ -31,7 +31,7 @@ from omnisight.sfm.mapping import Map, map_images
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.rig_images import RigImages
-from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping_pairs
+from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph, match_pairs, overlapping_pairs
 
 Pairs = list[tuple[int, int]]
 
@@ -125,7 +125,7 @@ def reconstruct(
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
     world = MetricWorld.of(files, sources, options)
     task = _Task(files, sources, options, progress, WorkFolder(None if work is None else Path(work)))
-    detected, edges, maps = task.self_calibrated_maps(detect_images(files, sources, options, progress, task.work))
+    detected, graph, maps = task.maps(detect_images(files, sources, options, progress, task.work))
     maps, georeferences = world.place(maps)
     names = sources.names or ("camera",)
     body = Rig(detected.cameras, (Pose(),) * len(names), names)
@@ -133,7 +133,7 @@ def reconstruct(
     models = tuple(build_reconstruction(found, body, *scene, world.origin) for found in maps)
     registered = {name for model in models for name in model.names}
     unregistered = {
-        name: _reason(i, detected.keypoints, edges, len(files))
+        name: _reason(i, detected.keypoints, graph.edges, len(files))
         for i, name in enumerate(files.names)
         if name not in registered
     }
@@ -159,53 +159,50 @@ class _Task:
     progress: Progress
     work: WorkFolder
 
-    def self_calibrated_maps(self, detected: DetectedImages) -> tuple[DetectedImages, list[Edge], list[Map]]:
+    def maps(self, detected: DetectedImages) -> tuple[DetectedImages, ViewGraph, list[Map]]:
         """Map the images; with guessed cameras, repeat it with those of the map until their rays stay the same."""
-        edges, maps = self.map(detected)
+        graph, maps = self.map(detected)
         for _ in range(MAX_ROUNDS if any(detected.is_guessed) and maps else 0):
             adapted = detected.seen_by(maps[0].cameras)
             if adapted.change_of_rays(detected) <= CONVERGED_RAD:
                 break
             detected = adapted
-            edges, maps = self.map(detected)
-        return detected, edges, maps
+            graph, maps = self.map(detected)
+        if self.sources.estimates_extrinsics and maps:
+            graph, maps = self.map_on_estimated_rig(detected, graph, maps[0])
+        return detected, graph, maps
 
-    def map(self, detected: DetectedImages) -> tuple[list[Edge], list[Map]]:
+    def map(self, detected: DetectedImages) -> tuple[ViewGraph, list[Map]]:
         """Match pairs of images and map them."""
-        keypoints, frame = detected.keypoints, self.files.frame
-        images = RigImages.of(keypoints, self.files.camera, len(detected.cameras))
+        images = RigImages.of(detected.keypoints, self.files.camera, len(detected.cameras))
         if any(detected.is_guessed):
-            images = images.with_free_cameras(detected.free_cameras, keypoints)
+            images = images.with_free_cameras(detected.free_cameras, detected.keypoints)
         if self.sources.poses:
             poses = np.array([pose.matrix for pose in self.sources.poses])
-            images = images.on_rig(frame, poses, is_known=True)
-        pairs = self.pairs(keypoints, images)
-        edges = match(self.work, keypoints, pairs, partial(self.progress, "matching"), images.known_pose)
-        mapping = partial(self.map_edges, keypoints, compared=pairs)
-        maps = mapping(images, edges, refines_sensors=self.sources.refines_extrinsics)
-        if not self.sources.estimates_extrinsics or not maps:
-            return edges, maps
-        poses, _ = estimate_extrinsics(maps[0], frame)
-        _check_extrinsics(poses, self.sources.names)
-        of_rig = images.on_rig(frame, poses, is_known=False)
-        edges = _with_known_poses(edges, of_rig, keypoints)
-        return edges, mapping(of_rig, edges, refines_sensors=True)
+            images = images.on_rig(self.files.frame, poses, is_known=True)
+        pairs, matching = self.pairs(detected.keypoints, images), partial(self.progress, "matching")
+        graph = match(self.work, detected.keypoints, pairs, matching, images.known_pose)
+        return graph, self.map_graph(detected, images, graph, refines_sensors=self.sources.refines_extrinsics)
 
-    def map_edges(
-        self,
-        keypoints: Sequence[Keypoints],
-        images: RigImages,
-        edges: Sequence[Edge],
-        *,
-        compared: Pairs,
-        refines_sensors: bool,
+    def map_on_estimated_rig(
+        self, detected: DetectedImages, graph: ViewGraph, found: Map
+    ) -> tuple[ViewGraph, list[Map]]:
+        """Map the images again, on the rig whose poses a map of independent images determines."""
+        poses, _ = estimate_extrinsics(found, self.files.frame)
+        _check_extrinsics(poses, self.sources.names)
+        images = found.images.on_rig(self.files.frame, poses, is_known=False)
+        graph = ViewGraph(_with_known_poses(graph.edges, images, detected.keypoints), graph.compared)
+        return graph, self.map_graph(detected, images, graph, refines_sensors=True)
+
+    def map_graph(
+        self, detected: DetectedImages, images: RigImages, graph: ViewGraph, *, refines_sensors: bool
     ) -> list[Map]:
         """Map a view graph."""
 
         def watch(done: int) -> None:
             self.progress("mapping", done, images.frames)
 
-        return map_images(keypoints, images, edges, watch, compared=compared, refines_sensors=refines_sensors)
+        return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)
 
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:
         """Select pairs of images."""
@@ -231,7 +228,7 @@ def _with_known_poses(edges: Sequence[Edge], images: RigImages, keypoints: Seque
     """Return the edges, where those between images of one frame have the poses of the rig."""
     together = [(edge.a, edge.b) for edge in edges if images.frame[edge.a] == images.frame[edge.b]]
     others = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
-    return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose)
+    return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose).edges
 
 
 def _reason(image: int, keypoints: Sequence[Keypoints], edges: Sequence[Edge], count: int) -> str:

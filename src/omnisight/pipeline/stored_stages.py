@@ -13,7 +13,7 @@ from omnisight.formats.native import to_json
 from omnisight.geometry.pose import Pose
 from omnisight.images.colors import colors_at
 from omnisight.pipeline.work_folder import Arrays, WorkFolder, digest
-from omnisight.sfm.view_graph import Edge, match_pairs
+from omnisight.sfm.view_graph import Edge, ViewGraph, match_pairs
 
 Bytes = NDArray[np.uint8]
 
@@ -46,7 +46,7 @@ def match(
     pairs: Sequence[tuple[int, int]],
     progress: Callable[[int, int], None],
     known: Callable[[int, int], Pose | None],
-) -> list[Edge]:
+) -> ViewGraph:
     """Match pairs of images and estimate their relative poses; see `match_pairs`."""
     contents = [digest(*(getattr(each, name) for name in KEYPOINT_ARRAYS)) for each in keypoints]
     edges = list[Edge]()
@@ -57,11 +57,11 @@ def match(
 
         def compute(first: int = first, batch: Sequence[tuple[int, int]] = batch) -> Arrays:
             found = match_pairs(keypoints, batch, lambda done, _: progress(first + done, len(pairs)), known)
-            return _to_arrays(found)
+            return _to_arrays(found.edges)
 
         edges += _to_edges(work.arrays(f"pairs-{key}", compute))
         progress(first + len(batch), len(pairs))
-    return edges
+    return ViewGraph(edges, list(pairs))
 
 
 def _to_arrays(edges: Sequence[Edge]) -> Arrays:

@@ -30,15 +30,15 @@ from omnisight.sfm.position_averaging import (
 )
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.rotation_averaging import RelativeRotations, average_rotations
-from omnisight.sfm.view_graph import Edge
+from omnisight.sfm.view_graph import Edge, ViewGraph
 from omnisight.twoview.motion_model import largest_sigma_deg
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Pairs = Sequence[tuple[int, int]]
 
-# Residual up to which an edge agrees with the averaged positions: scales drift by more than their stated noise.
-AGREEING_SIGMA = 20.0
+# Difference from the averaged positions up to which an edge agrees with them, relative to the median distance of its
+# points: scales drift, but points that look alike are farther apart.
+AGREEING_GAP = 0.2
 
 
 class InitialPoses(NamedTuple):
@@ -59,24 +59,20 @@ class InitialPoses(NamedTuple):
     contradicted: frozenset[tuple[int, int]] = frozenset()
 
 
-def initial_poses(
-    edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages, compared: Pairs = ()
-) -> InitialPoses:
+def initial_poses(graph: ViewGraph, keypoints: Sequence[Keypoints], images: RigImages) -> InitialPoses:
     """Estimate the poses of the largest part of a view graph whose relative scales are known.
 
     Parameters
     ----------
-    edges
-        Pairs of images with a known direction of the translation; at least one is between different frames.
+    graph
+        Edges with a known direction of the translation; at least one is between different frames.
     keypoints
         Keypoints of all images.
     images
         The images.
-    compared
-        Pairs of images that were matched, also those without an edge.
     """
-    contradicted = pairs_with_missing_matches(edges, keypoints)
-    frames, edges = largest_component([edge for edge in edges if edge.images not in contradicted], images)
+    contradicted = pairs_with_missing_matches(graph.edges, keypoints)
+    frames, edges = largest_component([edge for edge in graph.edges if edge.images not in contradicted], images)
     is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
     averaged = average_rotations(len(frames), relative_rotations(frames, _select(edges, is_moving), images))
     is_consistent = ~is_moving
@@ -84,7 +80,7 @@ def initial_poses(
     edges = _select(edges, is_consistent)
     while True:
         placed = _place(frames, averaged.rig_from_world, edges, keypoints, images)
-        wrong = placed.contradicted_pairs(images, compared)
+        wrong = placed.contradicted_pairs(images, graph.compared)
         if not wrong:
             return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
         contradicted |= wrong
@@ -121,7 +117,7 @@ class _Placement:
     edges: list[Edge]
     known: list[KnownPoints | None]
 
-    def contradicted_pairs(self, images: RigImages, compared: Pairs) -> set[tuple[int, int]]:
+    def contradicted_pairs(self, images: RigImages, compared: Sequence[tuple[int, int]]) -> set[tuple[int, int]]:
         """Return the edges that place two parts of the map where more matches are missing than agree."""
         edges = [edge for edge in self.edges if images.frame[edge.a] != images.frame[edge.b]]
         matches = {edge.images: len(edge.pairs) for edge in edges}
@@ -158,11 +154,14 @@ def _place(
     edges, distances = [edges[i] for i in use], [distances[i] for i in use]
     of_frame = rotations[np.searchsorted(frames, placed)]
     relative = _relative_positions(placed, of_frame, edges, images, log_scales[use], log_sigma[use])
-    averaged = average_positions(len(placed), relative)
-    known = known_points(distances, log_scales[use] - np.log(averaged.unit), keypoints)
-    translations = -np.einsum("nij,nj->ni", of_frame, averaged.positions)
+    positions, unit = average_positions(len(placed), relative)
+    gap = positions[relative.b] - positions[relative.a] + relative.arm - relative.displacement / unit
+    far = np.exp([np.median(each.log_distance) + scale for each, scale in zip(distances, log_scales[use], strict=True)])
+    agrees = np.linalg.norm(gap, axis=1) <= AGREEING_GAP * far / unit
+    known = known_points(distances, log_scales[use] - np.log(unit), keypoints)
+    translations = -np.einsum("nij,nj->ni", of_frame, positions)
     poses = np.concatenate([of_frame, translations[:, :, None]], axis=2)
-    return _Placement(placed, poses, _select(edges, averaged.residuals <= AGREEING_SIGMA), known)
+    return _Placement(placed, poses, _select(edges, agrees), known)
 
 
 def relative_rotations(frames: Indices, edges: Sequence[Edge], images: RigImages) -> RelativeRotations:

@@ -16,7 +16,7 @@ from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks, build_tracks
-from omnisight.sfm.view_graph import MIN_INLIERS, Edge
+from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -110,10 +110,9 @@ class Map:
 def map_images(
     keypoints: Sequence[Keypoints],
     images: RigImages,
-    edges: Sequence[Edge],
+    graph: ViewGraph,
     watch: Watch,
     *,
-    compared: Sequence[tuple[int, int]] = (),
     refines_sensors: bool = False,
 ) -> list[Map]:
     """Return the maps of all connected parts of a view graph, the one with most frames first.
@@ -129,19 +128,17 @@ def map_images(
         Keypoints of all images.
     images
         The images.
-    edges
-        Their relative poses.
+    graph
+        Their relative poses; pairs that were compared and have none can contradict others.
     watch
         Called with the number of frames in a map.
-    compared
-        Pairs of images that were matched: those without an edge can contradict others.
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
     """
-    maps, rest = list[Map](), list(edges)
+    maps, rest = list[Map](), graph.edges
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
-        first = _first_poses(moving, rest, keypoints, images, compared)
+        first = _first_poses(ViewGraph(moving, graph.compared), rest, keypoints, images)
         moving, rest = ([e for e in each if e.images not in first.contradicted] for each in (moving, rest))
         found = start = _without_points(first, images, refines_sensors)
         count = 0
@@ -163,15 +160,11 @@ def map_images(
 
 
 def _first_poses(
-    moving: Sequence[Edge],
-    edges: Sequence[Edge],
-    keypoints: Sequence[Keypoints],
-    images: RigImages,
-    compared: Sequence[tuple[int, int]],
+    moving: ViewGraph, edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages
 ) -> InitialPoses:
     """Return poses of the largest part of a view graph: of the moving edges, if there are any."""
-    if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving):
-        return initial_poses(moving, keypoints, images, compared)
+    if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving.edges):
+        return initial_poses(moving, keypoints, images)
     return panorama_poses(edges, images)
 
 

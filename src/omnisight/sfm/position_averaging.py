@@ -148,14 +148,11 @@ class AveragedPositions(NamedTuple):
     ----------
     positions
         (N, 3); the first is zero.
-    residuals
-        (E,) of the edges, in standard deviations.
     unit
         Unit of the positions in the unit of the displacements: that of the rig if there are arms, otherwise 1.
     """
 
     positions: Array
-    residuals: Array
     unit: float
 
 
@@ -188,18 +185,20 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
         return solution, np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
     weights = support = edges.support / edges.support.mean()
-    solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * support))
+    # The edges outside the tree determine the unit of the rig, so that wrong ones must not count.
+    outside = _reweighted(solve, support, np.ones(len(along)))[2] if has_arms else support
+    solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * outside))
     for scale in SCALES:
         weights = support * (scale**2 / (scale**2 + residuals**2)) ** 2
         solution, residuals = solve(weights)
     positions = np.vstack([np.zeros((1, 3)), solution[: 3 * (count - 1)].reshape(-1, 3)])
     if not has_arms:
-        return AveragedPositions(positions, residuals, 1.0)
+        return AveragedPositions(positions, 1.0)
     normal = matrix.T @ diags_array(np.repeat(weights, 3)) @ matrix
     last = np.append(np.zeros(matrix.shape[1] - 1), 1.0)
     sigma = float(np.sqrt(np.asarray(spsolve(normal.tocsc(), last), float)[-1]))
     unit = max(float(solution[-1]), sigma)
-    return AveragedPositions(positions / unit, residuals, unit)
+    return AveragedPositions(positions / unit, unit)
 
 
 def _in_tree(count: int, edges: RelativePositions) -> NDArray[np.bool_]:

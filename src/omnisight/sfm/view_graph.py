@@ -58,18 +58,34 @@ class Edge:
         return self.motion not in ("rotation only", "insufficient parallax", "no overlap")
 
 
+@dataclass(frozen=True, eq=False)
+class ViewGraph:
+    """Images and their relative poses.
+
+    Attributes
+    ----------
+    edges
+        Pairs of images that overlap.
+    compared
+        All pairs that were matched.
+    """
+
+    edges: list[Edge]
+    compared: list[tuple[int, int]]
+
+
 def match_pairs(
     keypoints: Sequence[Keypoints],
     pairs: Sequence[tuple[int, int]],
     progress: Callable[[int, int], None],
     known: Callable[[int, int], Pose | None] = lambda a, b: None,
-) -> list[Edge]:
+) -> ViewGraph:
     """Match pairs of images and estimate those of their relative poses that are not known.
 
-    Pairs that do not overlap are left out.
+    Pairs that do not overlap have no edge.
     """
     found = parallel_map(lambda pair: match_pair(keypoints, *pair, known(*pair)), pairs, progress)
-    return [edge for edge in found if edge is not None]
+    return ViewGraph([edge for edge in found if edge is not None], list(pairs))
 
 
 def match_pair(keypoints: Sequence[Keypoints], a: int, b: int, known: Pose | None = None) -> Edge | None:

@@ -1,0 +1,97 @@
+"""Two rooms with the same furniture: their images match, and must not be taken for images of one room."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from omnisight.features.keypoints import concatenate
+from omnisight.geometry.pose import Pose
+from omnisight.sfm.mapping import map_images
+from omnisight.sfm.missing_matches import Links, contradicted_links, pairs_with_missing_matches
+from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.view_graph import match_pairs
+from sfm.worlds import observe, similarity_errors, unit
+
+APART = np.array([14.0, 0.0, 0.0])
+IN_ROOM_A, IN_ROOM_B = range(4), range(4, 8)
+
+
+def two_rooms(seed=0, has_landscape=True):
+    """Return the keypoints and poses of four images of each of two rooms, and of one in the door between them.
+
+    Furniture is the same in both rooms, walls are not. The image in the door sees the walls of both rooms, and parts of
+    a landscape that the other images see too.
+    """
+    rng = np.random.default_rng(seed)
+
+    def points(count):
+        return rng.uniform(3, 6, (count, 1)) * unit(rng.normal(size=(count, 3)))
+
+    furniture, walls, others = points(60), points(200), points(200)
+    centers = np.concatenate([rng.uniform(-0.5, 0.5, (4, 3)), rng.uniform(-0.5, 0.5, (4, 3)) + APART, [APART / 2]])
+    poses = [Pose(np.eye(3), -center) for center in centers]
+    parts = furniture, walls, furniture + APART, others + APART, 3 * points(40) + APART / 2
+    seen = [observe(poses, part, 0.05, seed=k + 10) for k, part in enumerate(parts)]
+    for first, copy in zip(seen[0], seen[2], strict=True):  # the same furniture looks the same
+        copy.descriptors[np.argsort(_point_of(copy, furniture, 12))] = first.descriptors[
+            np.argsort(_point_of(first, furniture, 10))
+        ]
+    rooms = [(0, 1, 4)] * 4 + [(2, 3, 4)] * 4 + [(1, 3, 4)]
+    used = len(parts) if has_landscape else 4
+    return [concatenate([seen[k][i] for k in of_room if k < used]) for i, of_room in enumerate(rooms)], poses
+
+
+def _point_of(keypoints, points, seed):
+    """Return which point (N,) each keypoint shows: that with the descriptor that `observe` gave it."""
+    rng = np.random.default_rng(seed)
+    descriptors = rng.normal(size=(len(points), 64))
+    descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True)
+    return (keypoints.descriptors @ descriptors.T).argmax(axis=1)
+
+
+def matched(keypoints):
+    return match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), lambda *_: None)
+
+
+def test_edges_between_rooms_with_the_same_furniture_lack_matches():
+    keypoints, _ = two_rooms()
+    graph = matched(keypoints)
+    between = {edge.images for edge in graph.edges if (edge.a in IN_ROOM_A) != (edge.b in IN_ROOM_A) and edge.b != 8}
+    assert len(between) >= 10
+    assert pairs_with_missing_matches(graph.edges, keypoints) == between
+
+
+def test_rooms_with_the_same_furniture_are_mapped_apart():
+    keypoints, poses = two_rooms()
+    found = map_images(keypoints, RigImages.of(keypoints), matched(keypoints), lambda *_: None)[0]
+    assert len(found.frames) == 9
+    positions, rotations = similarity_errors(found.rig_from_world, [poses[i] for i in found.frames])
+    assert positions.max() < 0.02
+    assert rotations.max() < 0.1
+
+
+def test_rooms_that_only_furniture_connects_are_two_models():
+    keypoints, poses = (each[:8] for each in two_rooms(has_landscape=False))
+    maps = map_images(keypoints, RigImages.of(keypoints), matched(keypoints), lambda *_: None)
+    assert sorted(found.frames.tolist() for found in maps) == [list(IN_ROOM_A), list(IN_ROOM_B)]
+    for found in maps:
+        positions, _ = similarity_errors(found.rig_from_world, [poses[i] for i in found.frames])
+        assert positions.max() < 0.02
+
+
+def test_a_pair_without_matches_contradicts_the_edge_that_places_it():
+    """Frames 0-1-2 and 3-4 are linked strongly; 2-3 weakly, and 1 and 4 should see each other but do not."""
+    links = Links(np.array([0, 1, 3, 2]), np.array([1, 2, 4, 3]), np.array([300.0, 200.0, 250.0, 40.0]))
+    missing = Links(np.array([1]), np.array([4]), np.array([90.0]))
+    assert contradicted_links(5, links, missing).tolist() == [False, False, False, True]
+    few = missing._replace(matches=np.array([30.0]))
+    assert not contradicted_links(5, links, few).any()
+    none = Links(np.array([], int), np.array([], int), np.array([]))
+    assert not contradicted_links(5, links, none).any()
+
+
+def test_rotations_only_are_not_tested():
+    keypoints, _ = two_rooms()
+    edges = [replace(edge, motion="rotation only") for edge in matched(keypoints).edges]
+    assert pairs_with_missing_matches(edges, keypoints) == set()
