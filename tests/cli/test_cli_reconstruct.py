@@ -3,11 +3,14 @@
 import csv
 import errno
 import json
+import re
 
+import cv2
 import numpy as np
 import pytest
 
 import omnisight as om
+from clips import write_clip
 from jpegs import jpeg_at
 from omnisight.geometry.rotation import exp
 from omnisight.pipeline import reconstruct as pipeline
@@ -38,6 +41,7 @@ def test_poses_of_a_room_are_reconstructed_and_written(run, room, tmp_path):
     assert result["unregistered"] == {}
     assert 0 < result["rms_px"] < 1
     assert result["mean_track_length"] > 2
+    assert result["peak_memory_mb"] > 100
     model = om.read_reconstruction(tmp_path / "model")
     assert model.names == tuple(f"{k}.png" for k in range(5))
     assert (len(model.points), len(model.observations)) == (result["points"], result["observations"])
@@ -62,6 +66,24 @@ def test_the_report_lists_models_points_and_images_left_out(run, room, tmp_path)
     assert (tmp_path / "model" / "viewer.html").stat().st_size > 10_000
     assert f"model       3 of 4 images, written to {tmp_path / 'model'}/" in out
     assert "left out    blank.png: 0 keypoints: the image shows no texture" in out
+
+
+def test_frames_of_a_clip_are_reconstructed(run, room, tmp_path):
+    frames = [om.read_image(room / f"{k // 2}.png") for k in range(10)]
+    for frame in frames[::2]:  # the second of each pair is the sharper one
+        frame[:] = cv2.blur(frame, (9, 9))
+    clip = write_clip(tmp_path / "walk.avi", frames, frame_rate=10)
+    status, out, _ = run("reconstruct", clip, "--fps", 5, "-o", tmp_path / "model")
+    assert status == 0
+    names = [f"walk-{k:06d}.jpg" for k in range(1, 10, 2)]
+    assert sorted(path.name for path in (tmp_path / "model" / "images").iterdir()) == names
+    model = om.read_reconstruction(tmp_path / "model")
+    assert list(model.names) == names
+    assert re.search(r"^time +\d+ s, \d+ MB of memory at most$", out, re.MULTILINE)
+    positions, _ = similarity_errors(
+        np.array([pose.matrix for pose in model.rig_from_world]), [pose.inverse() for pose in POSES]
+    )
+    assert positions.max() < 0.02
 
 
 def test_one_image_is_refused_with_the_reason(run, room, tmp_path):

@@ -45,6 +45,7 @@ def print_json(result: ReconstructionResult) -> None:
         "self_calibrated": list(result.self_calibrated),
         "unregistered": result.unregistered,
         "seconds": round(result.seconds, 3),
+        "peak_memory_mb": _megabytes(result),
         "reason": result.reason,
     }
     print(json.dumps(data, indent=2, allow_nan=False))
@@ -62,6 +63,11 @@ def _georeference_json(result: ReconstructionResult) -> dict[str, object] | None
         "origin": result.models[0].origin,
         "reason": georeference.reason,
     }
+
+
+def _megabytes(result: ReconstructionResult) -> int | None:
+    """Return the peak memory of a reconstruction, MB."""
+    return None if result.peak_memory_bytes is None else round(result.peak_memory_bytes / 1e6)
 
 
 def print_report(result: ReconstructionResult, output: Path) -> None:
@@ -89,6 +95,8 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(f"scale       {f'metres, ± {model.scale_sigma:.2%} (1σ)' if model.has_scale else 'arbitrary'}")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)
+    memory = "" if (megabytes := _megabytes(result)) is None else f", {megabytes} MB of memory at most"
+    print(f"time        {result.seconds:.0f} s{memory}")
     print(f"look at     {(output / 'viewer.html').resolve().as_uri()}")
     for reason, count in Counter(result.unregistered.values()).items():
         first = next(name for name, why in result.unregistered.items() if why == reason)

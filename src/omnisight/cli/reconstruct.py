@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,7 +40,7 @@ def reconstruct(
     Parameters
     ----------
     images
-        Folder of images.
+        Folder of images, or a video clip.
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images. Without it, or with auto, focal
         length and one distortion term are estimated from the images. Repeat it for several cameras, with their names:
@@ -55,18 +56,24 @@ def reconstruct(
         Print one JSON object and nothing else.
     """
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
+    from omnisight.images import VIDEO_SUFFIXES
+    from omnisight.pipeline.clip_frames import extract_frames
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.pipeline.work_folder import WorkFolder
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
+    is_clip = images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir()
+    if is_clip and options.pairs == "auto":
+        options = replace(options, pairs="sequential")
+    folder = output / "images" if is_clip else images
     with _continuing(work), progress(quiet or json) as report:
-        result = run(images, _cameras(camera or []), rig, options, report, work.folder)
+        files = extract_frames(images, folder, options.fps, report) if is_clip else images
+        result = run(files, _cameras(camera or []), rig, options, report, work.folder)
     for number, model in enumerate(result.models):
-        folder = model_folder(output, number)
-        write_reconstruction(folder, model)
-        write_viewer(folder / "viewer.html", model, images if images.is_dir() else images.parent)
+        write_reconstruction(model_folder(output, number), model)
+        write_viewer(model_folder(output, number) / "viewer.html", model, folder if folder.is_dir() else folder.parent)
     if result:
         remove_models(output, first=len(result.models))
     work.remove()

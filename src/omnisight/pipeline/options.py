@@ -273,10 +273,13 @@ class ReconstructOptions:
     Attributes
     ----------
     pairs
-        Pairs of images to match: all of them, or, for images in the order of a path, those at most `window` apart; auto
-        takes all whose strongest keypoints match, and, of more than 40 images, those of the 20 most similar images.
+        Pairs of images to match: all; sequential, for images in the order of a path: those at most `window` apart and,
+        of more than 40 images, the 10 most similar ones; auto: those whose strongest keypoints match, or, of more than
+        40 images, the 20 most similar ones, and sequential for a clip.
     window
         Number of following images that each image is matched with.
+    fps
+        Images per second that are used of a video clip: the sharpest of each interval.
     extrinsics
         Poses of the cameras on the rig: fixed, refined from those of the rig file, or unknown, for several cameras that
         are rigidly connected. By default those of a rig are fixed, and several cameras without a rig are independent.
@@ -300,6 +303,7 @@ class ReconstructOptions:
 
     pairs: Literal["auto", "all", "sequential"] = "auto"
     window: int = 10
+    fps: float = 2.0
     extrinsics: Literal["fixed", "refined", "unknown"] | None = None
     scale: tuple[str, str, str] | None = None
     positions: str | None = None
@@ -312,6 +316,8 @@ class ReconstructOptions:
     def __post_init__(self) -> None:
         if self.window < 1:
             raise ValueError(f"window is {self.window}; choose at least 1 following image")
+        if not self.fps > 0:
+            raise ValueError(f"fps is {self.fps:g}; choose a positive number of images per second")
         if self.scale and self.positions:
             raise ValueError("positions determine the scale: leave scale out")
         if self.max_keypoints < 1:

@@ -19,6 +19,7 @@ from omnisight.pipeline.detected_images import DetectedImages, Progress, detect_
 from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.metric_world import MetricWorld
 from omnisight.pipeline.options import ReconstructOptions
+from omnisight.pipeline.peak_memory import peak_memory_bytes
 from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
 from omnisight.pipeline.stored_stages import match
@@ -36,8 +37,9 @@ from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph, match_pairs, 
 Pairs = list[tuple[int, int]]
 
 # Images up to which all pairs are compared by their strongest keypoints, and, beyond, number of the most similar images
-# that each is matched with: retrieval then finds 98 % or more of the overlapping pairs.
-MAX_EXHAUSTIVE, NEIGHBOURS = 40, 20
+# that each is matched with: retrieval then finds 98 % or more of the overlapping pairs. Images in the order of a path
+# need it for loops only.
+MAX_EXHAUSTIVE, NEIGHBOURS, LOOP_NEIGHBOURS = 40, 20, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,8 @@ class ReconstructionResult:
         Names of the images that are in no model, with the reason.
     seconds
         Time of the whole computation.
+    peak_memory_bytes
+        Largest memory of the process so far; None if the system does not report it.
     reason
         Why there is no model; empty otherwise.
     simultaneous
@@ -68,6 +72,7 @@ class ReconstructionResult:
     images: int
     unregistered: dict[str, str] = field(repr=False)
     seconds: float
+    peak_memory_bytes: int | None = None
     reason: str = ""
     simultaneous: str = ""
     self_calibrated: tuple[str, ...] = ()
@@ -142,6 +147,7 @@ def reconstruct(
         len(files),
         unregistered,
         time.perf_counter() - start,
+        peak_memory_bytes(),
         reason="" if models else next(iter(unregistered.values())),
         simultaneous=files.rule,
         self_calibrated=tuple(name for name, guessed in zip(names, detected.is_guessed, strict=True) if guessed),
@@ -206,12 +212,14 @@ class _Task:
 
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:
         """Select pairs of images."""
-        selecting = partial(self.progress, "selecting pairs")
-        if self.options.pairs == "auto" and len(keypoints) > MAX_EXHAUSTIVE:
+        selecting, are_many = partial(self.progress, "selecting pairs"), len(keypoints) > MAX_EXHAUSTIVE
+        if self.options.pairs == "auto" and are_many:
             return similar_pairs(keypoints, NEIGHBOURS, selecting)
         pairs = list(combinations(range(len(keypoints)), 2))
         if self.options.pairs == "sequential":
-            return [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= self.options.window]
+            near = [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= self.options.window]
+            loops = similar_pairs(keypoints, LOOP_NEIGHBOURS, selecting) if are_many else []
+            return sorted({*near, *loops})
         return pairs if self.options.pairs == "all" else overlapping_pairs(keypoints, pairs, selecting)
 
 
