@@ -291,3 +291,14 @@ def test_a_camera_without_calibration_is_estimated_with_a_warning(run, rig_image
     radii = [camera.project(bearings)[0][:, 0] - camera.model.cx for camera in (true, found)]
     np.testing.assert_allclose(radii[1], radii[0], rtol=0.02)
     assert found.covariance is not None
+
+
+def test_the_demo_reconstructs_a_rendered_walk(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_COUNT", 12)
+    monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_WIDTH_PX", 512)
+    status, out, _ = run("demo", tmp_path, "--map", "--quiet")
+    assert status == 0
+    assert "model       12 of 12 images" in out
+    assert float(re.search(r"^positions +error ([\d.]+) mm", out, re.MULTILINE)[1]) < 10
+    assert (tmp_path / "map" / "viewer.html").as_uri() in out
+    assert (tmp_path / "map" / "viewer.html").stat().st_size > 10_000
