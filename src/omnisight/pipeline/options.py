@@ -272,6 +272,9 @@ class ReconstructOptions:
 
     Attributes
     ----------
+    engine
+        What estimates the initial poses from the relative ones: omnisight, or COLMAP's incremental or global mapper,
+        which needs `omnisight[colmap]`. Features, matches, points and bundle adjustment are the same.
     pairs
         Pairs of images to match: all of them, or, for images in the order of a path, those at most `window` apart; auto
         takes all whose strongest keypoints match, and, of more than 40 images, those of the 20 most similar images.
@@ -298,6 +301,7 @@ class ReconstructOptions:
         Rotate images by their EXIF orientation.
     """
 
+    engine: Literal["omnisight", "colmap", "colmap-global"] = "omnisight"
     pairs: Literal["auto", "all", "sequential"] = "auto"
     window: int = 10
     extrinsics: Literal["fixed", "refined", "unknown"] | None = None

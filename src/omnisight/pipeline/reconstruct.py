@@ -25,6 +25,7 @@ from omnisight.pipeline.stored_stages import match
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.places import similar_pairs
 from omnisight.rig import Rig
+from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images
@@ -36,6 +37,8 @@ from omnisight.sfm.view_graph import MIN_INLIERS, Edge, match_pairs, overlapping
 # Images up to which all pairs are compared by their strongest keypoints, and, beyond, number of the most similar images
 # that each is matched with: retrieval then finds 98 % or more of the overlapping pairs.
 MAX_EXHAUSTIVE, NEIGHBOURS = 40, 20
+# Mappers of COLMAP by the engine.
+MAPPERS: dict[str, Mapper] = {"colmap": "incremental", "colmap-global": "global"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +119,12 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If there are no images, one cannot be read, or a camera does not fit.
+        If there are no images, one cannot be read, a camera does not fit, or COLMAP is the engine and is not installed
+        or fails.
     """
     start = time.perf_counter()
+    if options.engine in MAPPERS:
+        require_pycolmap()
     sources = CameraSources.of(camera, rig, options.extrinsics)
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
     world = MetricWorld.of(files, sources, options)
@@ -195,6 +201,9 @@ class _Task:
         def watch(done: int) -> None:
             self.progress("mapping", done, images.frames)
 
+        if self.options.engine in MAPPERS:
+            mapper = MAPPERS[self.options.engine]
+            return map_images_with_colmap(images, edges, watch, mapper, refines_sensors=refines_sensors)
         return map_images(keypoints, images, edges, watch, refines_sensors=refines_sensors)
 
     def match(self, keypoints: Sequence[Keypoints], images: RigImages) -> list[Edge]:

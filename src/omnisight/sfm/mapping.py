@@ -144,6 +144,17 @@ def map_images(
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
+def refine_poses(
+    frames: Indices, poses: Array, images: RigImages, edges: Sequence[Edge], watch: Watch, *, refines_sensors: bool
+) -> Map:
+    """Return the map of frames (F,) with initial poses (F, 3, 4): triangulate points, and refine both.
+
+    The poses are in the unit of the rig if its sensors are apart; the first frame keeps its pose.
+    """
+    start = _without_points(frames, poses, images, refines_sensors)
+    return _refined(start, _tracks(start, edges), watch)
+
+
 def _start(
     moving: Sequence[Edge],
     edges: Sequence[Edge],
@@ -156,6 +167,11 @@ def _start(
         frames, poses = initial_poses(moving, keypoints, images)
     else:
         frames, poses = panorama_poses(edges, images)
+    return _without_points(frames, poses, images, refines_sensors)
+
+
+def _without_points(frames: Indices, poses: Array, images: RigImages, refines_sensors: bool) -> Map:
+    """Return a map of frames (F,) with initial poses (F, 3, 4)."""
     no_tracks, noise = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
     values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
     rig = images.sensor_from_rig, np.zeros((0, 3)), no_tracks, noise, refines_sensors
