@@ -12,7 +12,8 @@ The following run one at a time and take options, for example `python -m benchma
 
     features     detection and matching of features on rendered pairs. 10 minutes, with --quick 2
     twoview      poses and points from bearings with outliers; pycolmap, PoseLib. 10 minutes, with --quick 1
-    sfm          structure from motion of rendered images; pycolmap. 30 minutes, with --quick 5
+    sfm          structure from motion of rendered images; pycolmap. 2 hours, with --quick 5 minutes
+    bundle       bundle adjustment of 200 poses and 50,000 points; pycolmap. 1 minute
     places       retrieval of rendered images and of a robot's route. 10 minutes, with --quick 2
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     boards       board detection; OpenCV. 15 minutes, with --quick 5
@@ -43,6 +44,7 @@ EVALUATIONS = (
     "features",
     "twoview",
     "sfm",
+    "bundle",
     "places",
     "stereo",
     "boards",

@@ -302,3 +302,31 @@ def test_the_demo_reconstructs_a_rendered_walk(run, tmp_path, monkeypatch):
     assert float(re.search(r"^positions +error ([\d.]+) mm", out, re.MULTILINE)[1]) < 10
     assert (tmp_path / "map" / "viewer.html").as_uri() in out
     assert (tmp_path / "map" / "viewer.html").stat().st_size > 10_000
+
+
+@pytest.mark.peer
+def test_the_engine_colmap_gives_the_model_of_the_same_images(run, room, rig_images, tmp_path):
+    pytest.importorskip("pycolmap")
+    status, out, _ = run("reconstruct", room, "--engine", "colmap", "-o", tmp_path / "model", "--json")
+    assert status == 0
+    assert json.loads(out)["registered"] == 5
+    poses = np.array([pose.matrix for pose in om.read_reconstruction(tmp_path / "model").rig_from_world])
+    positions, rotations = similarity_errors(poses, [pose.inverse() for pose in POSES])
+    assert positions.max() < 0.005
+    assert rotations.max() < 0.1
+    arguments = ("--rig", rig_images / "rig.json", "--engine", "colmap-global", "-o", tmp_path / "of_rig")
+    assert run("reconstruct", rig_images / "images", *arguments)[0] == 0
+    model = om.read_reconstruction(tmp_path / "of_rig")
+    assert len(model) == 10
+    assert model.has_scale
+    positions = [pose.inverse().translation for pose in model.rig_from_world]
+    true = np.linalg.norm(POSES[4].translation - POSES[0].translation)
+    assert np.linalg.norm(positions[4] - positions[0]) == pytest.approx(true, rel=0.02)
+
+
+def test_the_engine_colmap_without_pycolmap_is_refused_with_the_remedy(run, room, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.sfm.colmap_mapper.importlib.util.find_spec", lambda name: None)
+    status, _, err = run("reconstruct", room, "--engine", "colmap", "-o", tmp_path / "model")
+    assert status == 2
+    assert "pip install 'omnisight[colmap]'" in err
+    assert not (tmp_path / "model").exists()

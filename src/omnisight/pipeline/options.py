@@ -272,6 +272,9 @@ class ReconstructOptions:
 
     Attributes
     ----------
+    engine
+        What estimates the initial poses from the relative ones: omnisight, or COLMAP's incremental or global mapper,
+        which needs `omnisight[colmap]`. Features, matches, points and bundle adjustment are the same.
     pairs
         Pairs of images to match: all; sequential, for images in the order of a path: those at most `window` apart and,
         of more than 40 images, the 10 most similar ones; auto: those whose strongest keypoints match, or, of more than
@@ -301,6 +304,7 @@ class ReconstructOptions:
         Rotate images by their EXIF orientation.
     """
 
+    engine: Literal["omnisight", "colmap", "colmap-global"] = "omnisight"
     pairs: Literal["auto", "all", "sequential"] = "auto"
     window: int = 10
     fps: float = 2.0

@@ -26,6 +26,7 @@ from omnisight.pipeline.stored_stages import match
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.places import similar_pairs
 from omnisight.rig import Rig
+from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images
@@ -40,6 +41,8 @@ Pairs = list[tuple[int, int]]
 # that each is matched with: retrieval then finds 98 % or more of the overlapping pairs. Images in the order of a path
 # need it for loops only.
 MAX_EXHAUSTIVE, NEIGHBOURS, LOOP_NEIGHBOURS = 40, 20, 10
+# Mappers of COLMAP by the engine.
+MAPPERS: dict[str, Mapper] = {"colmap": "incremental", "colmap-global": "global"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +126,12 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If there are no images, one cannot be read, or a camera does not fit.
+        If there are no images, one cannot be read, a camera does not fit, or COLMAP is the engine and is not installed
+        or fails.
     """
     start = time.perf_counter()
+    if options.engine in MAPPERS:
+        require_pycolmap()
     sources = CameraSources.of(camera, rig, options.extrinsics)
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
     world = MetricWorld.of(files, sources, options)
@@ -208,6 +214,9 @@ class _Task:
         def watch(done: int) -> None:
             self.progress("mapping", done, images.frames)
 
+        if self.options.engine in MAPPERS:
+            mapper = MAPPERS[self.options.engine]
+            return map_images_with_colmap(images, graph.edges, watch, mapper, refines_sensors=refines_sensors)
         return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)
 
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:

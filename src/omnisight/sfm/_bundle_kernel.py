@@ -31,23 +31,39 @@ def _direction(frame_pose, sensor_pose, point, origin):
 
 
 @njit_driver
-def squared_lengths(frame_poses, sensor_poses, points, frame, sensor, point, origins, bearings, axes, squares):
-    """Fill the squared lengths (M,) of whitened residuals; inf for points behind their rays."""
-    for i in range(len(frame)):
+def squared_lengths(
+    frame_poses, sensor_poses, points, frame, sensor, point, origins, bearings, axes, first, last, squares
+):
+    """Fill the squared lengths (M,) of whitened residuals first ... last; inf for points behind their rays."""
+    for i in range(first, last):
         _, _, u, _ = _direction(frame_poses[frame[i]], sensor_poses[sensor[i]], points[point[i]], origins[i])
         squares[i] = np.inf if dot(u, bearings[i]) <= 0.0 else dot(axes[i, 0], u) ** 2 + dot(axes[i, 1], u) ** 2
 
 
 @njit_driver
 def linearize(
-    frame_poses, sensor_poses, points, frame, sensor, point, origins, axes, weights, residuals, by_camera, by_point
+    frame_poses,
+    sensor_poses,
+    points,
+    frame,
+    sensor,
+    point,
+    origins,
+    axes,
+    weights,
+    first,
+    last,
+    residuals,
+    by_camera,
+    by_point,
 ):
     """Fill weighted residuals (M, 2) and their derivatives by the poses (M, 2, 6 or 12) and by the point (M, 2, 3).
 
-    The first six columns are of a step of the frame, the next of a step of the sensor, if there is room for them.
+    Those of the observations first ... last are filled. The first six columns are of a step of the frame, the next of
+    a step of the sensor, if there is room for them.
     """
     sensors_are_free = by_camera.shape[2] >= 2 * POSE
-    for i in range(len(frame)):
+    for i in range(first, last):
         frame_pose, sensor_pose = frame_poses[frame[i]], sensor_poses[sensor[i]]
         a, b, u, inverse = _direction(frame_pose, sensor_pose, points[point[i]], origins[i])
         root = np.sqrt(weights[i])

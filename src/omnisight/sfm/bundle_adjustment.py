@@ -11,6 +11,7 @@ from scipy.sparse import coo_array, csr_array, vstack
 from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
+from omnisight.parallel import parallel_for
 from omnisight.sfm.linearized_bundle import LinearizedBundle, Prior
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.pixel_rays import PixelRays
@@ -21,6 +22,10 @@ Indices = NDArray[np.intp]
 MAX_ITERATIONS, TOLERANCE = 100, 1e-6
 # Damping at the start: the initial points are far from the optimum along their rays.
 INITIAL_DAMPING = 1e-4
+# Derivatives by a pose.
+POSE = 6
+# Observations per task of a thread.
+RAYS_PER_TASK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +87,13 @@ class Structure:
 
         squares, indices = np.empty(len(rays)), (rays.frame, rays.sensor, rays.point)
         poses = self.rig_from_world, self.sensor_from_rig
-        squared_lengths(*poses, self.points, *indices, rays.origins, rays.bearings, rays.axes, squares)
+        parallel_for(
+            lambda first, last: squared_lengths(
+                *poses, self.points, *indices, rays.origins, rays.bearings, rays.axes, first, last, squares
+            ),
+            len(rays),
+            RAYS_PER_TASK,
+        )
         return squares
 
 
@@ -146,14 +157,16 @@ class Bundle:
         return columns[: len(frames)], columns[len(frames) :], int(is_free.sum()) + len(self.start.values)
 
     @cached_property
-    def columns(self) -> Indices:
+    def columns(self) -> NDArray[np.int32]:
         """Columns (M, L) of the derivatives of each observation."""
         frames, sensors, count = self.parameters
-        values = np.arange(count - len(self.start.values), count)
-        parts = [frames[self.rays.frame], np.tile(values, (len(self.rays), 1))]
+        poses = POSE * (2 if self.refines_sensors else 1)
+        columns = np.empty((len(self.rays), poses + len(self.start.values)), np.int32)
+        columns[:, :POSE] = frames.astype(np.int32)[self.rays.frame]
         if self.refines_sensors:
-            parts.insert(1, sensors[self.rays.sensor])
-        return np.hstack(parts)
+            columns[:, POSE:poses] = sensors[self.rays.sensor]
+        columns[:, poses:] = np.arange(count - len(self.start.values), count)
+        return columns
 
     def rays_at(self, state: Structure) -> tuple[RayObservations, Array]:
         """Return the rays with the cameras of a state, and the derivatives (M, 2, Q) of residuals by their values."""
@@ -181,7 +194,13 @@ class Bundle:
         residuals, by_point = np.empty((count, 2)), np.empty((count, 2, 3))
         by_pose = np.empty((count, 2, self.columns.shape[1] - by_values.shape[2]))
         indices, derivatives = (rays.frame, rays.sensor, rays.point), (residuals, by_pose, by_point)
-        linearize(*poses, state.points, *indices, rays.origins, rays.axes, weights, *derivatives)
+        parallel_for(
+            lambda first, last: linearize(
+                *poses, state.points, *indices, rays.origins, rays.axes, weights, first, last, *derivatives
+            ),
+            count,
+            RAYS_PER_TASK,
+        )
         if by_values.shape[2]:
             by_pose = np.concatenate([by_pose, np.sqrt(weights)[:, None, None] * by_values], axis=2)
         blocks = residuals, by_pose, by_point

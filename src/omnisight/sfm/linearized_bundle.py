@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_solve
 from scipy.sparse import csr_array
 
+from omnisight.optim.cholesky import factor_cholesky
 from omnisight.parallel import parallel_for
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ class LinearizedBundle:
     point
         (M,) indices of the points.
     columns
-        (M, L) column of each derivative by a camera; -1 if it is fixed.
+        (M, L) int32, column of each derivative by a camera; -1 if it is fixed.
     count
         Number of columns C.
     residuals, by_camera, by_point
@@ -46,7 +47,7 @@ class LinearizedBundle:
 
     starts: Indices
     point: Indices
-    columns: Indices
+    columns: NDArray[np.int32]
     count: int
     residuals: Array
     by_camera: Array
@@ -54,7 +55,7 @@ class LinearizedBundle:
     prior: Prior
 
     @property
-    def _jacobian(self) -> tuple[Indices, Array, Array, Array]:
+    def _jacobian(self) -> tuple[NDArray[np.int32], Array, Array, Array]:
         return self.columns, self.residuals, self.by_camera, self.by_point
 
     def solve(self, damping: float) -> Array:
@@ -65,7 +66,7 @@ class LinearizedBundle:
         try:
             schur, right, diagonal = self.reduced(damping)
             schur[np.diag_indices(self.count)] += damping * diagonal
-            step = -cho_solve(cho_factor(schur, lower=True, overwrite_a=True, check_finite=False), right)
+            step = -cho_solve(factor_cholesky(schur), right)
         except LinAlgError:
             return np.full(self.count + moves.size, np.nan)
         parallel_for(
@@ -120,7 +121,7 @@ class LinearizedBundle:
         from omnisight.sfm._bundle_kernel import point_covariances
 
         schur, _, _ = self.reduced()
-        factor = cho_factor(schur, lower=True, overwrite_a=True, check_finite=False)
+        factor = factor_cholesky(schur)
         cameras = np.asarray(cho_solve(factor, np.eye(self.count)), float)
         points = np.empty((len(self.starts) - 1, 3, 3))
         parallel_for(

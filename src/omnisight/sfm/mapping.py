@@ -168,6 +168,17 @@ def _first_poses(
     return panorama_poses(edges, images)
 
 
+def refine_poses(
+    first: InitialPoses, images: RigImages, edges: Sequence[Edge], watch: Watch, *, refines_sensors: bool
+) -> Map:
+    """Return the map of frames with initial poses: triangulate points, and refine both.
+
+    The poses are in the unit of the rig if its sensors are apart; the first frame keeps its pose.
+    """
+    start = _without_points(first, images, refines_sensors)
+    return _refined(start, _tracks(start, edges), watch)
+
+
 def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:
     """Return a map of some poses, without points."""
     no_tracks, noise = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
