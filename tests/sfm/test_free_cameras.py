@@ -1,18 +1,24 @@
 """Bundle adjustment of cameras whose calibration is unknown or uncertain."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
+import omnisight as om
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optim.loss import StudentT
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.calibration_check import focal_length_changes, scaling_basis
+from omnisight.sfm.mapping import map_images
 from omnisight.sfm.pixel_rays import FreeCameras, PixelRays
+from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.view_graph import match_pairs
 from omnisight.twoview.triangulation import whitening
-from sfm.worlds import circle_of_poses, points_around, unit
+from sfm.worlds import circle_of_poses, observe, points_around, unit
 
 TRUE = Camera(KannalaBrandt(fx=300.0, fy=300.0, cx=400.0, cy=390.0, k1=0.02, k2=0.0, k3=0.0, k4=0.0), (800, 800))
 GROUPS = {("fx", "fy"): np.inf, ("k1",): np.inf}
@@ -82,3 +88,52 @@ def test_a_prior_holds_what_the_images_do_not_determine():
     assert abs(found.values[2]) < 1e-7
     cameras, _ = free.covariances(found)
     assert np.sqrt(cameras[-1, -1]) == pytest.approx(1e-7, rel=0.05)
+
+
+@pytest.mark.parametrize("camera", [TRUE, om.perspective(70, (600, 400)), om.sphere(640)], ids=lambda c: c.model.name)
+def test_the_basis_of_a_camera_scales_its_image(camera):
+    basis = scaling_basis(camera)
+    if camera.model.name == "equirectangular":  # always 360 degrees wide
+        assert basis is None
+        return
+    scaled = camera.model.with_params(camera.model.params + 0.01 * basis[:, 0])
+    pixels = np.random.default_rng(0).uniform(100, 300, (50, 2))
+    center = np.array([camera.model.cx, camera.model.cy])
+    bearings, _ = scaled.unproject(center + 1.01 * (pixels - center))
+    np.testing.assert_allclose(bearings, camera.model.unproject(pixels)[0], atol=1e-3)
+
+
+def seen(poses, points, camera, sigma_px):
+    """Return keypoints whose pixels are those of the true camera, and whose bearings are those of another."""
+    found = []
+    for exact in observe(poses, points, 1e-9):
+        rng, bearings = np.random.default_rng(len(found)), exact.bearings
+        exact = exact[bearings[:, 2] > 0]
+        pixels = TRUE.project(exact.bearings)[0] + rng.normal(0, sigma_px, (len(exact), 2))
+        bearings, _, by_pixel, _ = camera.model.unproject_with_jacobians(pixels)
+        covariance = sigma_px**2 * by_pixel @ by_pixel.transpose(0, 2, 1)
+        found.append(replace(exact, pixels=pixels, bearings=bearings, covariance=covariance))
+    return found
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.04])
+def test_a_focal_length_that_the_images_contradict_is_reported(scale):
+    model = replace(TRUE.model, fx=TRUE.model.fx * scale, fy=TRUE.model.fy * scale)
+    camera, points = replace(TRUE, model=model), points_around(600)
+    centers = np.random.default_rng(4).uniform(-0.7, 0.7, (8, 3))
+    keypoints = seen([Pose(np.eye(3), -center) for center in centers], points, camera, 0.3)
+    graph = match_pairs(keypoints, list(combinations(range(8), 2)), lambda *_: None)
+    (found,) = map_images(keypoints, RigImages.of(keypoints), graph, lambda *_: None)
+    (change,) = focal_length_changes(found, [camera], keypoints)
+    assert change.is_significant == (scale > 1)
+    assert change.relative == pytest.approx(1 / scale - 1, abs=4 * change.sigma + 0.25 * (scale - 1))
+
+
+def test_the_covariance_of_a_calibration_is_the_prior_of_its_refinement():
+    covariance = np.diag([4.0, 4.0, 1.0, 1.0, 1e-6, 0.0, 0.0, 0.0])
+    covariance[0, 1] = covariance[1, 0] = 3.9
+    free = FreeCameras.of_calibrations([replace(TRUE, covariance=covariance)])
+    of_params = free.bases[0] @ np.diag(1 / free.precision) @ free.bases[0].T
+    np.testing.assert_allclose(of_params, covariance, atol=1e-12)
+    with pytest.raises(ValueError, match="has no covariance"):
+        FreeCameras.of_calibrations([TRUE])

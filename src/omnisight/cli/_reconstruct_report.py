@@ -43,6 +43,10 @@ def print_json(result: ReconstructionResult) -> None:
         "has_scale": bool(model and model.has_scale),
         "georeference": _georeference_json(result),
         "self_calibrated": list(result.self_calibrated),
+        "focal_length_changes": {
+            name: {"relative": change.relative, "sigma": change.sigma}
+            for name, change in result.focal_length_changes.items()
+        },
         "unregistered": result.unregistered,
         "seconds": round(result.seconds, 3),
         "peak_memory_mb": _megabytes(result),
@@ -95,6 +99,13 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(f"scale       {f'metres, ± {model.scale_sigma:.2%} (1σ)' if model.has_scale else 'arbitrary'}")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)
+    for name, change in result.focal_length_changes.items():
+        length = f"about {abs(change.relative):.1%} {'longer' if change.relative > 0 else 'shorter'}"
+        print(
+            f"warning     {name}: the images agree best with a focal length {length}"
+            " than that of the calibration: does the camera file belong to these images, and were they resized or"
+            " cropped?"
+        )
     memory = "" if (megabytes := _megabytes(result)) is None else f", {megabytes} MB of memory at most"
     print(f"time        {result.seconds:.0f} s{memory}")
     print(f"look at     {(output / 'viewer.html').resolve().as_uri()}")

@@ -51,6 +51,8 @@ class DetectedImages:
         Keypoints of each image.
     colors
         Their colours (K, 3), RGB.
+    refines_cameras
+        Whether calibrated cameras are refined, with their covariance as the prior.
     """
 
     cameras: tuple[Camera, ...]
@@ -58,10 +60,15 @@ class DetectedImages:
     camera: Indices
     keypoints: list[Keypoints] = field(repr=False)
     colors: list[Bytes] = field(repr=False)
+    refines_cameras: bool = False
 
     @property
-    def free_cameras(self) -> FreeCameras:
-        """The cameras, where those that are guessed can be refined."""
+    def free_cameras(self) -> FreeCameras | None:
+        """The cameras, where those that are guessed can be refined, or all; None if all are fixed."""
+        if self.refines_cameras:
+            return FreeCameras.of_calibrations(self.cameras)
+        if not any(self.is_guessed):
+            return None
         cameras = zip(self.cameras, self.is_guessed, strict=True)
         return FreeCameras.of_parameters(self.cameras, [prior_sigmas(each) if guess else {} for each, guess in cameras])
 
@@ -125,7 +132,9 @@ def detect_images(
     is_guessed = tuple(k in candidates for k in order)
     detected = DetectedImages(tuple(cameras[k] for k in order), is_guessed, files.camera, keypoints, colors)
     if not candidates:
-        return detected
+        return replace(detected, refines_cameras=options.refine_camera)
+    if options.refine_camera:
+        raise ValueError("a camera without calibration is estimated already: leave refine_camera out")
     return detected.seen_by(
         [select_camera(candidates[k], detected.of_camera(k)) if k in candidates else cameras[k] for k in order]
     )

@@ -286,6 +286,8 @@ class ReconstructOptions:
     extrinsics
         Poses of the cameras on the rig: fixed, refined from those of the rig file, or unknown, for several cameras that
         are rigidly connected. By default those of a rig are fixed, and several cameras without a rig are independent.
+    refine_camera
+        Refine the cameras with the poses; the covariance of their calibration is the prior.
     scale
         Two images and the distance between their cameras, such as first.jpg last.jpg 3.2m.
     positions
@@ -309,6 +311,7 @@ class ReconstructOptions:
     window: int = 10
     fps: float = 2.0
     extrinsics: Literal["fixed", "refined", "unknown"] | None = None
+    refine_camera: bool = False
     scale: tuple[str, str, str] | None = None
     positions: str | None = None
     name: str | None = None

@@ -26,6 +26,7 @@ from omnisight.pipeline.stored_stages import match
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.places import similar_pairs
 from omnisight.rig import Rig
+from omnisight.sfm.calibration_check import FocalLengthChange, focal_length_changes
 from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
@@ -67,6 +68,9 @@ class ReconstructionResult:
         For a rig, what images that were taken together have in common: "name", "number" or "order".
     self_calibrated
         Names of the cameras that were estimated from the images; their covariance is in the rigs of the models.
+    focal_length_changes
+        Focal lengths that the largest model contradicts significantly, by the names of the cameras: these calibrations
+        may belong to other images.
     georeferences
         How each model was scaled or brought to known positions; none if there are no measurements in metres.
     """
@@ -79,6 +83,7 @@ class ReconstructionResult:
     reason: str = ""
     simultaneous: str = ""
     self_calibrated: tuple[str, ...] = ()
+    focal_length_changes: Mapping[str, FocalLengthChange] = field(default_factory=dict[str, FocalLengthChange])
     georeferences: tuple[Georeference, ...] = ()
 
     def __bool__(self) -> bool:
@@ -137,8 +142,9 @@ def reconstruct(
     world = MetricWorld.of(files, sources, options)
     task = _Task(files, sources, options, progress, WorkFolder(None if work is None else Path(work)))
     detected, graph, maps = task.maps(detect_images(files, sources, options, progress, task.work))
-    maps, georeferences = world.place(maps)
     names = sources.names or ("camera",)
+    changes = _focal_length_changes(maps, detected, names)
+    maps, georeferences = world.place(maps)
     body = Rig(detected.cameras, (Pose(),) * len(names), names)
     scene = files.names, detected.keypoints, detected.colors
     models = tuple(build_reconstruction(found, body, *scene, world.origin) for found in maps)
@@ -157,8 +163,19 @@ def reconstruct(
         reason="" if models else next(iter(unregistered.values())),
         simultaneous=files.rule,
         self_calibrated=tuple(name for name, guessed in zip(names, detected.is_guessed, strict=True) if guessed),
+        focal_length_changes=changes,
         georeferences=georeferences,
     )
+
+
+def _focal_length_changes(
+    maps: Sequence[Map], detected: DetectedImages, names: Sequence[str]
+) -> dict[str, FocalLengthChange]:
+    """Return the significant changes of the focal lengths of fixed cameras by the largest map."""
+    if not maps or detected.free_cameras is not None:
+        return {}
+    changes = focal_length_changes(maps[0], detected.cameras, detected.keypoints)
+    return {name: change for name, change in zip(names, changes, strict=True) if change and change.is_significant}
 
 
 @dataclass(frozen=True)
@@ -187,8 +204,8 @@ class _Task:
     def map(self, detected: DetectedImages) -> tuple[ViewGraph, list[Map]]:
         """Match pairs of images and map them."""
         images = RigImages.of(detected.keypoints, self.files.camera, len(detected.cameras))
-        if any(detected.is_guessed):
-            images = images.with_free_cameras(detected.free_cameras, detected.keypoints)
+        if (free := detected.free_cameras) is not None:
+            images = images.with_free_cameras(free, detected.keypoints)
         if self.sources.poses:
             poses = np.array([pose.matrix for pose in self.sources.poses])
             images = images.on_rig(self.files.frame, poses, is_known=True)

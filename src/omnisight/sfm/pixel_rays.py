@@ -12,6 +12,9 @@ from omnisight.camera import Camera
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# Variances of a calibration below this share of the largest are those of fixed parameters.
+MIN_RELATIVE_VARIANCE = 1e-24
+
 
 @dataclass(frozen=True, eq=False)
 class FreeCameras:
@@ -42,13 +45,53 @@ class FreeCameras:
         sigmas
             For each camera the standard deviation of the prior of each group; infinity without prior.
         """
-        starts = np.cumsum([0, *(len(each) for each in sigmas)])
-        bases = [np.zeros((len(camera.model.params), starts[-1])) for camera in cameras]
-        for camera, basis, start, groups in zip(cameras, bases, starts, sigmas, strict=False):
-            for column, group in enumerate(groups, start):
+        bases = [
+            np.zeros((len(camera.model.params), len(groups))) for camera, groups in zip(cameras, sigmas, strict=True)
+        ]
+        for camera, basis, groups in zip(cameras, bases, sigmas, strict=True):
+            for column, group in enumerate(groups):
                 basis[[camera.model.param_names.index(name) for name in group], column] = 1.0
-        precision = [1 / sigma**2 for groups in sigmas for sigma in groups.values()]
-        return cls(tuple(cameras), tuple(bases), np.array(precision, float))
+        return cls.of_bases(cameras, bases, [np.array([1 / s**2 for s in groups.values()], float) for groups in sigmas])
+
+    @classmethod
+    def of_calibrations(cls, cameras: Sequence[Camera]) -> Self:
+        """Free all parameters of each camera, with the covariance of its calibration as the prior.
+
+        Raises
+        ------
+        ValueError
+            If a camera has no covariance.
+        """
+        bases = list[Array]()
+        for camera in cameras:
+            if camera.covariance is None:
+                raise ValueError(
+                    f"the calibration ({camera.model.name}) has no covariance, and cannot be refined: calibrate with"
+                    " omnisight, or estimate the camera from the images (--camera auto)"
+                )
+            variances, axes = np.linalg.eigh(camera.covariance)
+            used = variances > MIN_RELATIVE_VARIANCE * variances[-1]
+            bases.append(axes[:, used] * np.sqrt(variances[used]))
+        return cls.of_bases(cameras, bases, [np.ones(basis.shape[1]) for basis in bases])
+
+    @classmethod
+    def of_bases(cls, cameras: Sequence[Camera], bases: Sequence[Array], precision: Sequence[Array]) -> Self:
+        """Free combinations of the parameters of each camera.
+
+        Parameters
+        ----------
+        cameras
+            The cameras.
+        bases
+            For each camera (P, Q_k).
+        precision
+            For each camera (Q_k,) inverse variances.
+        """
+        starts = np.cumsum([0, *(basis.shape[1] for basis in bases)])
+        full = [np.zeros((len(basis), starts[-1])) for basis in bases]
+        for whole, basis, start in zip(full, bases, starts, strict=False):
+            whole[:, start : start + basis.shape[1]] = basis
+        return cls(tuple(cameras), tuple(full), np.concatenate([np.zeros(0), *precision]))
 
     @property
     def count(self) -> int:
