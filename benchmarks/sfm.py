@@ -1,8 +1,8 @@
 """Structure from motion of rendered images against their poses, beside pycolmap.
 
-`python -m benchmarks sfm` prints the table of docs/guide/reconstruct.md: registered frames, those within 1 % of the path
-and 1°, median errors of positions relative to the path and of rotations, points, residuals, time and peak memory, and
-the ratio to the best values of the peers with most correct frames. Each method runs in a process of its own, on the
+`python -m benchmarks sfm` prints the table of docs/guide/reconstruct.md: registered frames, those within 1 % of the
+path and 1°, median errors of positions relative to the path and of rotations, points, residuals, time and peak memory,
+and the ratio to the best values of the peers with most correct frames. Each method runs in a process of its own, on the
 same images and the same selection of pairs: all of up to 60 images, else each with the following ten. The peers are
 pycolmap on 360 images with its camera EQUIRECTANGULAR, and on the cube faces that a camera covers, as a rig of pinhole
 cameras with known poses and masks; both with their own SIFT and fixed intrinsics. Rendered images are kept in the cache
