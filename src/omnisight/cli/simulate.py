@@ -9,6 +9,7 @@ from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
 
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+Origin = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 
 def simulate(
@@ -31,6 +32,11 @@ def simulate(
     circle: Angles = None,
     exact: bool = False,
     seed: int = 0,
+    imu: float = 0.0,
+    odometry: float = 0.0,
+    gnss: float = 0.0,
+    sensor_noise: float = 1.0,
+    origin: Origin = "47.3769,8.5417,408",
     quiet: bool = False,
     json: bool = False,
 ) -> None:
@@ -78,6 +84,17 @@ def simulate(
         Write depth and normals as float32 NumPy arrays instead of 16-bit images.
     seed
         Seed of the noise and of random parts of the scene.
+    imu
+        Samples per second of an IMU at the body's origin, such as 200; 0 for none. With any sensor of the motion, the
+        poses are interpolated by a twice continuously differentiable spline.
+    odometry
+        Samples per second of wheel odometry: forward speed and yaw rate; 0 for none.
+    gnss
+        Positions per second of a GNSS receiver; 0 for none.
+    sensor_noise
+        Factor of the noise and biases of these sensors; 0 for exact measurements.
+    origin
+        LATITUDE,LONGITUDE,ALTITUDE of the world's origin, degrees and metres.
     quiet
         Show no progress.
     json
@@ -85,8 +102,9 @@ def simulate(
     """
     import sys
 
-    from omnisight.pipeline.simulate import SimulateOptions
     from omnisight.pipeline.simulate import simulate as render_dataset
+    from omnisight.pipeline.simulate_options import SimulateOptions
+    from omnisight.simulation.motion_sensors import MotionSensors
 
     options = SimulateOptions(
         scene,
@@ -106,6 +124,7 @@ def simulate(
         circle=None if circle is None else parse_range(circle, "--circle"),
         exact=exact,
         seed=seed,
+        motion_sensors=MotionSensors(imu, odometry, gnss, sensor_noise, _origin(origin)),
     )
     with progress(quiet) as report:
         result = render_dataset(options, progress=report, warn=lambda note: print(f"note: {note}", file=sys.stderr))
@@ -120,3 +139,13 @@ def simulate(
     print(f"scene     {scene}, trajectory {trajectory}{each}")
     print(f"images    {result.frames * len(names)}, with depth, normals, instances and poses; {result.seconds:.0f} s")
     print(f"written   {output}/ (described in {output / 'README.txt'})")
+
+
+def _origin(text: str) -> tuple[float, float, float]:
+    """Parse LATITUDE,LONGITUDE,ALTITUDE."""
+    try:
+        latitude, longitude, altitude = (float(part) for part in text.split(","))
+    except ValueError:
+        message = f"--origin must be LATITUDE,LONGITUDE,ALTITUDE, such as 47.3769,8.5417,408, got {text!r}"
+        raise ValueError(message) from None
+    return latitude, longitude, altitude

@@ -14,6 +14,7 @@ from omnisight.formats import save
 from omnisight.geometry.pose import Pose
 from omnisight.images import write_bytes, write_image
 from omnisight.rig import Rig, Sensor
+from omnisight.simulation import motion_sensor_files
 from omnisight.simulation.render import GroundTruth
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import encode_jpeg
@@ -26,7 +27,10 @@ FOLDERS = ("images", "depth", "normals", "instances")
 FILES = (
     *("settings.json", "rig.json", "poses.txt", "images.txt", "depth.txt"),
     *("camera.json", "instances.json", "vignette.png", "vignette.npy", "pcalib.txt"),
+    *motion_sensor_files.FILES,
 )
+# Folders of these files, besides those of the images.
+FILE_FOLDERS = (motion_sensor_files.FOLDER,)
 MAX_UINT16 = 65535
 # Depth resolutions of 16-bit images: fine for rooms, and KITTI's, which reaches 256 m.
 FINE_DEPTH_STEPS, COARSE_DEPTH_STEPS = 1000.0, 256.0
@@ -52,7 +56,7 @@ camera.json  the camera, readable by omnisight.
 vignette     {vignette}
 pcalib.txt   the light of each of the 256 levels, times 255, as in TUM's visual odometry benchmark: the inverse of the
              sRGB response. An image without noise, blur and JPEG is response(2^exposure vignette light).
-{rig}
+{rig}{more}
 Depth, normals and instances are sampled at the pixel's centre and have no noise.
 """
 
@@ -173,8 +177,18 @@ class Dataset:
             lines = [f"{time} {kind}/{i:06d}.{suffix}\n" for i, time in enumerate(times)]
             write_bytes(folder / f"{kind}.txt", (LIST_HEADER.format(kind=kind, scene=scene) + "".join(lines)).encode())
 
-    def finish(self, settings: dict[str, Any], trajectory: Trajectory) -> None:
-        """Write the rig, the settings and, last, the README that marks the data set as complete."""
+    def finish(self, settings: dict[str, Any], trajectory: Trajectory, descriptions: Sequence[str] = ()) -> None:
+        """Write the rig, the settings and, last, the README that marks the data set as complete.
+
+        Parameters
+        ----------
+        settings
+            What settings.json holds.
+        trajectory
+            world_from_rig.
+        descriptions
+            Sections of the README on optional files.
+        """
         is_rig = bool(self.cameras[0].name)
         if is_rig:
             sensors = {c.name: (c.camera, c.rig_from_camera.inverse()) for c in self.cameras}
@@ -193,6 +207,7 @@ class Dataset:
             vignette=".npy, float32" if self.exact else ".png, 16 bits, 65535 for 1" + VIGNETTE,
             shutter=ROLLING_SHUTTER.format(rolling=rolling) * (rolling > 0),
             rig="rig.json     the rig; poses.txt beside it holds world_from_rig.\n" if is_rig else "",
+            more="".join(text.lstrip("\n") + "\n" for text in descriptions),
         )
         write_bytes(self.folder / "README.txt", text.encode())
 
@@ -223,6 +238,8 @@ def _clear(folder: Path) -> None:
             _remove_if_empty(place / name)
         for name in FILES:
             (place / name).unlink(missing_ok=True)
+        for name in FILE_FOLDERS:
+            _remove_if_empty(place / name)
     for camera in cameras:
         _remove_if_empty(camera)
 
