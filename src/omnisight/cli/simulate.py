@@ -37,6 +37,7 @@ def simulate(
     gnss: float = 0.0,
     sensor_noise: float = 1.0,
     origin: Origin = "47.3769,8.5417,408",
+    export: str = "",
     quiet: bool = False,
     json: bool = False,
 ) -> None:
@@ -95,6 +96,9 @@ def simulate(
         Factor of the noise and biases of these sensors; 0 for exact measurements.
     origin
         LATITUDE,LONGITUDE,ALTITUDE of the world's origin, degrees and metres.
+    export
+        Other formats to write besides, separated by commas: colmap, covisibility (pairs that see the same, and loops),
+        euroc, kitti, nerfstudio (transforms.json).
     quiet
         Show no progress.
     json
@@ -125,6 +129,7 @@ def simulate(
         exact=exact,
         seed=seed,
         motion_sensors=MotionSensors(imu, odometry, gnss, sensor_noise, _origin(origin)),
+        export=tuple(name.strip() for name in export.split(",") if name.strip()),
     )
     with progress(quiet) as report:
         result = render_dataset(options, progress=report, warn=lambda note: print(f"note: {note}", file=sys.stderr))

@@ -19,7 +19,10 @@ from omnisight.pipeline.simulate_options import SimulateOptions
 from omnisight.pipeline.simulated_motion import camera_motion, write_measurements
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
+from omnisight.simulation import motion_sensor_files
 from omnisight.simulation.dataset import Dataset, MountedCamera, depth_steps_per_metre
+from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
+from omnisight.simulation.image_samples import ImageSample
 from omnisight.simulation.motion_sensors import RATES, MotionSensors
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
@@ -89,6 +92,9 @@ def simulate(
     start = time.perf_counter()
     report = progress or (lambda stage, done, total: None)
     cameras = mounted_cameras(options.camera, options.circle)
+    exports = [get_export(name) for name in options.export]
+    for export in exports:
+        export.check(cameras)
     report("build the scene", 0, 1)
     scene = scene_named(options.scene, options.seed)
     motion, times, notes = camera_motion(options, scene)
@@ -97,7 +103,9 @@ def simulate(
         warn(note)  # pyright: ignore[reportOptionalCall]
     steps = depth_steps_per_metre(scene)
     dataset = Dataset.create(options.output, cameras, exact=options.exact, jpeg=options.jpeg, depth_steps=steps)
+    remove_exports(options.output)
     report("build the scene", 1, 1)
+    samples: list[ImageSample] = []
     total = len(times) * len(cameras)
     for k, camera in enumerate(cameras):
         for i, moment in enumerate(times):
@@ -105,14 +113,21 @@ def simulate(
             renderer = _renderer(options, scene, camera, motion, float(moment))
             rng = np.random.default_rng((options.seed, k, i))
             rendered = renderer(rng=rng, exposure=options.exposure, blur=options.blur, noise=options.noise)
-            dataset.write_frame(camera, i, rendered.image, renderer.truth())
+            truth = renderer.truth()
+            dataset.write_frame(camera, i, rendered.image, truth)
+            if any(export.NEEDS_SAMPLES for export in exports):
+                samples.append(ImageSample.of(rendered.image, truth))
             if i == 0:
                 dataset.write_photometry(camera, renderer.vignetting())
         poses = tuple(motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
         dataset.write_camera(camera, Trajectory(times, poses), options.scene, scene.names)
     report("render", total, total)
     settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
-    descriptions = write_measurements(options, motion, times)
+    measurements = write_measurements(options, motion, times)
+    suffix = ".png" if options.jpeg is None else ".jpg"
+    sequence = SimulatedSequence(options.output, cameras, times, motion, suffix, samples, measurements)
+    descriptions = [motion_sensor_files.DESCRIPTION] * bool(options.motion_sensors)
+    descriptions += write_exports(options.export, sequence)
     dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)), descriptions)
     seconds = time.perf_counter() - start
     return SimulatedDataset(options.output, tuple(cameras), len(times), settings, tuple(notes), seconds)
@@ -219,6 +234,7 @@ def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
         "rolling_shutter_ms": options.rolling_shutter,
         "circle": None if options.circle is None else "{:g}:{:g}".format(*options.circle),
         "seed": options.seed,
+        "export": ",".join(options.export) or None,
         "motion_sensors": _sensor_settings(options.motion_sensors),
     }
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from omnisight.rig import Rig, Sensor
+from omnisight.simulation.exports import get_export
 from omnisight.simulation.motion_sensors import MotionSensors
 from omnisight.simulation.sensor import check_sensor
 
@@ -59,6 +60,8 @@ class SimulateOptions:
     motion_sensors
         IMU, wheel odometry and GNSS. With any of them the body moves along a twice continuously differentiable spline
         through the poses, instead of with constant velocity between them.
+    export
+        Other formats to write: colmap, covisibility, euroc, kitti and nerfstudio.
     """
 
     scene: str
@@ -79,6 +82,7 @@ class SimulateOptions:
     exact: bool = False
     seed: int = 0
     motion_sensors: MotionSensors = field(default_factory=MotionSensors)
+    export: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the ranges of all values."""
@@ -97,4 +101,7 @@ class SimulateOptions:
         if self.circle is not None and not 0 <= self.circle[0] < self.circle[1] <= 180:
             low, high = self.circle
             raise ValueError(f"--circle must be two angles from 0 to 180 degrees, such as 0:95, got {low:g}:{high:g}")
+        for name in self.export:
+            if get_export(name).NEEDS_IMU and not self.motion_sensors.imu:
+                raise ValueError(f"--export {name} needs an IMU: add --imu RATE, such as --imu 200")
         check_sensor(exposure=self.exposure, blur=self.blur, noise=self.noise, jpeg=self.jpeg)

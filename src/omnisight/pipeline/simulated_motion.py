@@ -10,7 +10,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.pipeline.simulate_options import MAX_FRAMES, SimulateOptions
 from omnisight.simulation import motion_sensor_files
-from omnisight.simulation.motion_sensors import measure_motion
+from omnisight.simulation.motion_sensors import MotionMeasurements, measure_motion
 from omnisight.simulation.preset_motion import PRESETS, preset_trajectory
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.spline_trajectory import SplineTrajectory
@@ -40,14 +40,14 @@ def camera_motion(options: SimulateOptions, scene: Scene) -> tuple[Motion, Array
     return spline, times, [note]
 
 
-def write_measurements(options: SimulateOptions, motion: Motion, times: Array) -> list[str]:
-    """Write the measurements of the sensors of the motion, if any; return their description."""
+def write_measurements(options: SimulateOptions, motion: Motion, times: Array) -> MotionMeasurements:
+    """Write and return the measurements of the sensors of the motion, if there are any."""
     if not isinstance(motion, SplineTrajectory):
-        return []
+        return MotionMeasurements()
     span = float(times[0]), float(times[-1])
     measurements = measure_motion(options.motion_sensors, motion, span, look(up=options.up), options.seed)
     motion_sensor_files.write_motion_sensors(options.output, measurements, options.motion_sensors)
-    return [motion_sensor_files.DESCRIPTION]
+    return measurements
 
 
 def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, Array]:

@@ -207,7 +207,7 @@ class Dataset:
             vignette=".npy, float32" if self.exact else ".png, 16 bits, 65535 for 1" + VIGNETTE,
             shutter=ROLLING_SHUTTER.format(rolling=rolling) * (rolling > 0),
             rig="rig.json     the rig; poses.txt beside it holds world_from_rig.\n" if is_rig else "",
-            more="".join(text.lstrip("\n") + "\n" for text in descriptions),
+            more="".join(descriptions),
         )
         write_bytes(self.folder / "README.txt", text.encode())
 

@@ -31,11 +31,12 @@ gyroscope_random_walk: {gyroscope_walk:.6g}
 rostopic: /imu0
 update_rate: {rate:.10g}
 """
-DESCRIPTION = """
+DESCRIPTION = """\
 motion/      sensors in the body frame, that of the rig or of the single camera; timestamps in nanoseconds
              imu.csv: angular velocity and specific force, columns of EuRoC; imu_biases.csv: true biases; imu.yaml:
              noise in Kalibr's format. odometry.csv: forward speed and yaw rate. gnss.csv: positions on WGS 84; the
-             world's +x is east, +z is north."""
+             world's +x is east, +z is north.
+"""
 
 
 def write_motion_sensors(folder: Path, measurements: MotionMeasurements, sensors: MotionSensors) -> None:
