@@ -13,7 +13,6 @@ from omnisight.simulation.motion_sensors import (
     ImuNoise,
     MotionSensors,
     OdometryNoise,
-    gauss_markov,
     measure_gnss,
     measure_imu,
     measure_odometry,
@@ -21,6 +20,7 @@ from omnisight.simulation.motion_sensors import (
     scaled,
 )
 from omnisight.simulation.preset_motion import preset_trajectory
+from omnisight.simulation.random_process import gauss_markov
 from omnisight.simulation.spline_trajectory import SplineTrajectory
 from omnisight.simulation.trajectory import Trajectory
 
@@ -178,7 +178,7 @@ def test_gnss_noise_has_the_stated_deviation_and_is_correlated():
 
 
 def test_gauss_markov_is_stationary():
-    drawn = gauss_markov(400, 0.05, 500, rng())
+    drawn = gauss_markov(0.05 * np.arange(400), 500, rng())
     assert drawn[0].std() == pytest.approx(1, abs=0.1)
     assert drawn[-1].std() == pytest.approx(1, abs=0.1)
     assert np.mean(drawn[:-20] * drawn[20:]) == pytest.approx(np.exp(-1), abs=0.05)

@@ -37,6 +37,9 @@ def simulate(
     gnss: float = 0.0,
     sensor_noise: float = 1.0,
     origin: Origin = "47.3769,8.5417,408",
+    time: str | None = None,
+    weather: Literal["clear", "overcast", "rain", "fog"] = "clear",
+    exposure_drift: float = 0.0,
     export: str = "",
     quiet: bool = False,
     json: bool = False,
@@ -96,6 +99,13 @@ def simulate(
         Factor of the noise and biases of these sensors; 0 for exact measurements.
     origin
         LATITUDE,LONGITUDE,ALTITUDE of the world's origin, degrees and metres.
+    time
+        Local solar time HH:MM of an outdoor scene, such as 17:30, at the latitude of --origin on 1 May; default: the
+        scene's usual sun.
+    weather
+        Weather of an outdoor scene.
+    exposure_drift
+        Standard deviation of a slow random change of the exposure, stops; exposure.csv has that of each image.
     export
         Other formats to write besides, separated by commas: colmap, covisibility (pairs that see the same, and loops),
         euroc, kitti, nerfstudio (transforms.json).
@@ -107,7 +117,7 @@ def simulate(
     import sys
 
     from omnisight.pipeline.simulate import simulate as render_dataset
-    from omnisight.pipeline.simulate_options import SimulateOptions
+    from omnisight.pipeline.simulate_options import Conditions, SimulateOptions
     from omnisight.simulation.motion_sensors import MotionSensors
 
     options = SimulateOptions(
@@ -129,6 +139,7 @@ def simulate(
         exact=exact,
         seed=seed,
         motion_sensors=MotionSensors(imu, odometry, gnss, sensor_noise, _origin(origin)),
+        conditions=Conditions(None if time is None else _hours(time), weather, exposure_drift),
         export=tuple(name.strip() for name in export.split(",") if name.strip()),
     )
     with progress(quiet) as report:
@@ -154,3 +165,11 @@ def _origin(text: str) -> tuple[float, float, float]:
         message = f"--origin must be LATITUDE,LONGITUDE,ALTITUDE, such as 47.3769,8.5417,408, got {text!r}"
         raise ValueError(message) from None
     return latitude, longitude, altitude
+
+
+def _hours(text: str) -> float:
+    """Parse HH:MM."""
+    hours, _, minutes = text.partition(":")
+    if not (hours.isdecimal() and minutes.isdecimal() and int(hours) < 24 and int(minutes) < 60):
+        raise ValueError(f"--time must be HH:MM, such as 17:30, got {text!r}")
+    return int(hours) + int(minutes) / 60

@@ -17,16 +17,18 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.pipeline.simulate_options import SimulateOptions
 from omnisight.pipeline.simulated_motion import camera_motion, write_measurements
+from omnisight.pipeline.simulated_scene import visited_scene
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation import motion_sensor_files
-from omnisight.simulation.dataset import Dataset, MountedCamera, depth_steps_per_metre
+from omnisight.simulation.dataset import EXPOSURE_DESCRIPTION, Dataset, MountedCamera, depth_steps_per_metre
+from omnisight.simulation.daylight import clock
 from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
 from omnisight.simulation.image_samples import ImageSample
 from omnisight.simulation.motion_sensors import RATES, MotionSensors
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
-from omnisight.simulation.scenes import scene_named
+from omnisight.simulation.sensor import exposure_drift
 from omnisight.simulation.trajectory import Motion, Trajectory
 
 Progress = Callable[[str, int, int], None]
@@ -96,9 +98,9 @@ def simulate(
     for export in exports:
         export.check(cameras)
     report("build the scene", 0, 1)
-    scene = scene_named(options.scene, options.seed)
-    motion, times, notes = camera_motion(options, scene)
-    notes += _collision_notes(scene, motion, times, cameras)
+    scene, notes = visited_scene(options)
+    motion, times, more_notes = camera_motion(options, scene)
+    notes += more_notes + _collision_notes(scene, motion, times, cameras)
     for note in notes if warn else ():
         warn(note)  # pyright: ignore[reportOptionalCall]
     steps = depth_steps_per_metre(scene)
@@ -108,11 +110,13 @@ def simulate(
     samples: list[ImageSample] = []
     total = len(times) * len(cameras)
     for k, camera in enumerate(cameras):
+        drift_rng = np.random.default_rng((options.seed, k, 1, 2))
+        exposures = options.exposure + exposure_drift(times, options.conditions.exposure_drift, drift_rng)
         for i, moment in enumerate(times):
             report("render", k * len(times) + i, total)
             renderer = _renderer(options, scene, camera, motion, float(moment))
             rng = np.random.default_rng((options.seed, k, i))
-            rendered = renderer(rng=rng, exposure=options.exposure, blur=options.blur, noise=options.noise)
+            rendered = renderer(rng=rng, exposure=float(exposures[i]), blur=options.blur, noise=options.noise)
             truth = renderer.truth()
             dataset.write_frame(camera, i, rendered.image, truth)
             if any(export.NEEDS_SAMPLES for export in exports):
@@ -120,13 +124,15 @@ def simulate(
             if i == 0:
                 dataset.write_photometry(camera, renderer.vignetting())
         poses = tuple(motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
+        if options.conditions.exposure_drift:
+            dataset.write_exposures(camera, times, exposures)
         dataset.write_camera(camera, Trajectory(times, poses), options.scene, scene.names)
     report("render", total, total)
     settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
     measurements = write_measurements(options, motion, times)
-    suffix = ".png" if options.jpeg is None else ".jpg"
-    sequence = SimulatedSequence(options.output, cameras, times, motion, suffix, samples, measurements)
+    sequence = SimulatedSequence(options.output, cameras, times, motion, dataset.image_suffix, samples, measurements)
     descriptions = [motion_sensor_files.DESCRIPTION] * bool(options.motion_sensors)
+    descriptions += [EXPOSURE_DESCRIPTION] * bool(options.conditions.exposure_drift)
     descriptions += write_exports(options.export, sequence)
     dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)), descriptions)
     seconds = time.perf_counter() - start
@@ -235,6 +241,9 @@ def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
         "circle": None if options.circle is None else "{:g}:{:g}".format(*options.circle),
         "seed": options.seed,
         "export": ",".join(options.export) or None,
+        "time": None if options.conditions.time is None else clock(options.conditions.time),
+        "weather": options.conditions.weather,
+        "exposure_drift": options.conditions.exposure_drift,
         "motion_sensors": _sensor_settings(options.motion_sensors),
     }
 

@@ -5,13 +5,39 @@ from pathlib import Path
 from typing import Literal
 
 from omnisight.rig import Rig, Sensor
+from omnisight.simulation.daylight import Weather
 from omnisight.simulation.exports import get_export
 from omnisight.simulation.motion_sensors import MotionSensors
 from omnisight.simulation.sensor import check_sensor
 
 # Larger requests are mistakes, and would fill the disk.
 MAX_FRAMES = 100_000
+MAX_DRIFT_STOPS = 10
 RAYS_PER_PIXEL = (1, 4, 9, 16)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions under which a scene is visited.
+
+    Attributes
+    ----------
+    time
+        Local solar time, hours, of an outdoor scene; None for its usual sun.
+    weather
+        clear, overcast, rain or fog.
+    exposure_drift
+        Standard deviation, stops, of a slow random change of the exposure.
+    """
+
+    time: float | None = None
+    weather: Weather = "clear"
+    exposure_drift: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the ranges of all values."""
+        if not 0 <= self.exposure_drift <= MAX_DRIFT_STOPS:
+            raise ValueError(f"--exposure-drift must be from 0 to {MAX_DRIFT_STOPS} stops, got {self.exposure_drift:g}")
 
 
 @dataclass(frozen=True)
@@ -60,6 +86,8 @@ class SimulateOptions:
     motion_sensors
         IMU, wheel odometry and GNSS. With any of them the body moves along a twice continuously differentiable spline
         through the poses, instead of with constant velocity between them.
+    conditions
+        Time of day, weather and drift of the exposure.
     export
         Other formats to write: colmap, covisibility, euroc, kitti and nerfstudio.
     """
@@ -82,6 +110,7 @@ class SimulateOptions:
     exact: bool = False
     seed: int = 0
     motion_sensors: MotionSensors = field(default_factory=MotionSensors)
+    conditions: Conditions = field(default_factory=Conditions)
     export: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -16,8 +16,6 @@ from omnisight.simulation._trace import first_hit, point_to_local, to_local, wor
 MAX_PROBES, ROWS = 12, 2
 # Scale of the footprint for filtering; less than 1, because several rays per pixel are averaged.
 FOOTPRINT_SCALE = 0.85
-# Colours of sunlight and skylight (red, green, blue).
-SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
 # Offset of shadow rays from the surface, metres, against self-intersection.
 SHADOW_OFFSET_M = 1e-5
 
@@ -139,7 +137,10 @@ def _sky(world, textures, d, dx, dy):
         return 0.0, 0.0, 0.0
     u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
     wide = _norm(dx) / (2 * math.pi * max(math.sqrt(d[0] * d[0] + d[2] * d[2]), 1e-3))
-    return _filtered(textures, world.sky, u, v, wide, 0.0, 0.0, _norm(dy) / math.pi)
+    r, g, b = _filtered(textures, world.sky, u, v, wide, 0.0, 0.0, _norm(dy) / math.pi)
+    if world.fog[0] > 0:
+        r, g, b = _fogged(world.fog, r, g, b, world.fog[4] / max(-d[1], 1e-3))
+    return r, g, b
 
 
 @njit_inlined
@@ -171,12 +172,20 @@ def _radiance(world, tree, textures, t, solid, face, o, d, ox, dx, oy, dy, shade
             shader = first_hit(tree, px, py, pz, sx, sy, sz, 1e-6, np.inf, shade, True)[1]
             if shader < 0:
                 shine = world.sun[3] * facing
-        r *= light * SKYLIGHT[0] + shine * SUNLIGHT[0]
-        g *= light * SKYLIGHT[1] + shine * SUNLIGHT[1]
-        b *= light * SKYLIGHT[2] + shine * SUNLIGHT[2]
-    else:
-        r, g, b = r * light, g * light, b * light
+    colors, fog = world.colors, world.fog
+    r *= light * colors[1, 0] + shine * colors[0, 0]
+    g *= light * colors[1, 1] + shine * colors[0, 1]
+    b *= light * colors[1, 2] + shine * colors[0, 2]
+    if fog[0] > 0:
+        r, g, b = _fogged(fog, r, g, b, t)
     return r, g, b, shader
+
+
+@njit_inlined
+def _fogged(fog, r, g, b, t):
+    """Return light (r, g, b) after a distance in fog."""
+    kept = math.exp(-fog[0] * t)
+    return fog[1] + kept * (r - fog[1]), fog[2] + kept * (g - fog[2]), fog[3] + kept * (b - fog[3])
 
 
 @njit_inlined

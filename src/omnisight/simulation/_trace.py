@@ -76,6 +76,10 @@ class World(NamedTuple):
         The textures.
     sun
         (4,) direction to the sun and its strength.
+    colors
+        (2, 3) of sunlight and skylight.
+    fog
+        (5,) extinction per metre, colour, and height of the layer, metres.
     sky
         Texture of the sky, -1 if there is none.
     """
@@ -88,6 +92,8 @@ class World(NamedTuple):
     light: Any
     textures: Textures
     sun: Any
+    colors: Any
+    fog: Any
     sky: int
 
 

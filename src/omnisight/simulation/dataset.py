@@ -27,13 +27,14 @@ FOLDERS = ("images", "depth", "normals", "instances")
 FILES = (
     *("settings.json", "rig.json", "poses.txt", "images.txt", "depth.txt"),
     *("camera.json", "instances.json", "vignette.png", "vignette.npy", "pcalib.txt"),
-    *motion_sensor_files.FILES,
+    *("exposure.csv", *motion_sensor_files.FILES),
 )
 # Folders of these files, besides those of the images.
 FILE_FOLDERS = (motion_sensor_files.FOLDER,)
 MAX_UINT16 = 65535
 # Depth resolutions of 16-bit images: fine for rooms, and KITTI's, which reaches 256 m.
 FINE_DEPTH_STEPS, COARSE_DEPTH_STEPS = 1000.0, 256.0
+EXPOSURE_DESCRIPTION = "exposure.csv exposure of each image in stops, instead of the one above.\n"
 # Header of the TUM file lists.
 LIST_HEADER = "# {kind} of a camera in the {scene}\n# rendered by omnisight simulate\n# timestamp filename\n"
 
@@ -164,6 +165,20 @@ class Dataset:
         inverse_response = " ".join(f"{255 * light:.6f}" for light in LINEAR)
         write_bytes(folder / "pcalib.txt", f"{inverse_response}\n".encode())
 
+    def write_exposures(
+        self, camera: MountedCamera, times: NDArray[np.float64], exposures: NDArray[np.float64]
+    ) -> None:
+        """Write the exposures (N,), stops, of the images of a camera at times (N,)."""
+        rows = zip(format_timestamps(times), exposures.tolist(), strict=True)
+        lines = [f"{time},images/{i:06d}{self.image_suffix},{value:.6f}\n" for i, (time, value) in enumerate(rows)]
+        text = "#timestamp [s],filename,exposure [stops]\n" + "".join(lines)
+        write_bytes(self.folder / camera.name / "exposure.csv", text.encode())
+
+    @property
+    def image_suffix(self) -> str:
+        """File ending of the images."""
+        return ".png" if self.jpeg is None else ".jpg"
+
     def write_camera(self, camera: MountedCamera, trajectory: Trajectory, scene: str, names: Sequence[str]) -> None:
         """Write the camera file, poses, instance names and file lists of one camera."""
         folder = self.folder / camera.name
@@ -171,10 +186,10 @@ class Dataset:
         write_trajectory(folder / "poses.txt", trajectory)
         instances = {str(i + 1): name for i, name in enumerate(names)}
         write_bytes(folder / "instances.json", (json.dumps(instances, indent=1) + "\n").encode())
-        kinds = {"images": "png" if self.jpeg is None else "jpg", "depth": "npy" if self.exact else "png"}
+        kinds = {"images": self.image_suffix, "depth": ".npy" if self.exact else ".png"}
         for kind, suffix in kinds.items():
             times = format_timestamps(trajectory.times)
-            lines = [f"{time} {kind}/{i:06d}.{suffix}\n" for i, time in enumerate(times)]
+            lines = [f"{time} {kind}/{i:06d}{suffix}\n" for i, time in enumerate(times)]
             write_bytes(folder / f"{kind}.txt", (LIST_HEADER.format(kind=kind, scene=scene) + "".join(lines)).encode())
 
     def finish(self, settings: dict[str, Any], trajectory: Trajectory, descriptions: Sequence[str] = ()) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.geodesy import from_east_north_up
+from omnisight.simulation.random_process import gauss_markov
 from omnisight.simulation.spline_trajectory import SplineTrajectory
 
 Array = NDArray[np.float64]
@@ -233,18 +234,9 @@ def measure_gnss(
     """Return positions of a GNSS receiver at the origin of the body frame; east is +x of the world, north +z."""
     local = motion.kinematics(times).position @ EAST_NORTH_UP.T
     axes = np.array((1.0, 1.0, VERTICAL_GNSS_FACTOR))
-    slow = noise.correlated * gauss_markov(len(times), _step(times) / noise.correlation_time, 3, rng)
+    slow = noise.correlated * gauss_markov(times / noise.correlation_time, 3, rng)
     errors = axes * (slow + rng.normal(0, noise.white, local.shape))
     return Positions(times, from_east_north_up(local + errors, origin), axes * np.hypot(noise.correlated, noise.white))
-
-
-def gauss_markov(count: int, step: float, width: int, rng: Rng) -> Array:
-    """Return a first-order Gauss-Markov process (count, width) of variance 1; `step` is in correlation times."""
-    keep = np.exp(-step)
-    drawn = rng.standard_normal((count, width))
-    for i in range(1, count):
-        drawn[i] = keep * drawn[i - 1] + np.sqrt(1 - keep**2) * drawn[i]
-    return drawn
 
 
 def scaled(noise: Noise, factor: float) -> Noise:

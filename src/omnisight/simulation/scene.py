@@ -12,7 +12,7 @@ from omnisight.parallel import parallel_for
 from omnisight.simulation.preset_motion import Route
 from omnisight.simulation.solids import Solid
 from omnisight.simulation.texture import Texture
-from omnisight.simulation.world import Lighting, Point, build_world, illuminate
+from omnisight.simulation.world import SKYLIGHT, SUNLIGHT, Lighting, Point, Surroundings, build_world, illuminate
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,24 @@ class Hits(NamedTuple):
     instances: NDArray[np.int32]
 
 
+class Fog(NamedTuple):
+    """Fog: light exp(-extinction t) remains after a distance t, and the fog's own light replaces the rest.
+
+    Attributes
+    ----------
+    extinction
+        Per metre.
+    color
+        Light of the fog (red, green, blue).
+    height
+        Of the layer, metres; it covers the sky.
+    """
+
+    extinction: float
+    color: Point
+    height: float
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A scene to render: x right, y down, z forward, in metres.
@@ -54,6 +72,10 @@ class Scene:
         Background as an equirectangular image: forward in the centre, up at the top.
     sun
         Direction to the sun and its strength; it casts sharp shadows.
+    sunlight, skylight
+        Colours (red, green, blue) of the light of sun and sky, in scenes with either.
+    fog
+        None for clear air.
     lamps
         Light-emitting discs: centre, radius and strength.
     ambient
@@ -69,6 +91,9 @@ class Scene:
     route: Route | None = None
     sky: Texture | None = None
     sun: tuple[Point, float] = ((0.0, -1.0, 0.0), 0.0)
+    sunlight: Point = SUNLIGHT
+    skylight: Point = SKYLIGHT
+    fog: Fog | None = None
     lamps: Sequence[tuple[Point, float, float]] = ()
     ambient: float = 1.0
     reach: float = 0.5
@@ -83,7 +108,11 @@ class Scene:
 
     @cached_property
     def _compiled(self) -> tuple[Any, list[Solid]]:
-        return build_world(self.solids, self.names, self.sky, self.sun, self.spacing)
+        outdoors = self.sky is not None or self.sun[1] > 0
+        fog = (0.0, 0.0, 0.0, 0.0, 0.0) if self.fog is None else (self.fog.extinction, *self.fog.color, self.fog.height)
+        skylight = self.skylight if outdoors else (1.0, 1.0, 1.0)
+        surroundings = Surroundings(self.sky, self.sun, self.sunlight, skylight, fog)
+        return build_world(self.solids, self.names, surroundings, self.spacing)
 
     @cached_property
     def world_with_light(self) -> Any:
