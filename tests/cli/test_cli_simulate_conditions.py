@@ -1,7 +1,9 @@
 """omnisight simulate with conditions of the visit."""
 
 import json
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -48,3 +50,41 @@ def test_invalid_conditions_are_rejected(refuses, small, tmp_path):
     assert "only to outdoor scenes" in refuses(*common, "--time", "12:00")
     assert "--exposure-drift must be from 0 to 10 stops" in refuses(*common, "--exposure-drift", -1)
     assert not (tmp_path / "out").exists()
+
+
+def test_masks_of_moving_objects_agree_with_the_instances(run, small, tmp_path, monkeypatch):
+    from omnisight.pipeline import simulated_scene
+    from omnisight.simulation import scene_named
+    from omnisight.simulation.solids import ellipsoid
+    from omnisight.simulation.texture import Texture
+    from omnisight.simulation.traffic import Actor
+    from omnisight.simulation.trajectory import Trajectory
+
+    way = Trajectory(np.array((0.0, 4.0)), tuple(om.Pose(translation=np.array((x, 0.0, 1.0))) for x in (-1, 1)))
+    ball = Actor("ball", (ellipsoid((0, 0, 0), 0.3, Texture.plain((200, 0, 0)), "x"),), way, 0.0)
+    scene = replace(scene_named("lines"), traffic=lambda: (ball,))
+    monkeypatch.setattr(simulated_scene, "scene_named", lambda name, seed: scene)
+    options = ("--rays", 1, "--frames", 3, "--fps", 1, "--trajectory", "still", "--traffic", "-o", tmp_path / "out")
+    assert run("simulate", "lines", "--camera", small, *options, "--export", "colmap")[0] == 2  # an equidistant lens
+    assert run("simulate", "lines", "--camera", small, *options, "--export", "covisibility")[0] == 0
+    names = json.loads((tmp_path / "out" / "instances.json").read_text())
+    number = next(int(key) for key, name in names.items() if name == "ball")
+    centres = []
+    for i in range(3):
+        mask, instances = (
+            cv2.imread(str(tmp_path / "out" / kind / f"{i:06d}.png"), cv2.IMREAD_UNCHANGED)
+            for kind in ("masks", "instances")
+        )
+        np.testing.assert_array_equal(mask, np.where(instances == number, 0, 255))
+        centres.append(np.nonzero(mask == 0)[1].mean())
+    assert centres[0] < centres[1] - 2 < centres[2] - 4
+    assert "masks/" in (tmp_path / "out" / "README.txt").read_text()
+    assert run("simulate", "lines", "--camera", small, "--rays", 1, "--frames", 1, "-o", tmp_path / "out")[0] == 0
+    assert not (tmp_path / "out" / "masks").exists()
+
+
+def test_scenes_without_cars_are_rejected(refuses, small, tmp_path):
+    common = ("simulate", "lines", "--camera", small, "-o", tmp_path / "out")
+    assert "--visit 1 applies only to scenes with parked cars: town" in refuses(*common, "--visit", 1)
+    assert "--visit must not be negative" in refuses(*common, "--visit", -1)
+    assert "--traffic applies only to scenes with moving objects: town" in refuses(*common, "--traffic")

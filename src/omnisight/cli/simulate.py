@@ -40,6 +40,8 @@ def simulate(
     time: str | None = None,
     weather: Literal["clear", "overcast", "rain", "fog"] = "clear",
     exposure_drift: float = 0.0,
+    visit: int = 0,
+    traffic: bool = False,
     export: str = "",
     quiet: bool = False,
     json: bool = False,
@@ -106,6 +108,10 @@ def simulate(
         Weather of an outdoor scene.
     exposure_drift
         Standard deviation of a slow random change of the exposure, stops; exposure.csv has that of each image.
+    visit
+        Number of the visit of the town: other cars are parked at each, and everything else is the same.
+    traffic
+        Cars drive and people walk through the town; masks/ is white where the image shows what is static.
     export
         Other formats to write besides, separated by commas: colmap, covisibility (pairs that see the same, and loops),
         euroc, kitti, nerfstudio (transforms.json).
@@ -139,7 +145,7 @@ def simulate(
         exact=exact,
         seed=seed,
         motion_sensors=MotionSensors(imu, odometry, gnss, sensor_noise, _origin(origin)),
-        conditions=Conditions(None if time is None else _hours(time), weather, exposure_drift),
+        conditions=Conditions(None if time is None else _hours(time), weather, exposure_drift, visit, traffic),
         export=tuple(name.strip() for name in export.split(",") if name.strip()),
     )
     with progress(quiet) as report:

@@ -21,7 +21,13 @@ from omnisight.pipeline.simulated_scene import visited_scene
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation import motion_sensor_files
-from omnisight.simulation.dataset import EXPOSURE_DESCRIPTION, Dataset, MountedCamera, depth_steps_per_metre
+from omnisight.simulation.dataset import (
+    EXPOSURE_DESCRIPTION,
+    MASK_DESCRIPTION,
+    Dataset,
+    MountedCamera,
+    depth_steps_per_metre,
+)
 from omnisight.simulation.daylight import clock
 from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
 from omnisight.simulation.image_samples import ImageSample
@@ -108,19 +114,23 @@ def simulate(
     remove_exports(options.output)
     report("build the scene", 1, 1)
     samples: list[ImageSample] = []
+    moving_instances = [scene.instance(actor.name) for actor in scene.actors]
     total = len(times) * len(cameras)
     for k, camera in enumerate(cameras):
         drift_rng = np.random.default_rng((options.seed, k, 1, 2))
         exposures = options.exposure + exposure_drift(times, options.conditions.exposure_drift, drift_rng)
         for i, moment in enumerate(times):
             report("render", k * len(times) + i, total)
-            renderer = _renderer(options, scene, camera, motion, float(moment))
+            renderer = _renderer(options, scene.at(float(moment)), camera, motion, float(moment))
             rng = np.random.default_rng((options.seed, k, i))
             rendered = renderer(rng=rng, exposure=float(exposures[i]), blur=options.blur, noise=options.noise)
             truth = renderer.truth()
+            moving = np.isin(truth.instances, moving_instances)
             dataset.write_frame(camera, i, rendered.image, truth)
+            if scene.actors:
+                dataset.write_mask(camera, i, moving)
             if any(export.NEEDS_SAMPLES for export in exports):
-                samples.append(ImageSample.of(rendered.image, truth))
+                samples.append(ImageSample.of(rendered.image, truth, moving))
             if i == 0:
                 dataset.write_photometry(camera, renderer.vignetting())
         poses = tuple(motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
@@ -132,6 +142,7 @@ def simulate(
     measurements = write_measurements(options, motion, times)
     sequence = SimulatedSequence(options.output, cameras, times, motion, dataset.image_suffix, samples, measurements)
     descriptions = [motion_sensor_files.DESCRIPTION] * bool(options.motion_sensors)
+    descriptions += [MASK_DESCRIPTION] * bool(scene.actors)
     descriptions += [EXPOSURE_DESCRIPTION] * bool(options.conditions.exposure_drift)
     descriptions += write_exports(options.export, sequence)
     dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)), descriptions)
@@ -244,6 +255,8 @@ def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
         "time": None if options.conditions.time is None else clock(options.conditions.time),
         "weather": options.conditions.weather,
         "exposure_drift": options.conditions.exposure_drift,
+        "visit": options.conditions.visit,
+        "traffic": options.conditions.traffic,
         "motion_sensors": _sensor_settings(options.motion_sensors),
     }
 

@@ -28,14 +28,22 @@ class Conditions:
         clear, overcast, rain or fog.
     exposure_drift
         Standard deviation, stops, of a slow random change of the exposure.
+    visit
+        Number of the visit of the town: other cars are parked at each.
+    traffic
+        Whether cars drive and people walk through the town; `masks/` shows them.
     """
 
     time: float | None = None
     weather: Weather = "clear"
     exposure_drift: float = 0.0
+    visit: int = 0
+    traffic: bool = False
 
     def __post_init__(self) -> None:
         """Check the ranges of all values."""
+        if self.visit < 0:
+            raise ValueError(f"--visit must not be negative, got {self.visit}")
         if not 0 <= self.exposure_drift <= MAX_DRIFT_STOPS:
             raise ValueError(f"--exposure-drift must be from 0 to {MAX_DRIFT_STOPS} stops, got {self.exposure_drift:g}")
 

@@ -19,7 +19,8 @@ def visited_scene(options: SimulateOptions) -> tuple[Scene, list[str]]:
     """
     conditions = options.conditions
     daylight = Daylight(conditions.time, conditions.weather, options.motion_sensors.origin[0])
-    usual = scene_named(options.scene, options.seed)
+    usual = scene_named(options.scene, options.seed).with_visit(conditions.visit, options.seed)
+    usual = usual.with_traffic() if conditions.traffic else usual
     if daylight.time is None and daylight.weather == "clear":
         return usual, []
     scene = with_daylight(usual, daylight, options.seed)

@@ -24,6 +24,8 @@ from omnisight.simulation.trajectory import Trajectory, format_timestamps, write
 # First words of the README: they identify a folder that may be overwritten.
 MARKER = "A data set rendered by omnisight simulate."
 FOLDERS = ("images", "depth", "normals", "instances")
+# Only with moving objects.
+MASK_FOLDER = "masks"
 FILES = (
     *("settings.json", "rig.json", "poses.txt", "images.txt", "depth.txt"),
     *("camera.json", "instances.json", "vignette.png", "vignette.npy", "pcalib.txt"),
@@ -31,10 +33,11 @@ FILES = (
 )
 # Folders of these files, besides those of the images.
 FILE_FOLDERS = (motion_sensor_files.FOLDER,)
-MAX_UINT16 = 65535
+MAX_UINT8, MAX_UINT16 = 255, 65535
 # Depth resolutions of 16-bit images: fine for rooms, and KITTI's, which reaches 256 m.
 FINE_DEPTH_STEPS, COARSE_DEPTH_STEPS = 1000.0, 256.0
 EXPOSURE_DESCRIPTION = "exposure.csv exposure of each image in stops, instead of the one above.\n"
+MASK_DESCRIPTION = "masks/       8 bits: 255 where the image shows what is static, 0 on moving objects.\n"
 # Header of the TUM file lists.
 LIST_HEADER = "# {kind} of a camera in the {scene}\n# rendered by omnisight simulate\n# timestamp filename\n"
 
@@ -155,6 +158,12 @@ class Dataset:
         packed = np.rint((np.nan_to_num(truth.normals, nan=-1.0) + 1) / 2 * MAX_UINT16).astype(np.uint16)
         write_image(folder / "normals" / f"{name}.png", packed)
 
+    def write_mask(self, camera: MountedCamera, number: int, moving: NDArray[np.bool_]) -> None:
+        """Write the mask of one image: 0 where an object moves (H, W), else 255."""
+        folder = self.folder / camera.name / MASK_FOLDER
+        folder.mkdir(exist_ok=True)
+        write_image(folder / f"{number:06d}.png", np.where(moving, 0, MAX_UINT8).astype(np.uint8))
+
     def write_photometry(self, camera: MountedCamera, vignetting: NDArray[np.float32]) -> None:
         """Write the photometric ground truth of one camera: vignetting (H, W) and response."""
         folder = self.folder / camera.name
@@ -246,7 +255,7 @@ def _clear(folder: Path) -> None:
     """Remove the files of an older data set, and nothing else."""
     cameras = [child for child in folder.iterdir() if all((child / name).is_dir() for name in FOLDERS)]
     for place in (*cameras, folder):
-        for name in FOLDERS:
+        for name in (*FOLDERS, MASK_FOLDER):
             for path in (place / name).glob("[0-9]" * 6 + ".*"):
                 if path.suffix in (".png", ".jpg", ".npy"):
                     path.unlink()

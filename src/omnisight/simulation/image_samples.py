@@ -22,7 +22,7 @@ class ImageSample:
     Attributes
     ----------
     pixels
-        (G, 2) of the grid that show a surface.
+        (G, 2) of the grid that show a static surface.
     points
         (G, 3) of these pixels in the world.
     colors
@@ -40,13 +40,13 @@ class ImageSample:
     step: int
 
     @classmethod
-    def of(cls, image: NDArray[np.uint8], truth: GroundTruth) -> "ImageSample":
-        """Sample an image (H, W, 3) and its ground truth."""
+    def of(cls, image: NDArray[np.uint8], truth: GroundTruth, moving: NDArray[np.bool_]) -> "ImageSample":
+        """Sample an image (H, W, 3) and its ground truth, without points on what moves (H, W)."""
         longer = max(truth.depth.shape)
         step, spacing = max(1, -(-longer // DEPTH_MAP_SIDE)), max(1, -(-longer // GRID_SIDE))
         grid = np.zeros(truth.depth.shape, np.bool_)
         grid[spacing // 2 :: spacing, spacing // 2 :: spacing] = True
-        rows, columns = np.nonzero(grid & ~np.isnan(truth.depth))
+        rows, columns = np.nonzero(grid & ~np.isnan(truth.depth) & ~moving)
         pixels = np.column_stack([columns, rows]).astype(float)
         depth = truth.depth[::step, ::step].astype(np.float32)
         return cls(pixels, truth.points[rows, columns], image[rows, columns], depth, step)

@@ -71,7 +71,7 @@ def build_world(
     sun_direction = np.array(surroundings.sun[0], float)
     return World(
         tree=Tree(
-            np.array([_inverse(s.world_from_local) for s in solids]).reshape(-1, 3, 4),
+            inverse_matrices(solids),
             np.array([SHAPES.index(s.shape) for s in solids], np.int64),
             boxes,
             nodes,
@@ -89,9 +89,11 @@ def build_world(
     ), solids
 
 
-def _inverse(matrix: Array) -> Array:
-    linear = np.linalg.inv(matrix[:, :3])
-    return np.column_stack([linear, -linear @ matrix[:, 3]]).astype(float)
+def inverse_matrices(solids: Sequence[Solid]) -> Array:
+    """Return local_from_world (S, 3, 4) of solids."""
+    matrices = np.array([solid.world_from_local for solid in solids], float).reshape(-1, 3, 4)
+    linear = np.linalg.inv(matrices[..., :3])
+    return np.concatenate([linear, -linear @ matrices[..., 3:]], axis=-1)
 
 
 def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
