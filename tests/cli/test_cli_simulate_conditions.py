@@ -88,3 +88,21 @@ def test_scenes_without_cars_are_rejected(refuses, small, tmp_path):
     assert "--visit 1 applies only to scenes with parked cars: town" in refuses(*common, "--visit", 1)
     assert "--visit must not be negative" in refuses(*common, "--visit", -1)
     assert "--traffic applies only to scenes with moving objects: town" in refuses(*common, "--traffic")
+
+
+def test_exposure_time_blurs_images_and_keeps_the_ground_truth(run, refuses, small, tmp_path):
+    (tmp_path / "way.txt").write_text("0 0 0 0 0 0 0 1\n1 0 0 0 0 0.7071068 0 0.7071068\n")
+    common = ("simulate", "lines", "--camera", small, "--frames", 2, "--fps", 2, "--trajectory", tmp_path / "way.txt")
+    images = {}
+    for name, duration in (("sharp", 0), ("blurred", 100)):
+        options = ("--noise", 0, "--rolling-shutter", 10, "--exposure-time", duration)
+        assert run(*common, *options, "-o", tmp_path / name)[0] == 0
+        images[name] = read_image(tmp_path / name / "images" / "000001.png").astype(int)
+    depths = [(tmp_path / name / "depth" / "000001.png").read_bytes() for name in images]
+    assert depths[0] == depths[1]
+    assert np.abs(images["sharp"] - images["blurred"]).mean() > 2
+    contrasts = [np.abs(np.diff(image, axis=1)).mean() for image in images.values()]
+    assert contrasts[1] < 0.95 * contrasts[0]
+    settings = json.loads((tmp_path / "blurred" / "settings.json").read_text())
+    assert settings["exposure_time_ms"] == 100
+    assert "--exposure-time must be from 0" in refuses(*common, "--exposure-time", -1, "-o", tmp_path / "out")

@@ -29,6 +29,7 @@ def simulate(
     noise: float = 1.5,
     jpeg: int | None = None,
     rolling_shutter: float = 0.0,
+    exposure_time: float = 0.0,
     circle: Angles = None,
     exact: bool = False,
     seed: int = 0,
@@ -84,6 +85,8 @@ def simulate(
         Write the images as JPEG of this quality.
     rolling_shutter
         Readout time from the first to the last row, milliseconds; poses are those of the middle row.
+    exposure_time
+        Duration of the exposure, milliseconds, for motion blur; 0 for sharp images. The pose is that of its middle.
     circle
         LOW:HIGH in degrees from the axis; images are black outside. Default: the calibrated field of view.
     exact
@@ -141,6 +144,7 @@ def simulate(
         noise=noise,
         jpeg=jpeg,
         rolling_shutter=rolling_shutter,
+        exposure_time=exposure_time,
         circle=None if circle is None else parse_range(circle, "--circle"),
         exact=exact,
         seed=seed,

@@ -31,6 +31,7 @@ from omnisight.simulation.dataset import (
 from omnisight.simulation.daylight import clock
 from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
 from omnisight.simulation.image_samples import ImageSample
+from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
 from omnisight.simulation.motion_sensors import RATES, MotionSensors
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
@@ -224,13 +225,28 @@ def _collision_notes(
 
 def _renderer(options: SimulateOptions, scene: Scene, camera: MountedCamera, motion: Motion, moment: float) -> Renderer:
     """Return the renderer of one frame; with a rolling shutter each row has its own pose."""
-    if options.rolling_shutter:
-        rows = motion.row_poses(moment, camera.camera.size[1], options.rolling_shutter / 1e3)
-        pose = [row @ camera.rig_from_camera for row in rows]
-    else:
-        pose = motion.at(moment) @ camera.rig_from_camera
-    samples = math.isqrt(options.rays)
-    return Renderer(camera.camera, pose, scene, theta=camera.theta, samples=samples, vignette=options.vignette)
+    mounted = camera.rig_from_camera
+
+    def poses(time: float) -> Pose | list[Pose]:
+        if not options.rolling_shutter:
+            return motion.at(time) @ mounted
+        rows = motion.row_poses(time, camera.camera.size[1], options.rolling_shutter / 1e3)
+        return [row @ mounted for row in rows]
+
+    samples, exposure, times = math.isqrt(options.rays), options.exposure_time / 1e3, list[float]()
+    if exposure:
+        length = blurred_exposure(camera.camera, motion, mounted, scene, (moment, exposure))
+        times = shutter_times(length, samples, moment, exposure)
+    shutter_poses = [poses(time) for time in times]
+    return Renderer(
+        camera.camera,
+        poses(moment),
+        scene,
+        theta=camera.theta,
+        samples=samples,
+        vignette=options.vignette,
+        shutter_poses=shutter_poses,
+    )
 
 
 def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
@@ -249,6 +265,7 @@ def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
         "noise": options.noise,
         "jpeg": options.jpeg,
         "rolling_shutter_ms": options.rolling_shutter,
+        "exposure_time_ms": options.exposure_time,
         "circle": None if options.circle is None else "{:g}:{:g}".format(*options.circle),
         "seed": options.seed,
         "export": ",".join(options.export) or None,

@@ -85,6 +85,8 @@ class SimulateOptions:
         Quality of the images as JPEG; None for PNG.
     rolling_shutter
         Readout time from the first to the last row, milliseconds. Poses are those of the middle row.
+    exposure_time
+        Duration of the exposure, milliseconds, for motion blur, about the timestamp; 0 for sharp images.
     circle
         (low, high) angles from the axis, degrees; images are black outside. None is the calibrated field of view.
     exact
@@ -114,6 +116,7 @@ class SimulateOptions:
     noise: float = 1.5
     jpeg: int | None = None
     rolling_shutter: float = 0.0
+    exposure_time: float = 0.0
     circle: tuple[float, float] | None = None
     exact: bool = False
     seed: int = 0
@@ -133,6 +136,8 @@ class SimulateOptions:
             raise ValueError(f"--vignette must be from 0 to 1, got {self.vignette:g}")
         if not 0 <= self.rolling_shutter <= 1e4:
             raise ValueError(f"--rolling-shutter must be from 0 to 10000 milliseconds, got {self.rolling_shutter:g}")
+        if not 0 <= self.exposure_time <= 1e4:
+            raise ValueError(f"--exposure-time must be from 0 to 10000 milliseconds, got {self.exposure_time:g}")
         if self.seed < 0:
             raise ValueError(f"--seed must not be negative, got {self.seed}")
         if self.circle is not None and not 0 <= self.circle[0] < self.circle[1] <= 180:

@@ -13,7 +13,8 @@ from omnisight.simulation.motion_sensors import (
     measure_odometry,
 )
 from omnisight.simulation.preset_motion import DRIVE, WALK, Pace, Route, preset_trajectory
-from omnisight.simulation.render import GroundTruth, RenderedImage, Renderer, dense_correspondences, render
+from omnisight.simulation.render import Renderer, dense_correspondences, render
+from omnisight.simulation.rendered import GroundTruth, RenderedImage
 from omnisight.simulation.scene import Hits, Scene
 from omnisight.simulation.scenes import scene_named, scene_names
 from omnisight.simulation.sensor import develop

@@ -218,8 +218,8 @@ def _neighbour(i, samples, end):
 
 
 @partial(njit_driver, **STREAMLINED)
-def render_rows(world, origins, bearings, rotations, translations, samples, image, first, last):
-    """Render rows first to last of image (H, W, 3), with samples x samples rays per pixel.
+def render_rows(world, origins, bearings, rotations, translations, samples, only, image, first, last):
+    """Render rows first to last of image (H, W, 3), with samples x samples rays per pixel, or with ray `only` of these.
 
     Rays (H samples, W samples, 3) are in the camera frame. Each pixel row has its own pose world_from_cam: rotations
     (H, 3, 3), translations (H, 3). NaN rays are black.
@@ -234,7 +234,8 @@ def render_rows(world, origins, bearings, rotations, translations, samples, imag
             r = g = b = 0.0
             for j in range(row * samples, (row + 1) * samples):
                 for i in range(column * samples, (column + 1) * samples):
-                    if bearings[j, i, 0] != bearings[j, i, 0]:
+                    number = (j - row * samples) * samples + i - column * samples
+                    if (only >= 0 and number != only) or bearings[j, i, 0] != bearings[j, i, 0]:
                         continue
                     d, o = _rotate(turn, bearings, j, i), _rotate(turn, origins, j, i)
                     across, down = _neighbour(i, samples, width), _neighbour(j, samples, height)
@@ -258,7 +259,7 @@ def render_rows(world, origins, bearings, rotations, translations, samples, imag
                             world, tree, textures, t, solid, face, o, d, ox, dx, oy, dy, shade
                         )
                     r, g, b = r + cr, g + cg, b + cb
-            count = samples * samples
+            count = 1 if only >= 0 else samples * samples
             image[row, column, 0], image[row, column, 1], image[row, column, 2] = r / count, g / count, b / count
 
 

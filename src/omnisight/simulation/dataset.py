@@ -15,7 +15,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.images import write_bytes, write_image
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation import motion_sensor_files
-from omnisight.simulation.render import GroundTruth
+from omnisight.simulation.rendered import GroundTruth
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import encode_jpeg
 from omnisight.simulation.texture import LINEAR

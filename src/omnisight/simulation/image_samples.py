@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Sensor
-from omnisight.simulation.render import GroundTruth
+from omnisight.simulation.rendered import GroundTruth
 
 Array = NDArray[np.float64]
 
