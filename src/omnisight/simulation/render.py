@@ -210,7 +210,7 @@ class Renderer:
 
     def _render(self, scene: Scene, whole: slice, columns: slice) -> Floats:
         """Return the light of a window of rows and columns."""
-        from omnisight.simulation import _shading
+        from omnisight.simulation import _render_rows
 
         result = np.zeros((whole.stop - whole.start, columns.stop - columns.start, 3), np.float32)
         world = scene.world_with_light
@@ -225,7 +225,11 @@ class Renderer:
                 poses = rotations[rows], eyes[rows]
                 fixed: Any = (world, rays.origins, rays.bearings, *poses, self.samples, only, light)
                 parallel_for(
-                    lambda first, last, f=fixed: _shading.render_rows(*f, first, last), len(part), ROWS_PER_TASK
+                    lambda first, last, f=fixed: _render_rows.render_rows(
+                        *f, scratch_arrays(self.samples), first, last
+                    ),
+                    len(part),
+                    ROWS_PER_TASK,
                 )
                 part += light / len(moments)
             if self.vignette or self.theta != (0.0, np.pi):
@@ -272,6 +276,14 @@ class Renderer:
     @cached_property
     def _lens_extent(self) -> tuple[tuple[float, float], float] | None:
         return lens_extent(self.camera, self._in_view)
+
+
+def scratch_arrays(samples: int) -> tuple[NDArray[Any], ...]:
+    """Return the working memory of a thread for the rays of a pixel; see `_render_rows.render_rows`."""
+    count = samples**2
+    rays, shadows = np.empty((2, count, 3)), np.empty((2, count, 3))
+    places, hits, hidden = np.empty((count, 2), np.int64), np.empty((count, 2), np.int64), np.empty(count, np.int64)
+    return rays, places, np.empty((count, 5)), shadows, np.empty((count, 6)), np.empty(count), hits, hidden
 
 
 def _bounds(indices: NDArray[np.int64]) -> slice:

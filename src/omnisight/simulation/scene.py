@@ -207,7 +207,7 @@ class Scene:
         ValueError
             If the shapes are not (..., 3).
         """
-        from omnisight.simulation import _trace
+        from omnisight.simulation import _cast
 
         o, b = np.broadcast_arrays(np.asarray(origins, float), np.asarray(bearings, float))
         if b.ndim < 1 or b.shape[-1] != 3:
@@ -217,7 +217,9 @@ class Scene:
         distances, normals, instances = np.empty(count), np.empty((count, 3)), np.empty(count, np.int32)
         world, _ = self._compiled
         parallel_for(
-            lambda first, last: _trace.cast(world, starts, directions, distances, normals, instances, first, last),
+            lambda first, last: _cast.cast(
+                world, starts, directions, distances, normals, instances, _scratch(), first, last
+            ),
             count,
             RAYS_PER_TASK,
         )
@@ -246,3 +248,10 @@ class Scene:
         if name not in self.names:
             raise ValueError(f"no object {name!r} in the scene; choose one of: {', '.join(self.names)}")
         return self.names.index(name) + 1
+
+
+def _scratch() -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return the working memory of a thread for a packet of rays; see `_cast.cast`."""
+    from omnisight.simulation._cast import PACKET
+
+    return np.empty((2, PACKET, 3)), np.empty(PACKET), np.empty((PACKET, 2), np.int64)
