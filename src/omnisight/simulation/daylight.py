@@ -171,7 +171,7 @@ def stops(scene: Scene, usual: Scene) -> float:
 
 def _ground_light(scene: Scene) -> float:
     up = -scene.sun[0][1] / float(np.linalg.norm(scene.sun[0]))
-    return scene.ambient * scene.skylight[1] + scene.sun[1] * scene.sunlight[1] * max(up, 0.0)
+    return scene.ambient * (scene.skylight or SKYLIGHT)[1] + scene.sun[1] * scene.sunlight[1] * max(up, 0.0)
 
 
 def _twilight(elevation: float) -> Array:

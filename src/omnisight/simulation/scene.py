@@ -75,7 +75,8 @@ class Scene:
     sun
         Direction to the sun and its strength; it casts sharp shadows.
     sunlight, skylight
-        Colours (red, green, blue) of the light of sun and sky, in scenes with either.
+        Colours (red, green, blue) of the sun and of the light from all directions; the latter is by default that of a
+        blue sky if there is a sun, otherwise white.
     fog
         None for clear air.
     lamps
@@ -100,7 +101,7 @@ class Scene:
     sky: Texture | None = None
     sun: tuple[Point, float] = ((0.0, -1.0, 0.0), 0.0)
     sunlight: Point = SUNLIGHT
-    skylight: Point = SKYLIGHT
+    skylight: Point | None = None
     fog: Fog | None = None
     lamps: Sequence[tuple[Point, float, float]] = ()
     ambient: float = 1.0
@@ -119,9 +120,8 @@ class Scene:
 
     @cached_property
     def _surroundings(self) -> Surroundings:
-        outdoors = self.sky is not None or self.sun[1] > 0
         fog = (0.0, 0.0, 0.0, 0.0, 0.0) if self.fog is None else (self.fog.extinction, *self.fog.color, self.fog.height)
-        skylight = self.skylight if outdoors else (1.0, 1.0, 1.0)
+        skylight = self.skylight or (SKYLIGHT if self.sun[1] > 0 else (1.0, 1.0, 1.0))
         return Surroundings(self.sky, self.sun, self.sunlight, skylight, fog)
 
     @cached_property
