@@ -188,7 +188,10 @@ def test_exports_that_cannot_hold_the_camera_are_refused_before_rendering(refuse
 
     axial = save(RayCamera(Axial(LENS.model, (0.1, 0.0)), (48, 48), unit="m"), tmp_path / "axial.json").path
     for name in ("euroc", "colmap", "nerfstudio"):
-        assert "non-central" in refuses(*common, "--camera", axial, "--imu", 9, "--export", name)
+        output = refuses(*common, "--camera", axial, "--imu", 9, "--export", name)
+        assert f"--export {name}: " in output
+        assert "non-central" in output
+        assert "splat" not in output
     assert not out.exists()
 
 

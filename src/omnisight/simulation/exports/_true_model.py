@@ -1,5 +1,6 @@
 """The true poses, and points of the surfaces, as a reconstruction."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -69,7 +70,9 @@ def check_format(name: str, cameras: Sequence[MountedCamera]) -> None:
     try:
         list(get_reconstruction_format(name).files(empty, ExportOptions(format=name)))
     except ValueError as error:
-        raise ValueError(f"--export {name}: {error}") from error
+        # The advice is that of another command.
+        reason = re.sub(r"[:;] (or )?export (it with )?--to splat.*$", "", str(error))
+        raise ValueError(f"--export {name}: {reason}; choose another format or camera") from error
 
 
 def _rig(cameras: Sequence[MountedCamera]) -> Rig:

@@ -24,6 +24,8 @@ OCCLUSION_TOLERANCE = 0.05
 MIN_SHARE = 0.01
 # A loop: images that share this much, and travelled this many times the distance between them, over this time.
 LOOP_SHARE, LOOP_TRAVEL_RATIO, LOOP_MIN_TRAVEL_M, LOOP_MIN_SECONDS = 0.3, 10.0, 1.0, 5.0
+# The distance within which the benchmarks of place recognition count images as the same place.
+LOOP_MAX_DISTANCE_M = 25.0
 
 
 def check(cameras: Sequence[MountedCamera]) -> None:
@@ -81,5 +83,9 @@ def loops(
         i, j = frames[a], frames[b]
         distance, travelled = float(np.linalg.norm(places[i] - places[j])), float(abs(way[j] - way[i]))
         apart = abs(times[j] - times[i]) >= LOOP_MIN_SECONDS
-        if apart and travelled >= max(LOOP_TRAVEL_RATIO * distance, LOOP_MIN_TRAVEL_M):
+        if (
+            apart
+            and distance <= LOOP_MAX_DISTANCE_M
+            and travelled >= max(LOOP_TRAVEL_RATIO * distance, LOOP_MIN_TRAVEL_M)
+        ):
             yield int(a), int(b), distance, travelled
