@@ -115,7 +115,6 @@ def simulate(
     remove_exports(options.output)
     report("build the scene", 1, 1)
     samples: list[ImageSample] = []
-    moving_instances = [scene.instance(actor.name) for actor in scene.actors]
     total = len(times) * len(cameras)
     for k, camera in enumerate(cameras):
         drift_rng = np.random.default_rng((options.seed, k, 1, 2))
@@ -126,7 +125,7 @@ def simulate(
             rng = np.random.default_rng((options.seed, k, i))
             rendered = renderer(rng=rng, exposure=float(exposures[i]), blur=options.blur, noise=options.noise)
             truth = renderer.truth()
-            moving = np.isin(truth.instances, moving_instances)
+            moving = np.isin(truth.instances, [scene.instance(actor.name) for actor in scene.actors])
             dataset.write_frame(camera, i, rendered.image, truth)
             if scene.actors:
                 dataset.write_mask(camera, i, moving)
@@ -142,13 +141,20 @@ def simulate(
     settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
     measurements = write_measurements(options, motion, times)
     sequence = SimulatedSequence(options.output, cameras, times, motion, dataset.image_suffix, samples, measurements)
-    descriptions = [motion_sensor_files.DESCRIPTION] * bool(options.motion_sensors)
-    descriptions += [MASK_DESCRIPTION] * bool(scene.actors)
-    descriptions += [EXPOSURE_DESCRIPTION] * bool(options.conditions.exposure_drift)
-    descriptions += write_exports(options.export, sequence)
+    descriptions = _descriptions(options) + write_exports(options.export, sequence)
     dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)), descriptions)
     seconds = time.perf_counter() - start
     return SimulatedDataset(options.output, tuple(cameras), len(times), settings, tuple(notes), seconds)
+
+
+def _descriptions(options: SimulateOptions) -> list[str]:
+    """Return the sections of the README on files that are written on request."""
+    optional = (
+        (motion_sensor_files.DESCRIPTION, options.motion_sensors),
+        (MASK_DESCRIPTION, options.conditions.traffic),
+        (EXPOSURE_DESCRIPTION, options.conditions.exposure_drift),
+    )
+    return [text for text, present in optional if present]
 
 
 def mounted_cameras(source: Path | Sensor | Rig, circle: tuple[float, float] | None) -> list[MountedCamera]:

@@ -112,8 +112,7 @@ def render_rows(world, origins, bearings, rotations, translations, samples, only
             complete, lit = samples > 1 and count == samples * samples, 0
             for r in range(count):
                 o, d = _load(rays[0], r), _load(rays[1], r)
-                hit = distances[r], hits[r, 0], hits[r, 1]
-                solid = hit[1]
+                hit, solid = (distances[r], hits[r, 0], hits[r, 1]), hits[r, 0]
                 place = points[r, 0], points[r, 1], points[r, 2], points[r, 3], points[r, 4]
                 across, down = _neighbour(r, samples, count), r + samples if r + samples < count else r - samples
                 if complete and solid >= 0 and _same_face(hits, r, across) and _same_face(hits, r, down):
@@ -144,8 +143,7 @@ def render_rows(world, origins, bearings, rotations, translations, samples, only
                     cr, cg, cb = _reflected(world.fog, tint, _load(colors, r), colors[r, 3], shine, colors[r, 5])
                     red, green, blue = red + cr, green + cg, blue + cb
             total = 1 if only >= 0 else samples * samples
-            image[row, column, 0], image[row, column, 1] = red / total, green / total
-            image[row, column, 2] = blue / total
+            _store(image[row], column, (red / total, green / total, blue / total))
 
 
 @njit_inlined
