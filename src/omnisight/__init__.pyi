@@ -50,8 +50,8 @@ from omnisight.pipeline.options import SourceOptions as SourceOptions
 from omnisight.pipeline.options import StereoOptions as StereoOptions
 from omnisight.pipeline.reconstruct import ReconstructionResult as ReconstructionResult
 from omnisight.pipeline.reconstruct import reconstruct as reconstruct
-from omnisight.pipeline.simulate import SimulateOptions as SimulateOptions
 from omnisight.pipeline.simulate import simulate as simulate
+from omnisight.pipeline.simulate_options import SimulateOptions as SimulateOptions
 from omnisight.pipeline.stereo import StereoResult as StereoResult
 from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.view import ViewOptions as ViewOptions

@@ -9,6 +9,7 @@ from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
 
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+Origin = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 
 def simulate(
@@ -28,9 +29,21 @@ def simulate(
     noise: float = 1.5,
     jpeg: int | None = None,
     rolling_shutter: float = 0.0,
+    exposure_time: float = 0.0,
     circle: Angles = None,
     exact: bool = False,
     seed: int = 0,
+    imu: float = 0.0,
+    odometry: float = 0.0,
+    gnss: float = 0.0,
+    sensor_noise: float = 1.0,
+    origin: Origin = "47.3769,8.5417,408",
+    time: str | None = None,
+    weather: Literal["clear", "overcast", "rain", "fog"] = "clear",
+    exposure_drift: float = 0.0,
+    visit: int = 0,
+    traffic: bool = False,
+    export: str = "",
     quiet: bool = False,
     json: bool = False,
 ) -> None:
@@ -72,12 +85,39 @@ def simulate(
         Write the images as JPEG of this quality.
     rolling_shutter
         Readout time from the first to the last row, milliseconds; poses are those of the middle row.
+    exposure_time
+        Duration of the exposure, milliseconds, for motion blur; 0 for sharp images. The pose is that of its middle.
     circle
         LOW:HIGH in degrees from the axis; images are black outside. Default: the calibrated field of view.
     exact
         Write depth and normals as float32 NumPy arrays instead of 16-bit images.
     seed
         Seed of the noise and of random parts of the scene.
+    imu
+        Samples per second of an IMU at the body's origin, such as 200; 0 for none. With any sensor of the motion, the
+        poses are interpolated by a twice continuously differentiable spline.
+    odometry
+        Samples per second of wheel odometry: forward speed and yaw rate; 0 for none.
+    gnss
+        Positions per second of a GNSS receiver; 0 for none.
+    sensor_noise
+        Factor of the noise and biases of these sensors; 0 for exact measurements.
+    origin
+        LATITUDE,LONGITUDE,ALTITUDE of the world's origin, degrees and metres.
+    time
+        Local solar time HH:MM of an outdoor scene, such as 17:30, at the latitude of --origin on 1 May; default: the
+        scene's usual sun.
+    weather
+        Weather of an outdoor scene.
+    exposure_drift
+        Standard deviation of a slow random change of the exposure, stops; exposure.csv has that of each image.
+    visit
+        Number of the visit of the town: other cars are parked at each, and everything else is the same.
+    traffic
+        Cars drive and people walk through the town; masks/ is white where the image shows what is static.
+    export
+        Other formats to write besides, separated by commas: colmap, covisibility (pairs that see the same, and loops),
+        euroc, kitti, nerfstudio (transforms.json).
     quiet
         Show no progress.
     json
@@ -85,8 +125,9 @@ def simulate(
     """
     import sys
 
-    from omnisight.pipeline.simulate import SimulateOptions
     from omnisight.pipeline.simulate import simulate as render_dataset
+    from omnisight.pipeline.simulate_options import Conditions, SimulateOptions
+    from omnisight.simulation.motion_sensors import MotionSensors
 
     options = SimulateOptions(
         scene,
@@ -103,9 +144,13 @@ def simulate(
         noise=noise,
         jpeg=jpeg,
         rolling_shutter=rolling_shutter,
+        exposure_time=exposure_time,
         circle=None if circle is None else parse_range(circle, "--circle"),
         exact=exact,
         seed=seed,
+        motion_sensors=MotionSensors(imu, odometry, gnss, sensor_noise, _origin(origin)),
+        conditions=Conditions(None if time is None else _hours(time), weather, exposure_drift, visit, traffic),
+        export=tuple(name.strip() for name in export.split(",") if name.strip()),
     )
     with progress(quiet) as report:
         result = render_dataset(options, progress=report, warn=lambda note: print(f"note: {note}", file=sys.stderr))
@@ -120,3 +165,21 @@ def simulate(
     print(f"scene     {scene}, trajectory {trajectory}{each}")
     print(f"images    {result.frames * len(names)}, with depth, normals, instances and poses; {result.seconds:.0f} s")
     print(f"written   {output}/ (described in {output / 'README.txt'})")
+
+
+def _origin(text: str) -> tuple[float, float, float]:
+    """Parse LATITUDE,LONGITUDE,ALTITUDE."""
+    try:
+        latitude, longitude, altitude = (float(part) for part in text.split(","))
+    except ValueError:
+        message = f"--origin must be LATITUDE,LONGITUDE,ALTITUDE, such as 47.3769,8.5417,408, got {text!r}"
+        raise ValueError(message) from None
+    return latitude, longitude, altitude
+
+
+def _hours(text: str) -> float:
+    """Parse HH:MM."""
+    hours, _, minutes = text.partition(":")
+    if not (hours.isdecimal() and minutes.isdecimal() and int(hours) < 24 and int(minutes) < 60):
+        raise ValueError(f"--time must be HH:MM, such as 17:30, got {text!r}")
+    return int(hours) + int(minutes) / 60

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,109 +14,36 @@ from numpy.typing import NDArray
 import omnisight
 from omnisight.formats import FormatError, load, load_rig
 from omnisight.geometry.pose import Pose
-from omnisight.geometry.rotation import look
 from omnisight.geometry.sphere import angle_from_axis
+from omnisight.pipeline.simulate_options import SimulateOptions
+from omnisight.pipeline.simulated_motion import camera_motion, write_measurements
+from omnisight.pipeline.simulated_scene import visited_scene
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
-from omnisight.simulation.dataset import Dataset, MountedCamera, depth_steps_per_metre
-from omnisight.simulation.preset_motion import PRESETS, preset_trajectory
+from omnisight.simulation import motion_sensor_files
+from omnisight.simulation.dataset import (
+    EXPOSURE_DESCRIPTION,
+    MASK_DESCRIPTION,
+    Dataset,
+    MountedCamera,
+    depth_steps_per_metre,
+)
+from omnisight.simulation.daylight import clock
+from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
+from omnisight.simulation.image_samples import ImageSample
+from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
+from omnisight.simulation.motion_sensors import RATES, MotionSensors
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
-from omnisight.simulation.scenes import scene_named
-from omnisight.simulation.sensor import check_sensor
-from omnisight.simulation.trajectory import Trajectory, read_trajectory
+from omnisight.simulation.sensor import exposure_drift
+from omnisight.simulation.trajectory import Motion, Trajectory
 
 Progress = Callable[[str, int, int], None]
 
-DEFAULT_FRAMES = 60
-# Larger requests are mistakes, and would fill the disk or the memory.
-MAX_FRAMES, MAX_IMAGE_PIXELS = 100_000, 50_000_000
+# Larger images are mistakes, and would fill the memory.
+MAX_IMAGE_PIXELS = 50_000_000
 # Pixels per side sampled to decide whether the image circle shows anything.
 CIRCLE_SAMPLES = 200
-RAYS_PER_PIXEL = (1, 4, 9, 16)
-
-
-@dataclass(frozen=True)
-class SimulateOptions:
-    """Options of `simulate`.
-
-    Attributes
-    ----------
-    scene
-        room, rooms, street, town, boards or lines.
-    camera
-        A calibration file of any format, or a camera or rig. Non-central cameras are supported.
-    output
-        Folder of the data set. It is created if needed; a folder with other content is refused.
-    trajectory
-        loop, line, turn or still, at the speed of a walking person; loop follows the roads of the town, as a car, and
-        enters all rooms of `rooms`. Or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
-        (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
-    up
-        Orientation of the camera on the trajectories loop, line, turn and still: "top" is level; "back" looks down, as
-        below a mirror; "front" looks up.
-    frames
-        Maximum number of images: 60, or all poses of a file.
-    fps
-        Images per second. By default the images are spread over the motion, or have the timestamps of a file.
-    rays
-        Rays per pixel: 1, 4, 9 or 16.
-    exposure
-        Exposure, stops.
-    vignette
-        Relative loss of light at the edge of the lens's image, 0 to 1; panoramas have none.
-    blur
-        Standard deviation of the lens blur, px.
-    noise
-        Standard deviation of the noise at middle gray, of 255.
-    jpeg
-        Quality of the images as JPEG; None for PNG.
-    rolling_shutter
-        Readout time from the first to the last row, milliseconds. Poses are those of the middle row.
-    circle
-        (low, high) angles from the axis, degrees; images are black outside. None is the calibrated field of view.
-    exact
-        Write depth and normals as float32 NumPy arrays instead of 16-bit images.
-    seed
-        Seed of the noise and of random parts of the scene.
-    """
-
-    scene: str
-    camera: Path | Sensor | Rig
-    output: Path
-    trajectory: str = "loop"
-    up: Literal["top", "back", "front"] = "top"
-    frames: int | None = None
-    fps: float | None = None
-    rays: int = 4
-    exposure: float = 0.0
-    vignette: float = 0.35
-    blur: float = 0.7
-    noise: float = 1.5
-    jpeg: int | None = None
-    rolling_shutter: float = 0.0
-    circle: tuple[float, float] | None = None
-    exact: bool = False
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Check the ranges of all values."""
-        if self.rays not in RAYS_PER_PIXEL:
-            raise ValueError(f"--rays must be 1, 4, 9 or 16, got {self.rays}")
-        if self.frames is not None and not 1 <= self.frames <= MAX_FRAMES:
-            raise ValueError(f"--frames must be from 1 to {MAX_FRAMES}, got {self.frames}")
-        if self.fps is not None and not 1e-3 <= self.fps <= 1e5:
-            raise ValueError(f"--fps must be from 0.001 to 100000 images per second, got {self.fps:g}")
-        if not 0 <= self.vignette <= 1:
-            raise ValueError(f"--vignette must be from 0 to 1, got {self.vignette:g}")
-        if not 0 <= self.rolling_shutter <= 1e4:
-            raise ValueError(f"--rolling-shutter must be from 0 to 10000 milliseconds, got {self.rolling_shutter:g}")
-        if self.seed < 0:
-            raise ValueError(f"--seed must not be negative, got {self.seed}")
-        if self.circle is not None and not 0 <= self.circle[0] < self.circle[1] <= 180:
-            low, high = self.circle
-            raise ValueError(f"--circle must be two angles from 0 to 180 degrees, such as 0:95, got {low:g}:{high:g}")
-        check_sensor(exposure=self.exposure, blur=self.blur, noise=self.noise, jpeg=self.jpeg)
 
 
 @dataclass(frozen=True)
@@ -174,32 +101,60 @@ def simulate(
     start = time.perf_counter()
     report = progress or (lambda stage, done, total: None)
     cameras = mounted_cameras(options.camera, options.circle)
+    exports = [get_export(name) for name in options.export]
+    for export in exports:
+        export.check(cameras)
     report("build the scene", 0, 1)
-    scene = scene_named(options.scene, options.seed)
-    motion, times = _trajectory(options, scene)
-    notes = _collision_notes(scene, motion, times, cameras)
+    scene, notes = visited_scene(options)
+    motion, times, more_notes = camera_motion(options, scene)
+    notes += more_notes + _collision_notes(scene, motion, times, cameras)
     for note in notes if warn else ():
         warn(note)  # pyright: ignore[reportOptionalCall]
     steps = depth_steps_per_metre(scene)
     dataset = Dataset.create(options.output, cameras, exact=options.exact, jpeg=options.jpeg, depth_steps=steps)
+    remove_exports(options.output)
     report("build the scene", 1, 1)
+    samples: list[ImageSample] = []
     total = len(times) * len(cameras)
     for k, camera in enumerate(cameras):
+        drift_rng = np.random.default_rng((options.seed, k, 1, 2))
+        exposures = options.exposure + exposure_drift(times, options.conditions.exposure_drift, drift_rng)
         for i, moment in enumerate(times):
             report("render", k * len(times) + i, total)
-            renderer = _renderer(options, scene, camera, motion, float(moment))
+            renderer = _renderer(options, scene.at(float(moment)), camera, motion, float(moment))
             rng = np.random.default_rng((options.seed, k, i))
-            rendered = renderer(rng=rng, exposure=options.exposure, blur=options.blur, noise=options.noise)
-            dataset.write_frame(camera, i, rendered.image, renderer.truth())
+            rendered = renderer(rng=rng, exposure=float(exposures[i]), blur=options.blur, noise=options.noise)
+            truth = renderer.truth()
+            moving = np.isin(truth.instances, [scene.instance(actor.name) for actor in scene.actors])
+            dataset.write_frame(camera, i, rendered.image, truth)
+            if scene.actors:
+                dataset.write_mask(camera, i, moving)
+            if any(export.NEEDS_SAMPLES for export in exports):
+                samples.append(ImageSample.of(rendered.image, truth, moving))
             if i == 0:
                 dataset.write_photometry(camera, renderer.vignetting())
         poses = tuple(motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
+        if options.conditions.exposure_drift:
+            dataset.write_exposures(camera, times, exposures)
         dataset.write_camera(camera, Trajectory(times, poses), options.scene, scene.names)
     report("render", total, total)
     settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
-    dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)))
+    measurements = write_measurements(options, motion, times)
+    sequence = SimulatedSequence(options.output, cameras, times, motion, dataset.image_suffix, samples, measurements)
+    descriptions = _descriptions(options) + write_exports(options.export, sequence)
+    dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)), descriptions)
     seconds = time.perf_counter() - start
     return SimulatedDataset(options.output, tuple(cameras), len(times), settings, tuple(notes), seconds)
+
+
+def _descriptions(options: SimulateOptions) -> list[str]:
+    """Return the sections of the README on files that are written on request."""
+    optional = (
+        (motion_sensor_files.DESCRIPTION, options.motion_sensors),
+        (MASK_DESCRIPTION, options.conditions.traffic),
+        (EXPOSURE_DESCRIPTION, options.conditions.exposure_drift),
+    )
+    return [text for text, present in optional if present]
 
 
 def mounted_cameras(source: Path | Sensor | Rig, circle: tuple[float, float] | None) -> list[MountedCamera]:
@@ -254,33 +209,8 @@ def _shows_any(camera: Sensor, theta: tuple[float, float]) -> bool:
     return bool(((angle >= theta[0]) & (angle <= theta[1])).any())
 
 
-def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, NDArray[np.float64]]:
-    """Return the motion and the times of its images."""
-    name = options.trajectory
-    if name in PRESETS:
-        count = options.frames or DEFAULT_FRAMES
-        level = preset_trajectory(name, scene.free, count / options.fps if options.fps else 0.0, scene.route)
-        rate = options.fps or count / level.times[-1]
-        poses = tuple(pose @ Pose(look(up=options.up)) for pose in level.poses)
-        return Trajectory(level.times, poses), np.arange(count) / rate
-    presets = ", ".join(PRESETS)
-    if options.up != "top":
-        raise ValueError(f"--up {options.up} applies only to {presets}: the poses of a file define the orientation")
-    if not Path(name).is_file():
-        raise ValueError(f"--trajectory {name}: is neither a file nor one of {presets}")
-    motion = read_trajectory(name)
-    times = motion.times
-    if options.fps is not None:
-        count = int((times[-1] - times[0]) * options.fps + 1e-6) + 1
-        times = times[0] + np.arange(min(count, options.frames or MAX_FRAMES + 1)) / options.fps
-    times = times[: options.frames]
-    if len(times) > MAX_FRAMES:
-        raise ValueError(f"{name}: more than {MAX_FRAMES} images; reduce them by --frames or --fps")
-    return motion, times
-
-
 def _collision_notes(
-    scene: Scene, motion: Trajectory, times: NDArray[np.float64], cameras: list[MountedCamera]
+    scene: Scene, motion: Motion, times: NDArray[np.float64], cameras: list[MountedCamera]
 ) -> list[str]:
     """Return a warning for each camera that enters a solid or leaves the scene."""
     notes: list[str] = []
@@ -299,17 +229,30 @@ def _collision_notes(
     return notes
 
 
-def _renderer(
-    options: SimulateOptions, scene: Scene, camera: MountedCamera, motion: Trajectory, moment: float
-) -> Renderer:
+def _renderer(options: SimulateOptions, scene: Scene, camera: MountedCamera, motion: Motion, moment: float) -> Renderer:
     """Return the renderer of one frame; with a rolling shutter each row has its own pose."""
-    if options.rolling_shutter:
-        rows = motion.row_poses(moment, camera.camera.size[1], options.rolling_shutter / 1e3)
-        pose = [row @ camera.rig_from_camera for row in rows]
-    else:
-        pose = motion.at(moment) @ camera.rig_from_camera
-    samples = math.isqrt(options.rays)
-    return Renderer(camera.camera, pose, scene, theta=camera.theta, samples=samples, vignette=options.vignette)
+    mounted = camera.rig_from_camera
+
+    def poses(time: float) -> Pose | list[Pose]:
+        if not options.rolling_shutter:
+            return motion.at(time) @ mounted
+        rows = motion.row_poses(time, camera.camera.size[1], options.rolling_shutter / 1e3)
+        return [row @ mounted for row in rows]
+
+    samples, exposure, times = math.isqrt(options.rays), options.exposure_time / 1e3, list[float]()
+    if exposure:
+        length = blurred_exposure(camera.camera, motion, mounted, scene, (moment, exposure))
+        times = shutter_times(length, samples, moment, exposure)
+    shutter_poses = [poses(time) for time in times]
+    return Renderer(
+        camera.camera,
+        poses(moment),
+        scene,
+        theta=camera.theta,
+        samples=samples,
+        vignette=options.vignette,
+        shutter_poses=shutter_poses,
+    )
 
 
 def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
@@ -328,6 +271,23 @@ def _settings(options: SimulateOptions, frames: int) -> dict[str, Any]:
         "noise": options.noise,
         "jpeg": options.jpeg,
         "rolling_shutter_ms": options.rolling_shutter,
+        "exposure_time_ms": options.exposure_time,
         "circle": None if options.circle is None else "{:g}:{:g}".format(*options.circle),
         "seed": options.seed,
+        "export": ",".join(options.export) or None,
+        "time": None if options.conditions.time is None else clock(options.conditions.time),
+        "weather": options.conditions.weather,
+        "exposure_drift": options.conditions.exposure_drift,
+        "visit": options.conditions.visit,
+        "traffic": options.conditions.traffic,
+        "motion_sensors": _sensor_settings(options.motion_sensors),
+    }
+
+
+def _sensor_settings(sensors: MotionSensors) -> dict[str, Any] | None:
+    if not sensors:
+        return None
+    return {f"{name}_hz": getattr(sensors, name) for name in RATES} | {
+        "noise": sensors.noise,
+        "origin": list(sensors.origin),
     }

@@ -3,14 +3,25 @@
 from omnisight.simulation.board import BoardInScene, board_solid
 from omnisight.simulation.board_poses import board_poses
 from omnisight.simulation.example_cameras import DEMO_BOARD, CameraSetup, fisheye_setup, mirror_setup
+from omnisight.simulation.motion_sensors import (
+    GnssNoise,
+    ImuNoise,
+    MotionSensors,
+    OdometryNoise,
+    measure_gnss,
+    measure_imu,
+    measure_odometry,
+)
 from omnisight.simulation.preset_motion import DRIVE, WALK, Pace, Route, preset_trajectory
-from omnisight.simulation.render import GroundTruth, RenderedImage, Renderer, dense_correspondences, render
+from omnisight.simulation.render import Renderer, dense_correspondences, render
+from omnisight.simulation.rendered import GroundTruth, RenderedImage
 from omnisight.simulation.scene import Hits, Scene
 from omnisight.simulation.scenes import scene_named, scene_names
 from omnisight.simulation.sensor import develop
 from omnisight.simulation.solids import Solid, box, cylinder, ellipsoid, rectangle, roof
+from omnisight.simulation.spline_trajectory import Kinematics, SplineTrajectory
 from omnisight.simulation.texture import Texture
-from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_trajectory
+from omnisight.simulation.trajectory import Motion, Trajectory, read_trajectory, write_trajectory
 
 __all__ = [
     "DEMO_BOARD",
@@ -18,14 +29,21 @@ __all__ = [
     "WALK",
     "BoardInScene",
     "CameraSetup",
+    "GnssNoise",
     "GroundTruth",
     "Hits",
+    "ImuNoise",
+    "Kinematics",
+    "Motion",
+    "MotionSensors",
+    "OdometryNoise",
     "Pace",
     "RenderedImage",
     "Renderer",
     "Route",
     "Scene",
     "Solid",
+    "SplineTrajectory",
     "Texture",
     "Trajectory",
     "board_poses",
@@ -36,6 +54,9 @@ __all__ = [
     "develop",
     "ellipsoid",
     "fisheye_setup",
+    "measure_gnss",
+    "measure_imu",
+    "measure_odometry",
     "mirror_setup",
     "preset_trajectory",
     "read_trajectory",

@@ -16,8 +16,6 @@ from omnisight.simulation._trace import first_hit, point_to_local, to_local, wor
 MAX_PROBES, ROWS = 12, 2
 # Scale of the footprint for filtering; less than 1, because several rays per pixel are averaged.
 FOOTPRINT_SCALE = 0.85
-# Colours of sunlight and skylight (red, green, blue).
-SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
 # Offset of shadow rays from the surface, metres, against self-intersection.
 SHADOW_OFFSET_M = 1e-5
 
@@ -133,124 +131,81 @@ def _surface_step(t, d, n, origin_step, bearing_step):
 
 
 @njit_inlined
-def _sky(world, textures, d, dx, dy):
+def sky_light(world, textures, d, dx, dy):
     """Return the light (r, g, b) of the sky; dx and dy are differences to the bearings right and below."""
     if world.sky < 0:
         return 0.0, 0.0, 0.0
     u, v = chart(ELLIPSOID, 0, d[0], d[1], d[2])
-    wide = _norm(dx) / (2 * math.pi * max(math.sqrt(d[0] * d[0] + d[2] * d[2]), 1e-3))
-    return _filtered(textures, world.sky, u, v, wide, 0.0, 0.0, _norm(dy) / math.pi)
+    wide = norm(dx) / (2 * math.pi * max(math.sqrt(d[0] * d[0] + d[2] * d[2]), 1e-3))
+    r, g, b = _filtered(textures, world.sky, u, v, wide, 0.0, 0.0, norm(dy) / math.pi)
+    if world.fog[0] > 0:
+        r, g, b = fogged(world.fog, r, g, b, world.fog[4] / max(-d[1], 1e-3))
+    return r, g, b
 
 
 @njit_inlined
-def _radiance(world, tree, textures, t, solid, face, o, d, ox, dx, oy, dy, shade):
-    """Return the light (r, g, b) of the hit of a ray, and the solid that shades it from the sun, else -1.
+def texture_position(tree, t, solid, face, o, d):
+    """Return the local point (x, y, z) of a hit and its texture coordinates (u, v)."""
+    x, y, z = point_to_local(tree.local_from_world, solid, o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2])
+    u, v = chart(tree.kinds[solid], face, x, y, z)
+    return x, y, z, u, v
 
-    ox, dx, oy, dy are differences to the rays right and below; `shade` is a solid that is likely to shade it.
+
+@njit_inlined
+def difference(tree, solid, u0, v0, u1, v1):
+    """Return the difference of texture coordinates between two hits on a face."""
+    u = u1 - u0
+    if tree.kinds[solid] in (ELLIPSOID, CYLINDER):
+        u -= np.rint(u)  # across the seam
+    return u, v1 - v0
+
+
+@njit_inlined
+def footprint(world, tree, hit, place, d, steps):
+    """Return the changes (ux, vx, uy, vy) of texture coordinates to the rays right and below, by ray differentials.
+
+    `hit` is the distance, the solid and the face, `place` what `texture_position` returns, and `steps` are the
+    differences of origin and bearing to the ray right, and to the ray below.
     """
-    kind = tree.kinds[solid]
-    px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
-    x, y, z = point_to_local(tree.local_from_world, solid, px, py, pz)
-    u, v = chart(kind, face, x, y, z)
+    t, solid, face = hit
+    x, y, z, u, v = place
+    n = world_normal(world, tree, solid, face, x, y, z)
+    ux, vx = _chart_step(tree, solid, face, x, y, z, u, v, _surface_step(t, d, n, steps[0], steps[1]))
+    uy, vy = _chart_step(tree, solid, face, x, y, z, u, v, _surface_step(t, d, n, steps[2], steps[3]))
+    return ux, vx, uy, vy
+
+
+@njit_inlined
+def surface(world, tree, textures, hit, place, o, d, sides):
+    """Return the albedo (r, g, b) at the hit of a ray, its light from around, the cosine to the sun, and a shadow ray.
+
+    `sides` are the texture coordinates of the footprint's sides; see `footprint`. The shadow ray starts at (x, y, z).
+    """
+    t, solid, face = hit
+    x, y, z, u, v = place
     n = world_normal(world, tree, solid, face, x, y, z)
     row = world.first_face[solid] + face
-    ux, vx = _chart_step(tree, solid, face, x, y, z, u, v, _surface_step(t, d, n, ox, dx))
-    uy, vy = _chart_step(tree, solid, face, x, y, z, u, v, _surface_step(t, d, n, oy, dy))
-    r, g, b = _filtered(textures, world.faces[row, 0], u, v, ux, vx, uy, vy)
+    r, g, b = _filtered(textures, world.faces[row, 0], u, v, sides[0], sides[1], sides[2], sides[3])
     light = float(_light(world, row, u, v))
-    shine, shader = 0.0, -1
-    if world.sun[3] > 0:
-        sx, sy, sz = world.sun[0], world.sun[1], world.sun[2]
-        # A rectangle has two sides.
-        side = -1.0 if kind == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0 else 1.0
-        facing = side * (n[0] * sx + n[1] * sy + n[2] * sz)
-        shader = shade
-        if facing > 0:
-            lift = side * SHADOW_OFFSET_M
-            px, py, pz = px + lift * n[0], py + lift * n[1], pz + lift * n[2]
-            shader = first_hit(tree, px, py, pz, sx, sy, sz, 1e-6, np.inf, shade, True)[1]
-            if shader < 0:
-                shine = world.sun[3] * facing
-        r *= light * SKYLIGHT[0] + shine * SUNLIGHT[0]
-        g *= light * SKYLIGHT[1] + shine * SUNLIGHT[1]
-        b *= light * SKYLIGHT[2] + shine * SUNLIGHT[2]
-    else:
-        r, g, b = r * light, g * light, b * light
-    return r, g, b, shader
+    # A rectangle has two sides.
+    two_sided = tree.kinds[solid] == RECTANGLE and n[0] * d[0] + n[1] * d[1] + n[2] * d[2] > 0
+    side = -1.0 if two_sided else 1.0
+    facing = side * (n[0] * world.sun[0] + n[1] * world.sun[1] + n[2] * world.sun[2])
+    lift = side * SHADOW_OFFSET_M
+    px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+    return r, g, b, light, facing, px + lift * n[0], py + lift * n[1], pz + lift * n[2]
 
 
 @njit_inlined
-def _norm(v):
+def fogged(fog, r, g, b, t):
+    """Return light (r, g, b) after a distance in fog."""
+    kept = math.exp(-fog[0] * t)
+    return fog[1] + kept * (r - fog[1]), fog[2] + kept * (g - fog[2]), fog[3] + kept * (b - fog[3])
+
+
+@njit_inlined
+def norm(v):
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-
-
-@njit_inlined
-def _rotate(rotation, v, j, i):
-    """Rotate v[j, i], (M, N, 3)."""
-    x, y, z = v[j, i, 0], v[j, i, 1], v[j, i, 2]
-    return (
-        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
-        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
-        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
-    )
-
-
-@njit_inlined
-def _subtract(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit_helper
-def _neighbour(i, samples, end):
-    """Return the index of a neighbouring ray, in the same pixel if possible, so that windows do not change results."""
-    if samples > 1:
-        return i + 1 if (i + 1) % samples else i - 1
-    return i + 1 if i + 1 < end else i - 1 if i > 0 else i
-
-
-@partial(njit_driver, **STREAMLINED)
-def render_rows(world, origins, bearings, rotations, translations, samples, image, first, last):
-    """Render rows first to last of image (H, W, 3), with samples x samples rays per pixel.
-
-    Rays (H samples, W samples, 3) are in the camera frame. Each pixel row has its own pose world_from_cam: rotations
-    (H, 3, 3), translations (H, 3). NaN rays are black.
-    """
-    height, width = bearings.shape[0], bearings.shape[1]
-    tree, textures = world.tree, world.textures
-    for row in range(first, last):
-        turn, eye = rotations[row], translations[row]
-        # Neighbouring rays mostly hit, and are shaded by, the same solid.
-        solid = shade = -1
-        for column in range(image.shape[1]):
-            r = g = b = 0.0
-            for j in range(row * samples, (row + 1) * samples):
-                for i in range(column * samples, (column + 1) * samples):
-                    if bearings[j, i, 0] != bearings[j, i, 0]:
-                        continue
-                    d, o = _rotate(turn, bearings, j, i), _rotate(turn, origins, j, i)
-                    across, down = _neighbour(i, samples, width), _neighbour(j, samples, height)
-                    dx = _subtract(_rotate(turn, bearings, j, across), d)
-                    dy = _subtract(_rotate(turn, bearings, down, i), d)
-                    ox = _subtract(_rotate(turn, origins, j, across), o)
-                    oy = _subtract(_rotate(turn, origins, down, i), o)
-                    # At the edge of the view one neighbour may be invalid: use the other one.
-                    if dx[0] != dx[0]:
-                        dx, ox = dy, oy
-                    if dy[0] != dy[0]:
-                        dy, oy = dx, ox
-                    if dx[0] != dx[0]:
-                        dx = dy = ox = oy = (0.0, 0.0, 0.0)
-                    o = (o[0] + eye[0], o[1] + eye[1], o[2] + eye[2])
-                    t, solid, face = first_hit(tree, o[0], o[1], o[2], d[0], d[1], d[2], 1e-9, np.inf, solid, False)
-                    if solid < 0:
-                        cr, cg, cb = _sky(world, textures, d, dx, dy)
-                    else:
-                        cr, cg, cb, shade = _radiance(
-                            world, tree, textures, t, solid, face, o, d, ox, dx, oy, dy, shade
-                        )
-                    r, g, b = r + cr, g + cg, b + cb
-            count = samples * samples
-            image[row, column, 0], image[row, column, 1], image[row, column, 2] = r / count, g / count, b / count
 
 
 @partial(njit_driver, **STREAMLINED)

@@ -4,12 +4,11 @@
 # pyright: basic
 
 import math
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnisight.compiled import STREAMLINED, njit_driver, njit_helper, njit_inlined
+from omnisight.compiled import njit_helper, njit_inlined
 from omnisight.simulation._shapes import meet, normal
 
 
@@ -76,6 +75,10 @@ class World(NamedTuple):
         The textures.
     sun
         (4,) direction to the sun and its strength.
+    colors
+        (2, 3) of sunlight and skylight.
+    fog
+        (5,) extinction per metre, colour, and height of the layer, metres.
     sky
         Texture of the sky, -1 if there is none.
     """
@@ -88,6 +91,8 @@ class World(NamedTuple):
     light: Any
     textures: Textures
     sun: Any
+    colors: Any
+    fog: Any
     sky: int
 
 
@@ -109,7 +114,7 @@ def point_to_local(m, i, x, y, z):
 
 
 @njit_inlined
-def _meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least):
+def meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least):
     """Return the first distance > least at which a ray meets a solid, and the face."""
     px, py, pz = point_to_local(tree.local_from_world, i, ox, oy, oz)
     qx, qy, qz = to_local(tree.local_from_world, i, dx, dy, dz)
@@ -129,7 +134,7 @@ def first_hit(tree, ox, oy, oz, dx, dy, dz, least, most, guess, stop):
     node = size * ((1 if dx < 0 else 0) + (2 if dy < 0 else 0) + (4 if dz < 0 else 0))
     end = node + size
     if guess >= 0:
-        t, face = _meet_solid(tree, guess, ox, oy, oz, dx, dy, dz, least)
+        t, face = meet_solid(tree, guess, ox, oy, oz, dx, dy, dz, least)
         if t < best:
             best, solid, best_face = t, guess, face
             node = end if stop else node
@@ -145,7 +150,7 @@ def first_hit(tree, ox, oy, oz, dx, dy, dz, least, most, guess, stop):
         i = tree.nodes[node, 1]
         node += 1
         if i >= 0 and i != guess:
-            t, face = _meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least)
+            t, face = meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least)
             if t < best or (t == best and i < solid):
                 best, solid, best_face = t, i, face
                 node = end if stop else node
@@ -169,28 +174,3 @@ def _transposed(m, i, x, y, z):
         m[i, 0, 1] * x + m[i, 1, 1] * y + m[i, 2, 1] * z,
         m[i, 0, 2] * x + m[i, 1, 2] * y + m[i, 2, 2] * z,
     )
-
-
-@partial(njit_driver, **STREAMLINED)
-def cast(world, origins, bearings, distances, normals, instances, first, last):
-    """Compute rows first to last of distances (N,), normals (N, 3) and instances (N,) of the hits of rays (N, 3).
-
-    Normals point towards the origin of the ray. A ray without a hit has NaN and instance 0.
-    """
-    tree, guess = world.tree, -1
-    for i in range(first, last):
-        ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
-        dx, dy, dz = bearings[i, 0], bearings[i, 1], bearings[i, 2]
-        t, solid, face = np.inf, -1, 0
-        if dx == dx:
-            t, solid, face = first_hit(tree, ox, oy, oz, dx, dy, dz, 1e-9, np.inf, guess, False)
-        guess = solid
-        if solid < 0:
-            distances[i], instances[i] = np.nan, 0
-            normals[i, 0] = normals[i, 1] = normals[i, 2] = np.nan
-            continue
-        x, y, z = point_to_local(tree.local_from_world, solid, ox + t * dx, oy + t * dy, oz + t * dz)
-        nx, ny, nz = world_normal(world, tree, solid, face, x, y, z)
-        turn = -1.0 if nx * dx + ny * dy + nz * dz > 0 else 1.0
-        distances[i], instances[i] = t, world.instance[solid]
-        normals[i, 0], normals[i, 1], normals[i, 2] = turn * nx, turn * ny, turn * nz

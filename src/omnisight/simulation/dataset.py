@@ -14,7 +14,8 @@ from omnisight.formats import save
 from omnisight.geometry.pose import Pose
 from omnisight.images import write_bytes, write_image
 from omnisight.rig import Rig, Sensor
-from omnisight.simulation.render import GroundTruth
+from omnisight.simulation import motion_sensor_files
+from omnisight.simulation.rendered import GroundTruth
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import encode_jpeg
 from omnisight.simulation.texture import LINEAR
@@ -23,13 +24,20 @@ from omnisight.simulation.trajectory import Trajectory, format_timestamps, write
 # First words of the README: they identify a folder that may be overwritten.
 MARKER = "A data set rendered by omnisight simulate."
 FOLDERS = ("images", "depth", "normals", "instances")
+# Only with moving objects.
+MASK_FOLDER = "masks"
 FILES = (
     *("settings.json", "rig.json", "poses.txt", "images.txt", "depth.txt"),
     *("camera.json", "instances.json", "vignette.png", "vignette.npy", "pcalib.txt"),
+    *("exposure.csv", *motion_sensor_files.FILES),
 )
-MAX_UINT16 = 65535
+# Folders of these files, besides those of the images.
+FILE_FOLDERS = (motion_sensor_files.FOLDER,)
+MAX_UINT8, MAX_UINT16 = 255, 65535
 # Depth resolutions of 16-bit images: fine for rooms, and KITTI's, which reaches 256 m.
 FINE_DEPTH_STEPS, COARSE_DEPTH_STEPS = 1000.0, 256.0
+EXPOSURE_DESCRIPTION = "exposure.csv exposure of each image in stops, instead of the one above.\n"
+MASK_DESCRIPTION = "masks/       8 bits: 255 where the image shows what is static, 0 on moving objects.\n"
 # Header of the TUM file lists.
 LIST_HEADER = "# {kind} of a camera in the {scene}\n# rendered by omnisight simulate\n# timestamp filename\n"
 
@@ -52,7 +60,7 @@ camera.json  the camera, readable by omnisight.
 vignette     {vignette}
 pcalib.txt   the light of each of the 256 levels, times 255, as in TUM's visual odometry benchmark: the inverse of the
              sRGB response. An image without noise, blur and JPEG is response(2^exposure vignette light).
-{rig}
+{rig}{more}
 Depth, normals and instances are sampled at the pixel's centre and have no noise.
 """
 
@@ -150,6 +158,12 @@ class Dataset:
         packed = np.rint((np.nan_to_num(truth.normals, nan=-1.0) + 1) / 2 * MAX_UINT16).astype(np.uint16)
         write_image(folder / "normals" / f"{name}.png", packed)
 
+    def write_mask(self, camera: MountedCamera, number: int, moving: NDArray[np.bool_]) -> None:
+        """Write the mask of one image: 0 where an object moves (H, W), else 255."""
+        folder = self.folder / camera.name / MASK_FOLDER
+        folder.mkdir(exist_ok=True)
+        write_image(folder / f"{number:06d}.png", np.where(moving, 0, MAX_UINT8).astype(np.uint8))
+
     def write_photometry(self, camera: MountedCamera, vignetting: NDArray[np.float32]) -> None:
         """Write the photometric ground truth of one camera: vignetting (H, W) and response."""
         folder = self.folder / camera.name
@@ -160,6 +174,20 @@ class Dataset:
         inverse_response = " ".join(f"{255 * light:.6f}" for light in LINEAR)
         write_bytes(folder / "pcalib.txt", f"{inverse_response}\n".encode())
 
+    def write_exposures(
+        self, camera: MountedCamera, times: NDArray[np.float64], exposures: NDArray[np.float64]
+    ) -> None:
+        """Write the exposures (N,), stops, of the images of a camera at times (N,)."""
+        rows = zip(format_timestamps(times), exposures.tolist(), strict=True)
+        lines = [f"{time},images/{i:06d}{self.image_suffix},{value:.6f}\n" for i, (time, value) in enumerate(rows)]
+        text = "#timestamp [s],filename,exposure [stops]\n" + "".join(lines)
+        write_bytes(self.folder / camera.name / "exposure.csv", text.encode())
+
+    @property
+    def image_suffix(self) -> str:
+        """File ending of the images."""
+        return ".png" if self.jpeg is None else ".jpg"
+
     def write_camera(self, camera: MountedCamera, trajectory: Trajectory, scene: str, names: Sequence[str]) -> None:
         """Write the camera file, poses, instance names and file lists of one camera."""
         folder = self.folder / camera.name
@@ -167,14 +195,24 @@ class Dataset:
         write_trajectory(folder / "poses.txt", trajectory)
         instances = {str(i + 1): name for i, name in enumerate(names)}
         write_bytes(folder / "instances.json", (json.dumps(instances, indent=1) + "\n").encode())
-        kinds = {"images": "png" if self.jpeg is None else "jpg", "depth": "npy" if self.exact else "png"}
+        kinds = {"images": self.image_suffix, "depth": ".npy" if self.exact else ".png"}
         for kind, suffix in kinds.items():
             times = format_timestamps(trajectory.times)
-            lines = [f"{time} {kind}/{i:06d}.{suffix}\n" for i, time in enumerate(times)]
+            lines = [f"{time} {kind}/{i:06d}{suffix}\n" for i, time in enumerate(times)]
             write_bytes(folder / f"{kind}.txt", (LIST_HEADER.format(kind=kind, scene=scene) + "".join(lines)).encode())
 
-    def finish(self, settings: dict[str, Any], trajectory: Trajectory) -> None:
-        """Write the rig, the settings and, last, the README that marks the data set as complete."""
+    def finish(self, settings: dict[str, Any], trajectory: Trajectory, descriptions: Sequence[str] = ()) -> None:
+        """Write the rig, the settings and, last, the README that marks the data set as complete.
+
+        Parameters
+        ----------
+        settings
+            What settings.json holds.
+        trajectory
+            world_from_rig.
+        descriptions
+            Sections of the README on optional files.
+        """
         is_rig = bool(self.cameras[0].name)
         if is_rig:
             sensors = {c.name: (c.camera, c.rig_from_camera.inverse()) for c in self.cameras}
@@ -193,6 +231,7 @@ class Dataset:
             vignette=".npy, float32" if self.exact else ".png, 16 bits, 65535 for 1" + VIGNETTE,
             shutter=ROLLING_SHUTTER.format(rolling=rolling) * (rolling > 0),
             rig="rig.json     the rig; poses.txt beside it holds world_from_rig.\n" if is_rig else "",
+            more="".join(descriptions),
         )
         write_bytes(self.folder / "README.txt", text.encode())
 
@@ -216,13 +255,15 @@ def _clear(folder: Path) -> None:
     """Remove the files of an older data set, and nothing else."""
     cameras = [child for child in folder.iterdir() if all((child / name).is_dir() for name in FOLDERS)]
     for place in (*cameras, folder):
-        for name in FOLDERS:
+        for name in (*FOLDERS, MASK_FOLDER):
             for path in (place / name).glob("[0-9]" * 6 + ".*"):
                 if path.suffix in (".png", ".jpg", ".npy"):
                     path.unlink()
             _remove_if_empty(place / name)
         for name in FILES:
             (place / name).unlink(missing_ok=True)
+        for name in FILE_FOLDERS:
+            _remove_if_empty(place / name)
     for camera in cameras:
         _remove_if_empty(camera)
 

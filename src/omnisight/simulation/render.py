@@ -1,7 +1,6 @@
 """Rendering of a scene through any camera by ray casting, with ground truth."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +13,7 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.parallel import parallel_for
 from omnisight.simulation.board import BoardInScene
 from omnisight.simulation.camera_protocol import RenderableCamera
+from omnisight.simulation.rendered import GroundTruth, RenderedImage
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.scenes import scene_named
 from omnisight.simulation.sensor import develop
@@ -35,44 +35,6 @@ ROLLING_SHUTTER_ITERATIONS = 4
 OCCLUSION_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class RenderedImage:
-    """A rendered image.
-
-    Attributes
-    ----------
-    image
-        (H, W, 3) uint8 RGB.
-    corners
-        For each board the exact pixels (N, 2) of its points, in the order of `Board.points`.
-    """
-
-    image: NDArray[np.uint8]
-    corners: tuple[Array, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class GroundTruth:
-    """Ground truth at the pixel centres; NaN, and instance 0, for sky or nothing.
-
-    Attributes
-    ----------
-    depth
-        (H, W) metres along the bearing, from the ray's origin.
-    normals
-        (H, W, 3) unit vectors in the camera frame, towards the camera.
-    instances
-        (H, W), 1 + the index in `Scene.names`.
-    points
-        (H, W, 3) in the world frame.
-    """
-
-    depth: Array
-    normals: Array
-    instances: NDArray[np.int32]
-    points: Array
-
-
 class Renderer:
     """A renderer for one camera pose. The scene is rendered once; for each image only the regions of boards are redone.
 
@@ -92,6 +54,9 @@ class Renderer:
     vignette
         Relative loss of light at the edge of the lens's image: the image circle, or the farthest corner. It grows with
         the fourth power of the distance from the principal point. Panoramas have none.
+    shutter_poses
+        Poses at equal steps of time during the exposure, for motion blur: at each, one of the rays of every pixel is
+        traced. Ground truth is that of `world_from_cam`.
 
     Raises
     ------
@@ -108,15 +73,20 @@ class Renderer:
         theta: tuple[float, float] = (0.0, np.pi),
         samples: int = 2,
         vignette: float = 0.35,
+        shutter_poses: Sequence[Poses] = (),
     ) -> None:
         self.camera, self.theta, self.samples, self.vignette = camera, theta, samples, vignette
         self.scene = scene_named("room") if scene is None else scene
         self._width, self._height = camera.size
-        poses = world_from_cam if isinstance(world_from_cam, Sequence) else [world_from_cam or Pose()] * self._height
-        if len(poses) != self._height:
-            raise ValueError(f"an image of {self._height} rows needs as many poses, got {len(poses)}")
-        self._rotations = np.array([pose.rotation for pose in poses], float)
-        self._eyes = np.array([pose.translation for pose in poses], float)
+        self._rotations, self._eyes = self._row_poses(Pose() if world_from_cam is None else world_from_cam)
+        self._shutter = [self._row_poses(poses) for poses in shutter_poses]
+
+    def _row_poses(self, poses: Poses) -> tuple[Array, Array]:
+        """Return the rotations (H, 3, 3) and translations (H, 3) of the rows."""
+        rows = poses if isinstance(poses, Sequence) else [poses] * self._height
+        if len(rows) != self._height:
+            raise ValueError(f"an image of {self._height} rows needs as many poses, got {len(rows)}")
+        return np.array([pose.rotation for pose in rows], float), np.array([pose.translation for pose in rows], float)
 
     @property
     def world_from_cam(self) -> Pose:
@@ -156,8 +126,8 @@ class Renderer:
         if not boards:
             return self._background.copy()
         scene = self._scene_with(boards)
-        # A shadow can be anywhere, and under a rolling shutter each row sees the board elsewhere.
-        if self.scene.sun[1] > 0 or not self._still:
+        # A shadow can be anywhere, and with several poses each sees the board elsewhere.
+        if self.scene.sun[1] > 0 or not self._still or self._shutter:
             return self._render(scene, slice(0, self._height), slice(0, self._width))
         light = self._background.copy()
         for board in boards:
@@ -240,17 +210,28 @@ class Renderer:
 
     def _render(self, scene: Scene, whole: slice, columns: slice) -> Floats:
         """Return the light of a window of rows and columns."""
-        from omnisight.simulation import _shading
+        from omnisight.simulation import _render_rows
 
         result = np.zeros((whole.stop - whole.start, columns.stop - columns.start, 3), np.float32)
         world = scene.world_with_light
+        # One of the rays of each pixel at each pose of the exposure, or all of them at one pose.
+        moments = self._shutter or [(self._rotations, self._eyes)]
+        order = np.random.default_rng(0).permutation(self.samples**2)
         for rows in _chunks(whole, (columns.stop - columns.start) * self.samples**2):
             rays = self._rays(rows, columns, self.samples)
             part = result[rows.start - whole.start : rows.stop - whole.start]
-            fixed: Any = (world, rays.origins, rays.bearings, self._rotations[rows], self._eyes[rows], self.samples)
-            parallel_for(
-                lambda first, last, f=fixed, p=part: _shading.render_rows(*f, p, first, last), len(part), ROWS_PER_TASK
-            )
+            for k, (rotations, eyes) in enumerate(moments):
+                light, only = np.empty_like(part), int(order[k % len(order)]) if self._shutter else -1
+                poses = rotations[rows], eyes[rows]
+                fixed: Any = (world, rays.origins, rays.bearings, *poses, self.samples, only, light)
+                parallel_for(
+                    lambda first, last, f=fixed: _render_rows.render_rows(
+                        *f, scratch_arrays(self.samples), first, last
+                    ),
+                    len(part),
+                    ROWS_PER_TASK,
+                )
+                part += light / len(moments)
             if self.vignette or self.theta != (0.0, np.pi):
                 part *= self.vignetting(rows, columns)[..., None]
         return result
@@ -295,6 +276,14 @@ class Renderer:
     @cached_property
     def _lens_extent(self) -> tuple[tuple[float, float], float] | None:
         return lens_extent(self.camera, self._in_view)
+
+
+def scratch_arrays(samples: int) -> tuple[NDArray[Any], ...]:
+    """Return the working memory of a thread for the rays of a pixel; see `_render_rows.render_rows`."""
+    count = samples**2
+    rays, shadows = np.empty((2, count, 3)), np.empty((2, count, 3))
+    places, hits, hidden = np.empty((count, 2), np.int64), np.empty((count, 2), np.int64), np.empty(count, np.int64)
+    return rays, places, np.empty((count, 5)), shadows, np.empty((count, 6)), np.empty(count), hits, hidden
 
 
 def _bounds(indices: NDArray[np.int64]) -> slice:

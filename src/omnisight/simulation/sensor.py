@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.simulation.random_process import gauss_markov
 from omnisight.simulation.texture import to_display
 
 Floats = NDArray[np.float32]
@@ -14,6 +15,7 @@ MIDDLE_GRAY_LIGHT = 0.2158
 MIDDLE_GRAY_SLOPE = 1.0752 * 255
 # Share of the noise variance at middle gray that is read noise; the rest is photon noise.
 READ_NOISE_SHARE = 0.01
+DRIFT_CORRELATION_S = 10.0
 
 
 def develop(
@@ -62,6 +64,14 @@ def develop(
         return image
     packed = np.asarray(cv2.imdecode(encode_jpeg(image, jpeg), cv2.IMREAD_COLOR), np.uint8)
     return np.ascontiguousarray(packed[..., ::-1])
+
+
+def exposure_drift(times: NDArray[np.float64], sigma: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return a slow random change (N,) of the exposure, stops, at times (N,), seconds.
+
+    A Gauss-Markov process of standard deviation `sigma` that is correlated over 10 s, as of an automatic exposure.
+    """
+    return sigma * gauss_markov(times / DRIFT_CORRELATION_S, 1, rng)[:, 0]
 
 
 def check_sensor(*, exposure: float, blur: float, noise: float, jpeg: int | None) -> None:

@@ -1,5 +1,6 @@
 """Trajectories: poses over time, their interpolation and files."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,8 +21,31 @@ MAX_COORDINATE_M = 1e9
 MAX_NUMBER_CHARS = 40
 
 
+class Motion(ABC):
+    """A pose as a function of time."""
+
+    @abstractmethod
+    def at(self, time: float) -> Pose:
+        """Return world_from_cam at a time, seconds."""
+
+    def row_poses(self, time: float, height: int, readout: float) -> Sequence[Pose]:
+        """Return the pose of each image row under a rolling shutter; the middle row is read at `time`.
+
+        Parameters
+        ----------
+        time
+            Seconds.
+        height
+            Number of rows.
+        readout
+            Seconds from the first to the last row.
+        """
+        offsets = (np.arange(height) - height // 2) / max(height - 1, 1) * readout
+        return [self.at(time + offset) for offset in offsets]
+
+
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Motion):
     """Poses of a camera over time.
 
     Attributes
@@ -56,21 +80,6 @@ class Trajectory:
             return a
         turn = a.rotation @ exp(share * log(a.rotation.T @ b.rotation))
         return Pose(turn, (1 - share) * a.translation + share * b.translation)
-
-    def row_poses(self, time: float, height: int, readout: float) -> Sequence[Pose]:
-        """Return the pose of each image row under a rolling shutter; the middle row is read at `time`.
-
-        Parameters
-        ----------
-        time
-            Seconds.
-        height
-            Number of rows.
-        readout
-            Seconds from the first to the last row.
-        """
-        offsets = (np.arange(height) - height // 2) / max(height - 1, 1) * readout
-        return [self.at(time + offset) for offset in offsets]
 
 
 def quaternion(rotation: ArrayLike) -> Array:

@@ -15,6 +15,8 @@ from omnisight.simulation.texture import LINEAR, Texture
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 
+# Colours of sunlight and skylight (red, green, blue).
+SUNLIGHT, SKYLIGHT = (1.05, 1.0, 0.88), (0.93, 0.98, 1.1)
 # In the order of the shape numbers in `_shapes`.
 SHAPES = tuple(FACES)
 # Rays for the ambient light at a point, and points on a lamp.
@@ -35,15 +37,26 @@ class Lighting:
     spacing: float
 
 
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What lights a scene from far away; see `Scene` for the fields. `fog` is extinction, colour and height (5,)."""
+
+    sky: Texture | None
+    sun: tuple[Point, float]
+    sunlight: Point
+    skylight: Point
+    fog: tuple[float, ...]
+
+
 def build_world(
-    solids: Sequence[Solid], names: Sequence[str], sky: Texture | None, sun: tuple[Point, float], spacing: float
+    solids: Sequence[Solid], names: Sequence[str], surroundings: Surroundings, spacing: float
 ) -> tuple[Any, list[Solid]]:
     """Return the `World` of a scene without light, and the solids in its order."""
     from omnisight.simulation._trace import Textures, Tree, World
 
     bounds = np.array([np.concatenate(solid.bounds()) for solid in solids]).reshape(-1, 6)
     boxes, nodes, order = build_tree(bounds)
-    solids = [solids[i] for i in order]
+    solids, sky = [solids[i] for i in order], surroundings.sky
     textures = list(dict.fromkeys(t for s in solids for t in s.textures))
     textures += [sky] if sky is not None else []
     number = {texture: i for i, texture in enumerate(textures)}
@@ -55,10 +68,10 @@ def build_world(
         for texture, (width, height) in zip(solid.textures, sizes, strict=True):
             faces.append((number[texture], start, width, height))
             start += width * height
-    sun_direction = np.array(sun[0], float)
+    sun_direction = np.array(surroundings.sun[0], float)
     return World(
         tree=Tree(
-            np.array([_inverse(s.world_from_local) for s in solids]).reshape(-1, 3, 4),
+            inverse_matrices(solids),
             np.array([SHAPES.index(s.shape) for s in solids], np.int64),
             boxes,
             nodes,
@@ -69,14 +82,18 @@ def build_world(
         faces=np.array(faces, np.int64).reshape(-1, 4),
         light=np.zeros(start, np.float32),
         textures=Textures(*_texels(textures), LINEAR.astype(np.float64)),
-        sun=np.append(sun_direction / np.linalg.norm(sun_direction), sun[1]),
+        sun=np.append(sun_direction / np.linalg.norm(sun_direction), surroundings.sun[1]),
+        colors=np.array((surroundings.sunlight, surroundings.skylight), float),
+        fog=np.array(surroundings.fog, float),
         sky=-1 if sky is None else number[sky],
     ), solids
 
 
-def _inverse(matrix: Array) -> Array:
-    linear = np.linalg.inv(matrix[:, :3])
-    return np.column_stack([linear, -linear @ matrix[:, 3]]).astype(float)
+def inverse_matrices(solids: Sequence[Solid]) -> Array:
+    """Return local_from_world (S, 3, 4) of solids."""
+    matrices = np.array([solid.world_from_local for solid in solids], float).reshape(-1, 3, 4)
+    linear = np.linalg.inv(matrices[..., :3])
+    return np.concatenate([linear, -linear @ matrices[..., 3:]], axis=-1)
 
 
 def _texels(textures: list[Texture]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:

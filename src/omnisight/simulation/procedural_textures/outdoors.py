@@ -208,11 +208,8 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
     )
     image = np.repeat(image, width, 1)
     # The clouds are in a horizontal layer, so they are smaller near the horizon.
-    side = 1024
-    noise = np.zeros((side, side), np.float32)
-    for cells in (4, 8, 16, 32, 64, 128, 256):
-        noise += _wrapped(rng, side, cells) * np.float32(cells**-0.85)
-    noise = ((noise - noise.mean()) / noise.std()).astype(np.float32)
+    noise = _cloud_noise(rng)
+    side = len(noise)
     away = 150.0 / np.maximum(up, 0.045)
     u, v = across * away % side, ahead * away % side
     thick = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
@@ -230,6 +227,30 @@ def sky(rng: Rng, sun: tuple[float, float, float], width: int = 2048) -> Bytes:
         (150, 158, 146), np.float32
     )
     return materials.to_8bit(image)
+
+
+def covered_sky(rng: Rng, width: int = 1024) -> NDArray[np.float32]:
+    """Return the light (h, w, 1) of a covered sky relative to its light on the ground (CIE standard overcast sky)."""
+    import cv2
+
+    height = width // 2
+    lon = (((np.arange(width) + 0.5) / width * 2 - 1) * np.pi).astype(np.float32)
+    lat = ((0.5 - (np.arange(height)[:, None] + 0.5) / height) * np.pi).astype(np.float32)
+    up = np.sin(lat)
+    noise = _cloud_noise(rng)
+    away = 60.0 / np.maximum(up, 0.1)
+    u, v = (np.cos(lat) * turn * away % len(noise) for turn in (np.sin(lon), np.cos(lon)))
+    clouds = cv2.remap(noise, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    light = (1 + 2 * np.clip(up, 0, 1)) * 3 / 7 * (1 + 0.07 * clouds * np.clip(up * 4, 0, 1))
+    return np.asarray(light, np.float32)[..., None]
+
+
+def _cloud_noise(rng: Rng, side: int = 1024) -> NDArray[np.float32]:
+    """Return periodic fractal noise of mean 0 and standard deviation 1."""
+    noise = np.zeros((side, side), np.float32)
+    for cells in (4, 8, 16, 32, 64, 128, 256):
+        noise += _wrapped(rng, side, cells) * np.float32(cells**-0.85)
+    return ((noise - noise.mean()) / noise.std()).astype(np.float32)
 
 
 def _wrapped(rng: Rng, side: int, cells: int) -> NDArray[np.float32]:

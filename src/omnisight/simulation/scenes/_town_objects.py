@@ -1,11 +1,7 @@
 """Objects of a town, each built once at the origin and placed many times, so that the textures are shared."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 
-from omnisight.geometry.pose import Pose
 from omnisight.simulation.procedural_textures import materials, outdoors
 from omnisight.simulation.scenes._outdoors import car, lamp_post, road_sign, tree
 from omnisight.simulation.scenes._town_streets import DENSITY, LOT
@@ -31,11 +27,6 @@ class Prototypes:
         self.cars = [car((0, 0, 0), "car", rng) for _ in range(5)]
         self.signs = [road_sign((0, 0, 0), words, "sign") for words in ("30", "20", "50")]
         self.lamp_post = lamp_post((0, 0, 0), 1, "lamp post")
-
-
-def placed(solids: Sequence[Solid], pose: Pose, name: str) -> list[Solid]:
-    """Return an object at a pose, under a name of its own."""
-    return [replace(solid.moved(pose), name=name) for solid in solids]
 
 
 def _houses(rng: Rng) -> list[list[Solid]]:

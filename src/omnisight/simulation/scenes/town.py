@@ -1,17 +1,18 @@
 """A town on a slope: six streets with repeated house fronts, parked cars, trees, lamps and signs, under a fair sky."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
-from omnisight.simulation.preset_motion import DRIVE, Route
 from omnisight.simulation.procedural_textures import materials, outdoors
 from omnisight.simulation.scene import Scene
-from omnisight.simulation.scenes._town_objects import Prototypes, placed
+from omnisight.simulation.scenes._town_objects import Prototypes
 from omnisight.simulation.scenes._town_streets import (
     GROUND,
     KERB,
     LOT,
+    STEP,
     WALL,
     Frame,
     Street,
@@ -19,8 +20,10 @@ from omnisight.simulation.scenes._town_streets import (
     roadway,
     street_textures,
 )
+from omnisight.simulation.scenes._town_traffic import TownPlan, driving_route, town_traffic
 from omnisight.simulation.solids import Solid, rectangle
 from omnisight.simulation.texture import Texture
+from omnisight.simulation.traffic import Parking, ParkingSpot, placed
 
 Rng = np.random.Generator
 
@@ -29,8 +32,8 @@ COLUMNS, ROWS = (0.0, 68.0, 136.0), (0.0, 50.0, 100.0)
 HEIGHTS = ((0.0, 0.4, -0.5), (1.2, 1.6, 0.3), (1.8, 2.6, 1.4))
 # Side streets that leave the town end at a house.
 STUB = 2.0 * LOT
-# Middle of the right lane.
-LANE = 1.7
+# Length along which a parked car may stand, between the trees.
+PARKING_SLACK = 3.5
 SUN = (0.55, -0.75, -0.36)
 
 
@@ -39,6 +42,7 @@ def scene(seed: int = 0) -> Scene:
     rng = np.random.default_rng(seed + 31)
     textures, prototypes = street_textures(rng), Prototypes(rng)
     solids: list[Solid] = []
+    spots: list[ParkingSpot] = []
     for i, x in enumerate(COLUMNS):
         for j, z in enumerate(ROWS):
             solids += crossing(Frame((x, z), 0.0), HEIGHTS[j][i], textures, f"crossing {3 * i + j + 1}")
@@ -47,20 +51,25 @@ def scene(seed: int = 0) -> Scene:
         solids += _row_of_houses(street, -1, prototypes, rng, f"house {number}.")
         solids += _row_of_houses(street, 1, prototypes, rng, f"house {number}.")
         solids += _street_objects(street, prototypes, rng, f" {number}.")
+        spots += _parking_spots(street, f" {number}.")
         if street.ends:
             solids += _closing_houses(street, prototypes, rng, f"house {number}.")
     meadow, wide = Texture(materials.grass(rng, 15.0, 15.0, outdoors.PIXELS_PER_METRE), (30, 30)), 450.0
     corner = (COLUMNS[1] - wide / 2, GROUND + 1.2, ROWS[1] + wide / 2)
     solids.append(rectangle(corner, (wide, 0, 0), (0, 0, -wide), meadow, "meadow"))
+    parking = Parking(tuple(tuple(car) for car in prototypes.cars), tuple(spots))
+    solids += parking.solids(seed, 0)
     return Scene(
         tuple(solids),
         ((-1.2, -0.6, 8.0), (1.2, 0.0, 12.0)),
-        route=Route(_loop(), 10.0, DRIVE),
+        route=driving_route(TownPlan(COLUMNS, ROWS, HEIGHTS)),
         sky=Texture(outdoors.sky(rng, SUN)),
         sun=(SUN, 0.8),
         ambient=0.5,
         reach=2.5,
         spacing=3.0,
+        parking=parking,
+        traffic=partial(town_traffic, TownPlan(COLUMNS, ROWS, HEIGHTS), prototypes.cars, seed),
     )
 
 
@@ -81,21 +90,6 @@ def _streets() -> Iterator[Street]:
                 if edge:
                     start = (x, z + np.cos(yaw) * WALL)
                     yield Street(Frame(start, yaw), STUB, here, here, True, ends=True)
-
-
-def _loop() -> tuple[tuple[float, float, float], ...]:
-    """Return the route around the town on the right lane, with left turns."""
-    around = ((0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0), (1, 0))
-    points: list[tuple[float, float, float]] = []
-    for (i, j), (k, m), (n, o) in zip(around, around[1:], around[2:], strict=False):
-        into, out = np.sign((k - i, m - j)), np.sign((n - k, o - m))
-        # Right of a direction (x, z) is (z, -x).
-        right_in, right_out = into[::-1] * (LANE, -LANE), out[::-1] * (LANE, -LANE)
-        centre = np.array((COLUMNS[k], ROWS[m]))
-        corner = centre + right_in + (right_out if (into != out).any() else 0)
-        for place in (centre - WALL * into + right_in, corner, centre + WALL * out + right_out):
-            points.append((float(place[0]), -HEIGHTS[m][k], float(place[1])))
-    return tuple(points)
 
 
 def _row_of_houses(street: Street, side: int, prototypes: Prototypes, rng: Rng, name: str) -> list[Solid]:
@@ -122,7 +116,7 @@ def _closing_houses(street: Street, prototypes: Prototypes, rng: Rng, name: str)
 
 
 def _street_objects(street: Street, prototypes: Prototypes, rng: Rng, number: str) -> list[Solid]:
-    """Return the trees, lamp posts, signs and parked cars of a street."""
+    """Return the trees, lamp posts and signs of a street."""
     solids: list[Solid] = []
     for k, along in enumerate(np.arange(5.0, street.length - 6.0, 12.0)):
         for side in (-1, 1):
@@ -133,13 +127,20 @@ def _street_objects(street: Street, prototypes: Prototypes, rng: Rng, number: st
             solids += placed(tree, spot, "tree" + label)
             post = street.pose(side * (KERB + 0.5), along + 6.0, turn, lift=lift)
             solids += placed(prototypes.lamp_post, post, "lamp post" + label)
-            if rng.random() < 0.6:
-                vehicle = prototypes.cars[int(rng.integers(len(prototypes.cars)))]
-                spot = street.pose(side * (KERB + 1.0), along + rng.uniform(0, 3.5), turn, lift=0.12)
-                solids += placed(vehicle, spot, "car" + label)
     for side in (-1, 1):
         sign = prototypes.signs[int(rng.integers(len(prototypes.signs)))]
         along, turn = (2.0, 0.0) if side > 0 else (street.length - 2.0, np.pi)
         label = f"sign{number}{(side > 0) + 1}"
         solids += placed(sign, street.pose(side * (KERB + 0.6), along, turn, lift=0.12), label)
     return solids
+
+
+def _parking_spots(street: Street, number: str) -> list[ParkingSpot]:
+    """Return the places of parked cars, half on the pavement, in their driving direction."""
+    spots: list[ParkingSpot] = []
+    for k, along in enumerate(np.arange(5.0, street.length - 6.0, 12.0)):
+        for side in (-1, 1):
+            x, turn = side * (KERB + 1.0), np.pi if side < 0 else 0.0
+            start, end = (street.pose(x, z, turn, lift=STEP) for z in (along, along + PARKING_SLACK))
+            spots.append(ParkingSpot(start, end, f"car{number}{2 * k + (side > 0) + 1}"))
+    return spots

@@ -1,0 +1,149 @@
+"""Options of `simulate`."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from omnisight.rig import Rig, Sensor
+from omnisight.simulation.daylight import Weather
+from omnisight.simulation.exports import get_export
+from omnisight.simulation.motion_sensors import MotionSensors
+from omnisight.simulation.sensor import check_sensor
+
+# Larger requests are mistakes, and would fill the disk.
+MAX_FRAMES = 100_000
+MAX_DRIFT_STOPS = 10
+RAYS_PER_PIXEL = (1, 4, 9, 16)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions under which a scene is visited.
+
+    Attributes
+    ----------
+    time
+        Local solar time, hours, of an outdoor scene; None for its usual sun.
+    weather
+        clear, overcast, rain or fog.
+    exposure_drift
+        Standard deviation, stops, of a slow random change of the exposure.
+    visit
+        Number of the visit of the town: other cars are parked at each.
+    traffic
+        Whether cars drive and people walk through the town; `masks/` shows them.
+    """
+
+    time: float | None = None
+    weather: Weather = "clear"
+    exposure_drift: float = 0.0
+    visit: int = 0
+    traffic: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges of all values."""
+        if self.visit < 0:
+            raise ValueError(f"--visit must not be negative, got {self.visit}")
+        if not 0 <= self.exposure_drift <= MAX_DRIFT_STOPS:
+            raise ValueError(f"--exposure-drift must be from 0 to {MAX_DRIFT_STOPS} stops, got {self.exposure_drift:g}")
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """Options of `simulate`.
+
+    Attributes
+    ----------
+    scene
+        room, rooms, street, town, boards or lines.
+    camera
+        A calibration file of any format, or a camera or rig. Non-central cameras are supported.
+    output
+        Folder of the data set. It is created if needed; a folder with other content is refused.
+    trajectory
+        loop, line, turn or still, at the speed of a walking person; loop follows the roads of the town, as a car, and
+        enters all rooms of `rooms`. Or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
+        (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
+    up
+        Orientation of the camera on the trajectories loop, line, turn and still: "top" is level; "back" looks down, as
+        below a mirror; "front" looks up.
+    frames
+        Maximum number of images: 60, or all poses of a file.
+    fps
+        Images per second. By default the images are spread over the motion, or have the timestamps of a file.
+    rays
+        Rays per pixel: 1, 4, 9 or 16.
+    exposure
+        Exposure, stops.
+    vignette
+        Relative loss of light at the edge of the lens's image, 0 to 1; panoramas have none.
+    blur
+        Standard deviation of the lens blur, px.
+    noise
+        Standard deviation of the noise at middle gray, of 255.
+    jpeg
+        Quality of the images as JPEG; None for PNG.
+    rolling_shutter
+        Readout time from the first to the last row, milliseconds. Poses are those of the middle row.
+    exposure_time
+        Duration of the exposure, milliseconds, for motion blur, about the timestamp; 0 for sharp images.
+    circle
+        (low, high) angles from the axis, degrees; images are black outside. None is the calibrated field of view.
+    exact
+        Write depth and normals as float32 NumPy arrays instead of 16-bit images.
+    seed
+        Seed of the noise and of random parts of the scene.
+    motion_sensors
+        IMU, wheel odometry and GNSS. With any of them the body moves along a twice continuously differentiable spline
+        through the poses, instead of with constant velocity between them.
+    conditions
+        Time of day, weather and drift of the exposure.
+    export
+        Other formats to write: colmap, covisibility, euroc, kitti and nerfstudio.
+    """
+
+    scene: str
+    camera: Path | Sensor | Rig
+    output: Path
+    trajectory: str = "loop"
+    up: Literal["top", "back", "front"] = "top"
+    frames: int | None = None
+    fps: float | None = None
+    rays: int = 4
+    exposure: float = 0.0
+    vignette: float = 0.35
+    blur: float = 0.7
+    noise: float = 1.5
+    jpeg: int | None = None
+    rolling_shutter: float = 0.0
+    exposure_time: float = 0.0
+    circle: tuple[float, float] | None = None
+    exact: bool = False
+    seed: int = 0
+    motion_sensors: MotionSensors = field(default_factory=MotionSensors)
+    conditions: Conditions = field(default_factory=Conditions)
+    export: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the ranges of all values."""
+        if self.rays not in RAYS_PER_PIXEL:
+            raise ValueError(f"--rays must be 1, 4, 9 or 16, got {self.rays}")
+        if self.frames is not None and not 1 <= self.frames <= MAX_FRAMES:
+            raise ValueError(f"--frames must be from 1 to {MAX_FRAMES}, got {self.frames}")
+        if self.fps is not None and not 1e-3 <= self.fps <= 1e5:
+            raise ValueError(f"--fps must be from 0.001 to 100000 images per second, got {self.fps:g}")
+        if not 0 <= self.vignette <= 1:
+            raise ValueError(f"--vignette must be from 0 to 1, got {self.vignette:g}")
+        if not 0 <= self.rolling_shutter <= 1e4:
+            raise ValueError(f"--rolling-shutter must be from 0 to 10000 milliseconds, got {self.rolling_shutter:g}")
+        if not 0 <= self.exposure_time <= 1e4:
+            raise ValueError(f"--exposure-time must be from 0 to 10000 milliseconds, got {self.exposure_time:g}")
+        if self.seed < 0:
+            raise ValueError(f"--seed must not be negative, got {self.seed}")
+        if self.circle is not None and not 0 <= self.circle[0] < self.circle[1] <= 180:
+            low, high = self.circle
+            raise ValueError(f"--circle must be two angles from 0 to 180 degrees, such as 0:95, got {low:g}:{high:g}")
+        for name in self.export:
+            if get_export(name).NEEDS_IMU and not self.motion_sensors.imu:
+                raise ValueError(f"--export {name} needs an IMU: add --imu RATE, such as --imu 200")
+        check_sensor(exposure=self.exposure, blur=self.blur, noise=self.noise, jpeg=self.jpeg)
