@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
 
@@ -132,9 +133,18 @@ class Reconstruction:
 
     @property
     def rms_px(self) -> float:
-        """Root mean square length of the residuals, px; NaN without observations."""
-        squares = (self.observations.residuals**2).sum(axis=1)
-        return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+        """Root mean square length of the residuals, px; NaN without observations.
+
+        Residuals along the rows of 360 images are in pixels of the equator, because they have no limit at the poles.
+        """
+        squares = self.observations.residuals**2
+        of_sensor = self.sensor[self.observations.image]
+        for s, camera in enumerate(self.rig.cameras):
+            if isinstance(camera, Camera) and (period := getattr(camera.model, "period", None)) is not None:
+                use = of_sensor == s
+                by_pixel = camera.model.unproject_with_jacobians(self.observations.pixels[use])[2]
+                squares[use, 0] *= (by_pixel[:, :, 0] ** 2).sum(axis=1) * (period / (2 * np.pi)) ** 2
+        return float(np.sqrt(squares.sum(axis=1).mean())) if len(squares) else float("nan")
 
     @property
     def mean_track_length(self) -> float:
