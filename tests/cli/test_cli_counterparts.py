@@ -28,6 +28,11 @@ FUNCTIONS = {
 POSITIONAL = {"scene"}
 # Fields whose option has another name: `format` is a builtin of Python, and each --fix adds one value to `fixed`.
 RENAMED = {"format": "to", "fixed": "fix", "max_theta_deg": "max-theta", "max_error_px": "max-error"}
+# Fields that are groups of options.
+GROUPS = {
+    "motion_sensors": ("imu", "odometry", "gnss", "sensor-noise", "origin"),
+    "conditions": ("time", "weather", "exposure-drift", "visit", "traffic"),
+}
 # Settings of the estimation from lines that the command does not offer.
 PYTHON_ONLY = {"calibrate-lines": {"square", "loss", "seed"}}
 
@@ -69,8 +74,8 @@ def test_every_field_of_the_options_is_documented_and_an_option_of_the_command(r
         if field.name in POSITIONAL:
             assert re.search(rf"^│ \* +{field.name.upper()} ", out, re.MULTILINE), field.name
         else:
-            option = RENAMED.get(field.name, field.name).replace("_", "-")
-            assert re.search(rf"--{option}\b", out), field.name
+            for name in GROUPS.get(field.name, (RENAMED.get(field.name, field.name),)):
+                assert re.search(rf"--{name.replace('_', '-')}\b", out), name
 
 
 @pytest.mark.parametrize("command", FUNCTIONS)
