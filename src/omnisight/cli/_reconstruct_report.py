@@ -48,6 +48,7 @@ def print_json(result: ReconstructionResult) -> None:
             for name, change in result.focal_length_changes.items()
         },
         "unregistered": result.unregistered,
+        "unverified": list(model.unverified) if model else [],
         "seconds": round(result.seconds, 3),
         "peak_memory_mb": _megabytes(result),
         "reason": result.reason,
@@ -90,6 +91,12 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(
                 "warning     most points are in two images only, so that nothing verifies poses and their standard"
                 " deviations: take images closer together, and of more texture"
+            )
+        elif model.unverified:
+            names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
+            print(
+                f"warning     {len(model.unverified)} poses are not verified by points in three or more images: {names};"
+                " take more images there"
             )
         for name in result.self_calibrated:
             print(_describe_camera(model.rig, name))

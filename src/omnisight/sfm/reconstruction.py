@@ -12,6 +12,10 @@ from omnisight.rig import Rig
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# Observations of points in three or more images, below which the pose of an image is not verified: in rendered rooms
+# that look alike, images in wrong places had 3 to 5, and those in their places 10 or more.
+MIN_VERIFIED = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:
@@ -145,6 +149,19 @@ class Reconstruction:
                 by_pixel = camera.model.unproject_with_jacobians(self.observations.pixels[use])[2]
                 squares[use, 0] *= (by_pixel[:, :, 0] ** 2).sum(axis=1) * (period / (2 * np.pi)) ** 2
         return float(np.sqrt(squares.sum(axis=1).mean())) if len(squares) else float("nan")
+
+    @property
+    def unverified(self) -> tuple[str, ...]:
+        """Names of the images with too few points that three or more images show; none in a model of two frames.
+
+        Points in two images agree with wrong relative poses too, and leave the scale between pairs of images open.
+        """
+        images_of_point = np.bincount(self.observations.point, minlength=len(self.points))
+        is_verified = images_of_point[self.observations.point] >= 3
+        verified = np.bincount(self.observations.image[is_verified], minlength=len(self))
+        if len(self.rig_from_world) < 3 or not len(self.points):
+            return ()
+        return tuple(name for name, count in zip(self.names, verified, strict=True) if count < MIN_VERIFIED)
 
     @property
     def mean_track_length(self) -> float:

@@ -1,0 +1,40 @@
+"""What a reconstruction reports of itself."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from omnisight.sfm.reconstruction import MIN_VERIFIED
+from reconstructing import single, without_points
+
+
+def with_observations(made, keep):
+    chosen = {f.name: getattr(made.observations, f.name)[keep] for f in dataclasses.fields(made.observations)}
+    return dataclasses.replace(made, observations=type(made.observations)(**chosen))
+
+
+def test_images_with_few_points_that_other_images_share_are_not_verified():
+    made = single(frames=6)
+    assert made.unverified == ()
+    image, point = made.observations.image, made.observations.point
+    seen = np.unique(point[image == 5])
+    weak = with_observations(made, (image != 5) | np.isin(point, seen[: MIN_VERIFIED - 1]))
+    assert weak.unverified == (made.names[5],)
+    assert with_observations(made, (image != 5) | np.isin(point, seen[:MIN_VERIFIED])).unverified == ()
+    in_two = with_observations(made, image >= 4)
+    assert in_two.unverified == made.names
+
+
+def test_two_images_and_images_without_points_have_nothing_to_verify():
+    assert single(frames=2).unverified == ()
+    assert without_points(single()).unverified == ()
+
+
+def test_residuals_along_the_rows_of_a_panorama_are_in_pixels_of_the_equator():
+    made = single(frames=4)
+    pixels = made.observations.pixels
+    latitude = (pixels[:, 1] + 0.5) / 320 * np.pi - np.pi / 2
+    residuals = np.column_stack([0.5 / np.cos(latitude), np.zeros(len(pixels))])
+    observations = dataclasses.replace(made.observations, residuals=residuals)
+    assert dataclasses.replace(made, observations=observations).rms_px == pytest.approx(0.5, rel=1e-6)
