@@ -95,8 +95,8 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         elif model.unverified:
             names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
             print(
-                f"warning     {len(model.unverified)} poses are not verified by points in three or more images: {names};"
-                " take more images there"
+                f"warning     {len(model.unverified)} poses are not verified by points in three or more images:"
+                f" {names}; take more images there"
             )
         for name in result.self_calibrated:
             print(_describe_camera(model.rig, name))

@@ -30,7 +30,7 @@ def reconstruct(
     quiet: bool = False,
     json: bool = False,
 ) -> None:
-    """Reconstruct the poses of images of any central cameras or a rig, and the points that they show.
+    """Reconstruct the poses of images of any cameras or a rig, and the points that they show.
 
     Images without common points are in separate models: the largest is in the output folder, further ones in its
     sub-folders 1, 2 ... The unit of a model is the metre if a rig, a known distance or known positions determine it,
@@ -44,7 +44,8 @@ def reconstruct(
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images. Without it, or with auto, focal
         length and one distortion term are estimated from the images. Repeat it for several cameras, with their names:
-        front=front.json, where the images are in front/ or named front_1.jpg.
+        front=front.json, where the images are in front/ or named front_1.jpg. A non-central camera needs --scale or
+        --positions.
     rig
         File of a rig, in place of the camera. Its cameras' images of the same name or number were taken together.
     output

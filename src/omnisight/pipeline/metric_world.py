@@ -48,6 +48,11 @@ class MetricWorld:
         return cls(distance=(image_named(files, a), image_named(files, b), parse_length(length)))
 
     @property
+    def is_known(self) -> bool:
+        """Whether anything was measured in metres."""
+        return self.positions is not None or self.distance is not None
+
+    @property
     def origin(self) -> GeodeticPosition | None:
         """Origin of the world on the ellipsoid WGS 84."""
         return None if self.positions is None else self.positions.origin

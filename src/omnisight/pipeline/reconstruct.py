@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.camera_sources import CameraSources, RigSource
-from omnisight.pipeline.central_camera import CameraSource
+from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.detected_images import DetectedImages, Progress, detect_images
 from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.metric_world import MetricWorld
@@ -30,7 +29,7 @@ from omnisight.sfm.calibration_check import FocalLengthChange, focal_length_chan
 from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
-from omnisight.sfm.mapping import Map, map_images
+from omnisight.sfm.mapping import Map, map_images, refine_with_ray_cameras
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.rig_images import RigImages
@@ -42,6 +41,10 @@ Pairs = list[tuple[int, int]]
 # that each is matched with: retrieval then finds 98 % or more of the overlapping pairs. Images in the order of a path
 # need it for loops only.
 MAX_EXHAUSTIVE, NEIGHBOURS, LOOP_NEIGHBOURS = 40, 20, 10
+NEEDS_SCALE = (
+    "the rays of a non-central camera have different origins, so that the model must be in metres: specify --scale,"
+    " --positions, or a rig of cameras that are apart; or use the central camera, of --model auto"
+)
 # Mappers of COLMAP by the engine.
 MAPPERS: dict[str, Mapper] = {"colmap": "incremental", "colmap-global": "global"}
 
@@ -93,7 +96,7 @@ class ReconstructionResult:
 
 def reconstruct(
     images: str | PathLike[str] | Iterable[str | PathLike[str]],
-    camera: CameraSource | Mapping[str, CameraSource] | None = None,
+    camera: AnyCameraSource | Mapping[str, AnyCameraSource] | None = None,
     rig: RigSource | None = None,
     options: ReconstructOptions = ReconstructOptions(),
     progress: Progress = lambda stage, done, total: None,
@@ -111,7 +114,7 @@ def reconstruct(
     camera
         The camera of all images, or its calibration file of any format; or several by name, where the path of each
         image contains the name of its camera, as a folder or in the file name. It may be omitted for equirectangular
-        images of 360° x 180°, which are twice as wide as high.
+        images of 360° x 180°, which are twice as wide as high. A non-central camera needs a model in metres.
     rig
         In place of `camera`: the cameras and their poses on one rigid body, or the file. Images of its cameras with the
         same name or number were taken at the same time.
@@ -137,15 +140,21 @@ def reconstruct(
     start = time.perf_counter()
     if options.engine in MAPPERS:
         require_pycolmap()
-    sources = CameraSources.of(camera, rig, options.extrinsics)
+    sources = CameraSources.of(camera, rig, options.extrinsics, options.name)
     files = image_set(images, sources.names, is_rig=sources.is_rigid)
     world = MetricWorld.of(files, sources, options)
+    if sources.ray_cameras and not (world.is_known or sources.has_scale):
+        raise ValueError(NEEDS_SCALE)
     task = _Task(files, sources, options, progress, WorkFolder(None if work is None else Path(work)))
     detected, graph, maps = task.maps(detect_images(files, sources, options, progress, task.work))
     names = sources.names or ("camera",)
     changes = _focal_length_changes(maps, detected, names)
     maps, georeferences = world.place(maps)
-    body = Rig(detected.cameras, (Pose(),) * len(names), names)
+    if sources.ray_cameras:
+        maps, georeferences = world.place([task.with_exact_rays(found, detected, graph) for found in maps])
+    exact = sources.ray_cameras or (None,) * len(names)
+    cameras = tuple(ray or central for ray, central in zip(exact, detected.cameras, strict=True))
+    body = Rig(cameras, (Pose(),) * len(names), names)
     scene = files.names, detected.keypoints, detected.colors
     models = tuple(build_reconstruction(found, body, *scene, world.origin) for found in maps)
     registered = {name for model in models for name in model.names}
@@ -235,6 +244,14 @@ class _Task:
             mapper = MAPPERS[self.options.engine]
             return map_images_with_colmap(images, graph.edges, watch, mapper, refines_sensors=refines_sensors)
         return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)
+
+    def with_exact_rays(self, found: Map, detected: DetectedImages, graph: ViewGraph) -> Map:
+        """Refine a map with the exact rays of non-central cameras, whose origins are in metres."""
+        if not found.has_scale:
+            raise ValueError(NEEDS_SCALE)
+        watch = partial(self.progress, "refining")
+        cameras, keypoints = self.sources.ray_cameras, detected.keypoints
+        return refine_with_ray_cameras(found, cameras, keypoints, graph.edges, lambda done: watch(done, done))
 
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:
         """Select pairs of images."""

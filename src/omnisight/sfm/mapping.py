@@ -10,6 +10,7 @@ from omnisight.camera import Camera
 from omnisight.features import Keypoints
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
+from omnisight.ray_camera import RayCamera
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
@@ -177,6 +178,14 @@ def refine_poses(
     """
     start = _without_points(first, images, refines_sensors)
     return _refined(start, _tracks(start, edges), watch)
+
+
+def refine_with_ray_cameras(
+    found: Map, cameras: Sequence[RayCamera | None], keypoints: Sequence[Keypoints], edges: Sequence[Edge], watch: Watch
+) -> Map:
+    """Return a map in metres refined with the exact rays of non-central cameras, which were approximated before."""
+    exact = replace(found, images=found.images.with_ray_cameras(cameras, keypoints))
+    return _refined(exact, _tracks(exact, edges), watch)
 
 
 def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:

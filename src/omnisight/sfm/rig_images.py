@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
+from omnisight.ray_camera import RayCamera
 from omnisight.sfm.pixel_rays import FreeCameras, PixelRays
 from omnisight.sfm.tracks import Tracks
 from omnisight.twoview.triangulation import whitening
@@ -69,6 +70,21 @@ class RigImages:
         return replace(
             self, pixels=PixelRays.of(free, sensor, np.concatenate([k.pixels for k in keypoints]), self.axes)
         )
+
+    def with_ray_cameras(self, cameras: Sequence[RayCamera | None], keypoints: Sequence[Keypoints]) -> Self:
+        """Return the images with the exact rays of non-central cameras, whose unit is then that of the world."""
+        sensor = np.repeat(self.sensor, np.diff(self.offsets))
+        pixels = np.concatenate([k.pixels for k in keypoints])
+        origins, bearings = self.origins.copy(), self.bearings.copy()
+        for k, camera in enumerate(cameras):
+            if camera is not None:
+                use = np.flatnonzero(sensor == k)
+                rays = camera.rays(pixels[use])
+                use, known = use[rays.valid], rays.valid
+                origins[use], bearings[use] = rays.origins[known], rays.bearings[known]
+        # The tangents follow the small change of the bearings.
+        axes = self.axes - np.einsum("nij,nj->ni", self.axes, bearings)[:, :, None] * bearings[:, None, :]
+        return replace(self, origins=origins, bearings=bearings, axes=axes)
 
     def at(self, values: Array) -> Self:
         """Return the images with the rays for values (Q,) of free cameras."""
