@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
 from os import PathLike
@@ -31,7 +31,7 @@ from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images, refine_with_ray_cameras
 from omnisight.sfm.reconstruction import Reconstruction
-from omnisight.sfm.result import build_reconstruction
+from omnisight.sfm.result import build_reconstruction, covariances
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph, match_pairs, overlapping_pairs
 
@@ -207,7 +207,7 @@ class _Task:
             detected = adapted
             graph, maps = self.map(detected)
         if self.sources.estimates_extrinsics and maps:
-            graph, maps = self.map_on_estimated_rig(detected, graph, maps[0])
+            return self.map_on_estimated_rig(detected, graph, maps[0])
         return detected, graph, maps
 
     def map(self, detected: DetectedImages) -> tuple[ViewGraph, list[Map]]:
@@ -224,13 +224,20 @@ class _Task:
 
     def map_on_estimated_rig(
         self, detected: DetectedImages, graph: ViewGraph, found: Map
-    ) -> tuple[ViewGraph, list[Map]]:
-        """Map the images again, on the rig whose poses a map of independent images determines."""
+    ) -> tuple[DetectedImages, ViewGraph, list[Map]]:
+        """Map the images again, on the rig whose poses a map of independent images determines.
+
+        Cameras that this map has refined are now fixed: at the seam of opposite fisheyes, focal lengths and the
+        distance of the cameras have nearly the same effect.
+        """
         poses, _ = estimate_extrinsics(found, self.files.frame)
         _check_extrinsics(poses, self.sources.names)
-        images = found.images.on_rig(self.files.frame, poses, is_known=False)
+        if found.images.pixels is not None:
+            refined = found.images.pixels.free.at(found.values, covariances(found).values)
+            detected = replace(detected, cameras=refined)
+        images = replace(found.images, pixels=None).on_rig(self.files.frame, poses, is_known=False)
         graph = ViewGraph(_with_known_poses(graph.edges, images, detected.keypoints), graph.compared)
-        return graph, self.map_graph(detected, images, graph, refines_sensors=True)
+        return detected, graph, self.map_graph(detected, images, graph, refines_sensors=True)
 
     def map_graph(
         self, detected: DetectedImages, images: RigImages, graph: ViewGraph, *, refines_sensors: bool

@@ -42,9 +42,9 @@ def build_reconstruction(
     tracks, images = found.tracks, found.images
     which = images.keypoints(tracks)
     rig = replace(rig, sensor_from_rig=tuple(Pose.of_matrix(pose) for pose in found.sensor_from_rig))
-    covariances = _covariances(found)
+    of_map = covariances(found)
     if images.pixels is not None:
-        rig = replace(rig, cameras=images.pixels.free.at(found.values, covariances.values))
+        rig = replace(rig, cameras=images.pixels.free.at(found.values, of_map.values))
     pixels = np.concatenate([each.pixels for each in keypoints])[which]
     rgb = np.concatenate(list(colors))[which].astype(float)
     seen = np.maximum(np.bincount(tracks.track, minlength=len(found.points)), 1)[:, None]
@@ -56,8 +56,8 @@ def build_reconstruction(
         images.sensor[inside],
         found.row_of_image[inside],
         tuple(Pose.of_matrix(pose) for pose in found.rig_from_world),
-        covariances.poses,
-        Points(found.points, covariances.points, np.rint(mean).astype(np.uint8)),
+        of_map.poses,
+        Points(found.points, of_map.points, np.rint(mean).astype(np.uint8)),
         Observations(np.searchsorted(inside, tracks.image), tracks.track, pixels, _residuals(found, rig, pixels)),
         has_scale=found.has_scale,
         origin=origin if found.measured is not None else None,
@@ -86,7 +86,8 @@ class Covariances(NamedTuple):
     values: Array
 
 
-def _covariances(found: Map) -> Covariances:
+def covariances(found: Map) -> Covariances:
+    """Return the covariances of a map."""
     poses, points, count = np.zeros((len(found.frames), 6, 6)), len(found.points), len(found.values)
     if not points:
         return Covariances(poses, np.zeros((0, 3, 3)), np.full((count, count), np.nan))
