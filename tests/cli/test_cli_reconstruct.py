@@ -271,6 +271,10 @@ def test_cameras_of_an_unknown_rig_are_reconstructed_with_it(run, rig_images, tm
     found = model.rig.sensor_from_rig[1] @ model.rig.sensor_from_rig[0].inverse()
     rotation = np.diag([-1.0, 1.0, -1.0])
     assert np.degrees(np.arccos((np.trace(found.rotation @ rotation.T) - 1) / 2)) < 0.3
+    positions = np.array([pose.inverse().translation for pose in model.rig_from_world])
+    step = np.linalg.norm(POSES[4].translation - POSES[0].translation)
+    apart = np.linalg.norm(found.translation) / np.linalg.norm(positions[4] - positions[0])
+    assert apart * step == pytest.approx(0.2, rel=0.25)
 
 
 def test_images_of_no_camera_of_the_rig_are_refused(run, rig_images, tmp_path):
