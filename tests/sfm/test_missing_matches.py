@@ -28,7 +28,7 @@ def two_rooms(seed=0, has_landscape=True):
     def points(count):
         return rng.uniform(3, 6, (count, 1)) * unit(rng.normal(size=(count, 3)))
 
-    furniture, walls, others = points(60), points(200), points(200)
+    furniture, walls, others = points(60), points(300), points(300)
     centers = np.concatenate([rng.uniform(-0.5, 0.5, (4, 3)), rng.uniform(-0.5, 0.5, (4, 3)) + APART, [APART / 2]])
     poses = [Pose(np.eye(3), -center) for center in centers]
     parts = furniture, walls, furniture + APART, others + APART, 3 * points(40) + APART / 2

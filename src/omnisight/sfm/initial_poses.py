@@ -80,7 +80,7 @@ def initial_poses(graph: ViewGraph, keypoints: Sequence[Keypoints], images: RigI
     edges = _select(edges, is_consistent)
     while True:
         placed = _place(frames, averaged.rig_from_world, edges, keypoints, images)
-        wrong = placed.contradicted_pairs(images, graph.compared)
+        wrong = placed.contradicted_pairs(images, graph)
         if not wrong:
             return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
         contradicted |= wrong
@@ -117,12 +117,12 @@ class _Placement:
     edges: list[Edge]
     known: list[KnownPoints | None]
 
-    def contradicted_pairs(self, images: RigImages, compared: Sequence[tuple[int, int]]) -> set[tuple[int, int]]:
+    def contradicted_pairs(self, images: RigImages, graph: ViewGraph) -> set[tuple[int, int]]:
         """Return the edges that place two parts of the map where more matches are missing than agree."""
         edges = [edge for edge in self.edges if images.frame[edge.a] != images.frame[edge.b]]
-        matches = {edge.images: len(edge.pairs) for edge in edges}
+        matches = {edge.images: len(edge.pairs) for edge in graph.edges}
         inside, row = np.isin(images.frame, self.frames), np.searchsorted(self.frames, images.frame)
-        pairs = [(a, b) for a, b in compared if inside[a] and inside[b] and images.frame[a] != images.frame[b]]
+        pairs = [(a, b) for a, b in graph.compared if inside[a] and inside[b] and images.frame[a] != images.frame[b]]
 
         def pose(image: int) -> Pose:
             of_sensor = Pose.of_matrix(images.sensor_from_rig[images.sensor[image]])

@@ -31,10 +31,11 @@ MAX_TURN_RAD, MAX_LOG_RATIO = float(np.radians(15.0)), float(np.log(1.3))
 # keypoints from each other: farther away, the image may not show the surface.
 MAX_GAP = 2.0
 # Predicted points below which a pair is not tested, as a number and as a share of the points of an image: at the rim of
-# a fisheye few points match. Matches as a share of the predicted points: on rendered rooms, correct edges have more
-# than 0.79, and 95 % of those between different rooms less than 0.54.
+# a fisheye few points match.
 MIN_PREDICTED, MIN_VISIBLE_SHARE = 50, 0.1
-MIN_SHARE = 0.5
+# Matches as a share of the predicted points: correct edges have 0.41 or more in a rendered town and 0.79 or more in
+# rooms, and three quarters of the edges between different rooms have less than 0.19.
+MIN_SHARE = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
