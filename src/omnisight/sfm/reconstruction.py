@@ -152,16 +152,17 @@ class Reconstruction:
 
     @property
     def unverified(self) -> tuple[str, ...]:
-        """Names of the images with too few points that three or more images show; none in a model of two frames.
+        """Images whose frames have too few points that three or more images show; none in a model of two frames.
 
         Points in two images agree with wrong relative poses too, and leave the scale between pairs of images open.
         """
         images_of_point = np.bincount(self.observations.point, minlength=len(self.points))
         is_verified = images_of_point[self.observations.point] >= 3
-        verified = np.bincount(self.observations.image[is_verified], minlength=len(self))
-        if len(self.rig_from_world) < 3 or not len(self.points):
+        frames = len(self.rig_from_world)
+        verified = np.bincount(self.frame[self.observations.image[is_verified]], minlength=frames)
+        if frames < 3 or not len(self.points):
             return ()
-        return tuple(name for name, count in zip(self.names, verified, strict=True) if count < MIN_VERIFIED)
+        return tuple(self.names[i] for i in np.flatnonzero(verified[self.frame] < MIN_VERIFIED))
 
     @property
     def mean_track_length(self) -> float:
