@@ -92,7 +92,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
                 "warning     most points are in two images only, so that nothing verifies poses and their standard"
                 " deviations: take images closer together, and of more texture"
             )
-        elif model.unverified:
+        if model.unverified:
             names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
             print(
                 f"warning     {len(model.unverified)} poses are not verified by points in three or more images:"
