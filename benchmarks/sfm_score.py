@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.sfm.georeference import least_squares_similarity
 
 Array = NDArray[np.float64]
 
@@ -37,10 +38,9 @@ def pose_errors(found: Sequence[Pose], true: Sequence[Pose], length: float) -> P
     a, b = (np.array([pose.translation for pose in each]) for each in (found, true))
     turns = np.array([t.rotation @ f.rotation.T for f, t in zip(found, true, strict=True)])
     agree = _agreeing(a, b, turns, MAX_POSITION * length)
-    rotation, scale = similarity(a[agree], b[agree])
-    aligned = scale * (a - a[agree].mean(0)) @ rotation.T + b[agree].mean(0)
-    position = np.linalg.norm(aligned - b, axis=1) / length
-    rotation_deg = np.degrees(np.linalg.norm(so3.log(rotation @ turns.transpose(0, 2, 1)), axis=1))
+    aligned = least_squares_similarity(a[agree], b[agree])
+    position = np.linalg.norm(aligned @ a - b, axis=1) / length
+    rotation_deg = np.degrees(np.linalg.norm(so3.log(aligned.rotation @ turns.transpose(0, 2, 1)), axis=1))
     correct = int(((position <= MAX_POSITION) & (rotation_deg <= MAX_ROTATION_DEG)).sum())
     return PoseErrors(correct, float(np.median(position)), float(np.median(rotation_deg)))
 
@@ -58,11 +58,3 @@ def _agreeing(a: Array, b: Array, turns: Array, limit: float) -> NDArray[np.bool
         if agree.sum() > most:
             best, most = agree, int(agree.sum())
     return best
-
-
-def similarity(a: Array, b: Array) -> tuple[Array, float]:
-    """Return the rotation (3, 3) and the scale from points a (N, 3) to b (Umeyama 1991)."""
-    centred = a - a.mean(0)
-    u, s, vt = np.linalg.svd((b - b.mean(0)).T @ centred)
-    sign = np.array([1.0, 1.0, np.linalg.det(u @ vt)])
-    return (u * sign) @ vt, float((s * sign).sum() / (centred**2).sum())

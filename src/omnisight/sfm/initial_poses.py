@@ -128,9 +128,12 @@ class _Placement:
             of_sensor = Pose.of_matrix(images.sensor_from_rig[images.sensor[image]])
             return of_sensor @ Pose.of_matrix(self.rig_from_world[row[image]])
 
+        poses = {image: pose(image) for image in np.flatnonzero(inside).tolist()}
+
         def missing(pair: tuple[int, int]) -> float:
             a, b = pair
-            return missing_matches(self.known[a], self.known[b], pose(b) @ pose(a).inverse(), matches.get(pair, 0))
+            b_from_a = poses[b] @ poses[a].inverse()
+            return missing_matches(self.known[a], self.known[b], b_from_a, matches.get(pair, 0))
 
         lacking = np.array(parallel_map(missing, pairs), float)
         suspicious = np.flatnonzero(lacking)
