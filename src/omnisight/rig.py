@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rig:
     """Cameras, central or not, with their poses on one rigid body.
 
@@ -31,15 +31,28 @@ class Rig:
         For each camera a unique name: "front", "left" ...
     provenance
         Origin of the rig, such as program and file.
+    covariance
+        (6 C, 6 C) covariance of the poses of all C cameras, or None if unknown: of the steps (w, v) of `Pose.moved`,
+        rotation vector (radians) and translation; zero for the camera that defines the rig frame.
+    time_offsets
+        For each camera the time (seconds) of its image after the nominal time of the frame; () if unknown.
+    unit
+        Unit of the translations: "m", or "squares" of a board of unknown size.
+    calibration
+        Results of the calibration (rms, images, verdict, ...) by name.
     """
 
     cameras: tuple[Sensor, ...]
     sensor_from_rig: tuple[Pose, ...]
     names: tuple[str, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    covariance: Array | None = None
+    time_offsets: tuple[float, ...] = ()
+    unit: str = "m"
+    calibration: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def __post_init__(self) -> None:
-        """Check that there are cameras, and as many poses and unique names."""
+        """Check that there are cameras, as many poses and unique names, and the size of the covariance."""
         if not self.cameras:
             raise ValueError("a rig needs at least one camera")
         if not len(self.cameras) == len(self.sensor_from_rig) == len(self.names):
@@ -47,6 +60,12 @@ class Rig:
             raise ValueError(f"a rig needs the same number of cameras, poses and names, got {counts}")
         if len(set(self.names)) < len(self.names):
             raise ValueError(f"the camera names of a rig must be unique, got {', '.join(self.names)}")
+        size = 6 * len(self.cameras)
+        if self.covariance is not None and np.shape(self.covariance) != (size, size):
+            shape = np.shape(self.covariance)
+            raise ValueError(f"the covariance of a rig of {len(self.cameras)} cameras is ({size}, {size}), got {shape}")
+        if self.time_offsets and len(self.time_offsets) != len(self.cameras):
+            raise ValueError(f"{len(self.time_offsets)} time offsets for {len(self.cameras)} cameras")
 
     @classmethod
     def from_sensors(cls, sensors: Mapping[str, tuple[Sensor, Pose]]) -> Self:
@@ -122,11 +141,24 @@ class Rig:
     def subset(self, sensors: Sequence[int | str]) -> Self:
         """Return a rig of some of the cameras."""
         chosen = [self.index(sensor) for sensor in sensors]
+        rows = np.concatenate([np.arange(6) + 6 * k for k in chosen])
         return dataclasses.replace(
             self,
             cameras=tuple(self.cameras[k] for k in chosen),
             sensor_from_rig=tuple(self.sensor_from_rig[k] for k in chosen),
             names=tuple(self.names[k] for k in chosen),
+            covariance=None if self.covariance is None else self.covariance[np.ix_(rows, rows)],
+            time_offsets=tuple(self.time_offsets[k] for k in chosen) if self.time_offsets else (),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Rig):
+            return NotImplemented
+        # The default comparison of dataclasses fails for arrays.
+        return all(
+            np.array_equal(ours, theirs) if isinstance(ours, np.ndarray) else ours == theirs
+            for field in dataclasses.fields(self)
+            for ours, theirs in [(getattr(self, field.name), getattr(other, field.name))]
         )
 
 

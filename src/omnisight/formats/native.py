@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -134,7 +135,21 @@ def rig_from_json(data: Any) -> Rig:
             raise ValueError(f"sensor {name}: missing {error.args[0]}") from None
         except ValueError as error:
             raise ValueError(f"sensor {name}: {error}") from None
-    return Rig.from_sensors(cameras)
+    offsets = [number(sensor.get("time_offset_s", 0.0), "time_offset_s") for sensor in sensors.values()]
+    unit = data.get("length_unit", "m")
+    if unit not in UNITS:
+        raise ValueError(f"length_unit must be one of {', '.join(UNITS)}, got {unit!r:.60}")
+    for name in ("calibration", "provenance"):
+        if not isinstance(data.get(name) or {}, dict):
+            raise ValueError(f"{name} must be an object, got {data[name]!r:.60}")
+    return replace(
+        Rig.from_sensors(cameras),
+        covariance=_covariance(data, 6 * len(cameras)),
+        time_offsets=tuple(offsets) if any(offsets) else (),
+        unit=unit,
+        calibration=data.get("calibration") or {},
+        provenance=data.get("provenance") or {},
+    )
 
 
 def _pose(data: Any) -> Pose:
@@ -217,11 +232,21 @@ def rig_to_json(rig: Rig) -> dict[str, Any]:
     sensors = {
         name: {
             "sensor_from_rig": {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()},
+            **({"time_offset_s": rig.time_offsets[k]} if rig.time_offsets else {}),
             "camera": to_json(camera),
         }
-        for name, camera, pose in zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True)
+        for k, (name, camera, pose) in enumerate(zip(rig.names, rig.cameras, rig.sensor_from_rig, strict=True))
     }
-    return {"format": RIG, "version": VERSION, "convention": "x_sensor = sensor_from_rig x_rig", "sensors": sensors}
+    return {
+        "format": RIG,
+        "version": VERSION,
+        "convention": "x_sensor = sensor_from_rig x_rig",
+        "length_unit": rig.unit,
+        "sensors": sensors,
+        "calibration": dict(rig.calibration),
+        "covariance": _covariance_rows(rig.covariance),
+        "provenance": dict(rig.provenance),
+    }
 
 
 def serialize(camera: Camera | RayCamera) -> tuple[str, tuple[str, ...]]:
