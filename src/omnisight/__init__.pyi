@@ -27,6 +27,8 @@ from omnisight.optim.ransac import RansacOptions as RansacOptions
 from omnisight.pipeline.calibrate import calibrate as calibrate
 from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions as CalibrateLinesOptions
 from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_lines
+from omnisight.pipeline.calibrate_rig import calibrate_rig as calibrate_rig
+from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as CalibrateRigOptions
 from omnisight.pipeline.calibration import Calibration as Calibration
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
@@ -50,6 +52,7 @@ from omnisight.pipeline.options import SourceOptions as SourceOptions
 from omnisight.pipeline.options import StereoOptions as StereoOptions
 from omnisight.pipeline.reconstruct import ReconstructionResult as ReconstructionResult
 from omnisight.pipeline.reconstruct import reconstruct as reconstruct
+from omnisight.pipeline.rig_calibration import RigCalibration as RigCalibration
 from omnisight.pipeline.simulate import simulate as simulate
 from omnisight.pipeline.simulate_options import SimulateOptions as SimulateOptions
 from omnisight.pipeline.stereo import StereoResult as StereoResult

@@ -1,7 +1,7 @@
 """Selection of the most informative frames of a video clip for calibration, written as image files."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,8 +81,7 @@ def select_frames(
         If the frames cannot be written.
     """
     clip = Clip.open(path, upright=apply_exif)
-    with clip.path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = _digest(clip)
     key = cache_key(digest.encode(), "clip", board and board.to_dict(), apply_exif, DETECTOR_VERSION, SELECTION_VERSION)
     selection = _from_entry(load_entry(key)) if cache else None
     if selection is None:
@@ -131,6 +130,27 @@ def _select(seen: ClipDetections, size: tuple[int, int]) -> list[int]:
     observations = Observations.from_arrays(*map(list, arrays), size=size)
     motion = np.array([frame.motion for frame in seen.found])
     return sorted(seen.found[i].index for i in select_informative_views(observations, motion))
+
+
+def write_frames(path: str | Path, indices: Sequence[int], apply_exif: bool = False) -> tuple[Path, ...]:
+    """Return image files of frames of a clip, written to the cache folder if they do not exist yet.
+
+    Frames that the clip does not have are left out.
+
+    Raises
+    ------
+    UnreadableImage
+        If the file contains no readable frames.
+    OSError
+        If the frames cannot be written.
+    """
+    clip = Clip.open(path, upright=apply_exif)
+    return tuple(file for file in _written(clip, _digest(clip), tuple(indices)) if file.is_file())
+
+
+def _digest(clip: Clip) -> str:
+    with clip.path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _written(clip: Clip, digest: str, indices: tuple[int, ...]) -> tuple[Path, ...]:

@@ -79,7 +79,7 @@ def image_set(
     if not is_rig:
         return ImageSet(paths, names, camera, alone)
     keys = [_without(name, cameras[int(k)]) for name, k in zip(names, camera, strict=True)]
-    frame, rule = _frames(keys, camera)
+    frame, rule = simultaneous_images(keys, camera)
     return ImageSet(paths, names, camera, frame, rule)
 
 
@@ -118,8 +118,15 @@ def _without(name: str, camera: str) -> str:
     return f"{stem[: last[-1].start()]}/{stem[last[-1].end() :]}" if last else stem
 
 
-def _frames(keys: Sequence[str], camera: Indices) -> tuple[Indices, str]:
-    """Return the frame of each image, and the rule that assigns them.
+def simultaneous_images(keys: Sequence[str], camera: Indices) -> tuple[Indices, str]:
+    """Return the frame of each image, and the rule that assigns them: "name", "number" or "order".
+
+    Parameters
+    ----------
+    keys
+        Name of each image without the name of its camera.
+    camera
+        (I,) index of the camera of each.
 
     Raises
     ------

@@ -1,0 +1,63 @@
+"""Options of `calibrate_rig`.
+
+This module imports nothing heavy, because the command line imports it for its help.
+"""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from omnisight.calibration.estimation_options import EstimationOptions
+from omnisight.pipeline.options import CalibrateOptions, DetectOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateRigOptions(DetectOptions, EstimationOptions):
+    """Options of `calibrate_rig`.
+
+    Attributes
+    ----------
+    model
+        Camera model of all cameras, as of `calibrate`; auto selects one for each camera.
+    camera
+        Known camera, NAME=FILE, whose parameters are constant; may be repeated.
+    refine_cameras
+        Refine known cameras too, starting from their files.
+    times
+        CSV file with the columns camera,frame,seconds: when each image was taken. By default simultaneous images have
+        the same file name or number, or the same place in the order of the names.
+    reference
+        Name of the camera whose frame is the rig frame; the first by default.
+    drop
+        Name of an image to leave out, as in the table; may be repeated.
+    """
+
+    model: str = "auto"
+    camera: tuple[str, ...] = ()
+    refine_cameras: bool = False
+    times: Path | None = None
+    reference: str | None = None
+    drop: tuple[str, ...] = ()
+
+    @property
+    def camera_files(self) -> dict[str, Path]:
+        """File of each known camera by name.
+
+        Raises
+        ------
+        ValueError
+            If an entry is not NAME=FILE, or a name occurs twice.
+        """
+        files: dict[str, Path] = {}
+        for entry in self.camera:
+            name, is_pair, file = entry.partition("=")
+            if not is_pair or not name or not file:
+                raise ValueError(f"--camera {entry}: must be NAME=FILE, such as front=front.json")
+            if name in files:
+                raise ValueError(f"--camera {entry}: there are two files for the camera {name}")
+            files[name] = Path(file)
+        return files
+
+    def single(self) -> CalibrateOptions:
+        """Return the options to calibrate one of the cameras alone."""
+        names = {f.name for f in fields(DetectOptions)} | {f.name for f in fields(EstimationOptions)}
+        return CalibrateOptions(model=self.model, **{name: getattr(self, name) for name in names})

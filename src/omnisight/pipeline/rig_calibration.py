@@ -1,0 +1,116 @@
+"""The result of the calibration of a rig."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibration.rigs.estimation import RigEstimate
+from omnisight.pipeline.calibration import Calibration
+from omnisight.quality.rig_checks import PairEvidence
+from omnisight.quality.verdict import Verdict
+from omnisight.rig import Rig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RigCalibration:
+    """A calibrated rig, and what it is based on.
+
+    Attributes
+    ----------
+    rig
+        The rig with its covariance, figures and provenance.
+    calibrations
+        The calibration of each camera alone, by name; None for a known camera.
+    estimate
+        Observations, residuals and covariance of the joint refinement; its first camera is the reference.
+    held_out
+        For each part of the observations the residual length of every inlier when its images are held out, px.
+    rule
+        What simultaneous images have in common: "name", "number", "order" or "time".
+    pairs
+        The pairs of cameras that share views.
+    verdict
+        Whether the calibration can be used.
+    seconds
+        Time spent on the cameras alone, on the rig, and in total.
+    """
+
+    rig: Rig
+    calibrations: dict[str, Calibration | None]
+    estimate: RigEstimate
+    held_out: list[Array]
+    rule: str
+    pairs: tuple[PairEvidence, ...]
+    verdict: Verdict
+    seconds: dict[str, float] = field(default_factory=dict[str, float])
+
+    def __repr__(self) -> str:
+        """Summarize the calibration in one line."""
+        return f"RigCalibration({', '.join(self.rig.names)}; rms {self.rms:.3f} px, {self.verdict})"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """One sentence per failed check, with what to do; the worst first."""
+        return self.verdict.reasons
+
+    @cached_property
+    def lengths(self) -> list[Array]:
+        """For each part of the observations (N,) the residual length of each corner, px."""
+        return self.estimate.state.lengths(self.estimate.observations)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square residual length over all corners of all cameras, px."""
+        return root_mean_square(np.concatenate(self.lengths))
+
+    def camera_rms(self, name: str) -> float:
+        """Return the root mean square residual length of one camera, px."""
+        return root_mean_square(np.concatenate([self.lengths[k] for k in self.parts_of(name)]))
+
+    def camera_held_out_rms(self, name: str) -> float | None:
+        """Return the root mean square held-out residual length of the inliers of one camera, px."""
+        lengths = np.concatenate([self.held_out[k] for k in self.parts_of(name)])
+        lengths = lengths[np.isfinite(lengths)]
+        return root_mean_square(lengths) if len(lengths) else None
+
+    def parts_of(self, name: str) -> list[int]:
+        """Return the indices of the parts of the observations of one camera."""
+        return self.estimate.observations.parts_of(self.estimate.observations.names.index(name))
+
+    def images_of(self, name: str) -> int:
+        """Return the number of views of one camera."""
+        return sum(len(self.estimate.observations.parts[k]) for k in self.parts_of(name))
+
+    def sigmas(self, name: str) -> tuple[float, float]:
+        """Return the standard deviations of the pose of a camera: angle (radians) and length of the translation.
+
+        They are root mean squares of the angle of the rotation and of the length of the translation by which
+        `sensor_from_rig` differs from the truth.
+        """
+        covariance = self.rig.covariance
+        assert covariance is not None
+        variances = np.diagonal(covariance)[6 * (k := self.rig.index(name)) : 6 * k + 6]
+        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+
+    def figures(self) -> dict[str, Any]:
+        """Return what a rig file stores of the calibration."""
+        return {
+            "rms": self.rms,
+            "cameras": {
+                name: {"rms": self.camera_rms(name), "held_out_rms": self.camera_held_out_rms(name)}
+                for name in self.rig.names
+            },
+            "simultaneous": self.rule,
+            "verdict": str(self.verdict),
+            "reasons": list(self.reasons),
+        }
+
+
+def root_mean_square(lengths: Array) -> float:
+    """Return the root mean square of lengths (N,)."""
+    return float(np.sqrt((lengths**2).mean())) if len(lengths) else float("nan")

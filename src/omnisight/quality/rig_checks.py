@@ -1,0 +1,206 @@
+"""Checks of a calibrated rig, and its verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibration.model_selection import MAX_RMS_RATIO
+from omnisight.calibration.rigs.consistency import CameraMove
+from omnisight.quality.checks.held_out_error import NEGLIGIBLE_PX
+from omnisight.quality.evidence import Check, Level
+from omnisight.quality.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+# Simultaneous views that connect two cameras: one board pose has four weakly determined directions and cannot be
+# checked; with six, one wrong one is recognized.
+MIN_SHARED_VIEWS, MIN_GOOD_SHARED_VIEWS = 3, 6
+# Share of the simultaneous views that contradict the extrinsics, of a good and of a usable rig.
+MAX_CONTRADICTING_SHARE = (0.1, 0.34)
+# Projection error (px) due to the rotation of a camera relative to the others, of a good and of a usable rig: those
+# of the held-out error of one camera.
+MAX_ROTATION_SIGMA_PX = (0.7, 2.0)
+# Names that a sentence lists.
+MAX_NAMES = 5
+
+
+@dataclass(frozen=True)
+class PairEvidence:
+    """The views that two cameras share.
+
+    Attributes
+    ----------
+    a, b
+        Names of the cameras.
+    shared, agreeing
+        Simultaneous views of a board, and those that agree with the extrinsics.
+    rms
+        Root mean square residual length over the agreeing views in both cameras, px; NaN without any.
+    is_link
+        Whether the pair connects parts of the rig that nothing else connects as well.
+    """
+
+    a: str
+    b: str
+    shared: int
+    agreeing: int
+    rms: float
+    is_link: bool
+
+
+@dataclass(frozen=True)
+class RigEvidence:
+    """Everything that a check of a rig may examine.
+
+    Attributes
+    ----------
+    verdicts
+        Verdict of each camera alone; None for one that was not calibrated.
+    pairs
+        The pairs of cameras that share views.
+    contradicting
+        Names of the images that contradict the extrinsics, by camera.
+    move
+        A camera that moved between two images, as the names of camera, last image before and first one after.
+    rotation_sigma_px
+        For each camera the projection error due to the uncertainty of its rotation, px at an image width of 1000.
+    rms, held_out_rms, alone_rms
+        Root mean square residual of each camera in the rig, held out, and calibrated alone.
+    px_scale
+        For each camera the size of a pixel at an image width of 1000.
+    is_metric
+        Whether the size of the board is known.
+    """
+
+    verdicts: Mapping[str, Verdict | None]
+    pairs: Sequence[PairEvidence]
+    contradicting: Mapping[str, Sequence[str]]
+    move: tuple[str, CameraMove] | None
+    rotation_sigma_px: Mapping[str, float]
+    rms: Mapping[str, float]
+    held_out_rms: Mapping[str, float]
+    alone_rms: Mapping[str, float]
+    px_scale: Mapping[str, float]
+    is_metric: bool
+
+
+def rig_verdict(evidence: RigEvidence) -> Verdict:
+    """Run all checks of a rig."""
+    checks = [
+        *_cameras(evidence),
+        _connection(evidence),
+        _moved(evidence),
+        _contradictions(evidence),
+        _rotation(evidence),
+        _rigidity(evidence),
+        _scale(evidence),
+    ]
+    return Verdict(max(check.level for check in checks), tuple(checks))
+
+
+def _cameras(evidence: RigEvidence) -> list[Check]:
+    """Return the failed checks of each camera alone."""
+    return [
+        Check(f"{name}: {check.name}", check.level, f"{name}: {check.sentence}")
+        for name, verdict in evidence.verdicts.items()
+        if verdict is not None
+        for check in verdict.checks
+        if check.level > Level.GOOD
+    ]
+
+
+def _connection(evidence: RigEvidence) -> Check:
+    """Check the weakest of the pairs that connect the cameras."""
+    links = [pair for pair in evidence.pairs if pair.is_link]
+    if not links:
+        return Check("connection")
+    weakest = min(links, key=lambda pair: pair.agreeing)
+    if weakest.agreeing >= MIN_GOOD_SHARED_VIEWS:
+        return Check("connection")
+    level = Level.DO_NOT_USE if weakest.agreeing < MIN_SHARED_VIEWS else Level.USABLE
+    count = f"{weakest.agreeing} image{'s' * (weakest.agreeing != 1)}"
+    return Check(
+        "connection",
+        level,
+        f"Only {count} connect {weakest.a} and {weakest.b}: take about 10 more with the board where both cameras see"
+        " it, at different angles.",
+    )
+
+
+def _moved(evidence: RigEvidence) -> Check:
+    """Check that no camera moved relative to the others."""
+    if evidence.move is None:
+        return Check("camera moved")
+    name, move = evidence.move
+    unit = "mm" if evidence.is_metric else "squares"
+    distance = f"{move.distance * (1e3 if evidence.is_metric else 1):.3g} {unit}"
+    others = [other for other in evidence.verdicts if other != name]
+    relative = f" (or {others[0]})" if len(others) == 1 else ""
+    return Check(
+        "camera moved",
+        Level.DO_NOT_USE,
+        f"{name}{relative} moved by {distance} and {np.degrees(move.angle):.2g}° between {move.before} and"
+        f" {move.after}: fix the cameras firmly, and calibrate with the images before or after the change only.",
+    )
+
+
+def _contradictions(evidence: RigEvidence) -> Check:
+    """Check the share of views that contradict the extrinsics."""
+    names = [f"{camera}/{image}" for camera, images in evidence.contradicting.items() for image in images]
+    shared = sum(pair.shared for pair in evidence.pairs)
+    if not names or evidence.move is not None:  # the move explains them
+        return Check("simultaneous images")
+    share = 1 - sum(pair.agreeing for pair in evidence.pairs) / max(shared, 1)
+    level = Level(sum(int(share > limit) for limit in MAX_CONTRADICTING_SHARE))
+    some = ", ".join(names[:MAX_NAMES]) + (f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else "")
+    return Check(
+        "simultaneous images",
+        level,
+        f"{some} contradict{'s' * (len(names) == 1)} the extrinsics and {'was' if len(names) == 1 else 'were'} not used"
+        " for them: the board or a camera moved between the exposures, or the images are not of the same moment."
+        " Hold the board still, or drop them (--drop).",
+    )
+
+
+def _rotation(evidence: RigEvidence) -> Check:
+    """Check the uncertainty of the rotation of each camera."""
+    name = max(evidence.rotation_sigma_px, key=lambda camera: evidence.rotation_sigma_px[camera])
+    worst = evidence.rotation_sigma_px[name]
+    level = Level(sum(int(not worst <= limit) for limit in MAX_ROTATION_SIGMA_PX))
+    if not level:
+        return Check("extrinsic uncertainty")
+    return Check(
+        "extrinsic uncertainty",
+        level,
+        f"The rotation of {name} is uncertain by {worst:.2g} px (1σ, at an image width of 1000 px): take more images"
+        f" with the board where {name} and another camera see it.",
+    )
+
+
+def _rigidity(evidence: RigEvidence) -> Check:
+    """Check that the rig fits as well as each camera alone."""
+    ratios = {
+        name: evidence.rms[name] / alone
+        for name, alone in evidence.alone_rms.items()
+        if evidence.rms[name] > NEGLIGIBLE_PX * evidence.px_scale[name] and alone > 0
+    }
+    name = max(ratios, key=lambda camera: ratios[camera], default="")
+    if not name or ratios[name] <= MAX_RMS_RATIO:
+        return Check("rigidity")
+    return Check(
+        "rigidity",
+        Level.USABLE,
+        f"The residuals of {name} in the rig are {ratios[name]:.1f} times those of the camera alone"
+        f" ({evidence.rms[name]:.2f} and {evidence.alone_rms[name]:.2f} px): the cameras are not rigidly connected, or"
+        " the board moved between their exposures. Hold the board still, or synchronize the cameras.",
+    )
+
+
+def _scale(evidence: RigEvidence) -> Check:
+    """Check that the size of the board is known."""
+    if evidence.is_metric:
+        return Check("scale")
+    sentence = "Distances between the cameras are in squares of the board: specify their size, such as --square 30mm."
+    return Check("scale", Level.USABLE, sentence)
