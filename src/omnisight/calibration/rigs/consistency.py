@@ -1,5 +1,6 @@
 """Consistency of every view with the extrinsics: views that were not simultaneous, and cameras that moved."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,8 @@ class Deviations:
         (V,) names of the images.
     groups
         (V,) simultaneous groups, ascending.
+    joined
+        (V,) whether the view shares the pose of its group with another.
     steps
         (V, 6) steps (w, v) of `sensor_from_rig` that would fit the view best.
     information
@@ -46,6 +49,7 @@ class Deviations:
     camera: int
     names: tuple[str, ...]
     groups: Indices
+    joined: Bools
     steps: Array
     information: Array
 
@@ -78,12 +82,25 @@ class CameraMove:
     angle: float
 
 
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A view: its camera and name, the groups it was taken with and is posed with, and its normal equations."""
+
+    camera: int
+    name: str
+    frame: int
+    group: int
+    information: Array
+    gradient: Array
+    by_group: Array
+
+
 def deviations(problem: RigBundle, state: RigState, together: RigObservations) -> list[Deviations]:
     """Return the deviations of each camera that observes boards together with others.
 
     Of a view with gradient g and normal equations H_v of its group's pose, and H_o those of the other views of the
     group, the pose from the view alone differs from that of the others by -(H_v^-1 + H_o^-1) g to first order. For a
-    view in a group of its own, the poses of both groups are compared.
+    view that shares its group with no other, the poses of both groups are compared.
 
     Parameters
     ----------
@@ -92,37 +109,52 @@ def deviations(problem: RigBundle, state: RigState, together: RigObservations) -
     together
         The observations with the original groups.
     """
-    observations = problem.observations
-    blocks = [problem.part_blocks(k, state)[1] for k in range(len(observations.parts))]
-    total = np.zeros((len(observations.groups), 6, 6))
-    for part, block in zip(observations.parts, blocks, strict=True):
-        np.add.at(total, part.group, block.local)
-    found: dict[int, list[tuple[int, str, Array, Array]]] = {c: [] for c in range(len(observations.names))}
-    for part, original, block in zip(observations.parts, together.parts, blocks, strict=True):
-        _, _, by_group = pose_derivatives(state, part, problem.free_parameters)
-        for view in range(len(part)):
-            own, frame = part.group[view], original.group[view]
-            is_split = bool(own != frame)
-            others = total[frame] - (0 if is_split else block.local[view])
-            if np.linalg.matrix_rank(others) < POSE_DOF:
+    frames: dict[int, list[_View]] = {}
+    for view in _views(problem, state, together):
+        frames.setdefault(view.frame, []).append(view)
+    found: dict[int, list[tuple[int, str, bool, Array, Array]]] = {}
+    for frame, views in sorted(frames.items()):
+        for view in views:
+            others = [other for other in views if other.camera != view.camera]
+            if not others:
                 continue
-            covariance = np.linalg.inv(block.local[view]) + np.linalg.inv(others)
-            step = -covariance @ block.local_gradient[view]
-            if is_split:
-                pose, reference = state.rig_from_group.one(int(own)), state.rig_from_group.one(int(frame))
-                rotation = so3.log(pose.rotation @ reference.rotation.T)
-                step = np.concatenate([rotation, pose.translation - reference.translation])
-            to_sensor = np.linalg.solve(_by_sensor(state, part.camera, frame), by_group[view])
-            step, covariance = to_sensor @ step, to_sensor @ covariance @ to_sensor.T
-            entry = int(frame), part.observations.names[view], step, np.linalg.inv(covariance)
-            found[part.camera].append(entry)
-    return [_collected(camera, entries) for camera, entries in found.items() if entries]
+            joined = [other for other in others if other.group == view.group]
+            group = view.group if joined else max(others, key=lambda other: np.trace(other.information)).group
+            reference = np.sum([other.information for other in others if other.group == group], axis=0)
+            step, information = _deviation(state, view, group, reference)
+            found.setdefault(view.camera, []).append((frame, view.name, bool(joined), step, information))
+    return [_collected(camera, entries) for camera, entries in sorted(found.items())]
 
 
-def _collected(camera: int, entries: list[tuple[int, str, Array, Array]]) -> Deviations:
-    """Return the deviations of a camera, ordered by group."""
-    groups, names, steps, information = zip(*sorted(entries, key=lambda entry: entry[0]), strict=True)
-    return Deviations(camera, names, np.array(groups), np.array(steps), np.array(information))
+def _views(problem: RigBundle, state: RigState, together: RigObservations) -> Iterator[_View]:
+    """Yield all views whose corners determine a pose."""
+    for index, (part, original) in enumerate(zip(problem.observations.parts, together.parts, strict=True)):
+        block = problem.part_blocks(index, state)[1]
+        _, _, by_group = pose_derivatives(state, part, problem.free_parameters)
+        for v, name in enumerate(part.observations.names):
+            if np.linalg.matrix_rank(block.local[v]) == POSE_DOF:
+                groups = int(original.group[v]), int(part.group[v])
+                yield _View(part.camera, name, *groups, block.local[v], block.local_gradient[v], by_group[v])
+
+
+def _deviation(state: RigState, view: _View, group: int, reference: Array) -> tuple[Array, Array]:
+    """Return the step of the camera's pose that fits a view best, given the pose of a group, and its information."""
+    covariance = np.linalg.inv(view.information) + np.linalg.inv(reference)
+    to_sensor = np.linalg.solve(_by_sensor(state, view.camera, group), view.by_group)
+    if view.group == group:
+        step = -to_sensor @ covariance @ view.gradient
+    else:
+        sensor = state.sensor_from_rig.one(view.camera)
+        fitted = sensor @ state.rig_from_group.one(view.group) @ state.rig_from_group.one(group).inverse()
+        turn = so3.log(fitted.rotation @ sensor.rotation.T)
+        step = np.concatenate([turn, fitted.translation - sensor.translation])
+    return step, np.asarray(np.linalg.inv(to_sensor @ covariance @ to_sensor.T), float)
+
+
+def _collected(camera: int, entries: list[tuple[int, str, bool, Array, Array]]) -> Deviations:
+    """Return the deviations of a camera."""
+    groups, names, joined, steps, information = zip(*entries, strict=True)
+    return Deviations(camera, names, np.array(groups), np.array(joined), np.array(steps), np.array(information))
 
 
 def _by_sensor(state: RigState, camera: int, group: int) -> Array:

@@ -16,11 +16,13 @@ from omnisight.calibration.rigs.consistency import (
     scatter,
 )
 from omnisight.calibration.rigs.covariance import RigCovariance, rig_covariance
-from omnisight.calibration.rigs.initial_rig import Pair, initial_rig, relative_poses, spanning_tree
+from omnisight.calibration.rigs.initial_rig import initial_rig, relative_poses, spanning_tree
+from omnisight.calibration.rigs.no_overlap import connect_by_motion
 from omnisight.calibration.rigs.observations import RigObservations
-from omnisight.calibration.rigs.relative_poses import RelativePose
+from omnisight.calibration.rigs.relative_poses import Pair, RelativePose
 from omnisight.calibration.rigs.state import Poses, RigState
 from omnisight.calibration.state import State
+from omnisight.geometry.pose import Pose
 from omnisight.optim.tolerances import COMPARISON_TOLERANCE
 
 Bools = NDArray[np.bool_]
@@ -117,9 +119,15 @@ def estimate_rig(
     """
     pairs = relative_poses(observations, states, is_symmetric)
     tree, components = spanning_tree(pairs, len(observations.names))
+    boards = (Pose(),)
     if len(components) > 1:
-        raise Unconnected([[observations.names[c] for c in sorted(part)] for part in components], pairs)
-    initial = initial_rig(observations, states, pairs, tree)
+        connection = connect_by_motion(observations, states, pairs, tree, components)
+        if connection is None:
+            raise Unconnected([[observations.names[c] for c in sorted(part)] for part in components], pairs)
+        observations, pairs, tree = connection.observations, connection.pairs, connection.tree
+        boards = connection.group_from_board
+        free_parameters = replace(free_parameters, warps=free_parameters.warps[:1] * len(boards), boards=True)
+    initial = initial_rig(observations, states, pairs, tree, boards)
     together, consistent, state = initial.observations, list(initial.consistent), initial.state
     rounds = 0
     while True:
@@ -179,19 +187,26 @@ def _consistent_views(
     """Return for each part (V,) which views agree with the extrinsics.
 
     Of the views of a group that contradict, only the worst is removed at a time: it makes the others contradict too.
+    Of two views, it is that of the last camera.
     """
     worst: dict[int, tuple[float, int]] = {}
     wrong = dict[tuple[int, int], bool]()
-    removed = {
-        (part.camera, int(g)) for part, kept in zip(together.parts, before, strict=True) for g in part.group[~kept]
-    }
+    count = np.zeros(len(together.groups), int)
+    for part, kept in zip(together.parts, before, strict=True):
+        np.add.at(count, part.group[kept], 1)
     for deviation in found:
-        for group, square, is_wrong in zip(
-            deviation.groups.tolist(), deviation.chi_square, contradicts(deviation, inflation), strict=True
-        ):
+        views = zip(
+            deviation.groups.tolist(),
+            deviation.joined,
+            deviation.chi_square,
+            contradicts(deviation, inflation),
+            strict=True,
+        )
+        for group, joined, square, is_wrong in views:
             wrong[deviation.camera, group] = bool(is_wrong)
-            if is_wrong and (deviation.camera, group) not in removed and square > worst.get(group, (0.0, 0))[0]:
-                worst[group] = float(square), deviation.camera
+            if is_wrong and joined:
+                is_pair = count[group] == 2
+                worst[group] = max(worst.get(group, (-1.0, -1)), (0.0 if is_pair else float(square), deviation.camera))
     kept = list[Bools]()
     for part, agreed in zip(together.parts, before, strict=True):
         views = [

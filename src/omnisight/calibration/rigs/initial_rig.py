@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
 from omnisight.calibration.rigs.relative_poses import (
     MIN_AGREEING_SHARE,
+    Pair,
     RelativePose,
     estimate_relative_pose,
     half_turn,
@@ -20,7 +21,6 @@ from omnisight.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +107,7 @@ def initial_rig(
     states: Sequence[State],
     pairs: Mapping[Pair, RelativePose],
     tree: Sequence[Pair],
+    group_from_board: Sequence[Pose] = (Pose(),),
 ) -> InitialRig:
     """Return the initial values of a rig of connected cameras.
 
@@ -118,6 +119,8 @@ def initial_rig(
         Camera and board poses of each part.
     pairs, tree
         Relative poses, and the pairs that connect all cameras.
+    group_from_board
+        For each board its pose relative to the first.
     """
     sensor_from_rig = {0: Pose()}
     turns = {0: np.zeros(len(observations.groups), bool)}
@@ -139,14 +142,15 @@ def initial_rig(
         turned_states.append(_turned_state(state, part, views))
     observations = replace(observations, parts=tuple(turned_parts))
     sensors = Poses.of(*(sensor_from_rig[c] for c in range(len(observations.names))))
-    groups, consistent = _group_poses(observations, turned_states, sensors, pairs)
+    boards = Poses.of(*group_from_board)
+    groups, consistent = _group_poses(observations, turned_states, sensors, boards, pairs)
     first = {part.camera: state.model for part, state in zip(observations.parts, states, strict=True)}
     warps = {part.board: state.warp for part, state in zip(observations.parts, states, strict=True)}
     state = RigState(
         tuple(first[c] for c in range(len(observations.names))),
         sensors,
         groups,
-        Poses.identity(observations.boards),
+        boards,
         np.array([warps[b] for b in range(observations.boards)]),
         np.zeros(len(observations.names)),
         np.zeros((len(observations.groups), 6)),
@@ -166,26 +170,30 @@ def _turned_state(state: State, part: RigPart, views: Bools) -> State:
 
 
 def _group_poses(
-    observations: RigObservations, states: Sequence[State], sensors: Poses, pairs: Mapping[Pair, RelativePose]
+    observations: RigObservations,
+    states: Sequence[State],
+    sensors: Poses,
+    boards: Poses,
+    pairs: Mapping[Pair, RelativePose],
 ) -> tuple[Poses, tuple[Bools, ...]]:
     """Return rig_from_group of every group, and which views agree with the pose of their group.
 
-    The pose is that of the view with most agreeing pairs, and of those the one with most points.
+    The pose is that of the view with most agreeing pairs, and of those that of the first camera, so that of two cameras
+    that contradict each other it is always the same one whose view counts as wrong.
     """
     count = len(observations.groups)
-    votes = np.zeros((len(observations.names), count), int)
     agreeing = np.zeros((len(observations.names), len(observations.names), count), bool)
     for (a, b), pair in pairs.items():
         if is_reliable(pair):
             agreeing[a, b, pair.groups] = agreeing[b, a, pair.groups] = pair.agrees
     votes = agreeing.sum(1)
-    rank = np.full(count, -1.0)
+    rank = np.full(count, -1)
     chosen = np.zeros(count, np.intp)
     rotations, translations = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    for part, state in zip(observations.parts, states, strict=True):
-        poses = sensors[np.full(len(part), part.camera)].inverse() @ Poses(state.rotations, state.translations)
-        points = np.array([group.stop - group.start for group in part.observations.groups])
-        own = votes[part.camera, part.group] + points / (1 + points.max(initial=1))
+    for part, state in sorted(zip(observations.parts, states, strict=True), key=lambda pair: pair[0].camera):
+        sensor, board = (p[np.full(len(part), k)] for p, k in ((sensors, part.camera), (boards, part.board)))
+        poses = sensor.inverse() @ Poses(state.rotations, state.translations) @ board.inverse()
+        own = votes[part.camera, part.group]
         better = own > rank[part.group]
         groups = part.group[better]
         rank[groups], chosen[groups] = own[better], part.camera

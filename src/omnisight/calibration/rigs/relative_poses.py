@@ -14,15 +14,16 @@ from omnisight.targets.observations import Observations
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
+Pair = tuple[int, int]
 
 # Share of the simultaneous views that must agree on a relative pose: below, the views are not simultaneous, or the
 # cameras moved. A third leaves room for a camera that moved in the middle of the images.
 MIN_AGREEING_SHARE = 1 / 3
 # Ratio of the residual of a view to that of the agreeing share above which it contradicts the relative pose.
 MAX_RESIDUAL_RATIO = 5.0
-# Residual (px, relative to an image 1000 px wide) below which a view never contradicts: the pose of one board has
-# this error in another camera.
-MIN_RESIDUAL_PX = 2.0
+# Residuals (px, relative to an image 1000 px wide) below which a view never contradicts, because the pose of one board
+# has this error in another camera, and above which it always does.
+MIN_RESIDUAL_PX, MAX_RESIDUAL_PX = 2.0, 30.0
 # Frames from which relative poses are proposed, evenly spread; each is tried on all frames.
 MAX_PROPOSALS = 40
 # Corners of a board that are projected to compare relative poses.
@@ -99,7 +100,7 @@ def estimate_relative_pose(
     assert best is not None
     score, pose, residuals = best
     scale = max(part_b.observations.size) / 1000
-    allowed = max(MAX_RESIDUAL_RATIO * score, MIN_RESIDUAL_PX * scale)
+    allowed = scale * np.clip(MAX_RESIDUAL_RATIO * score / scale, MIN_RESIDUAL_PX, MAX_RESIDUAL_PX)
     least = residuals.min(0)
     return RelativePose(pose, groups, least <= allowed, residuals.argmin(0) == 1, least)
 
