@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibration.rigs.bundle import RigFreeParameters
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
 from omnisight.calibration.rigs.frame_uncertainty import with_frame_covariances
 from omnisight.calibration.rigs.initial_rig import is_reliable
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.options import check_options
 from omnisight.pipeline.provenance import tool_provenance
@@ -119,7 +119,8 @@ def rig_observations(
 def free_parameters(cameras: Sequence[RigCamera], options: CalibrateRigOptions) -> RigFreeParameters:
     """Return what the joint refinement estimates: what calibrating each camera alone did, and one board warp."""
     warp = not options.flat and any(camera.warp for camera in cameras)
-    return RigFreeParameters(tuple(camera.directions for camera in cameras), (warp,))
+    timed = options.times is not None
+    return RigFreeParameters(tuple(camera.directions for camera in cameras), (warp,), time_offsets=timed)
 
 
 def _is_symmetric(observations: Observations) -> bool:
@@ -139,7 +140,7 @@ def assess(
         )
         for camera, model, covariance in zip(cameras, state.models, estimate.covariance.cameras, strict=True)
     )
-    offsets = tuple(state.time_offsets.tolist()) if state.time_offsets.any() else ()
+    offsets = tuple(state.time_offsets.tolist()) if estimate.has_time_offsets else ()
     poses = tuple(state.sensor_from_rig.one(k) for k in range(len(names)))
     unit = cameras[0].observations.unit
     rig = Rig(calibrated, poses, names, time_offsets=offsets, unit=unit)
@@ -196,6 +197,7 @@ def _evidence(cameras: Sequence[RigCamera], result: RigCalibration) -> RigEviden
         result.pairs,
         contradicting,
         None if move is None else (estimate.observations.names[move.camera], move),
+        estimate.problem.motion,
         {name: _pixels_per_radian(sensor[name]) * result.sigmas(name)[0] / scale[name] for name in rig.names},
         {name: result.camera_rms(name) for name in rig.names},
         {name: result.camera_held_out_rms(name) or float("nan") for name in rig.names},

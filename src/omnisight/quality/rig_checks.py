@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.model_selection import MAX_RMS_RATIO
+from omnisight.calibration.rigs.board_motion import BoardMotion
 from omnisight.calibration.rigs.consistency import CameraMove
 from omnisight.quality.checks.held_out_error import NEGLIGIBLE_PX
 from omnisight.quality.evidence import Check, Level
@@ -64,6 +65,8 @@ class RigEvidence:
         Names of the images that contradict the extrinsics, by camera.
     move
         A camera that moved between two images, as the names of camera, last image before and first one after.
+    motion
+        Standard deviations of the motion of the board between the exposures; None if it was at rest.
     rotation_sigma_px
         For each camera the projection error due to the uncertainty of its rotation, px at an image width of 1000.
     rms, held_out_rms, alone_rms
@@ -78,6 +81,7 @@ class RigEvidence:
     pairs: Sequence[PairEvidence]
     contradicting: Mapping[str, Sequence[str]]
     move: tuple[str, CameraMove] | None
+    motion: BoardMotion | None
     rotation_sigma_px: Mapping[str, float]
     rms: Mapping[str, float]
     held_out_rms: Mapping[str, float]
@@ -93,6 +97,7 @@ def rig_verdict(evidence: RigEvidence) -> Verdict:
         _connection(evidence),
         _moved(evidence),
         _contradictions(evidence),
+        _board_motion(evidence),
         _rotation(evidence),
         _rigidity(evidence),
         _scale(evidence),
@@ -161,6 +166,21 @@ def _contradictions(evidence: RigEvidence) -> Check:
         f"{some} contradict{'s' * (len(names) == 1)} the extrinsics and {'was' if len(names) == 1 else 'were'} not used"
         " for them: the board or a camera moved between the exposures, or the images are not of the same moment."
         " Hold the board still, or drop them (--drop).",
+    )
+
+
+def _board_motion(evidence: RigEvidence) -> Check:
+    """Check that the board was at rest."""
+    motion = evidence.motion
+    if motion is None:
+        return Check("board motion")
+    unit, scale = ("mm", 1e3) if evidence.is_metric else ("squares", 1.0)
+    return Check(
+        "board motion",
+        Level.USABLE,
+        f"The board moved by about {scale * motion.translation:.2g} {unit} and {np.degrees(motion.rotation):.2g}°"
+        " between the exposures of the cameras, which limits the accuracy of the extrinsics (the stated uncertainty"
+        " includes it): put the board on a stand, synchronize the cameras, or specify --times.",
     )
 
 

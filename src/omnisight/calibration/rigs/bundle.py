@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.bundle_adjustment import Bundle
-from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.log_barrier import limit_step
 from omnisight.calibration.residual_weights import ResidualWeights
+from omnisight.calibration.rigs.board_motion import BoardMotion, Eliminated, by_pose, eliminate, moved_motion
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.calibration.rigs.state import RigState
 from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import Solution, minimize
@@ -23,66 +24,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MAX_ITERATIONS = 100
+# Prior standard deviation of the time offsets: free-running cameras differ by up to an image interval.
+TIME_OFFSET_SIGMA_S = 0.1
 # Rounds in which the weights of the residuals are estimated anew.
 MAX_WEIGHT_ROUNDS = 10
-
-
-@dataclass(frozen=True)
-class RigFreeParameters:
-    """What the calibration of a rig estimates besides the board poses.
-
-    Attributes
-    ----------
-    cameras
-        For each camera the free directions (P, F) of its parameters.
-    warps
-        For each board, whether its warp is estimated.
-    boards
-        Whether the poses of the further boards relative to the first are estimated.
-    time_offsets
-        Whether the time offsets of the further cameras are estimated.
-    extrinsics
-        Whether the poses of the further cameras are estimated.
-    """
-
-    cameras: tuple[Array, ...]
-    warps: tuple[bool, ...]
-    boards: bool = False
-    time_offsets: bool = False
-    extrinsics: bool = True
-
-    def of_part(self, part: RigPart) -> FreeParameters:
-        """Return what is estimated of the camera and the board of a part."""
-        return FreeParameters(self.cameras[part.camera], self.warps[part.board])
-
-    @cached_property
-    def starts(self) -> dict[tuple[str, int], int]:
-        """First column of each block of the shared parameters, by kind and index, in order."""
-        sizes = {("camera", c): d.shape[1] for c, d in enumerate(self.cameras)}
-        sizes |= {("warp", b): 2 for b, is_free in enumerate(self.warps) if is_free}
-        sizes |= {("extrinsics", c): 6 for c in range(1, len(self.cameras)) if self.extrinsics}
-        sizes |= {("board", b): 6 for b in range(1, len(self.warps)) if self.boards}
-        sizes |= {("time", c): 1 for c in range(1, len(self.cameras)) if self.time_offsets}
-        ends = np.cumsum([0, *sizes.values()])
-        return {**dict(zip(sizes, ends.tolist(), strict=False)), ("end", 0): int(ends[-1])}
-
-    @property
-    def count(self) -> int:
-        """Number of shared parameters."""
-        return self.starts["end", 0]
-
-    def columns(self, kind: str, index: int, size: int) -> Indices:
-        """Return the columns of a block of the shared parameters; none if it is not estimated."""
-        start = self.starts.get((kind, index))
-        return np.arange(0) if start is None else np.arange(start, start + size)
-
-    def camera_columns(self, camera: int) -> Indices:
-        """Return the columns of the parameters of a camera."""
-        return self.columns("camera", camera, self.cameras[camera].shape[1])
-
-    def extrinsic_columns(self, camera: int) -> Indices:
-        """Return the columns of the pose of a camera; none for the first camera."""
-        return self.columns("extrinsics", camera, 6)
 
 
 @dataclass(frozen=True)
@@ -99,17 +44,26 @@ class RigBundle:
         What is estimated.
     weights
         Whitening, standard deviation and Huber threshold of every part.
+    motion
+        Standard deviations of the motion of the board in each view; None if it is at rest.
     """
 
     observations: RigObservations
     free_parameters: RigFreeParameters
     weights: tuple[ResidualWeights, ...]
+    motion: BoardMotion | None = None
 
     @classmethod
-    def at(cls, state: RigState, observations: RigObservations, free_parameters: RigFreeParameters) -> Self:
+    def at(
+        cls,
+        state: RigState,
+        observations: RigObservations,
+        free_parameters: RigFreeParameters,
+        motion: BoardMotion | None = None,
+    ) -> Self:
         """Return the problem with the weights estimated at a state."""
         weights = [ResidualWeights.estimate(state.part_state(part), part.observations) for part in observations.parts]
-        return cls(observations, free_parameters, tuple(weights))
+        return cls(observations, free_parameters, tuple(weights), motion)
 
     def without_outliers(self, state: RigState) -> RigObservations:
         """Return the observations without the corners whose residuals exceed the thresholds."""
@@ -135,7 +89,10 @@ class RigBundle:
 
     def cost(self, state: RigState) -> float:
         """Return the sum of the robust costs of all parts, each relative to the variance of its residuals."""
-        return sum(
+        prior = 0.5 * float((state.time_offsets**2).sum()) / TIME_OFFSET_SIGMA_S**2
+        if self.motion is not None:
+            prior += 0.5 * sum(float(((motion**2) @ self.motion.information).sum()) for motion in state.motion)
+        return prior + sum(
             bundle.cost(state.part_state(part)) / weights.sigma**2
             for part, bundle, weights in zip(self.observations.parts, self.bundles, self.weights, strict=True)
         )
@@ -152,6 +109,10 @@ class RigBundle:
             np.add.at(cross, (part.group[:, None], columns), blocks.cross)
             np.add.at(local, part.group, blocks.local)
             np.add.at(local_gradient, part.group, blocks.local_gradient)
+        for camera, offset in enumerate(state.time_offsets):
+            column = self.free_parameters.columns("time", camera, 1)
+            shared[column, column] += TIME_OFFSET_SIGMA_S**-2
+            shared_gradient[column] += offset * TIME_OFFSET_SIGMA_S**-2
         return GroupedNormal(shared, cross, local, shared_gradient, local_gradient)
 
     def part_blocks(self, index: int, state: RigState) -> tuple[Indices, GroupedNormal]:
@@ -162,9 +123,17 @@ class RigBundle:
 
             A' = [A, B E; E^T B^T, E^T C E],    B' = [B; E^T C] K,    C' = K^T C K
         """
-        part = self.observations.parts[index]
-        own = self.bundles[index].linearize(state.part_state(part))
+        part, part_state = self.observations.parts[index], state.part_state(self.observations.parts[index])
+        own = self.bundles[index].linearize(part_state)
         columns, by_shared, by_group = pose_derivatives(state, part, self.free_parameters)
+        if (moved := self.eliminated_motion(index, own, state)) is not None:
+            own = GroupedNormal(
+                own.shared - moved.shared.sum(0),
+                own.cross - moved.cross,
+                own.local - moved.local,
+                own.shared_gradient - moved.shared_gradient.sum(0),
+                own.local_gradient - moved.local_gradient,
+            )
         through = np.swapaxes(by_shared, 1, 2)
         pose_cross = through @ own.local
         corner = np.einsum("vpi,vij->pj", own.cross, by_shared)
@@ -178,6 +147,14 @@ class RigBundle:
         scale = 1 / self.weights[index].sigma ** 2
         columns = np.concatenate([self.own_columns(part), columns])
         return columns, GroupedNormal(*(scale * block for block in vars(normal).values()))
+
+    def eliminated_motion(self, index: int, normal: GroupedNormal, state: RigState) -> Eliminated | None:
+        """Return the elimination of the motions of the board from the normal equations of a part; None without any."""
+        if self.motion is None:
+            return None
+        part, variance = self.observations.parts[index], self.weights[index].sigma ** 2
+        rotations, motion = state.cam_from_board(part).rotation, state.motion[part.camera]
+        return eliminate(normal, rotations, part, motion, variance * self.motion.information)
 
     def own_columns(self, part: RigPart) -> Indices:
         """Return the columns of the camera and the board warp of a part."""
@@ -200,7 +177,7 @@ class RigBundle:
             limit_step(model, directions @ step[free.camera_columns(c)]) if directions.shape[1] else model
             for c, (model, directions) in enumerate(zip(state.models, free.cameras, strict=True))
         ]
-        return replace(
+        moved = replace(
             state,
             models=tuple(models),
             sensor_from_rig=state.sensor_from_rig.moved(steps("extrinsics", cameras, 6)),
@@ -209,6 +186,17 @@ class RigBundle:
             warps=state.warps + steps("warp", boards, 2),
             time_offsets=state.time_offsets + steps("time", cameras, 1)[:, 0],
         )
+        return moved if self.motion is None else self.with_best_motion(moved)
+
+    def with_best_motion(self, state: RigState) -> RigState:
+        """Return the state with the motions of the boards that minimize the linearized cost."""
+        motion = list(state.motion)
+        for index, part in enumerate(self.observations.parts):
+            own = self.bundles[index].corner_normal(state.part_state(part))
+            moved = self.eliminated_motion(index, own, state)
+            assert moved is not None
+            motion[part.camera] = moved_motion(state.motion[part.camera], moved.step)
+        return replace(state, motion=tuple(motion))
 
 
 def pose_derivatives(state: RigState, part: RigPart, free: RigFreeParameters) -> tuple[Indices, Array, Array]:
@@ -244,6 +232,10 @@ def pose_derivatives(state: RigState, part: RigPart, free: RigFreeParameters) ->
         (free.columns("board", part.board, 6), by_board),
         (free.columns("time", part.camera, 1), by_time),
     )
+    if state.motion:
+        moved = by_pose(state.cam_from_still_board(part), part, state.motion[part.camera])
+        by_group = moved @ by_group
+        blocks = tuple((columns, moved @ block) for columns, block in blocks)
     used = [(columns, block) for columns, block in blocks if len(columns)]
     if not used:
         return np.arange(0), np.zeros((views, 6, 0)), by_group
@@ -255,6 +247,7 @@ def refine_rig(
     observations: RigObservations,
     free_parameters: RigFreeParameters,
     *,
+    motion: BoardMotion | None = None,
     iterations: int = MAX_ITERATIONS,
     tolerance: float = FINAL_TOLERANCE,
 ) -> Solution[RigState]:
@@ -270,6 +263,8 @@ def refine_rig(
         Boards and pixels of all cameras.
     free_parameters
         What is estimated.
+    motion
+        Standard deviations of the motion of the board in each view.
     iterations
         Maximum number of steps with constant weights.
     tolerance
@@ -277,7 +272,7 @@ def refine_rig(
     """
     current, rounds = max(tolerance, COMPARISON_TOLERANCE), 0
     while True:
-        problem = RigBundle.at(state, observations, free_parameters)
+        problem = RigBundle.at(state, observations, free_parameters, motion)
         solution = minimize(problem, state, iterations=iterations, tolerance=current, scale=problem.scale)
         state, rounds = solution.state, rounds + 1
         after = RigBundle.at(state, observations, free_parameters).weights
@@ -287,11 +282,16 @@ def refine_rig(
         current = tolerance if converged else current
 
 
-def pose_groups(state: RigState, observations: RigObservations, weights: Sequence[ResidualWeights]) -> RigState:
-    """Return the state with the poses of all groups refined; everything else is constant."""
+def pose_groups(
+    state: RigState,
+    observations: RigObservations,
+    weights: Sequence[ResidualWeights],
+    motion: BoardMotion | None = None,
+) -> RigState:
+    """Return the state with the poses of all groups, and the motions of the boards, refined; the rest is constant."""
     none = tuple(np.zeros((len(model.params), 0)) for model in state.models)
     fixed = RigFreeParameters(none, (False,) * len(state.warps), extrinsics=False)
-    problem = RigBundle(observations, fixed, tuple(weights))
+    problem = RigBundle(observations, fixed, tuple(weights), motion)
     return minimize(
         problem, state, iterations=MAX_ITERATIONS, tolerance=COMPARISON_TOLERANCE, scale=problem.scale
     ).state

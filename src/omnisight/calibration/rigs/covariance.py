@@ -35,7 +35,7 @@ class RigCovariance:
     inflation: float
 
 
-def rig_covariance(problem: RigBundle, state: RigState) -> RigCovariance:
+def rig_covariance(problem: RigBundle, state: RigState, at_least: float = 1.0) -> RigCovariance:
     """Return the covariance at the minimum of a problem.
 
     The covariance due to corner noise, corrected for the degrees of freedom (Triggs et al., Bundle adjustment: a modern
@@ -46,7 +46,7 @@ def rig_covariance(problem: RigBundle, state: RigState) -> RigCovariance:
     used = np.flatnonzero(observations.seen().any(0))
     measured = sum(part.observations.pixels.size for part in observations.parts)
     variance = measured / max(measured - free.count - 6 * len(used), 1)
-    inflation = variance_inflation(problem, state, normal, variance)
+    inflation = max(variance_inflation(problem, state, normal, variance), at_least)
     shared = inflation * variance * normal.shared_covariance()
     cameras = len(observations.names)
     extrinsics = np.zeros((6 * cameras, 6 * cameras))
@@ -103,13 +103,23 @@ def _sums_by_group(problem: RigBundle, state: RigState) -> tuple[Array, Array]:
         bundle, weights = problem.bundles[index], problem.weights[index]
         residuals, jacobian, cross, local, local_gradient = bundle.blocks(state.part_state(part))
         jacobian, cross = jacobian @ bundle.directions, bundle.directions.T @ cross
+        own = GroupedNormal(np.zeros((cross.shape[1],) * 2), cross, local, np.zeros(cross.shape[1]), local_gradient)
+        moved = problem.eliminated_motion(index, own, state)
+        if moved is not None:
+            cross, local, local_gradient = (
+                cross - moved.cross,
+                local - moved.local,
+                local_gradient - moved.local_gradient,
+            )
         pose_columns, by_shared, _ = pose_derivatives(state, part, problem.free_parameters)
         columns = np.concatenate([problem.own_columns(part), pose_columns])
         for view, (group, rows) in enumerate(zip(part.group, part.observations.groups, strict=True)):
             j, e = jacobian[2 * rows.start : 2 * rows.stop], by_shared[view]
             r = residuals[2 * rows.start : 2 * rows.stop]
-            corner = cross[view] @ e
-            block = np.block([[j.T @ j, corner], [corner.T, e.T @ local[view] @ e]])
+            corner, shared, gradient = cross[view] @ e, j.T @ j, j.T @ r
+            if moved is not None:
+                shared, gradient = shared - moved.shared[view], gradient - moved.shared_gradient[view]
+            block = np.block([[shared, corner], [corner.T, e.T @ local[view] @ e]])
             sums[group][np.ix_(columns, columns)] += block / weights.sigma**2
-            gradients[group, columns] += np.concatenate([j.T @ r, e.T @ local_gradient[view]]) / weights.sigma**2
+            gradients[group, columns] += np.concatenate([gradient, e.T @ local_gradient[view]]) / weights.sigma**2
     return sums, gradients

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.rigs.bundle import RigBundle, RigFreeParameters, refine_rig
+from omnisight.calibration.rigs.bundle import RigBundle
 from omnisight.calibration.rigs.consistency import (
     CameraMove,
     Deviations,
@@ -19,14 +19,19 @@ from omnisight.calibration.rigs.covariance import RigCovariance, rig_covariance
 from omnisight.calibration.rigs.initial_rig import initial_rig, relative_poses, spanning_tree
 from omnisight.calibration.rigs.no_overlap import connect_by_motion
 from omnisight.calibration.rigs.observations import RigObservations
+from omnisight.calibration.rigs.poses import Poses
+from omnisight.calibration.rigs.refinement import refine_robustly
 from omnisight.calibration.rigs.relative_poses import Pair, RelativePose
-from omnisight.calibration.rigs.state import Poses, RigState
+from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
+from omnisight.calibration.rigs.state import RigState
 from omnisight.calibration.state import State
 from omnisight.geometry.pose import Pose
-from omnisight.optim.tolerances import COMPARISON_TOLERANCE
 
+Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+# Standard deviations above which a time offset is significant.
+OFFSET_SIGMAS = 3.0
 # Rounds in which views that contradict the extrinsics are removed, or used again.
 MAX_CONSISTENCY_ROUNDS = 4
 
@@ -91,6 +96,18 @@ class RigEstimate:
             for part, original in zip(self.observations.parts, self.together.parts, strict=True)
         ]
 
+    @property
+    def time_offset_sigmas(self) -> Array:
+        """(C,) standard deviations of the time offsets, s; 0 for the first camera, and if they are not estimated."""
+        columns = [self.problem.free_parameters.columns("time", c, 1) for c in range(len(self.state.models))]
+        variances = np.diagonal(self.covariance.shared)
+        return np.array([np.sqrt(variances[c[0]]) if len(c) else 0.0 for c in columns])
+
+    @property
+    def has_time_offsets(self) -> bool:
+        """Whether the time offset of a camera is significant."""
+        return bool((abs(self.state.time_offsets) > OFFSET_SIGMAS * self.time_offset_sigmas).any())
+
 
 def estimate_rig(
     observations: RigObservations,
@@ -133,29 +150,18 @@ def estimate_rig(
     while True:
         split, rounds = together.split(consistent), rounds + 1
         start = _with_own_groups(state, together, split, initial.states)
-        problem, state = refine_without_outliers(start, split, free_parameters)
+        problem, state = refine_robustly(start, split, together, free_parameters)
         found = deviations(problem, state, together)
         inflation = scatter(found)
         before, consistent = consistent, _consistent_views(together, consistent, found, inflation)
         unchanged = all(np.array_equal(a, b) for a, b in zip(before, consistent, strict=True))
         if unchanged or rounds == MAX_CONSISTENCY_ROUNDS:
             break
-        state = state.of_groups(np.arange(len(split.groups)) < len(together.groups))
-    covariance, move = rig_covariance(problem, state), find_move(found, inflation)
+        state = replace(state.of_groups(np.arange(len(split.groups)) < len(together.groups)), motion=())
+    # Motions of the board that are alike in successive images are no independent samples.
+    covariance = rig_covariance(problem, state, at_least=inflation if problem.motion else 1.0)
+    move = find_move(found, inflation)
     return RigEstimate(split, together, problem, state, covariance, pairs, tuple(tree), found, inflation, move)
-
-
-def refine_without_outliers(
-    start: RigState, observations: RigObservations, free_parameters: RigFreeParameters
-) -> tuple[RigBundle, RigState]:
-    """Refine a rig, remove the outliers, and refine it again; return the last problem and its minimum.
-
-    The robust loss bounds the influence of an outlier, but 5 % of them still add half of the variance of the noise.
-    """
-    state = refine_rig(start, observations, free_parameters, tolerance=COMPARISON_TOLERANCE).state
-    inliers = RigBundle.at(state, observations, free_parameters).without_outliers(state)
-    state = refine_rig(state, inliers, free_parameters).state
-    return RigBundle.at(state, inliers, free_parameters), state
 
 
 def _with_own_groups(

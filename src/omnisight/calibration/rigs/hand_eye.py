@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.rigs.state import Poses
+from omnisight.calibration.rigs.poses import Poses
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.relative_poses import (
     MIN_AGREEING_SHARE,
     Pair,
@@ -15,7 +16,7 @@ from omnisight.calibration.rigs.relative_poses import (
     half_turn,
     turned,
 )
-from omnisight.calibration.rigs.state import Poses, RigState
+from omnisight.calibration.rigs.state import RigState
 from omnisight.calibration.state import State
 from omnisight.geometry.pose import Pose
 

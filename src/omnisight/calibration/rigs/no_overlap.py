@@ -7,13 +7,13 @@ import numpy as np
 
 from omnisight.calibration.rigs.hand_eye import HandEye, solve_hand_eye
 from omnisight.calibration.rigs.observations import RigObservations
+from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.relative_poses import (
     MAX_RESIDUAL_RATIO,
     MIN_AGREEING_SHARE,
     Pair,
     RelativePose,
 )
-from omnisight.calibration.rigs.state import Poses
 from omnisight.calibration.state import State
 from omnisight.geometry.pose import Pose
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.observations import RigPart
-from omnisight.calibration.rigs.state import Poses
+from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.state import State
 from omnisight.geometry.pose import Pose
 from omnisight.targets.observations import Observations

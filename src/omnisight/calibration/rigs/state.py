@@ -1,71 +1,18 @@
 """The unknowns of the calibration of a rig."""
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.rigs.board_motion import with_motion
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.state import State
-from omnisight.geometry import rotation as so3
-from omnisight.geometry.pose import Pose
 from omnisight.models import Projector
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """Rigid motions b_from_a of several frames.
-
-    Attributes
-    ----------
-    rotation, translation
-        (N, 3, 3) and (N, 3).
-    """
-
-    rotation: Array
-    translation: Array
-
-    def __len__(self) -> int:
-        """Return the number of poses."""
-        return len(self.rotation)
-
-    def __getitem__(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> "Poses":
-        """Return some of the poses."""
-        return Poses(self.rotation[index], self.translation[index])
-
-    def __matmul__(self, other: "Poses") -> "Poses":
-        """Compose each pose with the pose of the same index; a single pose is composed with all."""
-        return Poses(
-            self.rotation @ other.rotation,
-            (self.rotation @ other.translation[..., None])[..., 0] + self.translation,
-        )
-
-    @classmethod
-    def of(cls, *poses: Pose) -> Self:
-        """Join poses."""
-        return cls(np.array([p.rotation for p in poses]), np.array([p.translation for p in poses]))
-
-    @classmethod
-    def identity(cls, count: int) -> Self:
-        """Return poses that change nothing."""
-        return cls(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-
-    def one(self, index: int) -> Pose:
-        """Return one of the poses."""
-        return Pose(self.rotation[index], self.translation[index])
-
-    def inverse(self) -> "Poses":
-        """Return a_from_b."""
-        back = np.swapaxes(self.rotation, 1, 2)
-        return Poses(back, -(back @ self.translation[..., None])[..., 0])
-
-    def moved(self, steps: Array) -> "Poses":
-        """Return the poses moved by steps (N, 6), see `Pose.moved`."""
-        return Poses(so3.exp(steps[:, :3]) @ self.rotation, self.translation + steps[:, 3:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +38,8 @@ class RigState:
         (C,) time, in seconds, of the images of each camera after those of the first.
     velocities
         (G, 6) motion of `rig_from_group` per second, as steps (w, v) of `Pose.moved`; constant in an optimization.
+    motion
+        For each camera (V, 6) small motions of the board in each view, see `board_motion`; none if it is at rest.
     """
 
     models: tuple[Projector, ...]
@@ -100,9 +49,15 @@ class RigState:
     warps: Array
     time_offsets: Array
     velocities: Array
+    motion: tuple[Array, ...] = ()
 
     def cam_from_board(self, part: RigPart) -> Poses:
         """Return the pose of the board in every view of a part."""
+        poses = self.cam_from_still_board(part)
+        return with_motion(poses, part, self.motion[part.camera]) if self.motion else poses
+
+    def cam_from_still_board(self, part: RigPart) -> Poses:
+        """Return the pose of the board in every view of a part, without its motion."""
         return self._sensor(part) @ self.rig_from_board(part)
 
     def rig_from_board(self, part: RigPart) -> Poses:
