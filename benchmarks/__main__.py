@@ -15,6 +15,7 @@ The following run one at a time and take options, for example `python -m benchma
     sfm          structure from motion of rendered images; pycolmap. 2 hours, with --quick 5 minutes
     bundle       bundle adjustment of 200 poses and 50,000 points; pycolmap. 1 minute
     places       retrieval of rendered images and of a robot's route. 10 minutes, with --quick 2
+    rigs         calibration of rendered rigs; OpenCV. 2 minutes
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
@@ -46,6 +47,7 @@ EVALUATIONS = (
     "sfm",
     "bundle",
     "places",
+    "rigs",
     "stereo",
     "boards",
     "solvers",
@@ -56,7 +58,7 @@ EVALUATIONS = (
     "paper_boards",
     "convergence",
 )
-NEED_OMNIDIR = ("points", "views", "calibration", "solvers")
+NEED_OMNIDIR = ("points", "views", "calibration", "solvers", "rigs")
 
 
 def main(arguments: Sequence[str]) -> None:
