@@ -18,6 +18,8 @@ from omnisight.rig_overlap import in_field, overlap
 Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
 
+ROUNDING = 1e-12  # of the matrix of an identity that a program inverted and wrote
+
 
 class RelativePose(NamedTuple):
     """Pose of one camera of a rig relative to another one.
@@ -154,7 +156,9 @@ class Rig:
     @property
     def reference(self) -> str | None:
         """The camera whose frame is the rig frame, or None."""
-        return next((n for n, pose in zip(self.names, self.sensor_from_rig, strict=True) if pose == Pose()), None)
+        identity = Pose().matrix
+        is_identity = [np.allclose(pose.matrix, identity, rtol=0, atol=ROUNDING) for pose in self.sensor_from_rig]
+        return self.names[is_identity.index(True)] if any(is_identity) else None
 
     def with_reference(self, sensor: int | str) -> Self:
         """Return the same rig expressed in the frame of one of its cameras, whose covariance becomes zero.
@@ -217,7 +221,6 @@ class Rig:
             for field in dataclasses.fields(self)
             for ours, theirs in [(getattr(self, field.name), getattr(other, field.name))]
         )
-
 
 
 def _reference_jacobian(poses: Sequence[Pose], translation: Array, ref: int) -> Array:

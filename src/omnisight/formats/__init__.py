@@ -4,7 +4,7 @@ Formats are discovered by these files. The content of a file determines its form
 """
 
 from omnisight.formats._protocol import Format, FormatError, SaveResult
-from omnisight.formats._registry import format_names, get_format, load, load_all, load_rig, save
+from omnisight.formats._registry import format_names, get_format, load, load_all, load_rig, rig_format_names, save
 
 __all__ = [
     "Format",
@@ -15,5 +15,6 @@ __all__ = [
     "load",
     "load_all",
     "load_rig",
+    "rig_format_names",
     "save",
 ]

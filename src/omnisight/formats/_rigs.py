@@ -16,6 +16,8 @@ from omnisight.rig import Rig
 
 Array = NDArray[np.float64]
 
+IMU = "imu"  # provenance["rig_frame"] of a rig in the frame of its IMU
+TIME_OFFSETS = "the time offsets"
 BOTTOM_ROW = (0.0, 0.0, 0.0, 1.0)
 # Poses that a file holds twice are rounded and estimated separately; a contradiction is larger. Radians, and share of
 # the baseline.
@@ -68,7 +70,7 @@ def make_rig(sensors: Mapping[str, tuple[Camera, Pose]], time_offsets: Iterable[
         raise ValueError("holds no camera")
     for name in sensors:
         if not name.isprintable() or not 0 < len(name) <= MAX_NAME_CHARS:
-            raise ValueError(f"the name of a camera must be 1 to {MAX_NAME_CHARS} printable characters, got {name!r:.60}")
+            raise ValueError(f"the name of a camera must be 1 to {MAX_NAME_CHARS} characters, got {name!r:.60}")
     cameras, poses = [camera for camera, _ in sensors.values()], [pose for _, pose in sensors.values()]
     offsets = tuple(time_offsets)
     return Rig(tuple(cameras), tuple(poses), tuple(sensors), time_offsets=offsets if any(offsets) else ())
@@ -113,13 +115,29 @@ def rig_notes(rig: Rig, notes: Mapping[str, Iterable[str]], kept: Iterable[str] 
         for line in lines:
             by_note.setdefault(line, []).append(name)
     merged = [n if len(names) == len(rig) else f"{', '.join(names)}: {n}" for n, names in by_note.items()]
-    kept = set(kept)
-    fields = {"covariance": rig.covariance is not None, "time_offsets": bool(rig.time_offsets), "names": True}
-    lost = [label for label, has in fields.items() if has and label != "names" and label not in kept]
-    words = {"covariance": "the covariance of the poses", "time_offsets": "the time offsets"}
-    merged += [f"not written: {', '.join(words[label] for label in lost)}"] if lost else []
+    held = {"the covariance of the poses": rig.covariance is not None, TIME_OFFSETS: bool(rig.time_offsets)}
+    lost = [what for what, has in held.items() if has and what not in set(kept)]
+    merged += [f"not written: {', '.join(lost)}"] if lost else []
     merged += [f"lengths are in {rig.unit}, and the format has metres"] if rig.unit != "m" else []
     return tuple(merged)
+
+
+def imu_poses(rig: Rig) -> list[Pose] | None:
+    """Return cam_from_imu of every camera if the pose of an IMU is known, else None.
+
+    It is if the rig frame is that of the IMU (Basalt), or if the cameras have `T_cam_imu` (Kalibr) that agree with the
+    poses of the rig.
+    """
+    if rig.provenance.get("rig_frame") == IMU:
+        return list(rig.sensor_from_rig)
+    given = [camera.extra.get("T_cam_imu") for camera in rig.cameras]
+    if any(rows is None for rows in given):
+        return None
+    cam_from_imu = [pose_of_rows(rows, f"{name}: T_cam_imu") for name, rows in zip(rig.names, given, strict=True)]
+    rig_from_imu = rig.sensor_from_rig[0].inverse() @ cam_from_imu[0]
+    poses = [pose @ rig_from_imu for pose in rig.sensor_from_rig]
+    agree = all(pose_difference(a, b) <= MAX_CONTRADICTION for a, b in zip(poses, cam_from_imu, strict=True))
+    return poses if agree else None
 
 
 def in_first_frame(rig: Rig) -> tuple[Rig, tuple[str, ...]]:
