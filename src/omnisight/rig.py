@@ -13,7 +13,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.rotation import hat
 from omnisight.ray_camera import RayCamera
-from omnisight.rig_overlap import in_field, overlap
+from omnisight.rig_overlap import overlap, sees
 
 Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
@@ -146,12 +146,9 @@ class Rig:
     def in_view(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (C, ...) which cameras have points (..., 3) in their image and calibrated field of view."""
         at = np.asarray(points, float)
-        pixels, valid = self.project(at)
-        in_image = [camera.in_image(p) for camera, p in zip(self.cameras, pixels, strict=True)]
-        in_field = [
-            in_field(camera, pose @ at) for camera, pose in zip(self.cameras, self.sensor_from_rig, strict=True)
-        ]
-        return valid & np.stack(in_image) & np.stack(in_field)
+        return np.stack(
+            [sees(camera, pose @ at) for camera, pose in zip(self.cameras, self.sensor_from_rig, strict=True)]
+        )
 
     @property
     def reference(self) -> str | None:
@@ -182,6 +179,14 @@ class Rig:
         covariance = seen_from_a.covariance
         block = None if covariance is None else covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6]
         return RelativePose(seen_from_a.sensor_from_rig[k], block)
+
+    def inverted(self) -> Self:
+        """Return the rig whose poses are the inverse: the fix of a file that holds rig_from_sensor as sensor_from_rig.
+
+        The covariance is dropped: it belongs to the other poses.
+        """
+        poses = tuple(pose.inverse() for pose in self.sensor_from_rig)
+        return dataclasses.replace(self, sensor_from_rig=poses, covariance=None)
 
     def replaced(self, sensor: int | str, camera: Sensor) -> Self:
         """Return the rig with another camera at the pose of one of its cameras."""

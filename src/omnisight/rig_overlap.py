@@ -54,10 +54,6 @@ def overlap(cameras: Sequence[Sensor], poses: Sequence[Pose], distance: float) -
 def sees(camera: Sensor, points: Array) -> NDArray[np.bool_]:
     """Return which points (..., 3) of the camera frame are in the image and in the calibrated field of view."""
     pixels, valid = camera.project(points)
-    return valid & camera.in_image(pixels) & in_field(camera, points)
-
-
-def in_field(camera: Sensor, points: Array) -> NDArray[np.bool_]:
-    """Return which points of the camera frame are in the calibrated field of view."""
     angle = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
-    return (angle >= camera.theta_min) & (angle <= (np.pi if camera.theta_max is None else camera.theta_max))
+    limit = np.pi if camera.theta_max is None else camera.theta_max
+    return valid & camera.in_image(pixels) & (angle >= camera.theta_min) & (angle <= limit)

@@ -227,6 +227,18 @@ def rig_format_names() -> tuple[str, ...]:
     return tuple(name for name in format_names() if hasattr(get_format(name), "parse_rig"))
 
 
+def is_rig_file(path: str | Path) -> bool:
+    """Return whether a file is of a format of rigs and holds several cameras; their poses may be missing or damaged."""
+    text = read_file(Path(path))
+    chosen = next((name for name in format_names() if get_format(name).matches(text)), None)
+    if chosen not in rig_format_names():
+        return False
+    try:
+        return len(load_rig(path)) > 1
+    except FormatError:
+        return len(load_all(path)) > 1
+
+
 def load_rig(path: str | Path) -> Rig:
     """Read a rig: cameras and their poses, from a file of any format that holds them.
 

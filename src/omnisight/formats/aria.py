@@ -23,7 +23,7 @@ TITLE = "Project Aria rig.json"
 SUFFIX = ".json"
 CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; device_from_camera, metres"
 MODELS = ("fisheye624",)
-PARAMS = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4")
+PARAMS: tuple[str, ...] = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2", "s1", "s2", "s3", "s4")
 KIND = "FISHEYE624"
 DESCRIPTION = "FISHEYE624: fx=fy, cx, cy, k0..k5, p0, p1, s0..s3"
 KNOWN = {"size", "params", "model", "device_from_camera"}
