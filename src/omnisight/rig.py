@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -183,10 +184,15 @@ class Rig:
     def inverted(self) -> Self:
         """Return the rig whose poses are the inverse: the fix of a file that holds rig_from_sensor as sensor_from_rig.
 
-        The covariance is dropped: it belongs to the other poses.
+        Of a file that holds the pose of each camera relative to the preceding one (`provenance["poses"]` is "chain"),
+        these are inverted. The covariance is dropped: it belongs to the other poses.
         """
-        poses = tuple(pose.inverse() for pose in self.sensor_from_rig)
-        return dataclasses.replace(self, sensor_from_rig=poses, covariance=None)
+        poses = [pose.inverse() for pose in self.sensor_from_rig]
+        if self.provenance.get("poses") == "chain":
+            poses = list(self.sensor_from_rig[:1])
+            for before, pose in pairwise(self.sensor_from_rig):
+                poses.append((pose @ before.inverse()).inverse() @ poses[-1])
+        return dataclasses.replace(self, sensor_from_rig=tuple(poses), covariance=None)
 
     def replaced(self, sensor: int | str, camera: Sensor) -> Self:
         """Return the rig with another camera at the pose of one of its cameras."""

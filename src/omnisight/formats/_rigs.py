@@ -35,9 +35,10 @@ def pose_of_rows(rows: Any, name: str) -> Pose:
     if not isinstance(rows, list) or len(rows) not in (3, 4):
         raise ValueError(f"{name} must have 4 rows of 4 numbers")
     matrix = np.array([numbers(row, name, 4) for row in rows])
+    rotation = rotation_matrix(matrix[:3, :3].tolist(), name)
     if len(matrix) == 4 and np.abs(matrix[3] - BOTTOM_ROW).max() > MAX_ROTATION_ERROR:
         raise ValueError(f"{name} must end with the row 0 0 0 1, got {matrix[3].tolist()}")
-    return Pose(rotation_matrix(matrix[:3, :3].tolist(), name), matrix[:3, 3])
+    return Pose(rotation, matrix[:3, 3])
 
 
 def rows_of_pose(pose: Pose) -> list[list[float]]:

@@ -1,6 +1,7 @@
 """Kalibr's camchain yaml, and EuRoC's sensor.yaml, which has the same fields."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -88,7 +89,7 @@ def parse_rig(text: str) -> Rig:
     shifts = [camera.extra.get("timeshift_cam_imu") for camera in cameras.values()]
     offsets = [] if None in shifts else [number(shift, "timeshift_cam_imu") for shift in shifts]
     sensors = {name: (camera, pose) for (name, camera), pose in zip(cameras.items(), poses, strict=True)}
-    return make_rig(sensors, offsets)
+    return replace(make_rig(sensors, offsets), provenance={"poses": "chain"})
 
 
 def _step(name: str, fields: Mapping[str, Any], previous: str, before: Mapping[str, Any]) -> Pose:
