@@ -28,9 +28,11 @@ from omnisight.pipeline.calibrate import calibrate as calibrate
 from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions as CalibrateLinesOptions
 from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_lines
 from omnisight.pipeline.calibration import Calibration as Calibration
+from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert import convert as convert
+from omnisight.pipeline.convert_rig import convert_rig as convert_rig
 from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect

@@ -320,3 +320,20 @@ def test_relative_poses_of_multical_refer_to_the_named_camera(tmp_path):
     }
     (tmp_path / "calibration.json").write_text(json.dumps(content))
     assert_same_rig(rig, load_rig(tmp_path / "calibration.json"))
+
+
+@pytest.mark.peer
+def test_pycolmap_reads_the_rig_of_colmap(tmp_path):
+    pycolmap = pytest.importorskip("pycolmap")
+    rig = rig_of("colmap_rig")
+    save(rig, tmp_path / "rig_config.json", format="colmap_rig")
+    (config,) = pycolmap.read_rig_config(tmp_path / "rig_config.json")
+    assert [camera.ref_sensor for camera in config.cameras] == [True, False, False]
+    points = np.random.default_rng(0).uniform((-1, -1, 2), (1, 1, 4), (20, 3))
+    pixels, valid = rig.project(points)
+    assert valid.all()
+    for k, theirs in enumerate(config.cameras):
+        pose = np.eye(4)[:3] if theirs.ref_sensor else theirs.cam_from_rig.matrix()
+        np.testing.assert_allclose(pose, rig.sensor_from_rig[k].matrix, atol=1e-12)
+        seen = theirs.camera.img_from_cam(points @ pose[:, :3].T + pose[:, 3])
+        np.testing.assert_allclose(seen - 0.5, pixels[k], atol=1e-6)
