@@ -47,8 +47,8 @@ EUROC = {"radial-tangential": "radtan"}
 KNOWN = {"camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "distortion_coefficients", "resolution"}
 # What a chain of one camera keeps; T_cn_cnm1 refers to the preceding camera.
 KEPT = ("rostopic", "T_cam_imu", "timeshift_cam_imu", "line_delay")
-# What a chain states anew, or which belongs to the position in it.
-DROPPED_SILENTLY = (*KEPT, "T_cn_cnm1", "cam_overlaps")
+# What a chain of several cameras holds.
+CHAIN_KEPT = (*KEPT, "T_cn_cnm1", "cam_overlaps")
 COMMENT = "# {}"
 READERS: Mapping[str, Reader] = {}  # not measured
 
@@ -119,7 +119,7 @@ def _step(name: str, fields: Mapping[str, Any], previous: str, before: Mapping[s
 
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the text of a chain of one camera."""
-    fields, notes = _fields(camera)
+    fields, notes = _fields(camera, KEPT)
     return _block("cam0", fields | kept_fields(camera, KEPT)), notes
 
 
@@ -129,7 +129,7 @@ def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
     text, notes = "", dict[str, tuple[str, ...]]()
     before = Pose()
     for i, (name, (camera, pose)) in enumerate(cameras_of(posed).items()):
-        fields, notes[name] = _fields(camera)
+        fields, notes[name] = _fields(camera, CHAIN_KEPT)
         fields |= kept_fields(camera, ("rostopic", "line_delay", "cam_overlaps"))
         if i:
             fields["T_cn_cnm1"] = rows_of_pose(pose @ before.inverse())
@@ -147,8 +147,8 @@ def _block(name: str, fields: Mapping[str, Any]) -> str:
     return f"{name}:\n{''.join(lines)}"
 
 
-def _fields(camera: Camera) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return the fields of a camera without poses, and what they do not hold."""
+def _fields(camera: Camera, kept: tuple[str, ...]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the fields of a camera without poses, and what a file with them and `kept` does not hold."""
     kind = next((kind for kind, lens in LENSES.items() if lens[0] == camera.model.name), ("pinhole", "none"))
     _, intrinsics, coefficients = LENSES[kind]
     exported = export(camera, MODELS, [*intrinsics.split(), *coefficients.split()])
@@ -160,7 +160,7 @@ def _fields(camera: Camera) -> tuple[dict[str, Any], tuple[str, ...]]:
         "distortion_coeffs": [values[name] for name in coefficients.split()],
         "resolution": list(exported.size),  # ... and anything else here
     }
-    _, notes = exported.result("", DROPPED_SILENTLY)
+    _, notes = exported.result("", kept)
     if kind[0] == "omni" and values["xi"] < 0:
         notes += ("Kalibr itself refuses an omni camera with xi < 0; its ds and eucm models hold such a lens",)
     return fields, notes

@@ -6,6 +6,7 @@ before; a file of ORB-SLAM2 has no type and is a pinhole.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from omnisight.camera import Camera
@@ -59,7 +60,7 @@ def parse(text: str) -> Mapping[str, Camera]:
         size = image_size(data.get("Camera.width"), data.get("Camera.height"))
     first = "Camera1" if "Camera1.fx" in data else "Camera"
     prefixes = {first: "camera1"} | ({"Camera2": "camera2"} if "Camera2.fx" in data else {})
-    used = {"Camera.type", "Camera.width", "Camera.height", STEREO}
+    used = {"Camera.type", "Camera.width", "Camera.height"}
     models = {name: _model(data, prefix, kind.lower(), used) for prefix, name in prefixes.items()}
     extra = unknown_fields(data, used)
     return {name: Camera(model, size, extra=extra) for name, model in models.items()}
@@ -70,8 +71,9 @@ def parse_rig(text: str) -> Rig:
     cameras, data = parse(text), read_map(text)
     if len(cameras) != 2 or STEREO not in data:
         raise ValueError(f"no rig: a stereo pair has Camera1, Camera2 and {STEREO}")
+    bare = [replace(camera, extra=unknown_fields(camera.extra, [STEREO])) for camera in cameras.values()]
     poses = (Pose(), pose_of_rows(data[STEREO], STEREO).inverse())
-    return make_rig(dict(zip(cameras, zip(cameras.values(), poses, strict=True), strict=True)))
+    return make_rig(dict(zip(cameras, zip(bare, poses, strict=True), strict=True)))
 
 
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
