@@ -8,8 +8,10 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion
 from omnisight.formats import FormatError, SaveResult, load_rig, rig_format_names, save
+from omnisight.models.ocam import Ocam
 from omnisight.pipeline.central_camera import central_approximation
 from omnisight.pipeline.convert import ConversionError, ConvertOptions, convert_camera, target_format
+from omnisight.pipeline.ocam_roll import with_upright_ocam
 from omnisight.rig import Rig
 
 
@@ -20,7 +22,8 @@ class ConvertRigResult:
     Attributes
     ----------
     source
-        The rig that was converted.
+        The rig that was converted; if its ocam cameras are fitted by other models, the rotation in their affine maps is
+        part of the poses.
     rig
         The rig that was written.
     conversions
@@ -66,6 +69,8 @@ def convert_rig(path: str | Path, options: ConvertOptions) -> ConvertRigResult:
     except FormatError as error:
         raise FormatError(f"{error}. To convert one of its cameras, specify --name") from error
     source = rig.inverted() if options.invert_extrinsics else rig
+    if Ocam.name not in target.MODELS or options.model not in (None, Ocam.name):
+        source = with_upright_ocam(source)
     cameras: list[Camera] = []
     conversions: list[Conversion | None] = []
     for name, sensor in zip(source.names, source.cameras, strict=True):
