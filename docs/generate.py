@@ -88,6 +88,17 @@ def formats() -> str:
     return "\n".join(lines)
 
 
+def rig_formats() -> str:
+    """Return the table of the formats that hold rigs."""
+    from omnisight.formats import rig_format_names
+
+    lines = ["| `--to` | format | file |", "|---|---|---|"]
+    for key in rig_format_names():
+        value = _formats()[key]
+        lines.append(f"| `{key}` | {_plain(value.TITLE)} | `{value.SUFFIX}` |")
+    return "\n".join(lines)
+
+
 def conventions() -> str:
     """Return the table of the conventions of each format."""
     lines = ["| format | convention |", "|---|---|"]
@@ -200,7 +211,7 @@ MARKS = {
     function.__name__: function
     for function in (
         *(models, ray_models, formats, corner_formats, conventions, readers, matrix, candidates, commands),
-        *(examples, api, members, image, file),
+        *(examples, api, members, image, file, rig_formats),
     )
 }
 

@@ -30,9 +30,11 @@ from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_line
 from omnisight.pipeline.calibrate_rig import calibrate_rig as calibrate_rig
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as CalibrateRigOptions
 from omnisight.pipeline.calibration import Calibration as Calibration
+from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert import convert as convert
+from omnisight.pipeline.convert_rig import convert_rig as convert_rig
 from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect

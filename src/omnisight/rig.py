@@ -3,7 +3,8 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Self
+from itertools import pairwise
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +12,29 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rays import Rays
+from omnisight.geometry.rotation import hat
 from omnisight.ray_camera import RayCamera
+from omnisight.rig_overlap import overlap, sees
 
 Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
+
+ROUNDING = 1e-12  # of the matrix of an identity that a program inverted and wrote
+
+
+class RelativePose(NamedTuple):
+    """Pose of one camera of a rig relative to another one.
+
+    Attributes
+    ----------
+    pose
+        b_from_a.
+    covariance
+        (6, 6) of the step (w, v) of `Pose.moved`, or None if unknown.
+    """
+
+    pose: Pose
+    covariance: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +147,64 @@ class Rig:
     def in_view(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return (C, ...) which cameras have points (..., 3) in their image and calibrated field of view."""
         at = np.asarray(points, float)
-        pixels, valid = self.project(at)
-        in_image = [camera.in_image(p) for camera, p in zip(self.cameras, pixels, strict=True)]
-        in_field = [
-            _in_field(camera, pose @ at) for camera, pose in zip(self.cameras, self.sensor_from_rig, strict=True)
-        ]
-        return valid & np.stack(in_image) & np.stack(in_field)
+        return np.stack(
+            [sees(camera, pose @ at) for camera, pose in zip(self.cameras, self.sensor_from_rig, strict=True)]
+        )
+
+    @property
+    def reference(self) -> str | None:
+        """The camera whose frame is the rig frame, or None."""
+        identity = Pose().matrix
+        is_identity = [np.allclose(pose.matrix, identity, rtol=0, atol=ROUNDING) for pose in self.sensor_from_rig]
+        return self.names[is_identity.index(True)] if any(is_identity) else None
+
+    def with_reference(self, sensor: int | str) -> Self:
+        """Return the same rig expressed in the frame of one of its cameras, whose covariance becomes zero.
+
+        The covariance is propagated to first order: sensor_from_ref = sensor_from_rig @ rig_from_ref depends on the
+        steps of both poses.
+        """
+        ref = self.index(sensor)
+        rig_from_ref = self.sensor_from_rig[ref].inverse()
+        poses = [pose @ rig_from_ref for pose in self.sensor_from_rig]
+        poses[ref] = Pose()
+        covariance = self.covariance
+        if covariance is not None:
+            jacobian = _reference_jacobian(poses, self.sensor_from_rig[ref].translation, ref)
+            covariance = jacobian @ covariance @ jacobian.T
+        return dataclasses.replace(self, sensor_from_rig=tuple(poses), covariance=covariance)
+
+    def relative_pose(self, a: int | str, b: int | str) -> RelativePose:
+        """Return b_from_a of two cameras with its covariance."""
+        k, seen_from_a = self.index(b), self.with_reference(a)
+        covariance = seen_from_a.covariance
+        block = None if covariance is None else covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6]
+        return RelativePose(seen_from_a.sensor_from_rig[k], block)
+
+    def inverted(self) -> Self:
+        """Return the rig whose poses are the inverse: the fix of a file that holds rig_from_sensor as sensor_from_rig.
+
+        Of a file that holds the pose of each camera relative to the preceding one (`provenance["poses"]` is "chain"),
+        these are inverted. The covariance is dropped: it belongs to the other poses.
+        """
+        poses = [pose.inverse() for pose in self.sensor_from_rig]
+        if self.provenance.get("poses") == "chain":
+            poses = list(self.sensor_from_rig[:1])
+            for before, pose in pairwise(self.sensor_from_rig):
+                poses.append((pose @ before.inverse()).inverse() @ poses[-1])
+        return dataclasses.replace(self, sensor_from_rig=tuple(poses), covariance=None)
+
+    def replaced(self, sensor: int | str, camera: Sensor) -> Self:
+        """Return the rig with another camera at the pose of one of its cameras."""
+        k = self.index(sensor)
+        return dataclasses.replace(self, cameras=(*self.cameras[:k], camera, *self.cameras[k + 1 :]))
+
+    def overlap(self, distance: float = float("inf")) -> Array:
+        """Return (C, C) the share of the field of view of camera i (row) that camera j (column) sees at a distance.
+
+        Bearings are sampled uniformly on the sphere around camera i; `distance` is in the unit of the rig.
+        """
+        return overlap(self.cameras, self.sensor_from_rig, distance)
 
     def scaled(self, factor: float) -> Self:
         """Return the rig for images resized by a factor."""
@@ -162,7 +234,17 @@ class Rig:
         )
 
 
-def _in_field(camera: Sensor, points: Array) -> NDArray[np.bool_]:
-    """Return which points of the camera frame are in the calibrated field of view."""
-    angle = np.arctan2(np.hypot(points[..., 0], points[..., 1]), points[..., 2])
-    return (angle >= camera.theta_min) & (angle <= (np.pi if camera.theta_max is None else camera.theta_max))
+def _reference_jacobian(poses: Sequence[Pose], translation: Array, ref: int) -> Array:
+    """Return the derivative of the steps of sensor_from_ref by those of sensor_from_rig.
+
+    With R, t of sensor_from_ref and the translation t_ref of ref_from_rig: w' = w - R w_ref and
+    v' = v - R v_ref + [R t_ref]x w'.
+    """
+    jacobian = np.eye(6 * len(poses))
+    for k, pose in enumerate(poses):
+        rows, lever = slice(6 * k, 6 * k + 6), hat(pose.rotation @ translation)
+        own = np.block([[np.eye(3), np.zeros((3, 3))], [lever, np.eye(3)]])
+        turn = np.block([[pose.rotation, np.zeros((3, 3))], [np.zeros((3, 3)), pose.rotation]])
+        jacobian[rows, rows] = own
+        jacobian[rows, 6 * ref : 6 * ref + 6] -= own @ turn
+    return jacobian

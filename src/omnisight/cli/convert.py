@@ -8,6 +8,8 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from omnisight.camera import Camera
     from omnisight.conversion import Conversion
+    from omnisight.formats import SaveResult
+    from omnisight.pipeline.convert import ConvertOptions
 
 
 def convert(
@@ -22,8 +24,9 @@ def convert(
     max_theta: float | None = None,
     max_error: float = 1.0,
     force: bool = False,
+    invert_extrinsics: bool = False,
 ) -> None:
-    """Write a camera in another format, in another camera model if necessary, and print the error.
+    """Write a camera or a rig in another format, in another camera model if necessary, and print the error.
 
     Parameters
     ----------
@@ -37,7 +40,7 @@ def convert(
     output
         The file to write; by default beside the input.
     name
-        The camera to convert if the file holds several.
+        The camera to convert if the file holds several; by default the rig of all of them.
     distance
         The distance of the scene from a non-central camera, with its unit (2m, or inf). The central camera that fits
         there is written.
@@ -47,20 +50,54 @@ def convert(
         The largest error with which a file is written, px.
     force
         Write the file whatever its error.
+    invert_extrinsics
+        Of a rig: use the inverse of the poses in the file; `inspect --images` checks them.
     """
+    from omnisight.formats import is_rig_file
     from omnisight.pipeline.convert import ConversionError, ConvertOptions
     from omnisight.pipeline.convert import convert as convert_file
 
-    options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force)
+    options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force, invert_extrinsics)
+    if name is None and is_rig_file(camera):
+        _convert_rig(camera, options)
+        return
     try:
         result = convert_file(camera, options)
     except ConversionError as error:
         _print_conversion(error.source, error.conversion, distance)
         raise
     _print_conversion(result.source, result.conversion, distance)
-    print(f"written     {result.written.path}; reads back within {result.written.error_px:.2g} px")
-    print(f"convention  {result.convention}")
-    for note in result.written.notes:
+    _print_written(result.written, result.convention)
+
+
+def _convert_rig(path: Path, options: "ConvertOptions") -> None:
+    from omnisight.pipeline.convert import ConversionError
+    from omnisight.pipeline.convert_rig import convert_rig
+
+    try:
+        result = convert_rig(path, options)
+    except ConversionError as error:
+        _print_conversion(error.source, error.conversion, None)
+        raise
+    rig = result.source
+    width = max(6, *map(len, rig.names))
+    print(f"{'camera':<{width}}  {'model':<42}  error px  error deg")
+    for name, camera, conversion in zip(rig.names, rig.cameras, result.conversions, strict=True):
+        if conversion is None:
+            print(f"{name:<{width}}  {f'{camera.model.name}, unchanged':<42}  {0:8}  {0:9}")
+            continue
+        model = f"{camera.model.name} -> {conversion.camera.model.name}"
+        print(f"{name:<{width}}  {model:<42}  {conversion.max_px:8.3g}  {conversion.max_deg:9.3g}")
+    if options.invert_extrinsics:
+        print("poses       inverted")
+    _print_written(result.written, result.convention, rig.unit)
+
+
+def _print_written(written: "SaveResult", convention: str, unit: str | None = None) -> None:
+    poses = "" if unit is None else f", {written.rotation_deg:.2g} deg, {written.translation:.2g} {unit}"
+    print(f"written     {written.path}; reads back within {written.error_px:.2g} px{poses}")
+    print(f"convention  {convention}")
+    for note in written.notes:
         print(f"note        {note}")
 
 

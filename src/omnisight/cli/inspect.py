@@ -1,7 +1,9 @@
 """omnisight inspect."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from omnisight.camera import Camera
@@ -13,8 +15,18 @@ MAX_LISTED_PARAMETERS = 16
 MAX_VALUE_CHARS = 90
 
 
-def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None, json: bool = False) -> None:
+def inspect(
+    camera: Path,
+    /,
+    *,
+    name: str | None = None,
+    svg: Path | None = None,
+    images: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
+    json: bool = False,
+) -> None:
     """Print what a calibration file holds: model, image size, field of view, focal length, conventions, r(theta).
+
+    Of a rig, it also prints the poses and the overlap of the cameras.
 
     Parameters
     ----------
@@ -24,11 +36,18 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
         The camera to print if the file holds several; by default all of them.
     svg
         Draw r(theta) into this file.
+    images
+        Of a rig: a simultaneous image of each camera, in the order of the cameras. Their matches show whether the
+        extrinsics are inverted.
     json
-        Print the cameras as omnisight's own JSON, one object by name.
+        Print the cameras as omnisight's own JSON, one object by name; with `--images`, the check of the extrinsics.
     """
+    from omnisight.formats import load_rig
     from omnisight.pipeline.inspect import inspect as inspect_file
 
+    if images:
+        _check_images(camera, images, json)
+        return
     descriptions = inspect_file(camera, name=name)
     if json:
         import json as text
@@ -41,6 +60,15 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
         if len(descriptions) > 1:
             print(f"== {key}")
         _print_description(description, camera)
+    if name is None and len(descriptions) > 1:
+        from omnisight.cli._inspect_rig_report import print_rig
+
+        try:
+            rig = load_rig(camera)
+        except ValueError as error:
+            print(f"== poses not read: {error}")
+        else:
+            print_rig(rig)
     if svg is not None:
         profile = next(iter(descriptions.values())).profile
         if profile is None:
@@ -50,6 +78,23 @@ def inspect(camera: Path, /, *, name: str | None = None, svg: Path | None = None
 
         write_bytes(svg, profile_svg(profile).encode())
         print(f"written: {svg}")
+
+
+def _check_images(path: Path, images: tuple[Path, ...], as_json: bool) -> None:
+    """Check the extrinsics of a rig by images, and print the result."""
+    from omnisight.cli._inspect_rig_report import check_data, print_check, print_rig
+    from omnisight.formats import load_rig
+    from omnisight.pipeline.check_extrinsics import check_extrinsics
+
+    rig = load_rig(path)
+    check = check_extrinsics(rig, images)
+    if as_json:
+        import json
+
+        print(json.dumps(check_data(check), indent=2))
+        return
+    print_rig(rig)
+    print_check(check, path)
 
 
 def _print_description(description: "CameraDescription", path: Path) -> None:

@@ -4,7 +4,16 @@ Formats are discovered by these files. The content of a file determines its form
 """
 
 from omnisight.formats._protocol import Format, FormatError, SaveResult
-from omnisight.formats._registry import format_names, get_format, load, load_all, load_rig, save
+from omnisight.formats._registry import (
+    format_names,
+    get_format,
+    is_rig_file,
+    load,
+    load_all,
+    load_rig,
+    rig_format_names,
+    save,
+)
 
 __all__ = [
     "Format",
@@ -12,8 +21,10 @@ __all__ = [
     "SaveResult",
     "format_names",
     "get_format",
+    "is_rig_file",
     "load",
     "load_all",
     "load_rig",
+    "rig_format_names",
     "save",
 ]

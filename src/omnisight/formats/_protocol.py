@@ -26,11 +26,15 @@ class SaveResult:
         The largest difference (px) over the image between the camera and the file that was written.
     notes
         What the format cannot hold, and where its reader stops or errs, one sentence each.
+    rotation_deg, translation
+        Of a rig: the largest differences of its poses relative to the first camera, degrees and the unit of the rig.
     """
 
     path: Path
     error_px: float
     notes: tuple[str, ...] = field(default=())
+    rotation_deg: float = 0.0
+    translation: float = 0.0
 
 
 class Format(Protocol):
@@ -85,7 +89,7 @@ class Format(Protocol):
 
 
 class RigFormat(Format, Protocol):
-    """A calibration format that also holds the poses of several cameras."""
+    """A calibration format that also holds the poses of several cameras: a module that has these functions too."""
 
     def parse_rig(self, text: str) -> Rig:
         """Return the rig of a file.
@@ -94,5 +98,15 @@ class RigFormat(Format, Protocol):
         ------
         ValueError
             If the file is damaged, or its cameras have no poses.
+        """
+        ...
+
+    def serialize_rig(self, rig: Rig) -> tuple[str, tuple[str, ...]]:
+        """Return the text of a file that holds the rig, and what it does not hold, one sentence each.
+
+        Raises
+        ------
+        ValueError
+            If the format cannot hold the rig.
         """
         ...

@@ -1,7 +1,6 @@
 """Find the format of a file, read and write calibration files."""
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
@@ -15,6 +14,7 @@ from omnisight.formats._export import max_difference_px
 from omnisight.formats._files import encode, read_file
 from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResult
 from omnisight.formats._readers import reader_note
+from omnisight.geometry.rotation import log
 from omnisight.images import write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
@@ -132,7 +132,7 @@ def save(
     Parameters
     ----------
     camera
-        The camera or rig to write; only the native format holds rigs.
+        The camera or rig to write; `rig_format_names()` are the formats that hold rigs.
     path
         The file to write.
     format
@@ -149,7 +149,7 @@ def save(
     name = format_of_suffix(path) if format is None else format
     chosen = get_format(name)
     if isinstance(camera, Rig):
-        return _save_rig(camera, Path(path), chosen, name)
+        return _save_rig(camera, Path(path), chosen, max_error)
     if isinstance(camera, RayCamera):
         return _save_rays(camera, Path(path), chosen, name)
     try:
@@ -187,27 +187,68 @@ def _save_rays(camera: RayCamera, path: Path, chosen: Format, format: str) -> Sa
     return SaveResult(path, 0.0, notes)
 
 
-def _save_rig(rig: Rig, path: Path, chosen: Format, format: str) -> SaveResult:
-    """Write a rig, which only the native format holds."""
-    if format != "native":
-        raise FormatError(f"{path}: {chosen.TITLE} is written for single cameras: save the rig as native (.json)")
-    from omnisight.formats.native import rig_to_json
+def _save_rig(rig: Rig, path: Path, chosen: Format, max_error: float) -> SaveResult:
+    """Write a rig, read it back, and compare the cameras and their poses relative to the first one."""
+    if not hasattr(chosen, "serialize_rig"):
+        raise FormatError(f"{path}: {chosen.TITLE} holds no rigs; formats of rigs: {', '.join(rig_format_names())}")
+    rig_format = cast(RigFormat, chosen)
+    try:
+        text, notes = rig_format.serialize_rig(rig)
+        again = rig_format.parse_rig(text)
+    except ValueError as error:
+        raise FormatError(f"{path}: {chosen.TITLE} of a rig: {error}") from error
+    pixels = [_sensor_difference_px(a, b) for a, b in zip(rig.cameras, again.cameras, strict=True)]
+    angle, length = _pose_differences(rig, again)
+    if max(pixels) > max_error:
+        raise FormatError(
+            f"{path}: {chosen.TITLE}: reads back {max(pixels):.3g} px off, {max_error:g} allowed; nothing was written"
+        )
+    _write(path, text)
+    return SaveResult(path, max(pixels), notes, angle, length)
 
-    _write(path, json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n")
-    return SaveResult(path, 0.0)
+
+def _sensor_difference_px(camera: Camera | RayCamera, other: Camera | RayCamera) -> float:
+    """Return the largest distance between the pixels of two cameras; of non-central ones, whether they are equal."""
+    if isinstance(camera, Camera) and isinstance(other, Camera):
+        return difference_px(camera, other)
+    return 0.0 if np.array_equal(camera.model.params, other.model.params) else np.inf
+
+
+def _pose_differences(rig: Rig, other: Rig) -> tuple[float, float]:
+    """Return the largest differences (degrees, length) of the poses relative to the first camera."""
+    pairs = list(zip(rig.with_reference(0).sensor_from_rig, other.with_reference(0).sensor_from_rig, strict=True))
+    angles = [np.linalg.norm(log(a.rotation @ b.rotation.T)) for a, b in pairs]
+    lengths = [np.linalg.norm(a.translation - b.translation) for a, b in pairs]
+    return float(np.degrees(max(angles))), float(max(lengths))
+
+
+def rig_format_names() -> tuple[str, ...]:
+    """Return the names of the formats that hold rigs, sorted."""
+    return tuple(name for name in format_names() if hasattr(get_format(name), "parse_rig"))
+
+
+def is_rig_file(path: str | Path) -> bool:
+    """Return whether a file is of a format of rigs and holds several cameras; their poses may be missing or damaged."""
+    text = read_file(Path(path))
+    chosen = next((name for name in format_names() if get_format(name).matches(text)), None)
+    if chosen not in rig_format_names():
+        return False
+    try:
+        return len(load_rig(path)) > 1
+    except FormatError:
+        return len(load_all(path)) > 1
 
 
 def load_rig(path: str | Path) -> Rig:
-    """Read a rig: cameras and their poses, from omnisight's JSON or a Kalibr camchain.
+    """Read a rig: cameras and their poses, from a file of any format that holds them.
 
     Raises
     ------
     FormatError
-        If the file is not a rig, or is damaged.
+        If the file is not a rig, is damaged, or its extrinsics contradict each other, as inverted ones do.
     """
     text = read_file(Path(path))
-    rig_formats = [name for name in format_names() if hasattr(get_format(name), "parse_rig")]
-    for name in rig_formats:
+    for name in rig_format_names():
         chosen = cast(RigFormat, get_format(name))
         if not chosen.matches(text):
             continue
@@ -216,7 +257,7 @@ def load_rig(path: str | Path) -> Rig:
         except PARSE_ERRORS as error:
             raise FormatError(f"{path}: {chosen.TITLE} of a rig: {parse_error_message(error)}") from error
         return dataclasses.replace(rig, provenance={"file": Path(path).name, "format": name, **rig.provenance})
-    raise FormatError(f"{path}: not a rig; formats of rigs: {', '.join(rig_formats)}")
+    raise FormatError(f"{path}: not a rig; formats of rigs: {', '.join(rig_format_names())}")
 
 
 def _write(path: str | Path, text: str) -> None:

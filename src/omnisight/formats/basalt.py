@@ -2,12 +2,23 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
-from omnisight.formats._export import export, unknown_fields
+from omnisight.formats._export import export, known_size, unknown_fields
 from omnisight.formats._readers import Reader
+from omnisight.formats._rigs import (
+    IMU,
+    cameras_of,
+    check_count,
+    imu_poses,
+    make_rig,
+    pose_of_quaternion,
+    quaternion,
+    rig_notes,
+)
 from omnisight.formats._values import (
     alpha_from_unified,
     build,
@@ -18,7 +29,9 @@ from omnisight.formats._values import (
     unified_from_alpha,
 )
 from omnisight.formats._yaml import read_map
+from omnisight.geometry.pose import Pose
 from omnisight.models import CameraModel
+from omnisight.rig import Rig
 
 TITLE = "Basalt calibration.json"
 SUFFIX = ".json"
@@ -34,6 +47,7 @@ LENSES = {
 MODELS = tuple(model for model, _ in LENSES.values())
 PLANE = ("fx", "fy", "cx", "cy")
 AT_IMU = {"px": 0.0, "py": 0.0, "pz": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0, "qw": 1.0}
+NO_IMU = "Basalt's odometry also needs the fields of the IMU, which are not written"
 COMMENT = ""
 READERS: Mapping[str, Reader] = {}  # not measured
 
@@ -65,8 +79,44 @@ def parse(text: str) -> Mapping[str, Camera]:
     return cameras
 
 
+def parse_rig(text: str) -> Rig:
+    """Return the rig of a file in the frame of the IMU."""
+    cameras = parse(text)
+    check_count(len(cameras))
+    sensors: dict[str, tuple[Camera, Pose]] = {}
+    for name, camera in cameras.items():
+        if "T_imu_cam" not in camera.extra:
+            raise ValueError(f"{name}: no pose in T_imu_cam")
+        sensors[name] = camera, _pose(camera.extra["T_imu_cam"], f"{name}: T_imu_cam").inverse()
+    return replace(make_rig(sensors), provenance={"rig_frame": IMU})
+
+
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the text of one camera, at the IMU unless its file held a pose."""
+    lens, notes = _lens(camera)
+    size = list(known_size(camera))
+    content = {"T_imu_cam": [camera.extra.get("T_imu_cam", AT_IMU)], "intrinsics": [lens], "resolution": [size]}
+    return json.dumps({"value0": content}, indent=2) + "\n", (NO_IMU, *notes)
+
+
+def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a rig; without a known IMU, the rig frame takes its place. The cameras are numbered."""
+    poses, notes = imu_poses(rig), dict[str, tuple[str, ...]]()
+    frame_note = () if poses is not None else ("the pose of the IMU is not known: T_imu_cam is rig_from_cam",)
+    lenses: list[dict[str, Any]] = []
+    for name, (camera, _) in cameras_of(rig).items():
+        lens, notes[name] = _lens(camera)
+        lenses.append(lens)
+    content: dict[str, Any] = {
+        "T_imu_cam": [_seven(pose.inverse()) for pose in poses or rig.sensor_from_rig],
+        "intrinsics": lenses,
+        "resolution": [list(camera.size) for camera in rig.cameras],
+    }
+    return json.dumps({"value0": content}, indent=2) + "\n", (NO_IMU, *frame_note, *rig_notes(rig, notes))
+
+
+def _lens(camera: Camera) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the entry of `intrinsics` of a camera and what it does not hold."""
     exported = export(camera, MODELS)
     values = exported.values
     kind = next(kind for kind, (model, _) in LENSES.items() if model == camera.model.name)
@@ -78,14 +128,19 @@ def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     if kind == "fov":
         values["w"] = values["omega"]
     names = (*PLANE, *LENSES[kind][1].split())
-    content: dict[str, Any] = {
-        "T_imu_cam": [camera.extra.get("T_imu_cam", AT_IMU)],
-        "intrinsics": [{"camera_type": kind, "intrinsics": {name: values[name] for name in names}}],
-        "resolution": [list(exported.size)],
-    }
-    notes += ("Basalt's odometry also needs the fields of the IMU, which are not written",)
-    text, others = exported.result(json.dumps({"value0": content}, indent=2) + "\n", ("T_imu_cam",))
-    return text, notes + others
+    entry = {"camera_type": kind, "intrinsics": {name: values[name] for name in names}}
+    return entry, notes + exported.result("", ("T_imu_cam",))[1]
+
+
+def _pose(entry: Any, name: str) -> Pose:
+    """Return the pose of an entry of `T_imu_cam`."""
+    values = [number(mapping(entry, name).get(key), f"{name} {key}") for key in AT_IMU]
+    return pose_of_quaternion(values[3:], values[:3], name)
+
+
+def _seven(pose: Pose) -> dict[str, float]:
+    """Return the entry of `T_imu_cam` of a pose."""
+    return dict(zip(AT_IMU, (*pose.translation.tolist(), *quaternion(pose)), strict=True))
 
 
 def _model(lens: Any, name: str) -> CameraModel:

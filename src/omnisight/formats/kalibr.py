@@ -1,16 +1,27 @@
 """Kalibr's camchain yaml, and EuRoC's sensor.yaml, which has the same fields."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
-
-import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, kept_fields, unknown_fields
 from omnisight.formats._readers import Reader
-from omnisight.formats._values import build_with_zeros, image_size, number, numbers, rotation_matrix
+from omnisight.formats._rigs import (
+    TIME_OFFSETS,
+    cameras_of,
+    check_count,
+    imu_poses,
+    in_first_frame,
+    is_inverted,
+    make_rig,
+    pose_of_rows,
+    rig_notes,
+    rows_of_pose,
+)
+from omnisight.formats._values import build_with_zeros, image_size, number, numbers
 from omnisight.formats._yaml import flow, read_map
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
@@ -36,6 +47,8 @@ EUROC = {"radial-tangential": "radtan"}
 KNOWN = {"camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "distortion_coefficients", "resolution"}
 # What a chain of one camera keeps; T_cn_cnm1 refers to the preceding camera.
 KEPT = ("rostopic", "T_cam_imu", "timeshift_cam_imu", "line_delay")
+# What a chain of several cameras holds.
+CHAIN_KEPT = (*KEPT, "T_cn_cnm1", "cam_overlaps")
 COMMENT = "# {}"
 READERS: Mapping[str, Reader] = {}  # not measured
 
@@ -69,33 +82,73 @@ def parse_rig(text: str) -> Rig:
     cameras = parse(text)
     if len(cameras) < 2:
         raise ValueError("holds one camera, which is no rig")
+    check_count(len(cameras))
     poses = [Pose()]
-    names = list(cameras)
-    for previous, name in pairwise(names):
-        fields, before = cameras[name].extra, cameras[previous].extra
-        if "T_cn_cnm1" in fields:
-            step = _pose(fields["T_cn_cnm1"], f"{name}: T_cn_cnm1")
-        elif "T_cam_imu" in fields and "T_cam_imu" in before:
-            imu_from_previous = _pose(before["T_cam_imu"], f"{previous}: T_cam_imu").inverse()
-            step = _pose(fields["T_cam_imu"], f"{name}: T_cam_imu") @ imu_from_previous
-        else:
+    for previous, name in pairwise(cameras):
+        poses.append(_step(name, cameras[name].extra, previous, cameras[previous].extra) @ poses[-1])
+    shifts = [camera.extra.get("timeshift_cam_imu") for camera in cameras.values()]
+    offsets = [] if None in shifts else [number(shift, "timeshift_cam_imu") for shift in shifts]
+    sensors = {name: (camera, pose) for (name, camera), pose in zip(cameras.items(), poses, strict=True)}
+    return replace(make_rig(sensors, offsets), provenance={"poses": "chain"})
+
+
+def _step(name: str, fields: Mapping[str, Any], previous: str, before: Mapping[str, Any]) -> Pose:
+    """Return the pose of a camera relative to the preceding one; raise ValueError if the file contradicts itself."""
+    given = pose_of_rows(fields["T_cn_cnm1"], f"{name}: T_cn_cnm1") if "T_cn_cnm1" in fields else None
+    if "T_cam_imu" not in fields or "T_cam_imu" not in before:
+        if given is None:
             raise ValueError(f"{name}: neither T_cn_cnm1 nor T_cam_imu: its pose is unknown")
-        poses.append(step @ poses[-1])
-    return Rig(tuple(cameras.values()), tuple(poses), tuple(names))
-
-
-def _pose(rows: Any, name: str) -> Pose:
-    """Return the pose of a matrix (4, 4), given as 4 rows or as 16 numbers."""
-    if isinstance(rows, list) and len(rows) == 16:
-        rows = [rows[i : i + 4] for i in range(0, 16, 4)]
-    if not isinstance(rows, list) or len(rows) != 4:
-        raise ValueError(f"{name} must have 4 rows of 4 numbers")
-    matrix = np.array([numbers(row, name, 4) for row in rows])
-    return Pose(rotation_matrix(matrix[:3, :3].tolist(), name), matrix[:3, 3])
+        return given
+    now = pose_of_rows(fields["T_cam_imu"], f"{name}: T_cam_imu")
+    then = pose_of_rows(before["T_cam_imu"], f"{previous}: T_cam_imu")
+    if given is None:
+        return now @ then.inverse()
+    if is_inverted(given, now @ then.inverse()):
+        raise ValueError(
+            f"the extrinsics of {name} are inverted: T_cn_cnm1 maps points of {name} to {previous}, as T_cam_imu of"
+            f" both shows, and must map points of {previous} to {name}: use its inverse, or remove the line"
+        )
+    if is_inverted(given.inverse(), now.inverse() @ then):
+        raise ValueError(
+            f"the extrinsics of {previous} and {name} are inverted: T_cam_imu maps points of the cameras to the IMU, as"
+            f" T_cn_cnm1 of {name} shows, and must map points of the IMU to the cameras: use the inverse of each"
+            " T_cam_imu"
+        )
+    return given
 
 
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the text of a chain of one camera."""
+    fields, notes = _fields(camera, KEPT)
+    return _block("cam0", fields | kept_fields(camera, KEPT)), notes
+
+
+def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a chain, with `T_cam_imu` if the pose of the IMU is known; the cameras are numbered."""
+    cam_from_imu, (posed, frame_note) = imu_poses(rig), in_first_frame(rig)
+    text, notes = "", dict[str, tuple[str, ...]]()
+    before = Pose()
+    for i, (name, (camera, pose)) in enumerate(cameras_of(posed).items()):
+        fields, notes[name] = _fields(camera, CHAIN_KEPT)
+        fields |= kept_fields(camera, ("rostopic", "line_delay", "cam_overlaps"))
+        if i:
+            fields["T_cn_cnm1"] = rows_of_pose(pose @ before.inverse())
+        if cam_from_imu is not None:
+            fields["T_cam_imu"] = rows_of_pose(cam_from_imu[i])
+        if rig.time_offsets:
+            fields["timeshift_cam_imu"] = rig.time_offsets[i]
+        text, before = text + _block(f"cam{i}", fields), pose
+    return text, frame_note + rig_notes(rig, notes, (TIME_OFFSETS,))
+
+
+def _block(name: str, fields: Mapping[str, Any]) -> str:
+    """Return the lines of a camera."""
+    lines = (f"  {key}: {value if isinstance(value, str) else flow(value)}\n" for key, value in fields.items())
+    return f"{name}:\n{''.join(lines)}"
+
+
+def _fields(camera: Camera, kept: tuple[str, ...]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the fields of a camera without poses, and what a file with them and `kept` does not hold."""
     kind = next((kind for kind, lens in LENSES.items() if lens[0] == camera.model.name), ("pinhole", "none"))
     _, intrinsics, coefficients = LENSES[kind]
     exported = export(camera, MODELS, [*intrinsics.split(), *coefficients.split()])
@@ -106,13 +159,11 @@ def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
         "distortion_model": kind[1],
         "distortion_coeffs": [values[name] for name in coefficients.split()],
         "resolution": list(exported.size),  # ... and anything else here
-        **kept_fields(camera, KEPT),
     }
-    body = "".join(f"  {key}: {value if isinstance(value, str) else flow(value)}\n" for key, value in fields.items())
-    text, notes = exported.result(f"cam0:\n{body}", KEPT)
+    _, notes = exported.result("", kept)
     if kind[0] == "omni" and values["xi"] < 0:
         notes += ("Kalibr itself refuses an omni camera with xi < 0; its ds and eucm models hold such a lens",)
-    return text, notes
+    return fields, notes
 
 
 def _camera(fields: Mapping[str, Any]) -> Camera:

@@ -249,6 +249,11 @@ def rig_to_json(rig: Rig) -> dict[str, Any]:
     }
 
 
+def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a rig; nothing is lost."""
+    return json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n", ()
+
+
 def serialize(camera: Camera | RayCamera) -> tuple[str, tuple[str, ...]]:
     """Return the text; nothing is lost."""
     return json.dumps(to_json(camera), indent=2, allow_nan=False) + "\n", ()

@@ -12,13 +12,18 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from omnisight.camera import Camera
 from omnisight.formats._detect import is_json_with
 from omnisight.formats._export import check_whole_sphere, export, kept_fields, unknown_fields
 from omnisight.formats._limits import MAX_DISTINCT_CAMERAS
 from omnisight.formats._readers import Reader
+from omnisight.formats._rigs import cameras_of, check_count, make_rig, pose_of_rows, rig_notes, rows_of_pose
 from omnisight.formats._values import HALF_PIXEL, build, build_with_zeros, image_size, number, whole_sphere
 from omnisight.formats._yaml import read_map
+from omnisight.geometry.pose import Pose
+from omnisight.rig import Rig
 
 TITLE = "nerfstudio transforms.json"
 SUFFIX = ".json"
@@ -40,6 +45,7 @@ PLANE = ("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x", "camera_angle_y
 COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
 KNOWN = {*PLANE, *COEFFICIENTS, "camera_model", "is_fisheye"}
 KEPT = ("frames", "fisheye_crop_radius", "applied_transform", "applied_scale", "ply_file_path", "orientation_override")
+AXES = np.diag([1.0, -1.0, -1.0])  # our axes from OpenGL's
 COMMENT = ""
 READERS: Mapping[str, Reader] = {}  # not measured
 
@@ -79,8 +85,71 @@ def parse(text: str) -> Mapping[str, Camera]:
     return cameras
 
 
+def parse_rig(text: str) -> Rig:
+    """Return the rig of a file of one instant: each frame is another camera and has its own intrinsics."""
+    data = read_map(text)
+    frames = data.get("frames")
+    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+        raise ValueError("no rig: frames must be a list of images with a transform_matrix")
+    if not all(_has_camera(frame) for frame in frames):
+        raise ValueError(
+            "no rig: its frames share one camera, so they are images of a moving camera; in a rig each frame"
+            " has its own fl_x, fl_y, cx, cy, w and h"
+        )
+    check_count(len(frames))
+    kind = data.get("camera_model", "OPENCV")
+    names = _frame_names(frames)
+    sensors: dict[str, tuple[Camera, Pose]] = {}
+    for name, frame in zip(names, frames, strict=True):
+        try:
+            own = {key: value for key, value in (data | frame).items() if key in KNOWN}
+            path = {"file_path": frame["file_path"]} if "file_path" in frame else {}
+            camera = _camera(own, frame.get("camera_model", kind), path)
+            sensors[name] = (
+                camera,
+                Pose(AXES) @ pose_of_rows(frame.get("transform_matrix"), "transform_matrix").inverse(),
+            )
+        except ValueError as error:
+            raise ValueError(f"frame {name[:60]!r}: {error}") from error
+    return make_rig(sensors)
+
+
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the text of the camera with the frames that its file held."""
+    fields, notes = _fields(camera)
+    fields |= {"frames": []} | kept_fields(camera, KEPT)
+    notes += () if "frames" in camera.extra else ("no frames are written: their poses are not known",)
+    return json.dumps(fields, indent=2) + "\n", notes
+
+
+def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a rig at one instant, a frame for each camera; the world is the rig frame."""
+    frames: list[dict[str, Any]] = []
+    notes: dict[str, tuple[str, ...]] = {}
+    for name, (camera, pose) in cameras_of(rig).items():
+        fields, notes[name] = _fields(camera)
+        path = camera.extra.get("file_path", f"images/{name}.jpg")
+        frames.append({"file_path": path, **fields, "transform_matrix": rows_of_pose((Pose(AXES) @ pose).inverse())})
+    kinds = {frame["camera_model"] for frame in frames}
+    if len(kinds) > 1:
+        raise ValueError(f"holds one camera model, and the rig has {', '.join(sorted(kinds))}: specify --model")
+    for frame in frames:
+        del frame["camera_model"]
+    return json.dumps({"camera_model": kinds.pop(), "frames": frames}, indent=2) + "\n", rig_notes(rig, notes)
+
+
+def _frame_names(frames: list[dict[str, Any]]) -> list[str]:
+    """Return names of frames from their files: without folder and ending if these are unique, else the whole path."""
+    paths = [str(frame.get("file_path", f"frame{i}")) for i, frame in enumerate(frames)]
+    stems = [path.rpartition("/")[2].rpartition(".")[0] or path for path in paths]
+    names = stems if len(set(stems)) == len(stems) else paths
+    if len(set(names)) < len(names):
+        raise ValueError(f"duplicate file_path {next(n for n in names if names.count(n) > 1)[:60]!r}")
+    return names
+
+
+def _fields(camera: Camera) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the fields of a camera and what they do not hold."""
     kind, names = LENSES.get(camera.model.name, ("", ()))
     exported = export(camera, MODELS, ["fx", "fy", "cx", "cy", *names])
     (width, height), values = exported.size, exported.values
@@ -92,9 +161,7 @@ def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
         fields |= {"fl_x": values["fx"], "fl_y": values["fy"]}
         fields |= {name: values[name] + HALF_PIXEL for name in ("cx", "cy")}
         fields |= {name: values[name] for name in names}
-    fields |= {"frames": []} | kept_fields(camera, KEPT)
-    text, notes = exported.result(json.dumps(fields, indent=2) + "\n", KEPT)
-    return text, (*notes, *(() if "frames" in camera.extra else ("no frames are written: their poses are not known",)))
+    return fields, exported.result("", (*KEPT, "file_path"))[1]
 
 
 def _has_camera(data: Mapping[str, Any]) -> bool:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from omnisight.camera import Camera
@@ -17,13 +18,20 @@ from omnisight.formats._opencv_lens import (
     matrix,
 )
 from omnisight.formats._opencv_storage import read_storage
+from omnisight.formats._rigs import make_rig, pair_of, rig_notes
+from omnisight.formats._stereo import STEREO_KEYS, check_stereo, stereo_pose
 from omnisight.formats._values import build, image_size
 from omnisight.formats._yaml import flow
+from omnisight.geometry.pose import Pose
+from omnisight.rig import Rig
 
 TITLE = "OpenCV storage"
 SUFFIX = ".yml"
 MODELS = ("kannala_brandt", "mei", "radial_tangential", "rational", "pinhole", "unified")
-CONVENTION = "x right, y down, z forward; integer pixel = pixel centre; k1 k2 p1 p2 k3 ..., of a fisheye k1 k2 k3 k4"
+CONVENTION = (
+    "x right, y down, z forward; integer pixel = pixel centre; k1 k2 p1 p2 k3 ..., of a fisheye k1 k2 k3 k4;"
+    " R, T: second_from_first"
+)
 
 # Names in lower case without underscores; a stereo pair appends 1 and 2, or left and right.
 SIDE = r"(\d?|left|right|l|r)"
@@ -35,7 +43,7 @@ XI = re.compile(rf"xi{SIDE}")
 WIDTH = {"imagewidth", "width", "imgwidth", "framewidth"}
 HEIGHT = {"imageheight", "height", "imgheight", "frameheight"}
 SIZE = {"imagesize", "size", "resolution"}
-OTHER_FORMATS = re.compile(r"^(?:model_type|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
+OTHER_FORMATS = re.compile(r"^(?:model_type|nb_camera|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
 SIZE_NOT_WRITTEN = "the image size is not known and is not written"
 KIND = {"fisheye", "fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
 COMMENT = "# {}"
@@ -76,24 +84,66 @@ def cameras_of(data: Mapping[str, Any]) -> Mapping[str, Camera]:
     return cameras
 
 
+def parse_rig(text: str) -> Rig:
+    """Return the stereo pair of a file in the frame of its first camera; R and T map points of it to the second."""
+    data = read_storage(text)
+    cameras = cameras_of(data)
+    if len(cameras) != 2:
+        raise ValueError(f"no rig: a stereo pair has two camera matrices (M1, M2), got {len(cameras)}")
+    named = {STEREO_KEYS[key.lower()]: value for key, value in data.items() if key.lower() in STEREO_KEYS}
+    if missing := sorted({"R", "T"} - set(named)):
+        raise ValueError(
+            f"no {' and '.join(missing)}: the stereo sample of OpenCV writes them to extrinsics.yml; append its content"
+            " to this file"
+        )
+    pose = stereo_pose(named)
+    check_stereo(pose, named)
+    bare = [
+        replace(c, extra=unknown_fields(c.extra, [k for k in data if k.lower() in STEREO_KEYS]))
+        for c in cameras.values()
+    ]
+    return make_rig(dict(zip(cameras, zip(bare, (Pose(), pose), strict=True), strict=True)))
+
+
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the YAML with OpenCV's newer names."""
     check_supported(camera, MODELS)
-    name = camera.model.name
-    values = camera.model.to_dict()
-    build(name, values)
-    lines = ["%YAML:1.0", "---"]
-    notes: tuple[str, ...] = (SIZE_NOT_WRITTEN,)
-    if all(camera.size):
-        lines += [f"image_width: {camera.width}", f"image_height: {camera.height}"]
-        notes = ()
-    if name not in ("mei", "unified"):
-        lines += [f"fisheye_model: {int(name == 'kannala_brandt')}"]
-    lines += _matrix("camera_matrix", 3, [value for row in camera_matrix(values) for value in row])
-    lines += _matrix("distortion_coefficients", 1, coefficients_of(values, name))
-    if "xi" in values:
-        lines += [f"xi: {flow(values['xi'])}"]
+    lines = ["%YAML:1.0", "---", *_head(camera), *_lens_lines(camera, "camera_matrix", "distortion_coefficients", "xi")]
+    notes = () if all(camera.size) else (SIZE_NOT_WRITTEN,)
     return "\n".join(lines) + "\n", notes + dropped_fields(camera)
+
+
+def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """Return the YAML of a stereo pair with the names of OpenCV's stereo sample: M1, D1, M2, D2, R, T."""
+    (first, second), pose = pair_of(rig)
+    for camera in (first, second):
+        check_supported(camera, MODELS)
+    if first.size != second.size:
+        raise ValueError(f"holds one image size, and the cameras have {first.size} and {second.size}: save each alone")
+    if _head(first) != _head(second):
+        raise ValueError("holds two fisheyes, two plain lenses or two with xi: convert both to the same --model")
+    lines = ["%YAML:1.0", "---", *_head(first)]
+    lines += [*_lens_lines(first, "M1", "D1", "xi1"), *_lens_lines(second, "M2", "D2", "xi2")]
+    lines += [*_matrix("R", 3, pose.rotation.ravel().tolist()), *_matrix("T", 3, pose.translation.tolist())]
+    notes = {name: dropped_fields(camera) for name, camera in zip(rig.names, (first, second), strict=True)}
+    unknown = () if all(first.size) else (SIZE_NOT_WRITTEN,)
+    return "\n".join(lines) + "\n", unknown + rig_notes(rig, notes)
+
+
+def _head(camera: Camera) -> list[str]:
+    """Return the lines of the image size and of the kind of lens."""
+    size = [f"image_width: {camera.width}", f"image_height: {camera.height}"] if all(camera.size) else []
+    name = camera.model.name
+    return size + ([] if name in ("mei", "unified") else [f"fisheye_model: {int(name == 'kannala_brandt')}"])
+
+
+def _lens_lines(camera: Camera, matrix_name: str, distortion_name: str, xi_name: str) -> list[str]:
+    """Return the lines of the numbers of a camera under these names."""
+    name, values = camera.model.name, camera.model.to_dict()
+    build(name, values)
+    lines = _matrix(matrix_name, 3, [value for row in camera_matrix(values) for value in row])
+    lines += _matrix(distortion_name, 1, coefficients_of(values, name))
+    return lines + ([f"{xi_name}: {flow(values['xi'])}"] if "xi" in values else [])
 
 
 def _by_side(data: Mapping[str, Any], plain: Mapping[str, str], name: re.Pattern[str]) -> dict[str, str]:

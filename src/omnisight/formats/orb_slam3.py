@@ -6,20 +6,25 @@ before; a file of ORB-SLAM2 has no type and is a pinhole.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from omnisight.camera import Camera
 from omnisight.formats._detect import has_lines
 from omnisight.formats._export import export, unknown_fields
 from omnisight.formats._readers import Reader
+from omnisight.formats._rigs import make_rig, pair_of, pose_of_rows, rig_notes, rows_of_pose
 from omnisight.formats._values import build, build_with_zeros, image_size
 from omnisight.formats._yaml import flow, read_map
+from omnisight.geometry.pose import Pose
 from omnisight.models import CameraModel
+from omnisight.rig import Rig
 
 TITLE = "ORB-SLAM3 settings yaml"
 SUFFIX = ".yaml"
 CONVENTION = (
-    "x right, y down, z forward; integer pixel = pixel centre; every number but the size is written with a point"
+    "x right, y down, z forward; integer pixel = pixel centre; every number but the size is written with a point;"
+    " Stereo.T_c1_c2 is camera1_from_camera2"
 )
 PLANE = ("fx", "fy", "cx", "cy")
 FISHEYE = ("k1", "k2", "k3", "k4")
@@ -32,6 +37,8 @@ LENSES = {
 }
 MODELS = tuple(LENSES)
 TYPES = {"kannalabrandt8": FISHEYE, "pinhole": BROWN, "rectified": ()}
+STEREO = "Stereo.T_c1_c2"
+SECTIONS = "add Camera.fps, Camera.RGB and the ORBextractor and Viewer sections of one of its examples"
 COMMENT = "# {}"
 READERS: Mapping[str, Reader] = {}  # not measured
 
@@ -59,17 +66,52 @@ def parse(text: str) -> Mapping[str, Camera]:
     return {name: Camera(model, size, extra=extra) for name, model in models.items()}
 
 
+def parse_rig(text: str) -> Rig:
+    """Return the stereo pair of a file in the frame of its first camera."""
+    cameras, data = parse(text), read_map(text)
+    if len(cameras) != 2 or STEREO not in data:
+        raise ValueError(f"no rig: a stereo pair has Camera1, Camera2 and {STEREO}")
+    bare = [replace(camera, extra=unknown_fields(camera.extra, [STEREO])) for camera in cameras.values()]
+    poses = (Pose(), pose_of_rows(data[STEREO], STEREO).inverse())
+    return make_rig(dict(zip(cameras, zip(bare, poses, strict=True), strict=True)))
+
+
 def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     """Return the camera section of a settings file of version 1.0."""
-    kind, own = LENSES.get(camera.model.name, ("", ()))
+    lines, size, notes = _lens_lines(camera, 1)
+    return _text(camera, lines, size), (*notes, SECTIONS)
+
+
+def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
+    """Return the camera section of a stereo pair; the cameras must have one type and one size."""
+    (first, second), second_from_first = pair_of(rig)
+    parts = [_lens_lines(camera, i) for i, camera in enumerate((first, second), 1)]
+    if first.size != second.size or _type(first) != _type(second):
+        raise ValueError("both cameras must have the same Camera.type and size: convert them to the same --model")
+    lines = [*parts[0][0], *parts[1][0], "", f"{STEREO}: !!opencv-matrix", "  rows: 4", "  cols: 4", "  dt: f"]
+    rows = rows_of_pose(second_from_first.inverse())
+    lines += [f"  data: {flow([value for row in rows for value in row])}"]
+    notes = rig_notes(rig, {name: part[2] for name, part in zip(rig.names, parts, strict=True)})
+    return _text(first, lines, first.size), (*notes, SECTIONS)
+
+
+def _type(camera: Camera) -> str:
+    return LENSES.get(camera.model.name, ("", ()))[0]
+
+
+def _lens_lines(camera: Camera, number: int) -> tuple[list[str], tuple[int, int], tuple[str, ...]]:
+    """Return the lines of the parameters of a camera, its image size and what they do not hold."""
+    _, own = LENSES.get(camera.model.name, ("", ()))
     exported = export(camera, MODELS, [*PLANE, *own])
-    size = exported.size
-    lines = ["%YAML:1.0", "", 'File.version: "1.0"', "", f'Camera.type: "{kind}"', ""]
     # The coefficients come first, so that a truncated file does not read as a pinhole.
-    lines += [f"Camera1.{name}: {flow(exported.values[name])}" for name in (*own, *PLANE)]
-    lines += ["", f"Camera.width: {size[0]}", f"Camera.height: {size[1]}"]
-    text, notes = exported.result("\n".join(lines) + "\n")
-    return text, (*notes, "add Camera.fps, Camera.RGB and the ORBextractor and Viewer sections of one of its examples")
+    lines = [f"Camera{number}.{name}: {flow(exported.values[name])}" for name in (*own, *PLANE)]
+    return lines, exported.size, exported.result("")[1]
+
+
+def _text(camera: Camera, lines: list[str], size: tuple[int, int]) -> str:
+    """Return the text of a file."""
+    head = ["%YAML:1.0", "", 'File.version: "1.0"', "", f'Camera.type: "{_type(camera)}"', ""]
+    return "\n".join([*head, *lines, "", f"Camera.width: {size[0]}", f"Camera.height: {size[1]}"]) + "\n"
 
 
 def _model(data: Mapping[str, Any], prefix: str, kind: str, used: set[str]) -> CameraModel:

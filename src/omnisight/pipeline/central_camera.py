@@ -7,6 +7,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.formats import load
+from omnisight.ray_camera import RayCamera
 from omnisight.targets.length import parse_length
 from omnisight.views import sphere
 from omnisight.views.remapper import is_resized, size_mismatch
@@ -39,6 +40,13 @@ def central_camera(
     """
     camera = load(Path(path), name=name)
     where = f"{path}, {name}" if name else str(path)
+    return central_approximation(camera, distance, where, accepts_distance=accepts_distance)
+
+
+def central_approximation(
+    camera: Camera | RayCamera, distance: str | None, where: str, *, accepts_distance: bool = True
+) -> Camera:
+    """Return a central camera as it is, or the one that approximates a non-central camera; see `central_camera`."""
     if isinstance(camera, Camera):
         if distance is not None:
             raise ValueError(f"--distance is for non-central cameras, and {where} is central: leave it out")

@@ -36,6 +36,8 @@ class ConvertOptions:
         The largest error with which a file is written.
     force
         Write the file whatever its error.
+    invert_extrinsics
+        Of a rig: use the inverse of the poses in the file.
     """
 
     format: str = "native"
@@ -46,6 +48,7 @@ class ConvertOptions:
     max_theta_deg: float | None = None
     max_error_px: float = 1.0
     force: bool = False
+    invert_extrinsics: bool = False
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,8 @@ class ConversionError(ValueError):
 def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
     """Write a camera in another format, and in another camera model if the format or the options require it.
 
+    `convert_rig` does so for all cameras of a rig.
+
     Parameters
     ----------
     path
@@ -112,19 +117,36 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
     ValueError
         If the format or the model is unknown, the file cannot be read or written, or the model cannot be fitted.
     """
-    path = Path(path)
-    if options.format in model_names():
-        raise ValueError(f"{options.format} is a camera model, not a format: --to native --model {options.format}")
+    path, target = Path(path), target_format(options)
+    if options.invert_extrinsics:
+        raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
     source = central_camera(path, name=options.name, distance=options.distance)
-    target = get_format(options.format)
-    conversion = _fit(source, target, options)
-    if conversion is not None and not conversion.max_px <= options.max_error_px and not options.force:
-        raise ConversionError(_refusal(source, conversion, target, options), source, conversion)
-    camera = source if conversion is None else conversion.camera
+    camera, conversion = convert_camera(source, target, options)
     output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
     max_error = math.inf if options.force else options.max_error_px
     written = save(camera, output, format=options.format, max_error=max_error)
     return ConvertResult(source, camera, conversion, written, target.CONVENTION)
+
+
+def target_format(options: ConvertOptions) -> Format:
+    """Return the format to write; raise ValueError if there is none of this name."""
+    if options.format in model_names():
+        raise ValueError(f"{options.format} is a camera model, not a format: --to native --model {options.format}")
+    return get_format(options.format)
+
+
+def convert_camera(source: Camera, target: Format, options: ConvertOptions) -> tuple[Camera, Conversion | None]:
+    """Return the camera in a model of a format and its fit, None if the model did not change.
+
+    Raises
+    ------
+    ConversionError
+        If the model differs from the camera by more than `max_error_px`.
+    """
+    conversion = _fit(source, target, options)
+    if conversion is not None and not conversion.max_px <= options.max_error_px and not options.force:
+        raise ConversionError(_refusal(source, conversion, target, options), source, conversion)
+    return (source, None) if conversion is None else (conversion.camera, conversion)
 
 
 def _fit(source: Camera, target: Format, options: ConvertOptions) -> Conversion | None:

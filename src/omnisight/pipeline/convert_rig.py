@@ -1,0 +1,90 @@
+"""Conversion of the files of rigs: the counterpart of `omnisight convert` for several cameras."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from omnisight.camera import Camera
+from omnisight.conversion import Conversion
+from omnisight.formats import FormatError, SaveResult, load_rig, rig_format_names, save
+from omnisight.models.ocam import Ocam
+from omnisight.pipeline.central_camera import central_approximation
+from omnisight.pipeline.convert import ConversionError, ConvertOptions, convert_camera, target_format
+from omnisight.pipeline.ocam_roll import with_upright_ocam
+from omnisight.rig import Rig
+
+
+@dataclass(frozen=True)
+class ConvertRigResult:
+    """The result of `convert_rig`.
+
+    Attributes
+    ----------
+    source
+        The rig that was converted; if its ocam cameras are fitted by other models, the rotation in their affine maps is
+        part of the poses.
+    rig
+        The rig that was written.
+    conversions
+        For each camera the fit of another model, or None if the model did not change.
+    written
+        The file and how accurately it reads back.
+    convention
+        The convention of the format, in one line.
+    """
+
+    source: Rig
+    rig: Rig
+    conversions: tuple[Conversion | None, ...]
+    written: SaveResult
+    convention: str
+
+
+def convert_rig(path: str | Path, options: ConvertOptions) -> ConvertRigResult:
+    """Write a rig in another format, its cameras in other models if the format or the options require it.
+
+    Parameters
+    ----------
+    path
+        The file of a rig, of any format.
+    options
+        The format, the model and the accuracy; `name` does not apply.
+
+    Raises
+    ------
+    ConversionError
+        If the model of a camera differs by more than `max_error_px`; the message names the camera.
+    ValueError
+        If the format holds no rigs, the file cannot be read or written, or a model cannot be fitted.
+    """
+    path, target = Path(path), target_format(options)
+    if options.format not in rig_format_names():
+        raise ValueError(
+            f"{target.TITLE} holds no rigs; {', '.join(rig_format_names())} do. To convert one of its cameras, specify"
+            " --name"
+        )
+    try:
+        rig = load_rig(path)
+    except FormatError as error:
+        raise FormatError(f"{error}. To convert one of its cameras, specify --name") from error
+    source = rig.inverted() if options.invert_extrinsics else rig
+    if Ocam.name not in target.MODELS or options.model not in (None, Ocam.name):
+        source = with_upright_ocam(source)
+    cameras: list[Camera] = []
+    conversions: list[Conversion | None] = []
+    for name, sensor in zip(source.names, source.cameras, strict=True):
+        central = central_approximation(sensor, options.distance, f"{path}, {name}")
+        try:
+            camera, conversion = convert_camera(central, target, options)
+        except ConversionError as error:
+            raise ConversionError(f"{name}: {error}", error.source, error.conversion) from error
+        except ValueError as error:
+            raise ValueError(f"{path}: {name}: {error}") from error
+        cameras.append(camera)
+        conversions.append(conversion)
+    converted = dataclasses.replace(source, cameras=tuple(cameras))
+    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
+    max_error = math.inf if options.force else options.max_error_px
+    written = save(converted, output, format=options.format, max_error=max_error)
+    return ConvertRigResult(source, converted, tuple(conversions), written, target.CONVENTION)

@@ -1,0 +1,95 @@
+"""omnisight inspect and convert of rigs."""
+
+import json
+
+import numpy as np
+
+from omnisight.formats import load_rig, save
+from omnisight.simulation.example_rigs import back_to_back, surround_car
+
+
+def test_convert_writes_all_cameras_and_prints_the_errors(run, tmp_path):
+    rig = surround_car()
+    source = save(rig, tmp_path / "rig.json").path
+    status, out, err = run("convert", source, "--to", "basalt", "-o", tmp_path / "basalt.json")
+    assert (status, err) == (0, "")
+    for name in rig.names:
+        assert f"\n{name} " in out
+    assert "reads back within" in out
+    assert "deg, " in out
+    again = load_rig(tmp_path / "basalt.json")
+    for ours, theirs in zip(rig.sensor_from_rig, again.sensor_from_rig, strict=True):
+        np.testing.assert_allclose(theirs.matrix, ours.matrix, atol=1e-12)
+
+
+def test_convert_fits_models_that_the_format_lacks(run, tmp_path):
+    source = save(surround_car(), tmp_path / "rig.json").path
+    status, out, _ = run("convert", source, "--to", "kalibr", "--model", "eucm", "-o", tmp_path / "k.yaml", "--force")
+    assert status == 0
+    assert "-> eucm" in out
+    assert {camera.model.name for camera in load_rig(tmp_path / "k.yaml").cameras} == {"eucm"}
+
+
+def test_a_rig_whose_error_is_too_large_is_not_written(run, tmp_path):
+    source = save(back_to_back(), tmp_path / "rig.json").path
+    status, _, err = run("convert", source, "--to", "kalibr", "--model", "pinhole", "-o", tmp_path / "k.yaml")
+    assert status == 2
+    assert "front: " in err
+    assert not (tmp_path / "k.yaml").exists()
+
+
+def test_convert_inverts_extrinsics(run, tmp_path):
+    rig = surround_car()
+    wrong = save(rig.inverted(), tmp_path / "wrong.json").path
+    status, out, _ = run("convert", wrong, "--to", "native", "--invert-extrinsics", "-o", tmp_path / "right.json")
+    assert status == 0
+    assert "poses       inverted" in out
+    for ours, theirs in zip(rig.sensor_from_rig, load_rig(tmp_path / "right.json").sensor_from_rig, strict=True):
+        np.testing.assert_allclose(theirs.matrix, ours.matrix, atol=1e-12)
+
+
+def test_invert_extrinsics_is_for_rigs(run, camera_file):
+    status, _, err = run("convert", camera_file, "--to", "kalibr", "--invert-extrinsics")
+    assert status == 2
+    assert "--invert-extrinsics is for rigs" in err
+
+
+def test_a_format_without_rigs_names_those_that_have_them(run, tmp_path):
+    source = save(surround_car(), tmp_path / "rig.json").path
+    status, _, err = run("convert", source, "--to", "hugin", "-o", tmp_path / "rig.pto")
+    assert status == 2
+    assert "holds no rigs" in err
+    assert "--name" in err
+    assert run("convert", source, "--to", "opencv", "--name", "left", "-o", tmp_path / "left.yml")[0] in (0, 2)
+
+
+def test_inspect_prints_poses_and_overlap(run, tmp_path):
+    source = save(surround_car(), tmp_path / "rig.json").path
+    status, out, err = run("inspect", source)
+    assert (status, err) == (0, "")
+    assert "== rig of 4 cameras" in out
+    assert "overlap" in out
+    assert "100 %" in out
+
+
+def test_inspect_checks_the_extrinsics_by_images(run, data, tmp_path):
+    folder = data("omnimvs_rig")
+    rig = load_rig(folder / "config.yaml").subset([0, 1])
+    images = [folder / "cam1_00001.jpg", folder / "cam2_00001.jpg"]
+    status, out, _ = run("inspect", save(rig, tmp_path / "rig.json").path, "--images", *images)
+    assert status == 0
+    assert "verdict     CONSISTENT" in out
+    wrong = save(rig.inverted(), tmp_path / "wrong.json").path
+    status, out, _ = run("inspect", wrong, "--images", *images, "--json")
+    assert json.loads(out)["verdict"] == "inverted"
+    assert run("inspect", wrong, "--images", images[0])[0] == 2
+
+
+def test_inspect_prints_why_the_poses_were_not_read(run, tmp_path):
+    rig = surround_car().subset([0, 1])
+    chain = save(rig, tmp_path / "k.yaml", format="kalibr").path
+    chain.write_text("\n".join(line for line in chain.read_text().splitlines() if "T_cn" not in line))
+    status, out, _ = run("inspect", chain)
+    assert status == 0
+    assert "poses not read" in out
+    assert "neither T_cn_cnm1 nor T_cam_imu" in out
