@@ -7,12 +7,14 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
 from omnisight.calibration.rigs.frame_uncertainty import with_frame_covariances
 from omnisight.calibration.rigs.initial_rig import is_reliable
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.relative_poses import half_turn
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.options import check_options
@@ -26,6 +28,9 @@ from omnisight.rig import Rig
 from omnisight.targets.observations import Observations
 
 Progress = Callable[[str, int, int], None]
+
+# Distance, relative to the step of the board, below which two points are the same.
+SAME_POINT_SHARE = 0.01
 
 
 def calibrate_rig(
@@ -124,9 +129,16 @@ def free_parameters(cameras: Sequence[RigCamera], options: CalibrateRigOptions) 
 
 
 def _is_symmetric(observations: Observations) -> bool:
-    """Return whether the board looks the same after half a turn, as far as is known."""
+    """Return whether the board looks the same after half a turn; of arrays, whether its points do."""
     board = None if observations.detections is None else observations.detections.board
-    return bool(getattr(board, "is_symmetric", False))
+    if board is not None:
+        return bool(getattr(board, "is_symmetric", False))
+    points = observations.points
+    turned = half_turn(observations) @ points
+    first = points[observations.groups[0]]
+    step = np.linalg.norm(first[1:] - first[:-1], axis=1).min(initial=np.inf)
+    distance, _ = cKDTree(points).query(turned)
+    return bool((distance < SAME_POINT_SHARE * step).mean() > 0.5)
 
 
 def assess(

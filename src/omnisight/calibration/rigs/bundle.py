@@ -227,6 +227,8 @@ def pose_derivatives(state: RigState, part: RigPart, free: RigFreeParameters) ->
     by_board = np.zeros((views, 6, 6))
     by_board[:, :3, :3] = by_board[:, 3:, 3:] = sensor.rotation @ group_rotation
     by_time = by_group @ state.velocities[part.group][..., None]
+    turn = so3.exp((part.delays + state.time_offsets[part.camera])[:, None] * state.velocities[part.group, :3])
+    by_group[:, :, :3] = by_group[:, :, :3] @ turn  # the group turns before it moves on
     blocks = (
         (free.extrinsic_columns(part.camera), by_sensor),
         (free.columns("board", part.board, 6), by_board),
