@@ -1,0 +1,110 @@
+"""omnisight calibrate-rig: files, names, output."""
+
+import json
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.geometry import rotation as so3
+from omnisight.pipeline.rig_sources import named_sources
+from omnisight.pipeline.simultaneous_views import read_times, simultaneous_views
+
+KEYS = ("cameras", "sensor_from_rig", "pairs", "rms", "verdict", "reasons", "seconds")
+
+
+def views(*names):
+    """Return observations of images with these names."""
+    rng = np.random.default_rng(0)
+    board = om.Checkerboard(4, 3, 0.03).points
+    return om.Observations.from_arrays(
+        [board] * len(names), rng.uniform(10, 90, (len(names), 12, 2)), size=(100, 100), names=names
+    )
+
+
+@pytest.mark.parametrize(
+    ("items", "names"),
+    [
+        (["front/", "back/"], ["front", "back"]),
+        (["a/left*.jpg", "a/right*.jpg"], ["left", "right"]),
+        (["cam0.mp4", "cam1.mp4"], ["cam0", "cam1"]),
+        (["top=x/*.png", "down=y/*.png"], ["top", "down"]),
+        (["rig/left_[0-9].png", "rig/right_?.png"], ["left", "right"]),
+    ],
+)
+def test_folders_clips_and_patterns_name_the_cameras(items, names, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("front", "back"):
+        (tmp_path / folder).mkdir()
+    assert list(named_sources(items)) == names
+
+
+def test_two_cameras_of_one_name_are_refused(tmp_path):
+    for folder in ("a/cam", "b/cam"):
+        (tmp_path / folder).mkdir(parents=True)
+    with pytest.raises(ValueError, match=r"two cameras are named cam: specify names, such as cam2="):
+        named_sources([str(tmp_path / "a/cam"), str(tmp_path / "b/cam")])
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "rule", "shared"),
+    [
+        (("0001.png", "0002.png"), ("0002.png", "0003.png"), "name", 1),
+        (("left1.jpg", "left2.jpg"), ("right1.jpg", "right2.jpg"), "name", 2),
+        (("IMG_7.jpg", "IMG_9.jpg"), ("DSC_9.jpg", "DSC_8.jpg"), "number", 1),
+        (("a.jpg", "b.jpg"), ("c.jpg", "d.jpg"), "order", 2),
+    ],
+)
+def test_simultaneous_images_share_a_name_a_number_or_a_place(left, right, rule, shared):
+    found = simultaneous_views({"left": views(*left), "right": views(*right)})
+    assert found.rule == rule
+    assert len(np.intersect1d(*found.groups)) == shared
+
+
+def test_times_assign_the_nearest_image_within_half_an_interval(tmp_path):
+    lines = ["camera,frame,seconds", "l,a.png,0.0", "l,b.png,0.1", "l,c.png,0.2", "r,x,0.04", "r,y,0.19", "r,z,0.5"]
+    (tmp_path / "times.csv").write_text("\n".join(lines))
+    times = read_times(tmp_path / "times.csv")
+    found = simultaneous_views({"l": views("a.png", "b.png", "c.png"), "r": views("x.png", "y.png", "z.png")}, times)
+    assert found.rule == "time"
+    assert [found.names[g] for g in found.groups[1]] == ["a.png", "c.png", "z.png"]
+    assert found.delays[1] == pytest.approx([0.04, -0.01, 0.0])
+    with pytest.raises(ValueError, match=r"no time for w.png of the camera r: add a line r,w.png,SECONDS"):
+        simultaneous_views({"l": views("a.png"), "r": views("w.png")}, times)
+
+
+def test_folders_without_boards_are_named(tmp_path, run):
+    for name in ("left", "right"):
+        (tmp_path / name).mkdir()
+        for k in range(3):
+            om.write_image(tmp_path / name / f"{k}.png", np.full((120, 160), 40 * k, np.uint8))
+    code, out, error = run("calibrate-rig", tmp_path / "left", tmp_path / "right", "-o", tmp_path / "rig.json")
+    assert (code, out) == (2, "")
+    assert error.startswith("omnisight: left: ")
+    assert not (tmp_path / "rig.json").exists()
+
+
+@pytest.mark.slow
+def test_real_stereo_images_give_the_known_baseline_in_both_halves(data, run, tmp_path):
+    folder = data("stereo_fisheye_sourishg")
+    numbers = sorted(int(path.stem[4:]) for path in folder.glob("left*.jpg"))
+    found = []
+    for half in (0, 1):
+        for name in ("left", "right"):
+            (tmp_path / f"{half}" / name).mkdir(parents=True)
+            for k in numbers[half::2]:
+                (tmp_path / f"{half}" / name / f"{k}.jpg").symlink_to(folder.resolve() / f"{name}{k}.jpg")
+        inputs = tmp_path / f"{half}" / "left", tmp_path / f"{half}" / "right"
+        output = tmp_path / f"{half}.json"
+        code, out, _ = run("calibrate-rig", *inputs, "--pattern", "9x6", "--square", "24.23mm", "--json", "-o", output)
+        assert code == 0
+        result = json.loads(out)
+        assert set(KEYS) <= set(result)
+        assert result["pairs"][0]["shared_images"] == 10
+        found.append(om.load_rig(output))
+        baseline = np.linalg.norm(result["sensor_from_rig"]["right"]["translation_m"])
+        assert baseline == pytest.approx(0.110, abs=3e-3 * max(result["sensor_from_rig"]["right"]["sigma_mm"], 1))
+    first, second = (rig.sensor_from_rig[1] for rig in found)
+    difference = np.append(so3.log(first.rotation @ second.rotation.T), first.translation - second.translation)
+    covariance = sum(rig.covariance[6:, 6:] for rig in found)
+    assert difference @ np.linalg.solve(covariance, difference) / 6 < 2.1  # 95 % of a chi-square of 6
