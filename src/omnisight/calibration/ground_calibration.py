@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import hat
+from omnisight.optim.loss import robust_sigma
 from omnisight.rig import Rig
 from omnisight.twoview.absolute_pose import resect
 
@@ -20,6 +22,10 @@ POSE_PARAMETERS = 6
 MIN_MARKS = 4
 # Marks beyond so many standard deviations are outliers: 1 in 10^4 of two normal coordinates.
 OUTLIER_SIGMA = 4.3
+# Rounds in which the scale of the residuals and the pose are estimated in turn.
+SCALE_ROUNDS = 3
+# Residuals of exact marks are rounding errors, which have no scale.
+MIN_SIGMA_PX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +124,9 @@ def calibrate_ground(rig: Rig, marks: Mapping[str, GroundMarks]) -> GroundCalibr
         seen = marks.get(name)
         if seen is None or len(seen) < MIN_MARKS:
             count = 0 if seen is None else len(seen)
-            return GroundCalibration(rig, marks, fits, f"{name} has {count} marks on the ground; {MIN_MARKS} are needed")
+            return GroundCalibration(
+                rig, marks, fits, f"{name} has {count} marks on the ground; {MIN_MARKS} are needed"
+            )
         start = _initial_pose(rig, k, seen)
         if start is None:
             return GroundCalibration(
@@ -183,13 +191,13 @@ def _refine(rig: Rig, sensor: int, start: Pose, seen: GroundMarks) -> tuple[Pose
         # A point outside the domain of the model is as wrong as the image is wide.
         return np.where(valid[:, None], pixels - seen.pixels, float(max(camera.size))).ravel()
 
-    scale = 1.0
     step = np.zeros(POSE_PARAMETERS)
-    for _ in range(3):
-        found = least_squares(residuals, step, loss="cauchy", f_scale=scale, x_scale="jac")
-        step = found.x
+    length = np.linalg.norm(residuals(step).reshape(-1, 2), axis=1)
+    scale = max(robust_sigma(length), MIN_SIGMA_PX)
+    for _ in range(SCALE_ROUNDS):
+        step = least_squares(residuals, step, loss="cauchy", f_scale=scale, x_scale="jac").x
         length = np.linalg.norm(residuals(step).reshape(-1, 2), axis=1)
-        scale = max(float(np.median(length)) / np.sqrt(2 * np.log(2)), 1e-6)
+        scale = max(robust_sigma(length), MIN_SIGMA_PX)
     inliers = length <= OUTLIER_SIGMA * scale * np.sqrt(len(seen) / max(len(seen) - POSE_PARAMETERS / 2, 1))
     used = np.repeat(inliers, 2)
     final = least_squares(lambda s: residuals(s)[used], step, x_scale="jac")
@@ -206,7 +214,5 @@ def _refine(rig: Rig, sensor: int, start: Pose, seen: GroundMarks) -> tuple[Pose
 
 def _position_covariance(pose: Pose, covariance: Array) -> Array:
     """Return the covariance (3, 3) of the camera centre c = -R^T t for steps of R <- exp(w) R, t <- t + v."""
-    from omnisight.geometry.rotation import hat
-
     jacobian = np.hstack([-pose.rotation.T @ hat(pose.translation), -pose.rotation.T])
     return jacobian @ covariance @ jacobian.T

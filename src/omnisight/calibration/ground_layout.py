@@ -60,7 +60,10 @@ class GroundLayout:
 
 
 def detect_layout(
-    layout: GroundLayout, grays: Sequence[NDArray[np.uint8]], rig: Rig, previous: Mapping[str, GroundMarks] | None = None
+    layout: GroundLayout,
+    grays: Sequence[NDArray[np.uint8]],
+    rig: Rig,
+    previous: Mapping[str, GroundMarks] | None = None,
 ) -> dict[str, GroundMarks]:
     """Detect the corners of a layout in the gray images of a rig, whose poses predict them to a third of a square.
 
@@ -79,8 +82,7 @@ def detect_layout(
         camera, pose = rig.cameras[k], rig.sensor_from_rig[k]
         ahead, aside = np.array([0.0, layout.square]), np.array([layout.square, 0.0])
         centre, before, after, left, right = (
-            _project(camera, pose @ on_ground(ground + shift))
-            for shift in (np.zeros(2), ahead, -ahead, -aside, aside)
+            _project(camera, pose @ on_ground(ground + shift)) for shift in (np.zeros(2), ahead, -ahead, -aside, aside)
         )
         # The first step points to the right, the second to the back, as the columns and rows of the layout.
         steps = np.stack([(right - left) / 2, (after - before) / 2], axis=1)

@@ -41,7 +41,9 @@ def print_report(written: BirdseyeFiles) -> None:
             row += f"{data['marks']:>8}{data['rms_px']:>9.2f}{own.median:>21.2f}{own.maximum:>7.2f}"
         print(row)
     if errors.count:
-        print(f"lengths     {errors.median:.2f} cm median error, {errors.maximum:.2f} cm at most, {errors.count} lengths")
+        print(
+            f"lengths     {errors.median:.2f} cm median error, {errors.maximum:.2f} cm at most, {errors.count} lengths"
+        )
     width, height = view.size
     print(f"view        {width}x{height} px, {100 * view.meters_per_pixel:g} cm per pixel")
     print(f"seams       {result.seam_step:.1f} gray levels between neighbouring images")

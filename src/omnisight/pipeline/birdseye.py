@@ -1,11 +1,10 @@
 """Bird's-eye views from the images of a rig: the ground around a vehicle from above."""
 
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from omnisight.pipeline.birdseye_options import BirdseyeOptions
 from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.central_camera import fit_camera
 from omnisight.pipeline.ground_rig import ground_rig
+from omnisight.pipeline.vehicle import camera_rectangle, vehicle_occlusion
 from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
 from omnisight.views.ground_view import Bowl, GroundView
@@ -33,7 +33,8 @@ Progress = Callable[[str, int, int], None]
 ImageSources = Mapping[str, Image | str | Path] | Sequence[Image | str | Path]
 
 
-class LengthErrors(NamedTuple):
+@dataclass(frozen=True)
+class LengthErrors:
     """Errors of known lengths between marks on the ground, cm.
 
     Attributes
@@ -155,59 +156,28 @@ def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions
     sizes = {name: camera.size for name, camera in zip(rig.names, rig.cameras, strict=True)}
     given = load_masks(options.masks, rig.names, sizes)
     masks = [_used(image, rig, k, given[k]) for k, image in enumerate(images)]
-    hidden = vehicle_mask(calibration.rig, view, options.vehicle)
+    hidden = vehicle_occlusion(calibration.rig, view, options.vehicle)
     feather = parse_length(options.blend) / view.meters_per_pixel
     remapper = SurroundRemapper(calibration.rig, view.points(), feather_px=feather, hidden=hidden, masks=masks)
     for name, seen in zip(rig.names, remapper.maps, strict=True):
         if not seen.visible.any():
             raise ValueError(
-                f"{name} sees none of the ground of the view: check its pose in the rig, the height of the rig, or leave"
-                " the camera out"
+                f"{name} sees none of the ground of the view: check its pose in the rig, the height of the rig, or"
+                " leave the camera out"
             )
     return BirdseyeRenderer(view, calibration, remapper, options.gain)
 
 
 def ground_view(rig: Rig, options: BirdseyeOptions) -> GroundView:
     """Return the view of a rig in the ground frame: the rectangle of its cameras and a margin."""
-    (left, right), (back, front) = camera_rectangle(rig)
+    left, right, back, front = camera_rectangle(rig)
     margin = parse_length(options.margin)
     bowl = None
     if options.bowl is not None:
         flat = parse_length(options.bowl)
         half = max(-left, right) + flat, max(-back, front) + flat
         bowl = Bowl(half, flat)
-    return GroundView(
-        parse_length(options.pixel), (left - margin, right + margin, back - margin, front + margin), bowl
-    )
-
-
-def camera_rectangle(rig: Rig) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the limits right and forward (metres) of the rectangle that the cameras of a rig span."""
-    centers = np.array([pose.inverse().translation for pose in rig.sensor_from_rig])
-    (left, back), (right, front) = centers[:, [0, 2]].min(axis=0), centers[:, [0, 2]].max(axis=0)
-    return (float(left), float(right)), (float(back), float(front))
-
-
-def vehicle_mask(rig: Rig, view: GroundView, vehicle: str) -> Mask | None:
-    """Return the pixels (H, W) of the view that the vehicle hides; see `BirdseyeOptions.vehicle`."""
-    if vehicle == "none":
-        return None
-    (left, right), (back, front) = camera_rectangle(rig)
-    size = re.fullmatch(r"\s*([\d.]+\s*[a-z]+)\s*x\s*([\d.]+\s*[a-z]+)\s*", vehicle.lower())
-    if size is not None:
-        half = parse_length(size[2]) / 2, parse_length(size[1]) / 2
-        middle = (left + right) / 2, (back + front) / 2
-        left, right, back, front = middle[0] - half[0], middle[0] + half[0], middle[1] - half[1], middle[1] + half[1]
-    elif vehicle != "auto":
-        if not Path(vehicle).is_file():
-            raise ValueError(f"--vehicle {vehicle}: must be LENGTHxWIDTH with units (4.5mx1.8m), an image, auto or none")
-        from omnisight.images import read_mask
-
-        return ~read_mask(vehicle, view.size)
-    width, height = view.size
-    ground = view.ground(np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1))
-    x, z = ground[..., 0], ground[..., 1]
-    return (x > left) & (x < right) & (z > back) & (z < front)
+    return GroundView(parse_length(options.pixel), (left - margin, right + margin, back - margin, front + margin), bowl)
 
 
 def load_images(images: ImageSources, rig: Rig, options: BirdseyeOptions) -> list[Image]:
@@ -255,7 +225,9 @@ def check_sizes(images: Sequence[Image], rig: Rig) -> None:
 def _fitted(rig: Rig, images: Sequence[Image], scale: bool) -> Rig:
     """Return the rig with cameras of the sizes of the images."""
     cameras = [
-        fit_camera(camera, (image.shape[1], image.shape[0]), name, scale=scale) if isinstance(camera, Camera) else camera
+        fit_camera(camera, (image.shape[1], image.shape[0]), name, scale=scale)
+        if isinstance(camera, Camera)
+        else camera
         for name, camera, image in zip(rig.names, rig.cameras, images, strict=True)
     ]
     fitted = replace(rig, cameras=tuple(cameras))

@@ -43,8 +43,8 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
     missing = [name for name, of_camera in found.items() if not of_camera]
     if missing:
         raise ValueError(
-            f"no image of camera {', '.join(missing)} among the {len(sources)} images; the rig has {len(names)} cameras:"
-            f" {', '.join(names)}"
+            f"no image of camera {', '.join(missing)} among the {len(sources)} images; the rig has"
+            f" {len(names)} cameras: {', '.join(names)}"
         )
     return [found[name][0] for name in names]
 

@@ -117,9 +117,7 @@ def read_ground_file(path: Path) -> GroundFile:
     try:
         layout = GroundLayout(parse_length(data["layout"]["square"]), tuple(map(str, data["layout"]["squares"])))
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(
-            f'{path}: layout must be {{"square": "40cm", "squares": ["#.#", ".#."]}} ({error})'
-        ) from error
+        raise ValueError(f'{path}: layout must be {{"square": "40cm", "squares": ["#.#", ".#."]}} ({error})') from error
     return GroundFile(marks, layout)
 
 

@@ -66,7 +66,7 @@ class SurroundRemapper:
         points: Array,
         *,
         feather_px: float,
-        hidden: Mask | None = None,
+        hidden: Sequence[Mask] | None = None,
         masks: Sequence[Mask | None] | None = None,
     ) -> None:
         """Compute the maps.
@@ -80,7 +80,7 @@ class SurroundRemapper:
         feather_px
             Width of the transition at seams, view pixels.
         hidden
-            (H, W) view pixels to leave black, such as the vehicle.
+            For each camera the view pixels (H, W) that it cannot show, such as those behind the vehicle.
         masks
             For each camera the image pixels (H, W) to use; None for all.
         """
@@ -89,7 +89,7 @@ class SurroundRemapper:
         used = masks or (None,) * len(rig)
         self.maps = [camera_map(rig, k, points, mask) for k, mask in enumerate(used)]
         if hidden is not None:
-            self.maps = [m._replace(visible=m.visible & ~hidden) for m in self.maps]
+            self.maps = [m._replace(visible=m.visible & ~h) for m, h in zip(self.maps, hidden, strict=True)]
         self.weights = seam_weights([m.resolution for m in self.maps], [m.visible for m in self.maps], feather_px)
         self._offsets, self._widths, self._sizes = _pyramid_layout(rig)
         self._first, self._table = self._samples()
@@ -115,7 +115,6 @@ class SurroundRemapper:
         buffer = self._buffer(images)
         factors = np.ones((len(images), 3), np.float32) if gains is None else np.asarray(gains, np.float32)
         view = np.empty((*self.shape, 3), dtype)
-        # The last row of an image is clamped, so that rounding up never exceeds the limit of an integer.
         arguments = buffer, self._table, factors, limit, rounding, self._first
         parallel_for(lambda low, high: blend(*arguments, low, high, view), self.shape[0], 16)
         return view
@@ -123,7 +122,7 @@ class SurroundRemapper:
     @property
     def covered(self) -> Mask:
         """Which pixels (H, W) of the view any camera sees."""
-        return self.weights.any(axis=0)
+        return np.asarray(self.weights.any(axis=0), np.bool_)
 
     def gains(self, images: Sequence[Image]) -> Floats:
         """Return factors (C, 3) of the images that make them agree where they overlap (Brown and Lowe 2007)."""
@@ -132,13 +131,17 @@ class SurroundRemapper:
         scale = float(np.iinfo(images[0].dtype).max) if np.issubdtype(images[0].dtype, np.integer) else 1.0
         gains = np.ones((count, 3), np.float32)
         for channel in range(3):
-            normal, right = np.eye(count) / GAIN_SIGMA**2, np.full(count, 1 / GAIN_SIGMA**2)
+            # A camera without overlap keeps its gain of 1.
+            normal, right = np.eye(count), np.ones(count)
             for a, b, at_a, at_b in self._overlaps:
                 mean_a = images[a][at_a[:, 1], at_a[:, 0], channel].mean() / scale
                 mean_b = images[b][at_b[:, 1], at_b[:, 0], channel].mean() / scale
                 row = np.zeros(count)
                 row[a], row[b] = mean_a, -mean_b
                 normal += len(at_a) * np.outer(row, row) / INTENSITY_SIGMA**2
+                # Without a prior for each overlapping pixel, gains of 0 would be the best agreement.
+                normal[[a, b], [a, b]] += len(at_a) / GAIN_SIGMA**2
+                right[[a, b]] += len(at_a) / GAIN_SIGMA**2
             gains[:, channel] = np.linalg.solve(normal, right)
         return gains
 
