@@ -38,7 +38,8 @@ def print_report(written: BirdseyeFiles) -> None:
         row = f"{data['name']:<12}{data['ground_share']:>8.1%}{data['height_m']:>10.3f}{sigma:<9}"
         if is_calibrated:
             own = result.length_errors(data["name"])
-            row += f"{data['marks']:>8}{data['rms_px']:>9.2f}{own.median:>21.2f}{own.maximum:>7.2f}"
+            row += f"{data['marks']:>8}{data['rms_px']:>9.2f}" if data["marks"] else ""
+            row += f"{own.median:>21.2f}{own.maximum:>7.2f}" if own.count else ""
         print(row)
     if errors.count:
         print(

@@ -26,17 +26,7 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
     """
     found: dict[str, list[Path]] = {name: [] for name in names}
     for source in sources:
-        stem = source.stem if not source.is_dir() else source.name
-        exact = [name for name in names if name.casefold() == stem.casefold()]
-        words = [name for name in names if re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", stem, re.IGNORECASE)]
-        matches = exact or words
-        if len(matches) != 1:
-            problem = "no camera" if not matches else " and ".join(matches)
-            raise ValueError(
-                f"{source}: has the name of {problem}; name images, folders and clips after the cameras of the rig:"
-                f" {', '.join(names)}"
-            )
-        found[matches[0]].append(source)
+        found[match_camera(source, names)].append(source)
     for name, of_camera in found.items():
         if len(of_camera) > 1:
             raise ValueError(f"{of_camera[0]} and {of_camera[1]} are both of camera {name}: specify one, or folders")
@@ -47,6 +37,27 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
             f" {len(names)} cameras: {', '.join(names)}"
         )
     return [found[name][0] for name in names]
+
+
+def match_camera(source: Path, names: Sequence[str]) -> str:
+    """Return the name of the camera that a file or folder has as its name, or as a word in it.
+
+    Raises
+    ------
+    ValueError
+        If there is no such camera, or several.
+    """
+    stem = source.name if source.is_dir() else source.stem
+    exact = [name for name in names if name.casefold() == stem.casefold()]
+    words = [name for name in names if re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", stem, re.IGNORECASE)]
+    matches = exact or words
+    if len(matches) != 1:
+        problem = "no camera" if not matches else " and ".join(matches)
+        raise ValueError(
+            f"{source}: has the name of {problem}; name images, folders and clips after the cameras of the rig:"
+            f" {', '.join(names)}"
+        )
+    return matches[0]
 
 
 def is_sequence(source: Path) -> bool:

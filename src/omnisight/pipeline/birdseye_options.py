@@ -16,6 +16,14 @@ class BirdseyeOptions:
     ground
         JSON file of markings on the ground: pixels with their positions, or a layout of checkerboard squares. The poses
         of the cameras are calibrated to them.
+    ground_board
+        Image of one camera, with its name, of a calibration board that lies on the ground.
+    pattern
+        Inner corners of the checkerboard on the ground, columns x rows.
+    square
+        Side of its squares, such as 40mm.
+    target
+        File that describes the board on the ground, instead of pattern and square.
     height
         Height of the origin of the rig frame above the ground, such as 1.2m; its y axis points down, apart from pitch
         and roll. Without it and without markings, the rig frame is on the ground.
@@ -46,6 +54,10 @@ class BirdseyeOptions:
     """
 
     ground: Path | None = None
+    ground_board: Path | None = None
+    pattern: str | None = None
+    square: str | None = None
+    target: Path | None = None
     height: str | None = None
     pitch: float = 0.0
     roll: float = 0.0
@@ -60,7 +72,11 @@ class BirdseyeOptions:
     apply_exif: bool = False
 
     def __post_init__(self) -> None:
-        if self.ground is not None and self.height is not None:
-            raise ValueError("the markings determine the ground: leave the height out")
+        if sum(given is not None for given in (self.ground, self.ground_board, self.height)) > 1:
+            raise ValueError("specify one of ground, ground_board and height: each determines the ground")
+        if self.ground_board is None and (self.pattern or self.square or self.target):
+            raise ValueError(
+                "pattern, square and target describe a board on the ground: specify its image, ground_board"
+            )
         if self.height is None and (self.pitch or self.roll):
             raise ValueError("pitch and roll are those of a rig at a known height: specify the height too")

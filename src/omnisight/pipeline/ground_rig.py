@@ -15,12 +15,14 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.images.gray import to_gray8
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
+from omnisight.pipeline.ground_board import rig_on_board
+from omnisight.pipeline.options import DetectOptions
 from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
 
 # Rounds of detection, each predicted by the poses of the last; on cloths of real cars the marks repeat after three.
 MAX_ROUNDS = 6
-# Smallest angle of a camera's height over the extent of the rig that counts as above the ground: rounding.
+# Smallest height of a camera above the ground: less is a rounding error of a rig frame in a camera.
 MIN_HEIGHT_M = 1e-3
 
 
@@ -54,21 +56,12 @@ def ground_rig(rig: Rig, images: Sequence[NDArray[Any]], options: BirdseyeOption
         return calibration
     if rig.unit != "m":
         raise ValueError(f"the lengths of the rig are in {rig.unit}: a bird's-eye view needs metres, or --ground marks")
+    if options.ground_board is not None:
+        board = DetectOptions(pattern=options.pattern, square=options.square, target=options.target)
+        return _checked(rig_on_board(rig, options.ground_board, board), options)
     if options.height is not None:
         rig = _at_height(rig, parse_length(options.height), options.pitch, options.roll)
-    heights = {
-        name: -float(pose.inverse().translation[1]) for name, pose in zip(rig.names, rig.sensor_from_rig, strict=True)
-    }
-    low = [name for name, height in heights.items() if height < MIN_HEIGHT_M]
-    if low:
-        where = f"{low[0]} is {heights[low[0]]:.3g} m above the ground"
-        remedy = (
-            "the height of the rig is unknown: specify the height of its origin (--height 1.2m), or markings (--ground)"
-            if options.height is None
-            else "the rig is upside down or the height is too small: its y axis points down; see --height, --roll"
-        )
-        raise ValueError(f"{where}: {remedy}")
-    return GroundCalibration(rig, {}, {})
+    return _checked(GroundCalibration(rig, {}, {}), options)
 
 
 def calibrate_to_marks(rig: Rig, images: Sequence[NDArray[Any]], ground: GroundFile) -> GroundCalibration:
@@ -127,6 +120,22 @@ def _marks(entries: Sequence[Mapping[str, Any]]) -> GroundMarks:
     if not (np.isfinite(pixels).all() and np.isfinite(ground).all()):
         raise ValueError("not all numbers are finite")
     return GroundMarks(pixels, ground)
+
+
+def _checked(calibration: GroundCalibration, options: BirdseyeOptions) -> GroundCalibration:
+    """Raise `ValueError` if a camera is not above the ground."""
+    rig = calibration.rig
+    heights = [-float(pose.inverse().translation[1]) for pose in rig.sensor_from_rig]
+    lowest = int(np.argmin(heights))
+    if heights[lowest] < MIN_HEIGHT_M:
+        remedy = (
+            "the height of the rig is unknown: specify the height of its origin (--height 1.2m), markings (--ground) or"
+            " a board (--ground-board)"
+            if options.height is None and options.ground_board is None
+            else "the rig is upside down or too low: its y axis must point down; see --height, --pitch and --roll"
+        )
+        raise ValueError(f"{rig.names[lowest]} is {heights[lowest]:.3g} m above the ground: {remedy}")
+    return calibration
 
 
 def _at_height(rig: Rig, height: float, pitch: float, roll: float) -> Rig:

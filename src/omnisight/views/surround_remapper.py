@@ -19,9 +19,9 @@ Mask = NDArray[np.bool_]
 MAX_LEVELS = 7
 # Weights below are less than half a gray level of 8 bits.
 MIN_WEIGHT = 1 / 512
-# Standard deviations, relative: of the gains, whose mean is to stay 1, and of gray levels of the same surface seen from
-# two sides (Brown and Lowe 2007, section 6, use 0.1 and 10 of 255).
-GAIN_SIGMA, INTENSITY_SIGMA = 0.1, 10 / 255
+# Standard deviations: of the gains, half a stop of an automatic exposure, and of gray levels of the same surface seen
+# from two sides, relative to white (Brown and Lowe 2007, section 6).
+GAIN_SIGMA, INTENSITY_SIGMA = 0.35, 10 / 255
 # View pixels at which overlapping images are compared: the mean of a thousand is exact to a fraction of a gray level.
 MAX_OVERLAP_SAMPLES = 4000
 
