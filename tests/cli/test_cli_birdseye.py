@@ -79,6 +79,10 @@ def test_clips_and_folders_give_one_view_per_frame(run, folder):
     clip = Clip.open(folder / "top.mp4")
     assert len(list(clip.frames())) == 3
     assert clip.frame_rate == pytest.approx(10)
+    mixed = [*clips[:3], folder / f"{car.RIG.names[3]}.png"]
+    status, _, err = run("birdseye", *mixed, *rig, "-o", folder / "mixed.mp4")
+    assert status == 2
+    assert "is one image, others are clips" in err
     folders = [folder / name for name in car.RIG.names]
     assert run("birdseye", *folders, *rig, "-o", folder / "top")[0] == 0
     views = sorted((folder / "top").iterdir())

@@ -22,6 +22,8 @@ POSE_PARAMETERS = 6
 MIN_MARKS = 4
 # Marks beyond so many standard deviations are outliers: 1 in 10^4 of two normal coordinates.
 OUTLIER_SIGMA = 4.3
+# Marks that are closer are the same mark, seen by two cameras.
+MIN_LENGTH_M = 1e-6
 # Rounds in which the scale of the residuals and the pose are estimated in turn.
 SCALE_ROUNDS = 3
 # Residuals of exact marks are rounding errors, which have no scale.
@@ -147,21 +149,34 @@ def calibrate_ground(rig: Rig, marks: Mapping[str, GroundMarks]) -> GroundCalibr
     return GroundCalibration(calibrated, marks, fits)
 
 
-def length_errors(rig: Rig, marks: Mapping[str, GroundMarks], spacing: float) -> Array:
-    """Return the errors (N,), metres, of distances of marks that are `spacing` apart or more, measured on the ground.
+def length_errors(rig: Rig, marks: Mapping[str, GroundMarks], *, across: bool = False) -> Array:
+    """Return the errors (N,), metres, of the distances between marks, measured on the ground.
 
-    Each mark is put where the ray of its pixel meets the ground; all pairs of marks count, also those of two cameras.
+    Each mark is put where the ray of its pixel meets the ground. All pairs of marks at different places count, also
+    those of two cameras.
+
+    Parameters
+    ----------
+    rig
+        The rig in the ground frame.
+    marks
+        The marks by camera name.
+    across
+        Count only pairs of marks of different cameras.
     """
-    places, measured = list[Array](), list[Array]()
-    for name, seen in marks.items():
+    places, measured, cameras = list[Array](), list[Array](), list[Array]()
+    for k, (name, seen) in enumerate(marks.items()):
         at, valid = ground_position(rig, name, seen.pixels)
         places.append(seen.ground[valid])
         measured.append(at[valid])
-    true, found = np.concatenate(places), np.concatenate(measured)
+        cameras.append(np.full(int(valid.sum()), float(k)))
+    true, found, camera = np.concatenate(places), np.concatenate(measured), np.concatenate(cameras)
     a, b = np.triu_indices(len(true), 1)
     length = np.linalg.norm(true[a] - true[b], axis=1)
-    far = length >= spacing
-    return np.linalg.norm(found[a[far]] - found[b[far]], axis=1) - length[far]
+    used = length > MIN_LENGTH_M
+    if across:
+        used &= camera[a] != camera[b]
+    return np.linalg.norm(found[a[used]] - found[b[used]], axis=1) - length[used]
 
 
 def ground_position(rig: Rig, sensor: int | str, pixels: ArrayLike) -> tuple[Array, Mask]:

@@ -112,9 +112,9 @@ class BirdseyeResult:
         """The rig in the frame of the ground."""
         return self.renderer.calibration.rig
 
-    def length_errors(self, *cameras: str) -> LengthErrors:
-        """Return the errors of lengths between marks of some cameras; of all by default."""
-        return length_errors_cm(self.renderer.calibration, cameras or self.rig.names)
+    def length_errors(self, *cameras: str, across: bool = False) -> LengthErrors:
+        """Return the errors of lengths between marks of some cameras, by default all; or only between two cameras."""
+        return length_errors_cm(self.renderer.calibration, cameras or self.rig.names, across=across)
 
 
 def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = BirdseyeOptions()) -> BirdseyeResult:
@@ -200,17 +200,16 @@ def load_images(images: ImageSources, rig: Rig, options: BirdseyeOptions) -> lis
     return [i if isinstance(i, np.ndarray) else read_image(Path(i), apply_exif=options.apply_exif) for i in ordered]
 
 
-def length_errors_cm(calibration: GroundCalibration, cameras: Sequence[str]) -> LengthErrors:
-    """Return the errors, cm, of the lengths between all marks of some cameras that are no outliers."""
+def length_errors_cm(calibration: GroundCalibration, cameras: Sequence[str], *, across: bool = False) -> LengthErrors:
+    """Return the errors, cm, of the lengths between marks of some cameras that are no outliers; see `length_errors`."""
     inliers = {
         name: GroundMarks(calibration.marks[name].pixels[fit.inliers], calibration.marks[name].ground[fit.inliers])
         for name, fit in calibration.fits.items()
-        if name in cameras
+        if name in cameras and name in calibration.marks
     }
-    if not inliers:
+    errors = 100 * np.abs(length_errors(calibration.rig, inliers, across=across)) if inliers else np.zeros(0)
+    if not len(errors):
         return LengthErrors(float("nan"), float("nan"), 0)
-    # The same mark of two cameras has no length.
-    errors = 100 * np.abs(length_errors(calibration.rig, inliers, 1e-6))
     return LengthErrors(float(np.median(errors)), float(errors.max()), len(errors))
 
 

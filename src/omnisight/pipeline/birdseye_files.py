@@ -10,7 +10,7 @@ from typing import Any
 from omnisight.formats import load_rig, save
 from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
 from omnisight.images.output_paths import refuse_overwrite
-from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, prepare_birdseye
+from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, prepare_birdseye
 from omnisight.pipeline.birdseye_images import clip_writer, frame_count, is_sequence, match_cameras, moments
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
 
@@ -83,8 +83,9 @@ def write_birdseye(
             if renderer is None:
                 renderer = prepare_birdseye(images, body, options)
                 write = _writer(ordered, output, renderer, stack)
+            check_sizes(images, renderer.calibration.rig)
             gains = renderer.gains(images)
-            image = renderer(images)
+            image = renderer.remapper(images, gains)
             if result is None:
                 step = renderer.remapper.seam_step(images, gains)
                 result = BirdseyeResult(image, renderer, step, time.perf_counter() - began)

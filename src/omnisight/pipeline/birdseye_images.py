@@ -1,7 +1,8 @@
 """The images, folders or clips of a rig, one for each camera."""
 
 import re
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -71,15 +72,18 @@ def frame_count(sources: Sequence[Path]) -> int:
     Raises
     ------
     ValueError
-        If folders have different numbers of images.
+        If folders have different numbers of images, or some sources are single images and others are not.
     """
+    single = [source for source in sources if not is_sequence(source)]
+    if single and len(single) < len(sources):
+        raise ValueError(f"{single[0]}: is one image, others are clips or folders: specify the same for all cameras")
     counts: dict[Path, int] = {}
     for source in sources:
         if source.is_dir():
             counts[source] = len(collect_images([source]))
         else:
-            counts[source] = Clip.open(source).declared_frames or 0 if is_sequence(source) else 1
-    folders = {path: count for path, count in counts.items() if path.is_dir() or not is_sequence(path)}
+            counts[source] = 1 if source in single else Clip.open(source).declared_frames or 0
+    folders = {path: count for path, count in counts.items() if path.is_dir()}
     if len(set(folders.values())) > 1:
         listed = ", ".join(f"{path} {count}" for path, count in folders.items())
         raise ValueError(f"the folders have different numbers of images ({listed}): remove those without counterpart")
@@ -88,18 +92,30 @@ def frame_count(sources: Sequence[Path]) -> int:
 
 def frames(source: Path, apply_exif: bool) -> Generator[Image]:
     """Return the images of a file, a folder or a clip one after the other."""
+    import cv2
+
     if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
         with closing(Clip.open(source).frames()) as decoded:
             for frame in decoded:
-                yield frame.image
+                # A reversed view would be copied by every step that follows, which takes five times as long.
+                yield np.asarray(cv2.cvtColor(frame.bgr, cv2.COLOR_BGR2RGB))
         return
     for path in collect_images([source]):
         yield read_image(path, apply_exif=apply_exif)
 
 
-def moments(sources: Sequence[Path], apply_exif: bool) -> Iterator[tuple[Image, ...]]:
-    """Return the simultaneous images of all sources, until the shortest ends."""
-    return zip(*(frames(source, apply_exif) for source in sources), strict=False)
+def moments(sources: Sequence[Path], apply_exif: bool) -> Generator[tuple[Image, ...]]:
+    """Return the simultaneous images of all sources, until the shortest ends; the next ones are read meanwhile."""
+    streams = [frames(source, apply_exif) for source in sources]
+    with ThreadPoolExecutor(len(streams)) as pool:
+        following = [pool.submit(next, stream, None) for stream in streams]
+        while True:
+            images = [future.result() for future in following]
+            present = [image for image in images if image is not None]
+            if len(present) < len(images):
+                return
+            following = [pool.submit(next, stream, None) for stream in streams]
+            yield tuple(present)
 
 
 def load_masks(folder: Path | None, names: Sequence[str], sizes: Mapping[str, tuple[int, int]]) -> list[Any]:

@@ -125,7 +125,7 @@ def _marks(entries: Sequence[Mapping[str, Any]]) -> GroundMarks:
 def _checked(calibration: GroundCalibration, options: BirdseyeOptions) -> GroundCalibration:
     """Raise `ValueError` if a camera is not above the ground."""
     rig = calibration.rig
-    heights = [-float(pose.inverse().translation[1]) for pose in rig.sensor_from_rig]
+    heights = [0.0 - float(pose.inverse().translation[1]) for pose in rig.sensor_from_rig]
     lowest = int(np.argmin(heights))
     if heights[lowest] < MIN_HEIGHT_M:
         remedy = (
@@ -134,7 +134,7 @@ def _checked(calibration: GroundCalibration, options: BirdseyeOptions) -> Ground
             if options.height is None and options.ground_board is None
             else "the rig is upside down or too low: its y axis must point down; see --height, --pitch and --roll"
         )
-        raise ValueError(f"{rig.names[lowest]} is {heights[lowest]:.3g} m above the ground: {remedy}")
+        raise ValueError(f"{rig.names[lowest]} is {heights[lowest] + 0.0:.3g} m above the ground: {remedy}")
     return calibration
 
 
