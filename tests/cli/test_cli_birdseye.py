@@ -1,5 +1,6 @@
 """omnisight birdseye, on rendered images of a car and on those of a real one."""
 
+import dataclasses
 import json
 
 import cv2
@@ -10,6 +11,7 @@ import omnisight as om
 import rendered_car as car
 from omnisight.images import Clip
 from omnisight.pipeline.birdseye_images import clip_writer
+from omnisight.simulation import BoardInScene, Renderer, Scene, Texture
 
 SMALL = ("--pixel", "4cm", "--margin", "2m")
 
@@ -140,6 +142,28 @@ def test_invalid_input(run, folder):
         assert status == 2, (message, err)
         assert message in err
         assert "Traceback" not in out + err
+
+
+def test_a_board_on_the_ground_determines_the_height(run, folder):
+    camera, cam_from_ground = car.RIG.cameras[0], car.RIG.sensor_from_rig[0]
+    # The board's x is right, its y backward, its z down.
+    ground_from_board = om.Pose(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([-0.8, 0.0, 4.6]))
+    board = BoardInScene(om.Checkerboard.parse("8x6", square="200mm"), cam_from_ground @ ground_from_board)
+    scene = Scene((), sky=Texture.plain((110, 110, 110)))
+    (folder / "board").mkdir()
+    image = folder / "board" / "front.png"
+    om.write_image(image, Renderer(camera, cam_from_ground.inverse(), scene, samples=2)([board]).image)
+    tilt = om.Pose(om.look(3.0, 4.0, 2.0)) @ om.Pose(translation=np.array([0.0, 0.3, 0.1]))
+    poses = tuple(pose @ tilt.inverse() for pose in car.RIG.sensor_from_rig)
+    om.save(dataclasses.replace(car.RIG, sensor_from_rig=poses), folder / "rig.json")
+    given = ("--ground-board", image, "--pattern", "8x6", "-o", folder / "top.png", "--json")
+    status, out, err = run(*arguments(folder), *given, "--square", "200mm")
+    assert status == 0, err
+    for found, true in zip(json.loads(out)["cameras"], car.RIG.sensor_from_rig, strict=True):
+        assert found["height_m"] == pytest.approx(-true.inverse().translation[1], abs=0.01)
+    status, _, err = run(*arguments(folder), *given)
+    assert status == 2
+    assert "--square" in err
 
 
 def car_cloth():

@@ -1,13 +1,13 @@
 """Checkerboard squares on the ground, of any layout, and the detection of their corners in images of a rig."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.ground_calibration import GroundMarks, on_ground
-from omnisight.rig import Rig
+from omnisight.rig import Rig, Sensor
 from omnisight.targets.subpixel.corner_fit import fit_corners
 
 Array = NDArray[np.float64]
@@ -59,12 +59,7 @@ class GroundLayout:
         return np.stack([right, forward], -1), falling[row, column]
 
 
-def detect_layout(
-    layout: GroundLayout,
-    grays: Sequence[NDArray[np.uint8]],
-    rig: Rig,
-    previous: Mapping[str, GroundMarks] | None = None,
-) -> dict[str, GroundMarks]:
+def detect_layout(layout: GroundLayout, grays: Sequence[NDArray[np.uint8]], rig: Rig) -> dict[str, GroundMarks]:
     """Detect the corners of a layout in the gray images of a rig, whose poses predict them to a third of a square.
 
     Parameters
@@ -98,7 +93,7 @@ def detect_layout(
     return found
 
 
-def _project(camera: object, points: Array) -> Array:
+def _project(camera: Sensor, points: Array) -> Array:
     """Return the pixels (N, 2) of points of the camera frame; NaN outside the image."""
-    pixels, valid = camera.project(points)  # type: ignore[attr-defined]
-    return np.where((valid & camera.in_image(pixels))[:, None], pixels, np.nan)  # type: ignore[attr-defined]
+    pixels, valid = camera.project(points)
+    return np.where((valid & camera.in_image(pixels))[:, None], pixels, np.nan)
