@@ -7,6 +7,7 @@ The speed comparisons with other libraries run in a few minutes, all of them or 
     calibration  bundle adjustment; cv2.omnidir
     render       the renderer
     startup      import and first use in a new process
+    birdseye     four 1 MP fisheyes to a view of the ground; OpenCV
 
 The following run one at a time and take options, for example `python -m benchmarks boards --quick`:
 
@@ -40,7 +41,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
 import cv2
 
-RACES = ("points", "views", "calibration", "render", "startup")
+RACES = ("points", "views", "calibration", "render", "startup", "birdseye")
 EVALUATIONS = (
     "features",
     "twoview",

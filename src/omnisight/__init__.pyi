@@ -24,6 +24,9 @@ from omnisight.models import Projector as Projector
 from omnisight.models import model_class as model_class
 from omnisight.models import model_names as model_names
 from omnisight.optim.ransac import RansacOptions as RansacOptions
+from omnisight.pipeline.birdseye import BirdseyeResult as BirdseyeResult
+from omnisight.pipeline.birdseye import birdseye as birdseye
+from omnisight.pipeline.birdseye_options import BirdseyeOptions as BirdseyeOptions
 from omnisight.pipeline.calibrate import calibrate as calibrate
 from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions as CalibrateLinesOptions
 from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_lines

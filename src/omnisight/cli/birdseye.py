@@ -1,0 +1,51 @@
+"""omnisight birdseye."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+from omnisight.pipeline.birdseye_options import BirdseyeOptions
+
+
+def birdseye(
+    images: list[Path],
+    /,
+    *,
+    rig: Path,
+    output: Annotated[Path, Parameter(alias="-o")],
+    options: Annotated[BirdseyeOptions, Parameter(name="*")] = BirdseyeOptions(),
+    save_rig: Path | None = None,
+    quiet: bool = False,
+    json: bool = False,
+) -> None:
+    """Show the ground around a vehicle from above, from simultaneous images or clips of its cameras.
+
+    Forward is up. The ground is known from the rig (its frame is on the ground: x right, y down, z forward), from the
+    height of the rig, or from markings on the ground, to which the poses of the cameras are then calibrated.
+
+    Parameters
+    ----------
+    images
+        One image, folder or clip for each camera, with its name: front.png, left_017.jpg, back/, right.mp4.
+    rig
+        File of the rig.
+    output
+        Image to write; for clips and folders a video (.mp4) or a folder of images.
+    save_rig
+        File of the rig in the ground frame to write; later runs need no markings.
+    quiet
+        Show no progress.
+    json
+        Print one JSON object and nothing else.
+    """
+    from omnisight.cli._birdseye_report import print_json, print_report
+    from omnisight.pipeline.birdseye_files import write_birdseye
+
+    with progress(quiet or json) as report:
+        written = write_birdseye(images, rig, output, options, save_rig, report)
+    if json:
+        print_json(written)
+    else:
+        print_report(written)

@@ -1,0 +1,131 @@
+"""Bird's-eye views of files: images, folders and clips, one output frame for each moment."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from omnisight.formats import load_rig, save
+from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
+from omnisight.images.output_paths import refuse_overwrite
+from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, prepare_birdseye
+from omnisight.pipeline.birdseye_images import clip_writer, frame_count, is_sequence, match_cameras, moments
+from omnisight.pipeline.birdseye_options import BirdseyeOptions
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class BirdseyeFiles:
+    """Views that were written.
+
+    Attributes
+    ----------
+    result
+        The view of the first moment.
+    frames
+        Number of views.
+    files
+        The files that were written: the image, the video or the folder, and the rig.
+    seconds
+        Time of the whole computation.
+    """
+
+    result: BirdseyeResult = field(repr=False)
+    frames: int
+    files: tuple[Path, ...]
+    seconds: float
+
+
+def write_birdseye(
+    sources: Sequence[Path],
+    rig: Path,
+    output: Path,
+    options: BirdseyeOptions = BirdseyeOptions(),
+    save_rig: Path | None = None,
+    progress: Progress = lambda stage, done, total: None,
+) -> BirdseyeFiles:
+    """Compute the bird's-eye views of images, folders or clips of a rig, and write them.
+
+    Parameters
+    ----------
+    sources
+        One image, folder or clip for each camera, with its name.
+    rig
+        File of the rig.
+    output
+        Image to write; for clips and folders a video or a folder.
+    options
+        Options of the view. The first moment determines the ground.
+    save_rig
+        File of the rig in the ground frame to write.
+    progress
+        Called with a stage, the frames done and their number; 0 if it is unknown.
+
+    Raises
+    ------
+    ValueError
+        If the sources are not those of the cameras, or `birdseye` raises it.
+    """
+    start = time.perf_counter()
+    body = load_rig(rig)
+    ordered = match_cameras(sources, body.names)
+    _check_output(ordered, output, save_rig, [rig, *([options.ground] if options.ground else [])])
+    total, count = frame_count(ordered), 0
+    result: BirdseyeResult | None = None
+    renderer: BirdseyeRenderer | None = None
+    with ExitStack() as stack:
+        write = None
+        for images in moments(ordered, options.apply_exif):
+            began = time.perf_counter()
+            if renderer is None:
+                renderer = prepare_birdseye(images, body, options)
+                write = _writer(ordered, output, renderer, stack)
+            check_sizes(images, renderer.calibration.rig)
+            gains = renderer.gains(images)
+            image = renderer.remapper(images, gains)
+            if result is None:
+                step = renderer.remapper.seam_step(images, gains)
+                result = BirdseyeResult(image, renderer, step, time.perf_counter() - began)
+            assert write is not None
+            write(count, image)
+            count += 1
+            progress("bird's-eye view", count, max(total, count))
+    if result is None:
+        raise ValueError(f"{ordered[0]}: has no frames")
+    files = [output]
+    if save_rig is not None:
+        save(replace(result.rig, provenance={**result.rig.provenance, "frame": "ground"}), save_rig)
+        files.append(save_rig)
+    return BirdseyeFiles(result, count, tuple(files), time.perf_counter() - start)
+
+
+def _check_output(sources: Sequence[Path], output: Path, save_rig: Path | None, others: Sequence[Path]) -> None:
+    """Raise before any work if an output would replace an input or cannot be written."""
+    outputs = [path for path in (output, save_rig) if path is not None]
+    refuse_overwrite(outputs, [*sources, *others])
+    for path in outputs:
+        if not path.parent.is_dir():
+            raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
+    several = any(is_sequence(source) for source in sources)
+    if several and output.suffix and output.suffix.lower() not in VIDEO_SUFFIXES and not output.is_dir():
+        raise ValueError(f"{output}: clips and folders need a folder or a video, such as {output.with_suffix('.mp4')}")
+    if not several and (output.is_dir() or output.suffix.lower() in VIDEO_SUFFIXES):
+        raise ValueError(f"{output}: the view of one moment is an image; name a file, such as top.png")
+
+
+def _writer(
+    sources: Sequence[Path], output: Path, renderer: BirdseyeRenderer, stack: ExitStack
+) -> Callable[[int, Any], None]:
+    """Return a function that writes a view of a number."""
+    if not any(is_sequence(source) for source in sources):
+        return lambda number, image: write_image(output, image)
+    if output.suffix.lower() in VIDEO_SUFFIXES:
+        clips = [source for source in sources if not source.is_dir() and is_sequence(source)]
+        rate = Clip.open(clips[0]).frame_rate if clips else 30.0
+        append = stack.enter_context(clip_writer(output, renderer.view.size, rate))
+        return lambda number, image: append(image)
+    output.mkdir(parents=True, exist_ok=True)
+    return lambda number, image: write_image(output / f"{number:06d}.png", image)
