@@ -46,6 +46,8 @@ from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
 from omnisight.pipeline.export import export as export
 from omnisight.pipeline.inspect import inspect as inspect
+from omnisight.pipeline.localize import LocalizeOptions as LocalizeOptions
+from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
@@ -64,6 +66,9 @@ from omnisight.pipeline.stereo import StereoResult as StereoResult
 from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
+from omnisight.pipeline.visual_map import build_map as build_map
+from omnisight.pipeline.visual_map import read_map as read_map
+from omnisight.pipeline.visual_map import write_map as write_map
 from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
 from omnisight.places import similar_pairs as similar_pairs
@@ -75,6 +80,8 @@ from omnisight.report import ReportOptions as ReportOptions
 from omnisight.report import write_report as write_report
 from omnisight.report import write_viewer as write_viewer
 from omnisight.rig import Rig as Rig
+from omnisight.sfm.localization import LocalizedImage as LocalizedImage
+from omnisight.sfm.localization import VisualMap as VisualMap
 from omnisight.sfm.reconstruction import Reconstruction as Reconstruction
 from omnisight.targets import Checkerboard as Checkerboard
 from omnisight.targets import Detection as Detection

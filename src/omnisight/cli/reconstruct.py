@@ -1,22 +1,13 @@
 """omnisight reconstruct."""
 
-import sys
-from collections.abc import Generator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
-
-if TYPE_CHECKING:
-    from omnisight.pipeline.work_folder import WorkFolder
-
-# Sub-folder of the output with what an interrupted run has computed.
-WORK = "work"
 
 
 def reconstruct(
@@ -56,6 +47,7 @@ def reconstruct(
     json
         Print one JSON object and nothing else.
     """
+    from omnisight.cli._reconstruct_inputs import WORK, continuing, parse_cameras
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
     from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.clip_frames import extract_frames
@@ -69,9 +61,9 @@ def reconstruct(
     if is_clip and options.pairs == "auto":
         options = replace(options, pairs="sequential")
     folder = output / "images" if is_clip else images
-    with _continuing(work), progress(quiet or json) as report:
+    with continuing(work), progress(quiet or json) as report:
         files = extract_frames(images, folder, options.fps, report) if is_clip else images
-        result = run(files, _cameras(camera or []), rig, options, report, work.folder)
+        result = run(files, parse_cameras(camera or []), rig, options, report, work.folder)
     for number, model in enumerate(result.models):
         write_reconstruction(model_folder(output, number), model)
         write_viewer(model_folder(output, number) / "viewer.html", model, folder if folder.is_dir() else folder.parent)
@@ -84,24 +76,3 @@ def reconstruct(
         raise ValueError(f"{images}: {result.reason}")
     if not json:
         print_report(result, output)
-
-
-@contextmanager
-def _continuing(work: "WorkFolder") -> Generator[None]:
-    """State after Ctrl-C how to continue."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        if work.folder is not None and work.folder.is_dir():
-            print(f"the same command continues from {work.folder}; delete it to start anew", file=sys.stderr)
-        raise
-
-
-def _cameras(values: list[str]) -> str | dict[str, str] | None:
-    """Return the file of the only camera, or those of several by name."""
-    if len(values) <= 1 and not any("=" in value for value in values):
-        return values[0] if values else None
-    pairs = [value.partition("=") for value in values]
-    if unnamed := [value for value, sign, _ in pairs if not sign]:
-        raise ValueError(f"--camera {unnamed[0]}: several cameras need names, such as --camera front={unnamed[0]}")
-    return {name: file for name, _, file in pairs}

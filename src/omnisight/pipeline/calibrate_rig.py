@@ -7,7 +7,7 @@ from os import PathLike
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
@@ -137,7 +137,7 @@ def _is_symmetric(observations: Observations) -> bool:
     turned = half_turn(observations) @ points
     first = points[observations.groups[0]]
     step = np.linalg.norm(first[1:] - first[:-1], axis=1).min(initial=np.inf)
-    distance, _ = cKDTree(points).query(turned)
+    distance, _ = KDTree(points).query(turned)
     return bool((distance < SAME_POINT_SHARE * step).mean() > 0.5)
 
 

@@ -1,0 +1,98 @@
+"""Output of `omnisight map` and `omnisight localize`."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from omnisight.cli._console import console
+from omnisight.pipeline.reconstruct import ReconstructionResult
+from omnisight.sfm.localization import LocalizedImage, VisualMap
+
+
+def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None:
+    """Print a map as one JSON object."""
+    images, degrees = made.longest_track if made else (0, 0.0)
+    data = {
+        "images": result.images,
+        "registered": len(made.reconstruction) if made else 0,
+        "points": len(made.reconstruction.points) if made else 0,
+        "descriptors": len(made.descriptors) if made else 0,
+        "has_scale": bool(made and made.reconstruction.has_scale),
+        "longest_track_images": images,
+        "longest_track_deg": degrees,
+        "unregistered": result.unregistered,
+        "seconds": round(result.seconds, 3),
+        "reason": result.reason,
+    }
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> None:
+    """Print the size of a map, and the images that it lacks."""
+    model, (images, degrees) = made.reconstruction, made.longest_track
+    print(f"map       {len(model)} of {result.images} images, {len(model.points)} points in {_unit(made)}")
+    print(f"tracks    longest in {images} images, widest over {degrees:.0f}° of the view")
+    for name, reason in result.unregistered.items():
+        print(f"missing   {name}: {reason}")
+    print(f"time      {result.seconds:.1f} s")
+    print(f"written   {output}")
+
+
+def print_json(found: Mapping[str, LocalizedImage], known: VisualMap) -> None:
+    """Print the poses as one JSON object."""
+    images = [{"name": name, **_as_dict(image)} for name, image in found.items()]
+    data = {
+        "localized": sum(map(bool, found.values())),
+        "images": images,
+        "has_scale": known.reconstruction.has_scale,
+    }
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def _as_dict(image: LocalizedImage) -> dict[str, Any]:
+    """Return a pose and its figures."""
+    figures: dict[str, Any] = {"matches": image.matches, "inliers": image.inliers, "nearest": image.nearest or None}
+    if image.cam_from_world is None:
+        return {"localized": False, "reason": image.reason, **figures}
+    world_from_cam, (angle, distance) = image.cam_from_world.inverse(), image.sigmas
+    return {
+        "localized": True,
+        "position": world_from_cam.translation.tolist(),
+        "rotation_xyzw": Rotation.from_matrix(world_from_cam.rotation).as_quat(canonical=True).tolist(),
+        "sigma_deg": float(np.degrees(angle)),
+        "sigma_position": distance,
+        **figures,
+    }
+
+
+def print_report(found: Mapping[str, LocalizedImage], known: VisualMap, output: Path | None) -> None:
+    """Print a table of the poses."""
+    from rich.table import Table
+
+    out, unit = console(), "m" if known.reconstruction.has_scale else ""
+    table = Table(
+        "image", f"position {unit}".strip(), f"± {unit}".strip(), "± deg", "inliers", "", box=None, pad_edge=False
+    )
+    for column in table.columns[1:5]:
+        column.justify = "right"
+    for name, image in found.items():
+        if image.cam_from_world is None:
+            table.add_row(name, "", "", "", f"{image.inliers}/{image.matches}", image.reason)
+            continue
+        angle, distance = image.sigmas
+        position = " ".join(f"{value:.3f}" for value in image.cam_from_world.inverse().translation + 0.0)
+        figures = f"{distance:.2g}", f"{np.degrees(angle):.2g}", f"{image.inliers}/{image.matches}"
+        table.add_row(name, position, *figures, f"near {image.nearest}")
+    out.print(table)
+    out.print()
+    print(f"localized {sum(map(bool, found.values()))} of {len(found)} images in {_unit(known)}")
+    print(f"written   {output or 'nothing'}")
+
+
+def _unit(known: VisualMap) -> str:
+    """Return the unit of a map."""
+    return "metres" if known.reconstruction.has_scale else "an arbitrary unit"

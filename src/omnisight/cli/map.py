@@ -1,0 +1,68 @@
+"""omnisight map."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from omnisight.cli._progress import progress
+from omnisight.pipeline.options import ReconstructOptions
+
+
+def map(
+    images: Path,
+    /,
+    *,
+    camera: list[str] | None = None,
+    rig: Path | None = None,
+    output: Annotated[Path, Parameter(alias="-o")],
+    options: Annotated[ReconstructOptions, Parameter(name="*")] = ReconstructOptions(),
+    quiet: bool = False,
+    json: bool = False,
+) -> None:
+    """Make a map in which images of any other camera can be localized: `omnisight localize`.
+
+    The map is a reconstruction (`omnisight reconstruct`) with the descriptors of its points.
+
+    Parameters
+    ----------
+    images
+        Folder of images, or a video clip.
+    camera
+        Calibration file, as of `omnisight reconstruct`.
+    rig
+        File of a rig, in place of the camera.
+    output
+        Folder of the map.
+    quiet
+        Show no progress.
+    json
+        Print one JSON object and nothing else.
+    """
+    from omnisight.cli._localize_report import print_map, print_map_json
+    from omnisight.cli._reconstruct_inputs import WORK, continuing, parse_cameras
+    from omnisight.images import VIDEO_SUFFIXES
+    from omnisight.pipeline.clip_frames import extract_frames
+    from omnisight.pipeline.visual_map import build_map, write_map
+    from omnisight.pipeline.work_folder import WorkFolder
+    from omnisight.report import write_viewer
+
+    work = WorkFolder(output / WORK)
+    is_clip = images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir()
+    if is_clip and options.pairs == "auto":
+        options = replace(options, pairs="sequential")
+    folder = output / "images" if is_clip else images
+    with continuing(work), progress(quiet or json) as report:
+        files = extract_frames(images, folder, options.fps, report) if is_clip else images
+        made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)
+    if made is not None:
+        write_map(output, made)
+        write_viewer(output / "viewer.html", made.reconstruction, folder if folder.is_dir() else folder.parent)
+    work.remove()
+    if json:
+        print_map_json(made, result)
+    if made is None:
+        raise ValueError(f"{images}: {result.reason}")
+    if not json:
+        print_map(made, result, output)

@@ -1,0 +1,85 @@
+"""Localization of images in a map: `omnisight localize`."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+from omnisight.features import FeatureOptions, detect_features
+from omnisight.images import read_image, read_mask
+from omnisight.pipeline.central_camera import CameraSource, camera_of_image
+from omnisight.pipeline.detected_images import Progress
+from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.visual_map import read_map
+from omnisight.sfm.localization import LocalizedImage, VisualMap
+from omnisight.sfm.localization import localize as localize_keypoints
+
+
+@dataclass(frozen=True)
+class LocalizeOptions:
+    """Options of `localize`.
+
+    Attributes
+    ----------
+    name
+        Name of the camera in a file of several.
+    mask
+        Image that is white where keypoints are wanted (in a PBM file: 1).
+    max_keypoints
+        Number of keypoints per image; the strongest are used.
+    scale_camera
+        Scale the camera, if the images were resized after the calibration.
+    apply_exif
+        Rotate images by their EXIF orientation.
+    """
+
+    name: str | None = None
+    mask: Path | None = None
+    max_keypoints: int = 4000
+    scale_camera: bool = False
+    apply_exif: bool = False
+
+
+def localize(
+    images: str | PathLike[str] | Iterable[str | PathLike[str]],
+    visual_map: VisualMap | str | PathLike[str],
+    camera: CameraSource | None = None,
+    options: LocalizeOptions = LocalizeOptions(),
+    progress: Progress = lambda stage, done, total: None,
+) -> Mapping[str, LocalizedImage]:
+    """Estimate the poses of images in a map that other images, of any other camera, were used for.
+
+    Parameters
+    ----------
+    images
+        Folder, or image files.
+    visual_map
+        The map, or its folder.
+    camera
+        The camera of the images, or its calibration file; none is needed for 2:1 equirectangular images.
+    options
+        Options of the command.
+    progress
+        Called with the stage, the work done and the total.
+
+    Returns
+    -------
+    For each image, by name, its pose and covariance, or the reason why it is unknown.
+
+    Raises
+    ------
+    ValueError
+        If the map or an image cannot be read, or the camera does not fit.
+    """
+    known = visual_map if isinstance(visual_map, VisualMap) else read_map(visual_map)
+    files = image_set(images)
+    found: dict[str, LocalizedImage] = {}
+    for path, name in zip(files.paths, files.names, strict=True):
+        image = read_image(path, apply_exif=options.apply_exif)
+        size = image.shape[1], image.shape[0]
+        model = camera_of_image(camera, size, str(path), name=options.name, scale=options.scale_camera)
+        mask = None if options.mask is None else read_mask(options.mask, size)
+        keypoints = detect_features(image, model, FeatureOptions(max_keypoints=options.max_keypoints), mask=mask)
+        found[name] = localize_keypoints(keypoints, known)
+        progress("localize", len(found), len(files))
+    return found
