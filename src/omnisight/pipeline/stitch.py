@@ -248,7 +248,7 @@ def _orientation(vertical: Vertical | None, options: StitchOptions) -> Array:
             forward = np.array([0.0, 1.0, 0.0]) - down[1] * down
         forward /= np.linalg.norm(forward)
         level = np.stack([np.cross(down, forward), down, forward])
-    return look(options.yaw) @ level
+    return np.asarray(look(options.yaw) @ level, float)
 
 
 def _bearings(camera: Camera, sphere_from_rig: Array) -> NDArray[np.float32]:

@@ -25,7 +25,7 @@ from omnisight.views.stitching.sampling import Sampler
 
 Mask = NDArray[np.bool_]
 
-# Pixels at the very rim of an image circle are dark and blurred: largest distance kept from it, as a share of the radius.
+# Pixels at the rim of an image circle are dark and blurred: largest distance kept from it, as a share of the radius.
 RIM_MARGIN = 0.015
 
 

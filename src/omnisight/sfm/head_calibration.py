@@ -133,10 +133,10 @@ class _Problem:
         parts = [((a @ rotation.T - b) / self.sigma).ravel()]
         for k, (turn, shift, lenses) in enumerate(self.motions):
             step = x[13 + 5 * k : 18 + 5 * k]
-            parts.append(self._epipolar(so3.exp(step[:3]) @ turn, _shifted(shift, step[3:]), lenses, cameras, rotation))
+            parts.append(self.epipolar(so3.exp(step[:3]) @ turn, _shifted(shift, step[3:]), lenses, cameras, rotation))
         return np.concatenate([np.arctan(np.concatenate(parts) / 3) * 3, self._priors(x)])
 
-    def _epipolar(
+    def epipolar(
         self,
         turn: Array,
         shift: Array,
@@ -236,7 +236,7 @@ def _rescaled(problem: _Problem, x: Array) -> _Problem:
     a, b = _bearings(cameras[0], problem.overlap.first), _bearings(cameras[1], problem.overlap.other)
     sigma = float(np.median(np.linalg.norm(a @ rotation.T - b, axis=1)) / np.sqrt(2 * np.log(2)))
     values = [
-        problem._epipolar(
+        problem.epipolar(
             so3.exp(x[13 + 5 * k : 16 + 5 * k]) @ turn,
             _shifted(shift, x[16 + 5 * k : 18 + 5 * k]),
             lenses,

@@ -52,7 +52,10 @@ def detect_in_lenses(
     """Detect keypoints of frames x lenses."""
     options = FeatureOptions(max_keypoints=MAX_KEYPOINTS)
     return [
-        [detect_features(*lens, options, mask=mask) for *lens, mask in zip(frame, cameras, masks, strict=True)]
+        [
+            detect_features(image, camera, options, mask=mask)
+            for image, camera, mask in zip(frame, cameras, masks, strict=True)
+        ]
         for frame in images
     ]
 

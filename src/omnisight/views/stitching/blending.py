@@ -87,8 +87,9 @@ class Blender:
         blended = bands[-1]
         for band in reversed(bands[:-1]):
             blended = cv2.pyrUp(blended, dstsize=band.shape[1::-1]) + band
+        plain = np.asarray(plain)
         pad = _padding(plain.shape)
-        covered = sum(self._low)[..., 0] > 0.5
+        covered = np.asarray(sum(self._low))[..., 0] > 0.5
         return np.asarray((blended[pad:-pad, pad:-pad] - plain) * covered[..., None], np.float32)
 
 
@@ -108,7 +109,7 @@ def _padded(image: NDArray[Any]) -> NDArray[Any]:
 def _pyramid(image: NDArray[Any]) -> list[Any]:
     import cv2
 
-    levels = [np.ascontiguousarray(image, np.float32)]
+    levels: list[Any] = [np.ascontiguousarray(image, np.float32)]
     while len(levels) < LEVELS and min(levels[-1].shape[:2]) >= 8:
         levels.append(cv2.pyrDown(levels[-1]))
     return levels

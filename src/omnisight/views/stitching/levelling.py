@@ -18,6 +18,8 @@ TENSOR_PX, MIN_COHERENCE = 5.0, 0.8
 MAX_LATITUDE_RAD = float(np.radians(60.0))
 # Scale of the deviation of the edges of vertical lines: the direction of a gradient is known to about a degree.
 EDGE_SIGMA_RAD, ROUNDS = float(np.radians(1.5)), 30
+# The same for the start, since trunks and walls lean, and the standard deviation of the tilt of a camera that is held.
+START_SIGMA_RAD, TILT_SIGMA_RAD = float(np.radians(4.0)), float(np.radians(12.0))
 # Edge pixels of one line err together: about as many pixels per line as a line is long.
 PIXELS_PER_LINE = 50
 # Largest standard deviation of a usable vertical, and edges that it needs.
@@ -72,8 +74,9 @@ def estimate_vertical(image: NDArray[Any], bearings: NDArray[Any], guess: Array)
     trials = guess + np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2) @ basis
     trials /= np.linalg.norm(trials, axis=1, keepdims=True)
     few = normals[:: max(1, len(normals) // 3000)]
-    score = np.array([(1 / (1 + (few @ t / EDGE_SIGMA_RAD) ** 2)).sum() for t in trials])
-    up = trials[int(score.argmax())]
+    score = np.array([(1 / (1 + (few @ t / START_SIGMA_RAD) ** 2)).sum() for t in trials])
+    prior = np.exp(-0.5 * (np.arccos(np.clip(trials @ guess, -1, 1)) / TILT_SIGMA_RAD) ** 2)
+    up = trials[int((score * prior).argmax())]
     information = np.eye(2)
     weight = np.ones(len(normals))
     for _ in range(ROUNDS):

@@ -187,7 +187,8 @@ def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGri
     if not rows.size:
         raise ValueError(_no_overlap(samplers, k, bearings, coarse))
     step = 1 / coarse.px_per_rad
-    return PolarGrid.around(samplers[k].axis, coarse.theta[rows[0]] - step, coarse.theta[rows[-1]] + step, columns)
+    low, high = float(coarse.theta[rows[0]] - step), float(coarse.theta[rows[-1]] + step)
+    return PolarGrid.around(samplers[k].axis, low, high, columns)
 
 
 def _no_overlap(samplers: Sequence[Sampler], k: int, bearings: Array, grid: PolarGrid) -> str:
@@ -255,7 +256,8 @@ def _overlap_samples(samplers: Sequence[Sampler], images: Sequence[Bytes]) -> li
         for j in range(i):
             both = layers[i][1] & layers[j][1]
             if both.any():
-                colors, radius = ((layers[i][k][both], layers[j][k][both]) for k in (0, 2))
+                colors = layers[i][0][both], layers[j][0][both]
+                radius = layers[i][2][both], layers[j][2][both]
                 samples.append(OverlapSamples((i, j), colors, radius))
     return samples
 
