@@ -93,7 +93,7 @@ def residual_disparity(image: Bytes, truth: Bytes) -> float:
 
 def ffmpeg(front: Bytes, back: Bytes, folder: Path) -> Bytes:
     """Stitch by ffmpeg's v360, which assumes equidistant lenses side by side, and blends nothing."""
-    om.write_image(folder / "dual.png", np.hstack([front, back]))
+    om.write_image(folder / "dual.png", np.hstack([back, front]))  # the right half is in the centre
     field = FIELD_DEG * LENS / (0.98 * LENS)  # of the side of the square, whose image circle has a radius of 0.49
     run(
         f"ffmpeg -y -v error -i {folder}/dual.png -vf"

@@ -139,7 +139,6 @@ def stitch(
     progress("estimate the cameras", 0, 1)
     head = head_rig(frames, rig, cameras, options)
     first = next(iter(frames))
-    head.check(first)
     samplers, distance = _placed(head.samplers(), first, options.at)
     vertical = _vertical(samplers, first, options)
     sphere_from_rig = _orientation(vertical, options)

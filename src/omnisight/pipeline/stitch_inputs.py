@@ -121,7 +121,10 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     if any(clips) and not all(clips):
         raise ValueError("specify images or clips of all lenses, not both")
     label = Path(str(images[0])).stem if paths[0] is not None else "image"
-    return HeadFrames((tuple(images),), all(clips), len(images) == 1, (label,))
+    is_split = len(images) == 1
+    if is_split and len(names) == 1:
+        raise ValueError("the rig has one camera: a single image needs no stitching, use omnisight view")
+    return HeadFrames((tuple(images),), all(clips), is_split, (label,))
 
 
 def read_source(source: StitchSource) -> NDArray[Any]:

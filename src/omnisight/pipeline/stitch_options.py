@@ -11,7 +11,7 @@ class StitchOptions:
     Attributes
     ----------
     width
-        Width of the sphere, px; by default that of the resolution of the images.
+        Width of the sphere, px, a multiple of 16; by default that of the resolution of the images.
     at
         Distance of the scene with its unit (3m, or inf) for a rig; auto estimates the one with the smallest
         differences in the overlap.
@@ -50,8 +50,8 @@ class StitchOptions:
     def __post_init__(self) -> None:
         if self.width is not None and not 64 <= self.width <= 32766:
             raise ValueError(f"width is {self.width}; choose 64 to 32766 px")
-        if self.width is not None and self.width % 4:
-            raise ValueError(f"width is {self.width}; choose a multiple of 4, such as {self.width // 4 * 4}")
+        if self.width is not None and self.width % 16:
+            raise ValueError(f"width is {self.width}; choose a multiple of 16, such as {self.width // 16 * 16}")
         if self.every < 0:
             raise ValueError(f"every is {self.every}; choose a positive number of frames, or 0")
         for name in ("pitch", "roll", "yaw"):

@@ -61,12 +61,6 @@ class HeadRig:
         ]
         return int(min(max(64 * round(2 * np.pi * max(per_radian) / 64), 64), 16384))
 
-    def check(self, images: Sequence[Bytes]) -> None:
-        """Raise `ValueError` if two images are identical."""
-        for k in range(1, len(images)):
-            if images[k].shape == images[0].shape and np.array_equal(images[k], images[0]):
-                raise ValueError(f"images 1 and {k + 1} are identical; specify the image of each camera")
-
 
 def head_rig(
     frames: HeadFrames,
@@ -92,6 +86,7 @@ def head_rig(
         raise ValueError(
             f"there are {len(samples[0])} images, and without a rig exactly two lenses can be stitched: specify --rig"
         )
+    _check_distinct(samples[0])
     masks = _masks(options, samples[0])
     if cameras:
         return _calibrated_lenses(samples, cameras, masks, options)
@@ -111,6 +106,7 @@ def _given(frames: HeadFrames, rig: Rig, options: StitchOptions) -> HeadRig:
     if len(images) != len(rig):
         names = ", ".join(rig.names)
         raise ValueError(f"there are {len(images)} images, and the rig has {len(rig)} cameras ({names}), in this order")
+    _check_distinct(images)
     fitted: list[Camera] = []
     for k, (camera, image) in enumerate(zip(rig.cameras, images, strict=True)):
         if not isinstance(camera, Camera):
@@ -145,6 +141,13 @@ def _calibrated_lenses(
     pairs = [(frame[0], frame[1]) for frame in samples]
     found = estimate_head_rotation(pairs, (fitted[0], fitted[1]), (allowed[0], allowed[1]))
     return _estimated(found, allowed)
+
+
+def _check_distinct(images: Sequence[Bytes]) -> None:
+    """Raise `ValueError` if two images are identical."""
+    for k in range(1, len(images)):
+        if images[k].shape == images[0].shape and np.array_equal(images[k], images[0]):
+            raise ValueError(f"images 1 and {k + 1} are identical; specify the image of each camera")
 
 
 def _estimated(found: HeadCalibration, allowed: tuple[Mask, ...]) -> HeadRig:

@@ -34,6 +34,10 @@ TOLERANCE_RAD = float(np.radians(2.0))
 MIN_OVERLAP_MATCHES = 16
 # Prior of the profile: between equisolid (k1 = -0.042) and equidistant; standard deviations of k1 and k2.
 K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
+# Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
+SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
+# Parallax is common to neighbouring matches: an overlap has about as many independent ones in each frame.
+INDEPENDENT_MATCHES = 30
 # Standard deviation of the principal point about the centre of the image circle, as a share of its radius.
 CENTER_SIGMA = 0.006
 # Matches between frames used for each pair of frames and lens: more do not change the result.
@@ -131,10 +135,13 @@ class _Problem:
         cameras, rotation = self.cameras(x), self.turned(x)
         a, b = _bearings(cameras[0], self.overlap.first), _bearings(cameras[1], self.overlap.other)
         parts = [((a @ rotation.T - b) / self.sigma).ravel()]
+        correlation = np.sqrt(max(1.0, len(a) / (INDEPENDENT_MATCHES * len(np.unique(self.overlap.frame)))))
         for k, (turn, shift, lenses) in enumerate(self.motions):
             step = x[13 + 5 * k : 18 + 5 * k]
             parts.append(self.epipolar(so3.exp(step[:3]) @ turn, _shifted(shift, step[3:]), lenses, cameras, rotation))
-        return np.concatenate([np.arctan(np.concatenate(parts) / 3) * 3, self._priors(x)])
+        robust = np.arctan(np.concatenate(parts) / 3) * 3
+        robust[: 3 * len(a)] /= correlation
+        return np.concatenate([robust, self._priors(x)])
 
     def epipolar(
         self,
@@ -161,6 +168,10 @@ class _Problem:
             sigma = CENTER_SIGMA * radius
             parts += [(model.k1 + k1 - K1_MEAN) / K1_SIGMA, (model.k2 + k2) / K2_SIGMA, cx / sigma, cy / sigma]
             parts.append(log_f / 1.0)
+        first, second = (camera.model for camera in self.cameras(x))
+        parts.append(np.log(first.fx / second.fx) / SAME_FOCAL)  # pyright: ignore
+        parts.append((first.k1 - second.k1) / SAME_K1)  # pyright: ignore
+        parts.append((first.k2 - second.k2) / SAME_K2)  # pyright: ignore
         return np.array(parts)
 
 

@@ -26,7 +26,7 @@ class Blender:
     Parameters
     ----------
     labels
-        (H, W) index of the image that each pixel is taken from.
+        (H, W) index of the image that each pixel is taken from; H and W are multiples of 8.
     seen
         (H, W) which pixels each image has.
     """
@@ -56,7 +56,10 @@ class Blender:
         else:
             total = sum(np.asarray(i, np.float32) * w[..., None] for i, w in zip(images, self.weights, strict=True))
             sharp = np.clip(np.rint(total), 0, 255).astype(np.uint8)
-        correction = cv2.resize(self._correction(images), (width, height), interpolation=cv2.INTER_LINEAR)
+        low = self._correction(images)
+        wrapped = np.concatenate([low[:, -1:], low, low[:, :1]], axis=1)
+        padded = cv2.resize(wrapped, (width + 2 * REDUCTION, height), interpolation=cv2.INTER_LINEAR)
+        correction = padded[:, REDUCTION:-REDUCTION]
         return np.asarray(cv2.add(sharp, correction, dtype=cv2.CV_8U), np.uint8)
 
     def _correction(self, images: Sequence[Bytes]) -> Floats:

@@ -17,8 +17,8 @@ from omnisight.views.stitching.seams import Seam, find_seam
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
-# Columns of the polar grids in which seams are searched.
-MAX_SEAM_COLUMNS = 2048
+# Columns of the polar grids in which seams are searched, and the fewest rows in which optical flow can be computed.
+MIN_SEAM_COLUMNS, MAX_SEAM_COLUMNS, MIN_SEAM_ROWS = 1024, 2048, 32
 # Columns of the grid on which overlaps are compared for gains: each pixel averages many of the image.
 SAMPLE_COLUMNS = 512
 # Range of angles around the axis of a camera in which a seam can be, radians.
@@ -159,7 +159,7 @@ def _fit_seam(
     samplers: Sequence[Sampler], images: Sequence[Bytes], seams: Sequence[Seam], k: int, width: int
 ) -> tuple[Seam, SeamQuality, Disparity, PolarGrid]:
     """Find the seam of camera k against all before it, and measure it."""
-    columns = min(MAX_SEAM_COLUMNS, width)
+    columns = min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS)
     grid = _overlap_grid(samplers, k, columns)
     bearings = grid.bearings()
     layers = [sampler.sample(image, bearings) for sampler, image in zip(samplers[: k + 1], images, strict=False)]
@@ -186,8 +186,10 @@ def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGri
     rows = np.flatnonzero(overlap.any(1))
     if not rows.size:
         raise ValueError(_no_overlap(samplers, k, bearings, coarse))
-    step = 1 / coarse.px_per_rad
-    low, high = float(coarse.theta[rows[0]] - step), float(coarse.theta[rows[-1]] + step)
+    shortest = MIN_SEAM_ROWS * 2 * np.pi / columns
+    middle = (coarse.theta[rows[0]] + coarse.theta[rows[-1]]) / 2
+    half = max((coarse.theta[rows[-1]] - coarse.theta[rows[0]]) / 2 + 1 / coarse.px_per_rad, shortest / 2)
+    low, high = float(middle - half), float(middle + half)
     return PolarGrid.around(samplers[k].axis, low, high, columns)
 
 
