@@ -147,7 +147,10 @@ def rows_of(scene: str, apart: float) -> list[str]:
 def speed(size: int, width: int) -> None:
     """Print the frames a second of a clip of two lenses of `size` px to a sphere, beside ffmpeg."""
     rig = equidistant_head(size, 0.024)
-    front, back = (Renderer(camera, om.Pose(), samples=1)().image for camera in rig.cameras)
+    front, back = (
+        Renderer(camera, pose.inverse(), samples=1)().image
+        for camera, pose in zip(rig.cameras, rig.sensor_from_rig, strict=True)
+    )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         clip = cv2.VideoWriter(str(folder / "d.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 30, (2 * size, size))
