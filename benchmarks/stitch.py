@@ -82,7 +82,9 @@ def ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def residual_disparity(image: Bytes, truth: Bytes) -> float:
     """Return the median displacement against the truth in the same band, degrees, where there is texture."""
     gray = [cv2.cvtColor(x, cv2.COLOR_RGB2GRAY) for x in (truth, image)]
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(gray[0], gray[1], None)
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(
+        gray[0], gray[1], np.zeros((*gray[0].shape, 2), np.float32)
+    )
     columns = np.abs((np.arange(WIDTH) + 0.5) / WIDTH * 360 - 180)
     rows = np.abs((np.arange(WIDTH // 2) + 0.5) / WIDTH * 360 - 90) < 60
     band = np.ix_(rows, np.abs(columns - 90) < 10)

@@ -18,7 +18,7 @@ from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames, StitchSource, he
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_rig import head_rig
 from omnisight.rig import Rig
-from omnisight.sfm.head_calibration import HeadCalibration
+from omnisight.sfm.head_result import HeadCalibration
 from omnisight.targets.length import parse_length
 from omnisight.views.stitching.levelling import Vertical, estimate_vertical
 from omnisight.views.stitching.sampling import Sampler

@@ -19,7 +19,8 @@ from omnisight.pipeline.central_camera import camera_of_image, fit_camera
 from omnisight.pipeline.stitch_inputs import HEAD_NAMES, Bytes, HeadFrames, lens_fields
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.rig import Rig
-from omnisight.sfm.head_calibration import HeadCalibration, calibrate_head, estimate_head_rotation
+from omnisight.sfm.head_calibration import calibrate_head, estimate_head_rotation
+from omnisight.sfm.head_result import HeadCalibration
 from omnisight.views.maps import resolution
 from omnisight.views.stitching.sampling import Sampler
 

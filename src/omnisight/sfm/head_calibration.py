@@ -7,7 +7,6 @@ epipolar constraint of the whole sphere between consecutive frames determines it
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,8 @@ from omnisight.geometry import rotation as so3
 from omnisight.images import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.sfm.head_matches import OverlapMatches, best_rotation, detect_in_lenses, match_frames, match_overlap
+from omnisight.sfm.head_problem import K1_MEAN, HeadProblem, lens_bearings, shifted
+from omnisight.sfm.head_result import FrameAgreement, HeadCalibration
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import estimate_relative_pose
 
@@ -32,147 +33,10 @@ RIM_SHARE = 0.66
 TOLERANCE_RAD = float(np.radians(2.0))
 # Fewer matches determine no rotation and lenses: twice the parameters of the overlap.
 MIN_OVERLAP_MATCHES = 16
-# Prior of the profile: between equisolid (k1 = -0.042) and equidistant; standard deviations of k1 and k2.
-K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
-# Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
-SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
-# Parallax is common to neighbouring matches: an overlap has about as many independent ones in each frame.
-INDEPENDENT_MATCHES = 30
-# Standard deviation of the principal point about the centre of the image circle, as a share of its radius.
-CENTER_SIGMA = 0.006
 # Matches between frames used for each pair of frames and lens: more do not change the result.
 MAX_FRAME_MATCHES = 400
-# Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
-LENS_PARAMETERS = 5
 # Quotient of the standard deviation and the median of the absolute value of a normal variable.
 SIGMA_OF_MEDIAN = 1.4826
-
-
-@dataclass(frozen=True)
-class FrameAgreement:
-    """Estimate from the overlap of one frame, against that from all.
-
-    Attributes
-    ----------
-    matches
-        Number of matches in the overlap.
-    rotation_deg, rotation_sigma_deg
-        Angle between the rotations, and its expected value from both uncertainties.
-    rim_deg, rim_sigma_deg
-        Difference of the sum of both lenses' angles at the rim, and its standard deviation.
-    """
-
-    matches: int
-    rotation_deg: float
-    rotation_sigma_deg: float
-    rim_deg: float
-    rim_sigma_deg: float
-
-
-@dataclass(frozen=True, eq=False)
-class HeadCalibration:
-    """Lenses and rotation of a head; false if they cannot be estimated.
-
-    Attributes
-    ----------
-    cameras
-        Both lenses.
-    rotation
-        (3, 3) bearings of the first to the second.
-    covariance
-        (13, 13) of logarithm of the focal length, k1, k2, cx, cy of both lenses, and the rotation vector.
-    matches
-        Number of matches in the overlap that agree.
-    sigma_deg
-        Standard deviation of their residuals.
-    frames
-        Estimates from single frames; empty for one frame.
-    reason
-        Why the head cannot be calibrated.
-    """
-
-    cameras: tuple[Camera, Camera]
-    rotation: Array
-    covariance: Array
-    matches: int
-    sigma_deg: float
-    frames: tuple[FrameAgreement, ...] = ()
-    reason: str = ""
-
-    def __bool__(self) -> bool:
-        return not self.reason
-
-    @property
-    def rotation_sigma_deg(self) -> float:
-        """Standard deviation of the rotation about its most uncertain axis."""
-        return float(np.degrees(np.sqrt(np.linalg.eigvalsh(self.covariance[-3:, -3:])[-1])))
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Least squares over both lenses, the rotation, and the motions between frames."""
-
-    start: tuple[Camera, Camera]
-    radius: tuple[float, float]
-    rotation: Array
-    overlap: OverlapMatches
-    motions: list[tuple[Array, Array, list[tuple[Array, Array]]]]
-    sigma: float
-    motion_sigma: float
-
-    @property
-    def size(self) -> int:
-        return 2 * LENS_PARAMETERS + 3 + 5 * len(self.motions)
-
-    def cameras(self, x: Array) -> tuple[Camera, Camera]:
-        return _moved(self.start[0], x[:5]), _moved(self.start[1], x[5:10])
-
-    def turned(self, x: Array) -> Array:
-        return so3.exp(x[10:13]) @ self.rotation
-
-    def residuals(self, x: Array) -> Array:
-        """Return all residuals in standard deviations: overlap (2 N,), motions, priors."""
-        cameras, rotation = self.cameras(x), self.turned(x)
-        a, b = _bearings(cameras[0], self.overlap.first), _bearings(cameras[1], self.overlap.other)
-        parts = [((a @ rotation.T - b) / self.sigma).ravel()]
-        correlation = np.sqrt(max(1.0, len(a) / (INDEPENDENT_MATCHES * len(np.unique(self.overlap.frame)))))
-        for k, (turn, shift, lenses) in enumerate(self.motions):
-            step = x[13 + 5 * k : 18 + 5 * k]
-            parts.append(self.epipolar(so3.exp(step[:3]) @ turn, _shifted(shift, step[3:]), lenses, cameras, rotation))
-        robust = np.arctan(np.concatenate(parts) / 3) * 3
-        robust[: 3 * len(a)] /= correlation
-        return np.concatenate([robust, self._priors(x)])
-
-    def epipolar(
-        self,
-        turn: Array,
-        shift: Array,
-        lenses: list[tuple[Array, Array]],
-        cameras: tuple[Camera, Camera],
-        rotation: Array,
-    ) -> Array:
-        """Return the angles between bearings and epipolar planes of the whole sphere."""
-        angles: list[Array] = []
-        for camera, (before, after), to_first in zip(cameras, lenses, (np.eye(3), rotation), strict=True):
-            a, b = _bearings(camera, before) @ to_first, _bearings(camera, after) @ to_first
-            normals = np.cross(shift, a @ turn.T)
-            length = np.maximum(np.linalg.norm(normals, axis=1), 0.05)
-            angles.append((normals * b).sum(1) / length / self.motion_sigma)
-        return np.concatenate(angles)
-
-    def _priors(self, x: Array) -> Array:
-        parts: list[float] = []
-        for lens, radius in enumerate(self.radius):
-            log_f, k1, k2, cx, cy = x[5 * lens : 5 * lens + 5]
-            model: Any = self.start[lens].model
-            sigma = CENTER_SIGMA * radius
-            parts += [(model.k1 + k1 - K1_MEAN) / K1_SIGMA, (model.k2 + k2) / K2_SIGMA, cx / sigma, cy / sigma]
-            parts.append(log_f / 1.0)
-        first, second = (camera.model for camera in self.cameras(x))
-        parts.append(np.log(first.fx / second.fx) / SAME_FOCAL)  # pyright: ignore
-        parts.append((first.k1 - second.k1) / SAME_K1)  # pyright: ignore
-        parts.append((first.k2 - second.k2) / SAME_K2)  # pyright: ignore
-        return np.array(parts)
 
 
 def calibrate_head(
@@ -213,11 +77,11 @@ def calibrate_head(
     overlap = overlap.select(inliers)
     motions = _motions(keypoints, cameras, rotation)
     radius = tuple(field.outer.radius if field.outer else 0.5 * max(field.size) for field in fields)
-    problem = _Problem(cameras, (radius[0], radius[1]), rotation, overlap, motions, TOLERANCE_RAD / 3, 3e-3)
+    problem = HeadProblem(cameras, (radius[0], radius[1]), rotation, overlap, motions, TOLERANCE_RAD / 3, 3e-3)
     return _solved(problem, len(images))
 
 
-def _solved(problem: _Problem, frames: int) -> HeadCalibration:
+def _solved(problem: HeadProblem, frames: int) -> HeadCalibration:
     """Minimize in two rounds, the second with the residuals' own scale, and compare with single frames."""
     x = _minimize(problem, np.zeros(problem.size))
     problem = _rescaled(problem, x)
@@ -230,26 +94,26 @@ def _solved(problem: _Problem, frames: int) -> HeadCalibration:
     )
 
 
-def _minimize(problem: _Problem, x: Array) -> Array:
+def _minimize(problem: HeadProblem, x: Array) -> Array:
     from scipy.optimize import least_squares  # imported on use: scipy is slow to import
 
     return np.asarray(least_squares(problem.residuals, x, x_scale=_scales(problem), max_nfev=30, xtol=1e-6).x)
 
 
-def _scales(problem: _Problem) -> Array:
+def _scales(problem: HeadProblem) -> Array:
     lens = np.array([0.05, 0.03, 0.006, 3.0, 3.0])
     return np.concatenate([lens, lens, np.full(problem.size - 10, 0.02)])
 
 
-def _rescaled(problem: _Problem, x: Array) -> _Problem:
+def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
     """Return the problem with the standard deviations of its residuals."""
     cameras, rotation = problem.cameras(x), problem.turned(x)
-    a, b = _bearings(cameras[0], problem.overlap.first), _bearings(cameras[1], problem.overlap.other)
+    a, b = lens_bearings(cameras[0], problem.overlap.first), lens_bearings(cameras[1], problem.overlap.other)
     sigma = float(np.median(np.linalg.norm(a @ rotation.T - b, axis=1)) / np.sqrt(2 * np.log(2)))
     values = [
         problem.epipolar(
             so3.exp(x[13 + 5 * k : 16 + 5 * k]) @ turn,
-            _shifted(shift, x[16 + 5 * k : 18 + 5 * k]),
+            shifted(shift, x[16 + 5 * k : 18 + 5 * k]),
             lenses,
             cameras,
             rotation,
@@ -260,14 +124,14 @@ def _rescaled(problem: _Problem, x: Array) -> _Problem:
     return dataclasses.replace(problem, sigma=max(sigma, 1e-4), motion_sigma=max(problem.motion_sigma * scale, 1e-4))
 
 
-def _covariance(problem: _Problem, x: Array) -> Array:
+def _covariance(problem: HeadProblem, x: Array) -> Array:
     """Return the inverse of the normal equations at the solution."""
     scales, base = _scales(problem) * 1e-4, problem.residuals(x)
     jacobian = np.stack([(problem.residuals(x + step) - base) / step.sum() for step in np.diag(scales)], -1)
     return np.linalg.inv(jacobian.T @ jacobian)
 
 
-def _single_frames(problem: _Problem, x: Array, covariance: Array) -> tuple[FrameAgreement, ...]:
+def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[FrameAgreement, ...]:
     """Estimate rotation and focal lengths from the overlap of each frame alone."""
     joint = problem.turned(x)
     rim = _rim_sum(problem, problem.cameras(x))
@@ -290,7 +154,7 @@ def _single_frames(problem: _Problem, x: Array, covariance: Array) -> tuple[Fram
     return tuple(found)
 
 
-def _rim_sum(problem: _Problem, cameras: Sequence[Camera]) -> float:
+def _rim_sum(problem: HeadProblem, cameras: Sequence[Camera]) -> float:
     """Return the sum of both lenses' angles at the median radii of the matches, which the overlap determines."""
     total = 0.0
     for start, camera, pixels in zip(
@@ -303,7 +167,7 @@ def _rim_sum(problem: _Problem, cameras: Sequence[Camera]) -> float:
     return total
 
 
-def _rim_gradient(problem: _Problem, x: Array) -> Array:
+def _rim_gradient(problem: HeadProblem, x: Array) -> Array:
     scales, base = _scales(problem)[:13] * 1e-4, _rim_sum(problem, problem.cameras(x))
     return np.array([(_rim_sum(problem, problem.cameras(x + step)) - base) / step.sum() for step in np.diag(scales)])
 
@@ -317,7 +181,7 @@ def _motions(
         to_first = (np.eye(3), rotation)
         before, after = (
             np.concatenate(
-                [_bearings(c, pixels[k]) @ r for c, pixels, r in zip(cameras, lenses, to_first, strict=True)]
+                [lens_bearings(c, pixels[k]) @ r for c, pixels, r in zip(cameras, lenses, to_first, strict=True)]
             )
             for k in range(2)
         )
@@ -339,7 +203,7 @@ def _motions(
 def _rotation_of(
     cameras: Sequence[Camera], overlap: OverlapMatches, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    a, b = _bearings(cameras[0], overlap.first), _bearings(cameras[1], overlap.other)
+    a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
     return best_rotation(a, b, TOLERANCE_RAD, rng)
 
 
@@ -350,28 +214,6 @@ def _guess(field: ImageField, degrees: float) -> Camera:
     rim, (cx, cy) = np.radians(degrees / 2), field.outer.centre
     focal = float(field.outer.radius / (rim * (1 + K1_MEAN * rim**2)))
     return Camera(KannalaBrandt(focal, focal, cx, cy, K1_MEAN, 0.0, 0.0, 0.0), field.size)
-
-
-def _moved(camera: Camera, x: Array) -> Camera:
-    model: Any = camera.model
-    focal = model.fx * float(np.exp(x[0]))
-    moved = dataclasses.replace(
-        model, fx=focal, fy=focal, k1=model.k1 + x[1], k2=model.k2 + x[2], cx=model.cx + x[3], cy=model.cy + x[4]
-    )
-    return Camera(moved, camera.size)
-
-
-def _bearings(camera: Camera, pixels: Array) -> Array:
-    """Return bearings (N, 3), zero outside the domain of the model."""
-    bearings, valid = camera.model.unproject_numpy(pixels)
-    return np.where(valid[:, None], bearings, 0.0)
-
-
-def _shifted(shift: Array, step: Array) -> Array:
-    """Return a direction moved in its tangent plane."""
-    basis = np.linalg.svd(shift[None])[2][1:]
-    moved = shift + step @ basis
-    return moved / np.linalg.norm(moved)
 
 
 def _at_rim(keypoints: Keypoints, field: ImageField) -> Keypoints:
@@ -404,7 +246,7 @@ def estimate_head_rotation(
         )
         return HeadCalibration(cameras, rotation, unknown, count, np.nan, (), reason)
     overlap = overlap.select(inliers)
-    a, b = _bearings(cameras[0], overlap.first), _bearings(cameras[1], overlap.other)
+    a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
     sigma = 0.0
     for _ in range(20):  # Weiszfeld's algorithm: the geometric median of rotations
         distance = np.linalg.norm(a @ rotation.T - b, axis=1)
