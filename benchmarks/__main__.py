@@ -18,6 +18,7 @@ The following run one at a time and take options, for example `python -m benchma
     places       retrieval of rendered images and of a robot's route. 10 minutes, with --quick 2
     rigs         calibration of rendered rigs; OpenCV. 2 minutes
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
+    stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
     noncentral   errors of central and axial models for non-central cameras. 5 minutes
@@ -50,6 +51,7 @@ EVALUATIONS = (
     "places",
     "rigs",
     "stereo",
+    "stitch",
     "boards",
     "solvers",
     "noncentral",

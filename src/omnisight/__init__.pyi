@@ -64,6 +64,9 @@ from omnisight.pipeline.simulate import simulate as simulate
 from omnisight.pipeline.simulate_options import SimulateOptions as SimulateOptions
 from omnisight.pipeline.stereo import StereoResult as StereoResult
 from omnisight.pipeline.stereo import stereo as stereo
+from omnisight.pipeline.stitch import StitchResult as StitchResult
+from omnisight.pipeline.stitch import stitch as stitch
+from omnisight.pipeline.stitch_options import StitchOptions as StitchOptions
 from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
 from omnisight.pipeline.visual_map import build_map as build_map

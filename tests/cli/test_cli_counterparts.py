@@ -22,6 +22,7 @@ FUNCTIONS = {
     "reconstruct": om.reconstruct,
     "simulate": om.simulate,
     "stereo": om.stereo,
+    "stitch": om.stitch,
     "view": om.view,
 }
 # Fields that are positional arguments of their command.

@@ -1,0 +1,61 @@
+"""omnisight stitch."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from omnisight.pipeline.stitch_options import StitchOptions
+
+
+def stitch(
+    images: list[Path],
+    /,
+    *,
+    rig: Path | None = None,
+    camera: list[Path] | None = None,
+    output: Annotated[Path, Parameter(alias="-o")],
+    options: Annotated[StitchOptions, Parameter(name="*")] = StitchOptions(),
+    save_rig: Path | None = None,
+    json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Stitch simultaneous images of several cameras to a sphere (equirectangular).
+
+    Without a rig, the image circles, lenses and relative rotation of two fisheyes are estimated from their overlap.
+    Photos get GPano tags and clips spherical metadata, so that viewers show them as spheres.
+
+    Parameters
+    ----------
+    images
+        An image, folder or clip for each camera, such as front.jpg back.jpg; or one with two circles side by side; or a
+        folder with front_1.jpg, back_1.jpg, ...
+    rig
+        File of the rig; images in the order of its cameras.
+    camera
+        Calibration of a lens, one for each image; their rotation is estimated.
+    output
+        Sphere to write: .jpg, .png or .tif; a folder for several frames; .mp4 for clips.
+    save_rig
+        File for the estimated rig.
+    json
+        Print one JSON object and nothing else.
+    quiet
+        Show no progress.
+    """
+    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._progress import progress
+    from omnisight.cli._stitch_report import print_json, print_report
+    from omnisight.formats import save
+    from omnisight.pipeline.stitch import stitch as run
+
+    if save_rig is not None:
+        must_be_writable(save_rig)
+    with progress(quiet or json) as report:
+        result = run(images, rig, options, cameras=camera or (), output=output, progress=report)
+    if save_rig is not None:
+        save(result.rig, save_rig)
+    if json:
+        print_json(result)
+    else:
+        print_report(result, output, save_rig)

@@ -1,0 +1,200 @@
+"""Simultaneous images of several lenses: files, folders, clips, or two circles side by side in one image."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.images import (
+    VIDEO_SUFFIXES,
+    Clip,
+    collect_images,
+    downsample,
+    estimate_image_field,
+    read_image,
+    to_gray8,
+)
+from omnisight.images.image_field import ImageField
+from omnisight.pipeline.image_set import image_set
+
+Bytes = NDArray[np.uint8]
+StitchSource = str | PathLike[str] | NDArray[Any]
+
+# Frames of a sequence from which lenses and rotation are estimated: more take longer and change little.
+MAX_CALIBRATION_FRAMES = 6
+# Relative difference of the radii of both circles above which one is wrong: both lenses of a head are alike.
+MAX_RADIUS_DIFFERENCE = 0.02
+# Names of the lenses of a head in a single folder.
+HEAD_NAMES = ("front", "back")
+
+
+@dataclass(frozen=True, eq=False)
+class HeadFrames:
+    """Frames of simultaneous images.
+
+    Attributes
+    ----------
+    sources
+        For each frame its images, one per lens; a single one if it shows both lenses. Clips: one frame.
+    is_clip
+        Whether the sources are clips.
+    is_split
+        Whether an image shows two lenses side by side.
+    labels
+        Name of each frame.
+    """
+
+    sources: tuple[tuple[StitchSource, ...], ...]
+    is_clip: bool
+    is_split: bool
+    labels: tuple[str, ...]
+
+    def __iter__(self) -> Iterator[list[Bytes]]:
+        """Read the images of each frame, RGB."""
+        if not self.is_clip:
+            yield from (self._split([_rgb8(read_source(s)) for s in frame]) for frame in self.sources)
+            return
+        clips = [Clip.open(Path(str(source))) for source in self.sources[0]]
+        for frames in zip(*(clip.frames() for clip in clips), strict=False):
+            yield self._split([np.ascontiguousarray(frame.image) for frame in frames])
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames per second of a clip."""
+        return Clip.open(Path(str(self.sources[0][0]))).frame_rate if self.is_clip else 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of frames; of a clip that of its header, at least 1."""
+        if not self.is_clip:
+            return len(self.sources)
+        return max(1, min(Clip.open(Path(str(s))).declared_frames or 1 for s in self.sources[0]))
+
+    def calibration_frames(self) -> list[list[Bytes]]:
+        """Return a few frames, evenly distributed."""
+        chosen = set(np.unique(np.linspace(0, self.count - 1, MAX_CALIBRATION_FRAMES).round().astype(int)).tolist())
+        if not self.is_clip:
+            return [self._split([_rgb8(read_source(s)) for s in self.sources[k]]) for k in sorted(chosen)]
+        clips = [Clip.open(Path(str(source))) for source in self.sources[0]]
+        return [
+            self._split([np.ascontiguousarray(frame.image) for frame in frames])
+            for frames in zip(*(clip.frames(chosen) for clip in clips), strict=False)
+        ]
+
+    def _split(self, images: list[Bytes]) -> list[Bytes]:
+        if not self.is_split:
+            return images
+        half = images[0].shape[1] // 2
+        return [np.ascontiguousarray(images[0][:, :half]), np.ascontiguousarray(images[0][:, half : 2 * half])]
+
+
+def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> HeadFrames:
+    """Return the frames of images, folders, clips, or of a single image with two circles.
+
+    Parameters
+    ----------
+    images
+        One source per lens; or one with two circles side by side, or a folder with the images of all lenses.
+    names
+        Names of the lenses in a single folder; by default front and back.
+
+    Raises
+    ------
+    ValueError
+        If there are no images, or the sources have different numbers of images.
+    """
+    if not images:
+        raise ValueError("specify the images of the lenses, such as front.jpg back.jpg")
+    paths = [Path(s) if not isinstance(s, np.ndarray) else None for s in images]
+    is_folder = [path is not None and path.is_dir() for path in paths]
+    if any(is_folder) and not all(is_folder):
+        raise ValueError("specify images or folders of all lenses, not both")
+    if len(images) == 1 and all(is_folder):
+        return _one_folder(images[0], names or HEAD_NAMES)
+    if all(is_folder):
+        return _folders([path for path in paths if path is not None])
+    clips = [path is not None and path.suffix.lower() in VIDEO_SUFFIXES for path in paths]
+    if any(clips) and not all(clips):
+        raise ValueError("specify images or clips of all lenses, not both")
+    label = Path(str(images[0])).stem if paths[0] is not None else "image"
+    is_split = len(images) == 1
+    if is_split and len(names) == 1:
+        raise ValueError("the rig has one camera: a single image needs no stitching, use omnisight view")
+    return HeadFrames((tuple(images),), all(clips), is_split, (label,))
+
+
+def read_source(source: StitchSource) -> NDArray[Any]:
+    """Return an image, read if it is a file."""
+    return source if isinstance(source, np.ndarray) else read_image(Path(source))
+
+
+def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[ImageField, ImageField]:
+    """Return the image fields of two lenses of a head.
+
+    Raises
+    ------
+    ValueError
+        If a lens shows no image circle.
+    """
+    found = [
+        _rescaled_field([downsample(to_gray8(frame[k])) for frame in frames], frames[0][k].shape) for k in range(2)
+    ]
+    missing = [k for k, field in enumerate(found) if field.outer is None]
+    if len(missing) == 2 or (missing and is_split):
+        where = "the image" if is_split else "the images"
+        raise ValueError(
+            f"{where}: no two image circles were detected"
+            + (" side by side" if is_split else "")
+            + "; without image circles specify a calibrated rig (--rig)"
+        )
+    if missing or found[0].size == found[1].size:
+        found = _common_circle(found)
+    return found[0], found[1]
+
+
+def _rescaled_field(grays: Sequence[NDArray[np.uint8]], shape: tuple[int, ...]) -> ImageField:
+    return estimate_image_field(grays).resized((shape[1], shape[0]))
+
+
+def _common_circle(fields: list[ImageField]) -> list[ImageField]:
+    """Replace a missing or too large circle by that of the other lens: glare beyond the rim enlarges it."""
+    radii = [field.outer.radius if field.outer else np.inf for field in fields]
+    small = int(np.argmin(radii))
+    if radii[1 - small] > radii[small] * (1 + MAX_RADIUS_DIFFERENCE):
+        fields[1 - small] = fields[small].resized(fields[1 - small].size)
+    return fields
+
+
+def _one_folder(folder: StitchSource, names: Sequence[str]) -> HeadFrames:
+    """Return the frames of a folder with the images of all lenses."""
+    found = image_set(str(folder), names, is_rig=True)
+    frames: list[tuple[StitchSource, ...]] = []
+    for frame in np.unique(found.frame):
+        of = {int(found.camera[i]): found.paths[i] for i in np.flatnonzero(found.frame == frame)}
+        if len(of) == len(names):
+            frames.append(tuple(of[k] for k in range(len(names))))
+    if not frames:
+        raise ValueError(f"{folder}: no frame has an image of each of {', '.join(names)}")
+    return HeadFrames(tuple(frames), False, False, tuple(Path(str(f[0])).stem for f in frames))
+
+
+def _folders(folders: Sequence[Path]) -> HeadFrames:
+    """Return the frames of a folder for each lens, in natural order."""
+    lists = [collect_images([folder]) for folder in folders]
+    counts = [len(files) for files in lists]
+    if len(set(counts)) > 1:
+        listed = ", ".join(f"{folder}: {count}" for folder, count in zip(folders, counts, strict=True))
+        raise ValueError(f"the folders have different numbers of images ({listed}), so that they are not simultaneous")
+    frames = tuple(tuple(files) for files in zip(*lists, strict=True))
+    return HeadFrames(frames, False, len(folders) == 1, tuple(frame[0].stem for frame in frames))
+
+
+def _rgb8(image: NDArray[Any]) -> Bytes:
+    """Return an image as (H, W, 3) of uint8."""
+    if image.ndim == 3 and image.dtype == np.uint8:
+        return np.ascontiguousarray(image[..., :3])
+    return np.repeat(to_gray8(image)[..., None], 3, axis=2)

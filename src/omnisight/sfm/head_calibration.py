@@ -1,0 +1,259 @@
+"""Calibration of a head of two lenses from what both see at their rims, and from its motion between frames.
+
+The overlap alone determines the angle sum theta_a(r_a) + theta_b(r_b) at the rim, and with it the focal length and the
+rotation, but not the slope of the profile there: the profile is known as well as its prior. If the head moves, the
+epipolar constraint of the whole sphere between consecutive frames determines it too.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.features import Keypoints
+from omnisight.geometry import rotation as so3
+from omnisight.images import ImageField
+from omnisight.models.kannala_brandt import KannalaBrandt
+from omnisight.sfm.head_matches import OverlapMatches, best_rotation, detect_in_lenses, match_frames, match_overlap
+from omnisight.sfm.head_problem import K1_MEAN, HeadProblem, lens_bearings, shifted
+from omnisight.sfm.head_result import FrameAgreement, HeadCalibration
+from omnisight.twoview.bearing_pairs import BearingPairs
+from omnisight.twoview.relative_pose import estimate_relative_pose
+
+Array = NDArray[np.float64]
+
+# Fields of view of the image circle that are tried, degrees.
+FIELDS_OF_VIEW = tuple(range(160, 241, 5))
+# The overlap is searched for beyond this share of the radius of the image circle: 60 degrees of a lens of 180.
+RIM_SHARE = 0.66
+# Largest angle between matches after the rotation: parallax of a baseline of 3 cm at 1 m, and errors of the guess.
+TOLERANCE_RAD = float(np.radians(2.0))
+# Fewer matches determine no rotation and lenses: twice the parameters of the overlap.
+MIN_OVERLAP_MATCHES = 16
+# Matches between frames used for each pair of frames and lens: more do not change the result.
+MAX_FRAME_MATCHES = 400
+# Quotient of the standard deviation and the median of the absolute value of a normal variable.
+SIGMA_OF_MEDIAN = 1.4826
+
+
+def calibrate_head(
+    images: Sequence[tuple[NDArray[Any], NDArray[Any]]],
+    fields: tuple[ImageField, ImageField],
+    masks: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+) -> HeadCalibration:
+    """Estimate the lenses of a head and their relative rotation from simultaneous images.
+
+    Parameters
+    ----------
+    images
+        The images of both lenses, for each frame.
+    fields
+        The image fields of both lenses, with an image circle.
+    masks
+        (H, W) which pixels to use.
+
+    Returns
+    -------
+    The calibration; false with a reason if too few matches agree with a rotation.
+    """
+    guesses = [tuple(_guess(field, fov) for field in fields) for fov in FIELDS_OF_VIEW]
+    middle = guesses[FIELDS_OF_VIEW.index(190)]
+    keypoints = detect_in_lenses(images, middle, masks)
+    overlap = match_overlap([(_at_rim(a, fields[0]), _at_rim(b, fields[1])) for a, b in keypoints])
+    rng = np.random.default_rng(0)
+    trials = [_rotation_of(cameras, overlap, rng) for cameras in guesses]
+    best = int(np.argmax([inliers.sum() for _, inliers in trials]))
+    rotation, inliers = trials[best]
+    cameras = (guesses[best][0], guesses[best][1])
+    if inliers.sum() < MIN_OVERLAP_MATCHES:
+        reason = (
+            f"only {int(inliers.sum())} of {len(overlap)} matches at the rims agree with a rotation, at least"
+            f" {MIN_OVERLAP_MATCHES} are needed"
+        )
+        return HeadCalibration(cameras, rotation, np.full((13, 13), np.nan), int(inliers.sum()), np.nan, (), reason)
+    overlap = overlap.select(inliers)
+    motions = _motions(keypoints, cameras, rotation)
+    radius = tuple(field.outer.radius if field.outer else 0.5 * max(field.size) for field in fields)
+    problem = HeadProblem(cameras, (radius[0], radius[1]), rotation, overlap, motions, TOLERANCE_RAD / 3, 3e-3)
+    return _solved(problem, len(images))
+
+
+def _solved(problem: HeadProblem, frames: int) -> HeadCalibration:
+    """Minimize in two rounds, the second with the residuals' own scale, and compare with single frames."""
+    x = _minimize(problem, np.zeros(problem.size))
+    problem = _rescaled(problem, x)
+    x = _minimize(problem, x)
+    covariance = _covariance(problem, x)[:13, :13]
+    agreement = _single_frames(problem, x, covariance) if frames > 1 else ()
+    sigma_deg = float(np.degrees(problem.sigma))
+    return HeadCalibration(
+        problem.cameras(x), problem.turned(x), covariance, len(problem.overlap), sigma_deg, agreement
+    )
+
+
+def _minimize(problem: HeadProblem, x: Array) -> Array:
+    from scipy.optimize import least_squares  # imported on use: scipy is slow to import
+
+    return np.asarray(least_squares(problem.residuals, x, x_scale=_scales(problem), max_nfev=30, xtol=1e-6).x)
+
+
+def _scales(problem: HeadProblem) -> Array:
+    lens = np.array([0.05, 0.03, 0.006, 3.0, 3.0])
+    return np.concatenate([lens, lens, np.full(problem.size - 10, 0.02)])
+
+
+def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
+    """Return the problem with the standard deviations of its residuals."""
+    cameras, rotation = problem.cameras(x), problem.turned(x)
+    a, b = lens_bearings(cameras[0], problem.overlap.first), lens_bearings(cameras[1], problem.overlap.other)
+    sigma = float(np.median(np.linalg.norm(a @ rotation.T - b, axis=1)) / np.sqrt(2 * np.log(2)))
+    values = [
+        problem.epipolar(
+            so3.exp(x[13 + 5 * k : 16 + 5 * k]) @ turn,
+            shifted(shift, x[16 + 5 * k : 18 + 5 * k]),
+            lenses,
+            cameras,
+            rotation,
+        )
+        for k, (turn, shift, lenses) in enumerate(problem.motions)
+    ]
+    scale = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.concatenate(values)))) if values else 1.0
+    return dataclasses.replace(problem, sigma=max(sigma, 1e-4), motion_sigma=max(problem.motion_sigma * scale, 1e-4))
+
+
+def _covariance(problem: HeadProblem, x: Array) -> Array:
+    """Return the inverse of the normal equations at the solution."""
+    scales, base = _scales(problem) * 1e-4, problem.residuals(x)
+    jacobian = np.stack([(problem.residuals(x + step) - base) / step.sum() for step in np.diag(scales)], -1)
+    return np.linalg.inv(jacobian.T @ jacobian)
+
+
+def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[FrameAgreement, ...]:
+    """Estimate rotation and focal lengths from the overlap of each frame alone."""
+    joint = problem.turned(x)
+    rim = _rim_sum(problem, problem.cameras(x))
+    found: list[FrameAgreement] = []
+    for frame in np.unique(problem.overlap.frame):
+        rows = problem.overlap.frame == frame
+        if rows.sum() < MIN_OVERLAP_MATCHES:
+            continue
+        alone = dataclasses.replace(problem, overlap=problem.overlap.select(rows), motions=[])
+        y = _minimize(alone, x[:13])
+        own = _covariance(alone, y)
+        angle = np.degrees(np.linalg.norm(so3.log(alone.turned(y) @ joint.T)))
+        rotation_sigma = np.degrees(np.sqrt(np.trace(own[10:, 10:] + covariance[10:, 10:])))
+        gradient = _rim_gradient(alone, y)
+        rim_sigma = np.degrees(np.sqrt(gradient @ own @ gradient + gradient @ covariance @ gradient))
+        difference = np.degrees(_rim_sum(alone, alone.cameras(y)) - rim)
+        found.append(
+            FrameAgreement(int(rows.sum()), float(angle), float(rotation_sigma), float(difference), float(rim_sigma))
+        )
+    return tuple(found)
+
+
+def _rim_sum(problem: HeadProblem, cameras: Sequence[Camera]) -> float:
+    """Return the sum of both lenses' angles at the median radii of the matches, which the overlap determines."""
+    total = 0.0
+    for start, camera, pixels in zip(
+        problem.start, cameras, (problem.overlap.first, problem.overlap.other), strict=True
+    ):
+        model, own = start.model, camera.model
+        radius = float(np.median(np.linalg.norm(pixels - [model.cx, model.cy], axis=1)))  # pyright: ignore
+        bearing, _ = camera.unproject([own.cx + radius, own.cy])  # pyright: ignore
+        total += float(np.arctan2(np.hypot(bearing[0], bearing[1]), bearing[2]))
+    return total
+
+
+def _rim_gradient(problem: HeadProblem, x: Array) -> Array:
+    scales, base = _scales(problem)[:13] * 1e-4, _rim_sum(problem, problem.cameras(x))
+    return np.array([(_rim_sum(problem, problem.cameras(x + step)) - base) / step.sum() for step in np.diag(scales)])
+
+
+def _motions(
+    keypoints: Sequence[Sequence[Keypoints]], cameras: tuple[Camera, Camera], rotation: Array
+) -> list[tuple[Array, Array, list[tuple[Array, Array]]]]:
+    """Return rotation, direction and inliers (pixels of each lens) of the motion of the head between frames."""
+    motions: list[tuple[Array, Array, list[tuple[Array, Array]]]] = []
+    for _, _, lenses in match_frames(keypoints):
+        to_first = (np.eye(3), rotation)
+        before, after = (
+            np.concatenate(
+                [lens_bearings(c, pixels[k]) @ r for c, pixels, r in zip(cameras, lenses, to_first, strict=True)]
+            )
+            for k in range(2)
+        )
+        if len(before) < 50 or np.median(np.linalg.norm(before - after, axis=1)) < np.radians(0.5):
+            continue
+        spread = np.broadcast_to(np.eye(3) * np.radians(0.1) ** 2, (len(before), 3, 3))
+        pose = estimate_relative_pose(BearingPairs.of(before, after, spread, spread, None))
+        if pose.b_from_a is None or pose.inliers.sum() < 50:
+            continue
+        split = np.split(pose.inliers, [len(lenses[0][0])])
+        kept = [
+            (a[rows][:MAX_FRAME_MATCHES], b[rows][:MAX_FRAME_MATCHES])
+            for (a, b), rows in zip(lenses, split, strict=True)
+        ]
+        motions.append((pose.b_from_a.rotation, pose.b_from_a.translation, kept))
+    return motions
+
+
+def _rotation_of(
+    cameras: Sequence[Camera], overlap: OverlapMatches, rng: np.random.Generator
+) -> tuple[Array, NDArray[np.bool_]]:
+    a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
+    return best_rotation(a, b, TOLERANCE_RAD, rng)
+
+
+def _guess(field: ImageField, degrees: float) -> Camera:
+    """Return the lens of a field of view whose profile is that of the prior."""
+    if field.outer is None:
+        raise ValueError("the field has no image circle")
+    rim, (cx, cy) = np.radians(degrees / 2), field.outer.centre
+    focal = float(field.outer.radius / (rim * (1 + K1_MEAN * rim**2)))
+    return Camera(KannalaBrandt(focal, focal, cx, cy, K1_MEAN, 0.0, 0.0, 0.0), field.size)
+
+
+def _at_rim(keypoints: Keypoints, field: ImageField) -> Keypoints:
+    if field.outer is None:
+        return keypoints
+    return keypoints[np.linalg.norm(keypoints.pixels - field.outer.centre, axis=1) > RIM_SHARE * field.outer.radius]
+
+
+def estimate_head_rotation(
+    images: Sequence[tuple[NDArray[Any], NDArray[Any]]],
+    cameras: tuple[Camera, Camera],
+    masks: tuple[NDArray[np.bool_], NDArray[np.bool_]],
+) -> HeadCalibration:
+    """Estimate the relative rotation of two calibrated lenses from simultaneous images.
+
+    Parameters
+    ----------
+    images, masks
+        As in `calibrate_head`.
+    cameras
+        The lenses.
+    """
+    keypoints = detect_in_lenses(images, cameras, masks)
+    overlap = match_overlap([(a, b) for a, b in keypoints])
+    rotation, inliers = _rotation_of(cameras, overlap, np.random.default_rng(0))
+    count, unknown = int(inliers.sum()), np.full((13, 13), np.nan)
+    if count < MIN_OVERLAP_MATCHES:
+        reason = (
+            f"only {count} of {len(overlap)} matches agree with a rotation, at least {MIN_OVERLAP_MATCHES} are needed"
+        )
+        return HeadCalibration(cameras, rotation, unknown, count, np.nan, (), reason)
+    overlap = overlap.select(inliers)
+    a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
+    sigma = 0.0
+    for _ in range(20):  # Weiszfeld's algorithm: the geometric median of rotations
+        distance = np.linalg.norm(a @ rotation.T - b, axis=1)
+        sigma = max(float(np.median(distance) / np.sqrt(2 * np.log(2))), 1e-4)
+        weight = 1 / (1 + (distance / (3 * sigma)) ** 2)
+        rotation = so3.nearest((b * weight[:, None]).T @ a)
+    information = (len(a) * np.eye(3) - b.T @ b) / sigma**2
+    covariance = np.zeros((13, 13))
+    covariance[10:, 10:] = np.linalg.inv(information)
+    return HeadCalibration(cameras, rotation, covariance, count, float(np.degrees(sigma)))

@@ -1,0 +1,114 @@
+"""The least-squares problem of a head of two lenses: overlap, motions between frames, and priors."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.geometry import rotation as so3
+from omnisight.sfm.head_matches import OverlapMatches
+
+Array = NDArray[np.float64]
+
+# Prior of the profile: between equisolid (k1 = -0.042) and equidistant; standard deviations of k1 and k2.
+K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
+# Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
+SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
+# Parallax is common to neighbouring matches: an overlap has about as many independent ones in each frame.
+INDEPENDENT_MATCHES = 30
+# Standard deviation of the principal point about the centre of the image circle, as a share of its radius.
+CENTER_SIGMA = 0.006
+# Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
+LENS_PARAMETERS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class HeadProblem:
+    """Least squares over both lenses, the rotation, and the motions between frames."""
+
+    start: tuple[Camera, Camera]
+    radius: tuple[float, float]
+    rotation: Array
+    overlap: OverlapMatches
+    motions: list[tuple[Array, Array, list[tuple[Array, Array]]]]
+    sigma: float
+    motion_sigma: float
+
+    @property
+    def size(self) -> int:
+        return 2 * LENS_PARAMETERS + 3 + 5 * len(self.motions)
+
+    def cameras(self, x: Array) -> tuple[Camera, Camera]:
+        return moved_lens(self.start[0], x[:5]), moved_lens(self.start[1], x[5:10])
+
+    def turned(self, x: Array) -> Array:
+        return so3.exp(x[10:13]) @ self.rotation
+
+    def residuals(self, x: Array) -> Array:
+        """Return all residuals in standard deviations: overlap (2 N,), motions, priors."""
+        cameras, rotation = self.cameras(x), self.turned(x)
+        a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
+        parts = [((a @ rotation.T - b) / self.sigma).ravel()]
+        correlation = np.sqrt(max(1.0, len(a) / (INDEPENDENT_MATCHES * len(np.unique(self.overlap.frame)))))
+        for k, (turn, shift, lenses) in enumerate(self.motions):
+            step = x[13 + 5 * k : 18 + 5 * k]
+            parts.append(self.epipolar(so3.exp(step[:3]) @ turn, shifted(shift, step[3:]), lenses, cameras, rotation))
+        robust = np.arctan(np.concatenate(parts) / 3) * 3
+        robust[: 3 * len(a)] /= correlation
+        return np.concatenate([robust, self._priors(x)])
+
+    def epipolar(
+        self,
+        turn: Array,
+        shift: Array,
+        lenses: list[tuple[Array, Array]],
+        cameras: tuple[Camera, Camera],
+        rotation: Array,
+    ) -> Array:
+        """Return the angles between bearings and epipolar planes of the whole sphere."""
+        angles: list[Array] = []
+        for camera, (before, after), to_first in zip(cameras, lenses, (np.eye(3), rotation), strict=True):
+            a, b = lens_bearings(camera, before) @ to_first, lens_bearings(camera, after) @ to_first
+            normals = np.cross(shift, a @ turn.T)
+            length = np.maximum(np.linalg.norm(normals, axis=1), 0.05)
+            angles.append((normals * b).sum(1) / length / self.motion_sigma)
+        return np.concatenate(angles)
+
+    def _priors(self, x: Array) -> Array:
+        parts: list[float] = []
+        for lens, radius in enumerate(self.radius):
+            log_f, k1, k2, cx, cy = x[5 * lens : 5 * lens + 5]
+            model: Any = self.start[lens].model
+            sigma = CENTER_SIGMA * radius
+            parts += [(model.k1 + k1 - K1_MEAN) / K1_SIGMA, (model.k2 + k2) / K2_SIGMA, cx / sigma, cy / sigma]
+            parts.append(log_f / 1.0)
+        first, second = (camera.model for camera in self.cameras(x))
+        parts.append(np.log(first.fx / second.fx) / SAME_FOCAL)  # pyright: ignore
+        parts.append((first.k1 - second.k1) / SAME_K1)  # pyright: ignore
+        parts.append((first.k2 - second.k2) / SAME_K2)  # pyright: ignore
+        return np.array(parts)
+
+
+def moved_lens(camera: Camera, x: Array) -> Camera:
+    model: Any = camera.model
+    focal = model.fx * float(np.exp(x[0]))
+    moved = dataclasses.replace(
+        model, fx=focal, fy=focal, k1=model.k1 + x[1], k2=model.k2 + x[2], cx=model.cx + x[3], cy=model.cy + x[4]
+    )
+    return Camera(moved, camera.size)
+
+
+def lens_bearings(camera: Camera, pixels: Array) -> Array:
+    """Return bearings (N, 3), zero outside the domain of the model."""
+    bearings, valid = camera.model.unproject_numpy(pixels)
+    return np.where(valid[:, None], bearings, 0.0)
+
+
+def shifted(shift: Array, step: Array) -> Array:
+    """Return a direction moved in its tangent plane."""
+    basis = np.linalg.svd(shift[None])[2][1:]
+    moved = shift + step @ basis
+    return moved / np.linalg.norm(moved)

@@ -1,0 +1,70 @@
+"""The result of the calibration of a head."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FrameAgreement:
+    """Estimate from the overlap of one frame, against that from all.
+
+    Attributes
+    ----------
+    matches
+        Number of matches in the overlap.
+    rotation_deg, rotation_sigma_deg
+        Angle between the rotations, and its expected value from both uncertainties.
+    rim_deg, rim_sigma_deg
+        Difference of the sum of both lenses' angles at the rim, and its standard deviation.
+    """
+
+    matches: int
+    rotation_deg: float
+    rotation_sigma_deg: float
+    rim_deg: float
+    rim_sigma_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class HeadCalibration:
+    """Lenses and rotation of a head; false if they cannot be estimated.
+
+    Attributes
+    ----------
+    cameras
+        Both lenses.
+    rotation
+        (3, 3) bearings of the first to the second.
+    covariance
+        (13, 13) of logarithm of the focal length, k1, k2, cx, cy of both lenses, and the rotation vector.
+    matches
+        Number of matches in the overlap that agree.
+    sigma_deg
+        Standard deviation of their residuals.
+    frames
+        Estimates from single frames; empty for one frame.
+    reason
+        Why the head cannot be calibrated.
+    """
+
+    cameras: tuple[Camera, Camera]
+    rotation: Array
+    covariance: Array
+    matches: int
+    sigma_deg: float
+    frames: tuple[FrameAgreement, ...] = ()
+    reason: str = ""
+
+    def __bool__(self) -> bool:
+        return not self.reason
+
+    @property
+    def rotation_sigma_deg(self) -> float:
+        """Standard deviation of the rotation about its most uncertain axis."""
+        return float(np.degrees(np.sqrt(np.linalg.eigvalsh(self.covariance[-3:, -3:])[-1])))

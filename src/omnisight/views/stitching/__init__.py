@@ -1,0 +1,1 @@
+"""Stitching of the images of a rig to one sphere: exposure, seams, local warps, blending."""

@@ -1,0 +1,281 @@
+"""The plan of a stitch: computed once from simultaneous images of a rig, and applied to all of its images."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.views.stitching.blending import Blender
+from omnisight.views.stitching.local_warp import Disparity, SeamWarp, measure_disparity
+from omnisight.views.stitching.photometry import OverlapSamples, Photometry, estimate_photometry
+from omnisight.views.stitching.sampling import Mask, PolarGrid, Sampler
+from omnisight.views.stitching.seams import Seam, find_seam
+
+Array = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+# Columns of the polar grids in which seams are searched, and the fewest rows in which optical flow can be computed.
+MIN_SEAM_COLUMNS, MAX_SEAM_COLUMNS, MIN_SEAM_ROWS = 1024, 2048, 32
+# Columns of the grid on which overlaps are compared for gains: each pixel averages many of the image.
+SAMPLE_COLUMNS = 512
+# Range of angles around the axis of a camera in which a seam can be, radians.
+MIN_THETA, MAX_THETA = np.radians(10.0), np.radians(150.0)
+# Corrections of colours below half a grey level of 255 are not applied.
+MIN_CORRECTION = 0.002
+# Standard deviation, px, of the blur that leaves the photometric step.
+STEP_BLUR_PX = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class SeamQuality:
+    """Differences of two images in their overlap, after all corrections.
+
+    Attributes
+    ----------
+    overlap_rms
+        Root mean square difference of grey levels of 255.
+    photometric_step
+        Median absolute difference of blurred grey levels along the seam.
+    disparity_px, disparity_deg
+        Median displacement along the seam, in pixels of the sphere and degrees.
+    unwarped_deg
+        The same before the local warp.
+    overlap_deg
+        Mean width of the overlap.
+    """
+
+    overlap_rms: float
+    photometric_step: float
+    disparity_px: float
+    disparity_deg: float
+    unwarped_deg: float
+    overlap_deg: float
+
+
+@dataclass(eq=False)
+class Stitcher:
+    """Stitches simultaneous images of a rig to a sphere with precomputed maps, colours, seams and weights.
+
+    Attributes
+    ----------
+    samplers
+        The cameras with their warps.
+    photometry
+        Corrections of colours.
+    seams
+        The seam of each camera but the first, against all before it.
+    quality
+        Measures of each seam.
+    """
+
+    samplers: list[Sampler]
+    photometry: Photometry
+    seams: list[Seam]
+    quality: list[SeamQuality]
+    _maps: list[tuple[Any, Any]] = field(init=False, default_factory=list)
+    _factors: list[Any] = field(init=False, default_factory=list)
+    covered: Mask = field(init=False)
+
+    def prepare(self, bearings: NDArray[Any]) -> None:
+        """Compute the maps, factors and weights of the directions (H, W, 3) of a sphere."""
+        import cv2
+
+        seen: list[Mask] = []
+        for k, sampler in enumerate(self.samplers):
+            u, v, mask = sampler.map(bearings)
+            seen.append(mask)
+            factor = correction_of(sampler, self.photometry, k)
+            is_small = float(np.abs(factor - 1).max()) < MIN_CORRECTION
+            self._factors.append(None if is_small else factor)
+            self._maps.append(cv2.convertMaps(u, v, cv2.CV_16SC2))
+        self.covered = np.logical_or.reduce(seen)
+        self._blender = Blender(label_map(self.seams, seen, bearings), seen)
+
+    def __call__(self, images: Sequence[Bytes]) -> Bytes:
+        """Stitch images (H, W, 3) of all cameras."""
+        import cv2
+
+        layers: list[Any] = []
+        for image, (first, second), factor in zip(images, self._maps, self._factors, strict=True):
+            corrected = image if factor is None else cv2.multiply(image, factor, dtype=cv2.CV_8U)
+            layers.append(cv2.remap(corrected, first, second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return self._blender(layers)
+
+
+def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int, *, warp: bool = True) -> Stitcher:
+    """Estimate colours, seams and local warps from simultaneous images.
+
+    Parameters
+    ----------
+    samplers
+        The cameras in the frame of the rig.
+    images
+        Their images (H, W, 3).
+    width
+        Width of the sphere for which disparities are stated, px.
+    warp
+        Whether to warp locally where that reduces the disparity along a seam.
+    """
+    photometry = estimate_photometry(_overlap_samples(samplers, images), len(samplers))
+    corrected = [
+        _corrected(image, correction_of(s, photometry, k))
+        for k, (s, image) in enumerate(zip(samplers, images, strict=True))
+    ]
+    current, seams, quality = list(samplers), list[Seam](), list[SeamQuality]()
+    for k in range(1, len(current)):
+        seam, before, disparity, _ = _fit_seam(current, corrected, seams, k, width)
+        if warp and disparity.median_px > 0:
+            warped = _warped(current, k, seam, disparity)
+            trial = _fit_seam(warped, corrected, seams, k, width)
+            if trial[1].disparity_deg < before.disparity_deg:
+                seam, after, _, _ = trial
+                current, before = warped, dataclasses.replace(after, unwarped_deg=before.disparity_deg)
+        seams.append(seam)
+        quality.append(before)
+    return Stitcher(current, photometry, seams, quality)
+
+
+def correction_of(sampler: Sampler, photometry: Photometry, camera: int) -> NDArray[np.float32]:
+    """Return the factors (H, W, 3) that correct the colours of an image of a camera."""
+    width, height = sampler.camera.size
+    grid = np.stack(np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)), -1)
+    return photometry.factor(camera, np.minimum(_relative_radius(sampler, grid), 1.0))
+
+
+def label_map(seams: Sequence[Seam], seen: Sequence[Mask], bearings: NDArray[Any]) -> NDArray[np.intp]:
+    """Return the camera (H, W) that shows each direction: a camera replaces those before it inside its seam."""
+    labels = np.zeros(seen[0].shape, np.intp)
+    covered = seen[0].copy()
+    for k, seam in enumerate(seams, start=1):
+        labels[seen[k] & (seam.inside(bearings) | ~covered)] = k
+        covered |= seen[k]
+    return labels
+
+
+def _fit_seam(
+    samplers: Sequence[Sampler], images: Sequence[Bytes], seams: Sequence[Seam], k: int, width: int
+) -> tuple[Seam, SeamQuality, Disparity, PolarGrid]:
+    """Find the seam of camera k against all before it, and measure it."""
+    columns = min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS)
+    grid = _overlap_grid(samplers, k, columns)
+    bearings = grid.bearings()
+    layers = [sampler.sample(image, bearings) for sampler, image in zip(samplers[: k + 1], images, strict=False)]
+    seen = [mask for _, mask in layers]
+    labels = label_map(seams, seen[:k], bearings)
+    outer = np.take_along_axis(np.stack([i for i, _ in layers[:k]]), labels[None, ..., None], 0)[0]
+    inner, overlap = layers[k][0], np.logical_or.reduce(seen[:k]) & seen[k]
+    seam = find_seam(grid, inner, outer, overlap)
+    disparity = measure_disparity(seam, inner, outer, overlap)
+    return seam, _quality(seam, inner, outer, overlap, disparity, width), disparity, grid
+
+
+def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGrid:
+    """Return a polar grid around the axis of camera k that covers its overlap with those before it.
+
+    Raises
+    ------
+    ValueError
+        If there is no overlap.
+    """
+    coarse = PolarGrid.around(samplers[k].axis, float(MIN_THETA), float(MAX_THETA), 256)
+    bearings = coarse.bearings()
+    overlap = np.logical_or.reduce([s.map(bearings)[2] for s in samplers[:k]]) & samplers[k].map(bearings)[2]
+    rows = np.flatnonzero(overlap.any(1))
+    if not rows.size:
+        raise ValueError(_no_overlap(samplers, k, bearings, coarse))
+    shortest = MIN_SEAM_ROWS * 2 * np.pi / columns
+    middle = (coarse.theta[rows[0]] + coarse.theta[rows[-1]]) / 2
+    half = max((coarse.theta[rows[-1]] - coarse.theta[rows[0]]) / 2 + 1 / coarse.px_per_rad, shortest / 2)
+    low, high = float(middle - half), float(middle + half)
+    return PolarGrid.around(samplers[k].axis, low, high, columns)
+
+
+def _no_overlap(samplers: Sequence[Sampler], k: int, bearings: Array, grid: PolarGrid) -> str:
+    """Return the message of a camera that sees nothing that another one sees, with the angle that is missing."""
+    own = samplers[k].map(bearings)[2]
+    others = np.logical_or.reduce([s.map(bearings)[2] for s in samplers[:k]])
+    inner = grid.theta[np.where(own.any(1))[0].max()] if own.any() else 0.0
+    outer = grid.theta[np.where(others.any(1))[0].min()] if others.any() else np.pi
+    return (
+        f"camera {k + 1} and those before it have no overlap: their fields of view are"
+        f" {np.degrees(max(outer - inner, 0.0)):.1f}° apart. Check the fields of view (theta_max), the poses and the"
+        " masks of the rig"
+    )
+
+
+def _warped(samplers: Sequence[Sampler], k: int, seam: Seam, disparity: Disparity) -> list[Sampler]:
+    """Return the samplers, where camera k and those before it meet in the middle.
+
+    What the inner image shows at x the outer one shows at x + flow: the inner is sampled at x - flow / 2.
+    """
+    return [
+        dataclasses.replace(s, warps=(SeamWarp(seam, disparity.flow, -0.5 if i == k else 0.5), *s.warps))
+        if i <= k
+        else s
+        for i, s in enumerate(samplers)
+    ]
+
+
+def _quality(seam: Seam, inner: Bytes, outer: Bytes, overlap: Mask, disparity: Disparity, width: int) -> SeamQuality:
+    import cv2
+
+    a, b = (cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY).astype(np.float32) for x in (inner, outer))
+    difference = np.where(overlap, a - b, 0)
+    count = cv2.GaussianBlur(overlap.astype(np.float32), (0, 0), STEP_BLUR_PX)
+    step = np.abs(cv2.GaussianBlur(difference, (0, 0), STEP_BLUR_PX)) / np.maximum(count, 1e-3)
+    at = seam.row, np.arange(seam.grid.columns)
+    on_seam = step[at][overlap[at]]
+    degrees = float(np.degrees(disparity.median_px / seam.grid.px_per_rad))
+    return SeamQuality(
+        float(np.sqrt(np.mean((a - b)[overlap] ** 2))) if overlap.any() else float("nan"),
+        float(np.median(on_seam)) if on_seam.size else float("nan"),
+        degrees / 360 * width,
+        degrees,
+        degrees,
+        float(np.degrees(overlap.sum(0).mean() / seam.grid.px_per_rad)),
+    )
+
+
+def _overlap_samples(samplers: Sequence[Sampler], images: Sequence[Bytes]) -> list[OverlapSamples]:
+    """Return blurred pixels of all pairs of cameras in their overlaps."""
+    import cv2
+
+    samples: list[OverlapSamples] = []
+    height = SAMPLE_COLUMNS // 2
+    grid = PolarGrid.around(np.array([0.0, -1.0, 0.0]), 0.0, np.pi, SAMPLE_COLUMNS)
+    bearings = grid.bearings()[: height * 2]
+    layers: list[tuple[Any, Mask, Array]] = []
+    for sampler, image in zip(samplers, images, strict=True):
+        scale = max(1.0, max(image.shape) / SAMPLE_COLUMNS)
+        blurred = cv2.GaussianBlur(image, (0, 0), scale)
+        u, v, seen = sampler.map(bearings)
+        colors = cv2.remap(blurred, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        layers.append((colors, seen, _relative_radius(sampler, np.stack([u, v], -1).astype(float))))
+    for i in range(len(layers)):
+        for j in range(i):
+            both = layers[i][1] & layers[j][1]
+            if both.any():
+                colors = layers[i][0][both], layers[j][0][both]
+                radius = layers[i][2][both], layers[j][2][both]
+                samples.append(OverlapSamples((i, j), colors, radius))
+    return samples
+
+
+def _relative_radius(sampler: Sampler, pixels: Array) -> Array:
+    """Return distances from the principal point relative to the farthest allowed pixel."""
+    model: Any = sampler.camera.model
+    width, height = sampler.camera.size
+    centre = np.array([getattr(model, "cx", (width - 1) / 2), getattr(model, "cy", (height - 1) / 2)])
+    rows, columns = np.nonzero(sampler.allowed[::8, ::8])
+    used = np.stack([columns, rows], -1) * 8.0 - centre
+    limit = float(np.linalg.norm(used, axis=-1).max()) if len(used) else max(width, height) / 2
+    return np.linalg.norm(pixels - centre, axis=-1) / limit
+
+
+def _corrected(image: Bytes, factor: NDArray[np.float32]) -> Bytes:
+    import cv2
+
+    return np.asarray(cv2.multiply(image, factor, dtype=cv2.CV_8U), np.uint8)

@@ -1,0 +1,127 @@
+"""`omnisight stitch` and `om.stitch`, against the sphere that the renderer sees from the origin of the rig."""
+
+import json
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.cli import main
+from omnisight.geometry.rotation import look
+from omnisight.images.gpano import read_gpano
+from omnisight.simulation import Renderer
+from omnisight.simulation.example_rigs import back_to_back
+
+WIDTH = 512
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory):
+    """Return a folder with a rig, both images and the truth."""
+    folder = tmp_path_factory.mktemp("head")
+    rig = back_to_back(480, 0.03)
+    pose = om.Pose(look(yaw=35).T, np.array([0.2, -0.1, 0.1]))
+    for k, camera in enumerate(rig.cameras):
+        at = pose @ rig.sensor_from_rig[k].inverse()
+        renderer = Renderer(camera, at, theta=(0.0, camera.theta_max), samples=1)
+        om.write_image(folder / f"{rig.names[k]}.png", renderer(exposure=0.4 * k).image)
+    om.save(rig, folder / "rig.json")
+    truth = Renderer(om.sphere(WIDTH), pose)(noise=0.0, blur=0.0).image
+    om.write_image(folder / "truth.png", truth)
+    return folder
+
+
+def run(capsys, *arguments):
+    status = 0
+    try:
+        status = main([str(a) for a in arguments]) or 0
+    except SystemExit as error:
+        status = error.code or 0
+    out = capsys.readouterr()
+    return status, out.out, out.err
+
+
+def difference(image, truth):
+    """Return the rms difference of grey levels after a common gain."""
+    a, b = image.astype(float).mean(-1), truth.astype(float).mean(-1)
+    return float(np.sqrt(np.mean((a * (a * b).sum() / (a * a).sum() - b) ** 2)))
+
+
+def test_a_head_with_its_rig_gives_the_true_sphere(head, capsys, tmp_path):
+    output = tmp_path / "sphere.jpg"
+    images = head / "front.png", head / "back.png"
+    arguments = (*images, "--rig", head / "rig.json", "-o", output, "--width", WIDTH, "--json")
+    status, out, err = run(capsys, "stitch", *arguments)
+    assert status == 0, err
+    data = json.loads(out)
+    truth = om.read_image(head / "truth.png")
+    image = om.read_image(output)
+    assert image.shape == truth.shape
+    raw = om.remap(om.read_image(images[0]), om.load_rig(head / "rig.json").cameras[0], om.sphere(WIDTH))
+    assert difference(image, truth) < 0.5 * difference(raw, truth)
+    assert difference(image, truth) < 14
+    assert data["covered"] == 1.0
+    assert data["seam_disparity_deg"] < data["seam_disparity_before_warp_deg"]
+    assert data["seam_disparity_deg"] < 0.3
+    assert data["photometric_step"] < 6
+    assert len(data["rotation_xyzw"]) == 2
+    assert read_gpano(output.read_bytes())["FullPanoWidthPixels"] == str(WIDTH)
+
+
+def test_the_library_estimates_a_distance_and_takes_arrays(head):
+    rig = om.load_rig(head / "rig.json")
+    images = [om.read_image(head / f"{name}.png") for name in rig.names]
+    copies = [image.copy() for image in images]
+    found = om.stitch(images, rig, om.StitchOptions(width=256, warp=False))
+    assert all(np.array_equal(a, b) for a, b in zip(images, copies, strict=True))
+    far = om.stitch(images, rig, om.StitchOptions(width=256, warp=False, at="inf"))
+    assert 0.5 < found.distance < 5  # the walls of the room are 1 to 4 m away
+    assert found.seams[0].disparity_deg < far.seams[0].disparity_deg
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("front.png",), "240x480"),
+        (("front.png", "front.png"), "identical"),
+        (("front.png", "missing.png"), "no such file"),
+        (("front.png", "truth.png"), "512x256"),
+        (("front.png", "back.png", "--width", "100"), "multiple of 16"),
+        (("front.png", "back.png", "--mask", "truth.png"), "1 masks and 2 cameras"),
+        (("front.png", "back.png", "--mask", "truth.png", "--mask", "truth.png"), "is 512 x 256 px"),
+        (("front.png", "back.png", "--at", "3"), "no unit"),
+    ],
+)
+def test_invalid_input_is_explained(head, capsys, tmp_path, change, message):
+    arguments = [str(head / item) if item.endswith(".png") else item for item in change]
+    last = "sphere.jpg"
+    status, _, err = run(capsys, "stitch", *arguments, "--rig", head / "rig.json", "-o", tmp_path / last)
+    assert status != 0
+    assert message in err
+    assert "Traceback" not in err
+    assert not (tmp_path / last).exists()
+
+
+def test_cameras_without_overlap_state_the_missing_angle(head):
+    rig = back_to_back(480, 0.03)
+    narrow = tuple(om.Camera(camera.model, camera.size, theta_max=float(np.radians(80.0))) for camera in rig.cameras)
+    images = [om.read_image(head / f"{name}.png") for name in rig.names]
+    with pytest.raises(ValueError, match=r"no overlap: their fields of view are (19|20|21)\.\d° apart"):
+        om.stitch(images, om.Rig(narrow, rig.sensor_from_rig, rig.names), om.StitchOptions(width=256, at="inf"))
+
+
+def test_an_image_without_two_circles_needs_a_rig(head, capsys, tmp_path):
+    status, _, err = run(capsys, "stitch", head / "truth.png", "-o", tmp_path / "sphere.jpg")
+    assert status != 0
+    assert "two image circles" in err
+
+
+def test_a_head_is_calibrated_by_its_overlap(head):
+    images = [om.read_image(head / f"{name}.png") for name in ("front", "back")]
+    found = om.stitch(np.hstack(images), None, om.StitchOptions(width=256))
+    assert found.head is not None
+    # Half a turn about the vertical; the parallax of the room is not modelled.
+    turn = found.rig.sensor_from_rig[1].rotation @ np.diag([-1.0, 1.0, -1.0])
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 1.5
+    rim = [np.degrees(camera.angle_of([camera.model.cx + 235.0, camera.model.cy])) for camera in found.rig.cameras]
+    assert np.mean(rim) == pytest.approx(100.0, abs=3.0)
