@@ -1,0 +1,138 @@
+"""Localization in a map with known points and descriptors."""
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.geometry import rotation as so3
+from omnisight.pipeline.visual_map import FILE
+from omnisight.sfm.localization import match_points
+from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.views import sphere
+
+SIGMA_RAD = 1e-3
+DIMENSION = 128
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def descriptors_of(points, rng):
+    """Return descriptors of observations of points, which differ a little from each other."""
+    base = np.abs(np.random.default_rng(7).normal(size=(400, DIMENSION)))
+    return unit(unit(base)[points] + 0.02 * rng.normal(size=(len(points), DIMENSION))).clip(0).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def world():
+    """Return a map of 400 points around six panoramas, and its points."""
+    rng = np.random.default_rng(0)
+    points = unit(rng.normal(size=(400, 3))) * rng.uniform(2, 4, (400, 1))
+    poses = [om.Pose(so3.exp(rng.normal(0, 0.5, 3)), rng.normal(0, 0.4, 3)) for _ in range(6)]
+    image, point = np.repeat(np.arange(6), 400), np.tile(np.arange(400), 6)
+    camera = sphere(1024)
+    pixels = np.concatenate([camera.project(pose @ points)[0] for pose in poses])
+    model = Reconstruction(
+        om.Rig((camera,), (om.Pose(),), ("camera",)),
+        tuple(f"{k}.jpg" for k in range(6)),
+        np.zeros(6, int),
+        np.arange(6),
+        tuple(poses),
+        np.zeros((6, 6, 6)),
+        Points(points, np.tile(1e-6 * np.eye(3), (400, 1, 1)), np.zeros((400, 3), np.uint8)),
+        Observations(image, point, pixels, np.zeros((2400, 2))),
+    )
+    return om.VisualMap(model, descriptors_of(point, rng)), points
+
+
+def seen_from(pose, points, rng, ids, wrong=0.0):
+    """Return keypoints of points in a camera at a pose, with Gaussian noise; some are of other points."""
+    bearings = unit(pose @ points[ids])
+    noise = rng.normal(0, SIGMA_RAD, bearings.shape)
+    seen = unit(bearings + noise - (noise * bearings).sum(1, keepdims=True) * bearings)
+    covariance = SIGMA_RAD**2 * (np.eye(3) - seen[:, :, None] * seen[:, None, :])
+    shown = np.where(rng.random(len(ids)) < wrong, rng.permutation(len(points))[: len(ids)], ids)
+    return om.Keypoints(np.zeros((len(ids), 2)), seen, covariance, np.full(len(ids), 0.01), descriptors_of(shown, rng))
+
+
+def localized(keypoints, visual_map):
+    from omnisight.sfm.localization import localize
+
+    return localize(keypoints, visual_map)
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.4])
+def test_a_pose_is_within_its_uncertainty_although_matches_are_wrong(world, wrong):
+    visual_map, points = world
+    normalized = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        pose = om.Pose(so3.exp(rng.normal(0, 1.0, 3)), rng.normal(0, 0.5, 3))
+        found = localized(seen_from(pose, points, rng, rng.permutation(400)[:150], wrong), visual_map)
+        assert found
+        turn = so3.log(found.cam_from_world.rotation @ pose.rotation.T)
+        error = np.append(turn, found.cam_from_world.translation - pose.translation)
+        normalized.append(error @ np.linalg.solve(found.covariance, error) / 6)
+    assert np.mean(normalized) == pytest.approx(1.0, abs=0.4)  # 120 degrees of freedom: 0.13 (1 sigma)
+
+
+def test_the_uncertainty_of_the_points_is_part_of_that_of_the_pose(world):
+    visual_map, points = world
+    model = visual_map.reconstruction
+    vague = Points(model.points.position, 100 * model.points.covariance, model.points.color)
+    other = om.VisualMap(Reconstruction(**{**vars(model), "points": vague}), visual_map.descriptors)
+    keypoints = seen_from(om.Pose(), points, np.random.default_rng(1), np.arange(100))
+    near, far = localized(keypoints, visual_map), localized(keypoints, other)
+    assert far.sigmas[0] > 2 * near.sigmas[0]
+    assert far.sigmas[1] > 2 * near.sigmas[1]
+
+
+def test_images_of_other_places_are_not_localized(world):
+    visual_map, points = world
+    rng = np.random.default_rng(3)
+    other = descriptors_of(np.arange(100), rng)[:, rng.permutation(DIMENSION)]
+    elsewhere = seen_from(om.Pose(), points, rng, np.arange(100))
+    unknown = om.Keypoints(elsewhere.pixels, elsewhere.bearings, elsewhere.covariance, elsewhere.scale, other)
+    assert not localized(unknown, visual_map)
+    shuffled = rng.permutation(100)
+    alike = om.Keypoints(
+        elsewhere.pixels, elsewhere.bearings, elsewhere.covariance, elsewhere.scale, elsewhere.descriptors[shuffled]
+    )
+    found = localized(alike, visual_map)
+    assert not found
+    assert "agree" in found.reason
+    assert found.nearest
+    nothing = localized(elsewhere[:0], visual_map)
+    assert nothing.reason.startswith("no image of the map is similar")
+
+
+def test_the_second_nearest_point_is_another_point():
+    point = np.array([0, 0, 0, 1])
+    of_points = unit(np.array([[1.0, 0, 0], [1, 0.01, 0], [1, 0, 0.01], [0, 1, 0]])).astype(np.float32)
+    pairs = match_points(unit(np.array([[1.0, 0.005, 0.0], [0.5, 0.5, 0.7]])).astype(np.float32), of_points, point)
+    assert pairs.tolist() == [[0, 0]]
+
+
+def test_a_map_reads_back_and_damage_is_reported(world, tmp_path):
+    visual_map, _ = world
+    om.write_map(tmp_path, visual_map)
+    again = om.read_map(tmp_path)
+    assert np.abs(again.descriptors - visual_map.descriptors).max() < 0.01
+    assert again.longest_track == pytest.approx(visual_map.longest_track)
+    np.save(tmp_path / FILE, np.zeros((3, DIMENSION), np.uint8))
+    with pytest.raises(ValueError, match=r"descriptors.npy: uint8 \(3, 128\), expected uint8 \(2400, D\)"):
+        om.read_map(tmp_path)
+    (tmp_path / FILE).write_bytes(b"x")
+    with pytest.raises(ValueError, match=r"descriptors.npy: damaged"):
+        om.read_map(tmp_path)
+    (tmp_path / FILE).unlink()
+    with pytest.raises(ValueError, match=r"without descriptors: make the map by omnisight map"):
+        om.read_map(tmp_path)
+
+
+def test_the_widest_track_is_the_largest_angle_between_bearings(world):
+    visual_map, _ = world
+    images, degrees = visual_map.longest_track
+    assert images == 6
+    assert 60 < degrees <= 180
