@@ -1,0 +1,55 @@
+"""What one frame shows: the rays of patches."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameRays:
+    """Rays of patches in the frame of the rig.
+
+    Attributes
+    ----------
+    number
+        (N,) numbers of the patches, increasing.
+    points
+        (N, 3) in the world; NaN where unknown.
+    origins, bearings
+        (N, 3) of the rays.
+    axes
+        (N, 2, 3) tangents along which bearings have unit variance and no correlation.
+    """
+
+    number: Indices
+    points: Array
+    origins: Array
+    bearings: Array
+    axes: Array
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def __getitem__(self, use: Mask | Indices) -> "FrameRays":
+        return FrameRays(*(getattr(self, field.name)[use] for field in fields(self)))
+
+    @property
+    def variance(self) -> Array:
+        """Mean variances (N,) of the bearings along tangents, square radians."""
+        return 1.0 / np.maximum(0.5 * (self.axes**2).sum(axis=(1, 2)), 1e-300)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariances (N, 3, 3) of the bearings, square radians; zero along them."""
+        inverse = np.linalg.pinv(self.axes)
+        return inverse @ inverse.transpose(0, 2, 1)
+
+    @property
+    def has_point(self) -> Mask:
+        """Whether the point of each is known."""
+        return np.isfinite(self.points[:, 0])
