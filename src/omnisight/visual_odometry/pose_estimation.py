@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.odometry.ray_observations import FrameRays
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import estimate_robustly, refine
+from omnisight.visual_odometry.ray_observations import FrameRays
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -49,7 +49,7 @@ def estimate_pose(rays: FrameRays, predicted: Pose, seed: int = 0) -> FramePose:
 
     Only if few rays agree with the pose near the prediction, a random search is made.
     """
-    from omnisight.odometry._ray_pose_kernel import RayPoseProblem
+    from omnisight.visual_odometry._ray_pose_kernel import RayPoseProblem
 
     known = np.flatnonzero(rays.has_point)
     if len(known) < MIN_INLIERS:

@@ -38,6 +38,10 @@ class FrameRays:
     def __getitem__(self, use: Mask | Indices) -> "FrameRays":
         return FrameRays(*(getattr(self, field.name)[use] for field in fields(self)))
 
+    def joined(self, others: "FrameRays") -> "FrameRays":
+        """Return these rays and others with larger numbers."""
+        return FrameRays(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
     @property
     def variance(self) -> Array:
         """Mean variances (N,) of the bearings along tangents, square radians."""
@@ -53,3 +57,9 @@ class FrameRays:
     def has_point(self) -> Mask:
         """Whether the point of each is known."""
         return np.isfinite(self.points[:, 0])
+
+
+def common(a: FrameRays, b: FrameRays) -> tuple[FrameRays, FrameRays]:
+    """Return the rays of the patches that two frames show."""
+    _, rows_a, rows_b = np.intersect1d(a.number, b.number, assume_unique=True, return_indices=True)
+    return a[rows_a], b[rows_b]

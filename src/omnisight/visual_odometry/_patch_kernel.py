@@ -77,9 +77,7 @@ def extract(levels, pixels, maps, templates, gradients, inverses, usable, first,
             scale = 1.0 / (1 << level)
             usable[n, level] = False
             # Patches of level l cover 2^l times the angle with samples that are as far apart.
-            if not _sample_patch(
-                levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, maps[n], HALF + 1, samples
-            ):
+            if not _sample_patch(levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, maps[n], HALF + 1, samples):
                 continue
             template, gradient = templates[n, level], gradients[n, level]
             mean = np.float32(0.0)
@@ -148,7 +146,13 @@ def align(levels, templates, gradients, inverses, usable, maps, start, pixels, c
                 continue
             scale = 1.0 / (1 << level)
             found, x, y, similar, rms = _align_on_level(
-                levels[level], templates[n, level], gradients[n, level], inverses[n, level], a, u * scale, v * scale,
+                levels[level],
+                templates[n, level],
+                gradients[n, level],
+                inverses[n, level],
+                a,
+                u * scale,
+                v * scale,
                 samples,
             )
             if not found and level == 0:

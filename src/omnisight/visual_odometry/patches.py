@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.odometry.image_pyramid import LEVELS
+from omnisight.visual_odometry.image_pyramid import LEVELS
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -58,7 +58,7 @@ class Patches:
     @classmethod
     def none(cls) -> "Patches":
         """Return no patches."""
-        from omnisight.odometry._patch_kernel import SAMPLES
+        from omnisight.visual_odometry._patch_kernel import SAMPLES
 
         return cls(
             np.zeros(0, np.intp),

@@ -3,9 +3,8 @@
 import numpy as np
 
 from omnisight.geometry.pose import Pose
-from omnisight.odometry.initialization import common
-from omnisight.odometry.ray_observations import FrameRays
-from omnisight.odometry.window import Keyframe
+from omnisight.visual_odometry.ray_observations import FrameRays, common
+from omnisight.visual_odometry.window import Keyframe
 
 # Median angle (radians) by which directions have changed since the last keyframe, without that of the rotation.
 MIN_PARALLAX_RAD = np.radians(2.0)

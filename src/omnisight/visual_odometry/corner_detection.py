@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.odometry.solid_angle_cells import SolidAngleCells
+from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]

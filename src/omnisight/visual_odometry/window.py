@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.odometry.marginalization import PosePrior, marginalize_first
-from omnisight.odometry.ray_observations import FrameRays
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT, robust_sigma
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure
 from omnisight.twoview.triangulation import triangulate
+from omnisight.visual_odometry.marginalization import PosePrior, marginalize_first
+from omnisight.visual_odometry.ray_observations import FrameRays
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -39,11 +39,14 @@ class Keyframe:
         Its pose.
     rays
         Rays of patches that agree with the pose.
+    images
+        Gray images (H, W) of its cameras.
     """
 
     index: int
     rig_from_world: Pose
     rays: FrameRays
+    images: tuple[NDArray[np.uint8], ...] = ()
 
 
 class KeyframeWindow:
@@ -79,6 +82,12 @@ class KeyframeWindow:
         self.optimize()
         if len(self.keyframes) > self._size:
             self._marginalize(tracked)
+
+    def extend_last(self, rays: FrameRays, images: tuple[NDArray[np.uint8], ...]) -> None:
+        """Add rays of new patches and the images to the last keyframe."""
+        last = self.keyframes[-1]
+        new = rays[rays.number > last.rays.number.max(initial=-1)]
+        self.keyframes[-1] = replace(last, rays=last.rays.joined(new), images=images)
 
     def triangulate(self) -> None:
         """Add the points of patches that have a significant parallax."""

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.odometry.corner_detection import detect_corners
-from omnisight.odometry.image_pyramid import LEVELS, ImagePyramid
-from omnisight.odometry.patches import Patches
-from omnisight.odometry.ray_observations import FrameRays
-from omnisight.odometry.solid_angle_cells import SolidAngleCells
 from omnisight.parallel import parallel_for
 from omnisight.rig import Rig
+from omnisight.visual_odometry.corner_detection import detect_corners
+from omnisight.visual_odometry.image_pyramid import LEVELS, ImagePyramid
+from omnisight.visual_odometry.patches import Patches
+from omnisight.visual_odometry.ray_observations import FrameRays
+from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -56,7 +56,9 @@ class Tracker:
         self.rig = rig
         self.patches = Patches.none()
         self._next = 0
-        self._clearance = [cv2.distanceTransform(np.pad(r.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1] for r in regions]
+        self._clearance = [
+            cv2.distanceTransform(np.pad(r.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1] for r in regions
+        ]
         inner = [distance > MARGIN_PX for distance in self._clearance]
         self._cells = [SolidAngleCells.of(c, r, count // len(rig)) for c, r in zip(rig.cameras, inner, strict=True)]
         self._pyramids: list[ImagePyramid] = []
@@ -125,7 +127,7 @@ class Tracker:
 
     def _align(self, sensor: int, patches: Patches, predicted: Pose) -> tuple[Array, Array, Mask]:
         """Return pixels (N, 2), differences of intensities (N,), and which patches the image of a sensor shows."""
-        from omnisight.odometry._patch_kernel import align
+        from omnisight.visual_odometry._patch_kernel import align
 
         start, maps = self._project(sensor, patches, predicted)
         level = self._levels(sensor, start)
@@ -135,14 +137,14 @@ class Tracker:
         correlation, noise = np.empty(len(at)), np.empty(len(at))
         templates = patches.templates, patches.gradients, patches.inverses, patches.usable
         parallel_for(
-            lambda first, last: align(
-                pyramid.levels, *templates, maps, level, at, correlation, noise, first, last
-            ),
+            lambda first, last: align(pyramid.levels, *templates, maps, level, at, correlation, noise, first, last),
             len(at),
             PATCHES_PER_TASK,
         )
         pixels = pyramid.outside(at)
-        seen = (correlation > MIN_CORRELATION) & (self._cells[sensor].at(np.where(correlation[:, None] > 0, pixels, -9)) >= 0)
+        seen = (correlation > MIN_CORRELATION) & (
+            self._cells[sensor].at(np.where(correlation[:, None] > 0, pixels, -9)) >= 0
+        )
         return np.where(seen[:, None], pixels, patches.pixels), noise, seen
 
     def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
@@ -208,7 +210,7 @@ class Tracker:
 
     def _start(self, sensor: int, pixels: Array, rig_from_world: Pose) -> Patches:
         """Return new patches at pixels (K, 2) of the last image of a sensor."""
-        from omnisight.odometry._patch_kernel import SAMPLES, extract
+        from omnisight.visual_odometry._patch_kernel import SAMPLES, extract
 
         count, rotation = len(pixels), rig_from_world.rotation
         rays = self.rig.rays(sensor, pixels)
