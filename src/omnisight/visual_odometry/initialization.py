@@ -68,12 +68,12 @@ class Initialization:
     speed
         Assumed speed in units of the world, for the scale; the length of the baseline is 1 if it is zero.
     parallax
-        Median parallax of the last frame over its noise.
+        Median parallax of the last frame over its noise; infinite while too few patches are common.
     """
 
     frames: list[WaitingFrame]
     speed: float = 0.0
-    parallax: float = 0.0
+    parallax: float = np.inf
     _tried: float = field(default=MIN_PARALLAX_SIGMA / GROWTH, repr=False)
 
     @property
@@ -95,6 +95,7 @@ class Initialization:
         last = self.frames[-1]
         a, b = common(self.first.rays, last.rays)
         if len(a) < MIN_COMMON:
+            self.parallax = np.inf
             return None
         turn = last.pose.rotation @ self.first.pose.rotation.T
         chord = np.linalg.norm(a.bearings @ turn.T - b.bearings, axis=1)

@@ -31,6 +31,7 @@ Mask = NDArray[np.bool_]
 Image = NDArray[Any]
 
 INITIALIZING = "waiting for a parallax"
+NO_PATCHES = "consecutive images show nothing in common, or no texture"
 NO_PARALLAX = "the parallax ({:.1f} times its noise) determined no motion before the image changed"
 TOO_FEW_POINTS = "too few points of the first two keyframes"
 
@@ -182,7 +183,7 @@ class Odometry:
             self._end_of_loss(waiting.first.frame, "rotation only")
             self._append(waiting.rotations())
         elif self._lost is None:
-            self._lost = waiting.first.frame, NO_PARALLAX.format(waiting.parallax)
+            self._lost = waiting.first.frame, _no_position(waiting)
 
     def _begin(self, frame: Frame, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> FrameResult:
         """Start tracking in a window with the first two keyframes."""
@@ -257,3 +258,8 @@ class Odometry:
                 )
         if self._frames and not seconds > self._motion.seconds:
             raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
+
+
+def _no_position(waiting: Initialization) -> str:
+    """Return why waiting frames have no position."""
+    return NO_PARALLAX.format(waiting.parallax) if np.isfinite(waiting.parallax) else NO_PATCHES

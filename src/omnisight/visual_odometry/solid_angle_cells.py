@@ -39,7 +39,7 @@ class SolidAngleCells:
         weight = _solid_angles(bearings)
         total = float(weight[seen].sum())
         side = np.sqrt(total / max(wanted, 1))
-        rings = max(int(round(np.pi / side)), 1)
+        rings = max(round(float(np.pi / side)), 1)
         edges = np.pi * np.arange(rings + 1) / rings
         areas = 2 * np.pi * (np.cos(edges[:-1]) - np.cos(edges[1:]))
         per_ring = np.maximum(np.round(areas / side**2), 1).astype(int)

@@ -241,7 +241,7 @@ class Tracker:
         return replace(new, usable=usable)[usable[:, 0]]
 
     def _tangents(self, sensor: int, pixels: Array, bearings: Array) -> Array:
-        """Return the axes (K, 3, 2) of patches in the frame of the rig: perpendicular, as long as the larger side of a pixel."""
+        """Return perpendicular axes (K, 3, 2) of patches in the frame of the rig, as long as the larger side of a pixel."""
         step = np.array([[0.5, 0.0], [0.0, 0.5]])
         right, below = (
             self.rig.rays(sensor, pixels + d).bearings - self.rig.rays(sensor, pixels - d).bearings for d in step
