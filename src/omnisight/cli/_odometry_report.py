@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from pathlib import Path
 
 from omnisight.pipeline.odometry import OdometryResult
@@ -23,6 +24,8 @@ def print_json(result: OdometryResult) -> None:
             {"first": lost.first, "last": lost.last, "reason": lost.reason, "recovery": lost.recovery}
             for lost in result.lost
         ],
+        "residual": None if math.isnan(result.residual) else round(result.residual, 3),
+        "warnings": [result.warning] if result.warning else [],
         "reason": result.reason,
     }
     print(json.dumps(data, indent=2, allow_nan=False))
@@ -40,6 +43,12 @@ def print_report(result: OdometryResult, output: Path) -> None:
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "
     print(f"time        {rate}{result.start_seconds:.1f} s for the start")
     print(f"written     {output}")
+
+
+def print_warnings(result: OdometryResult) -> None:
+    """Print warnings on stderr."""
+    if result.warning:
+        print(f"omnisight: warning: {result.warning}", file=sys.stderr)
 
 
 def _describe(lost: LostSegment) -> str:

@@ -41,7 +41,7 @@ def odometry(
         Print one JSON object and nothing else.
     """
     from omnisight.cli._files import must_be_writable
-    from omnisight.cli._odometry_report import print_json, print_report
+    from omnisight.cli._odometry_report import print_json, print_report, print_warnings
     from omnisight.cli._progress import progress
     from omnisight.pipeline.odometry import odometry as run
 
@@ -54,3 +54,4 @@ def odometry(
         raise ValueError(f"{images}: {result.reason}")
     if not json:
         print_report(result, output)
+        print_warnings(result)

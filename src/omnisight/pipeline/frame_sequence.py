@@ -84,7 +84,7 @@ class FrameSequence:
             if fps is not None:
                 raise ValueError(f"{source}: a clip has its own times: leave out --fps")
             return cls((), (), str(source), Clip.open(source))
-        found = image_set(source, cameras, is_rig=bool(cameras))
+        found = image_set(_image_folders(source, cameras), cameras, is_rig=bool(cameras))
         count = int(found.frame.max()) + 1
         files: list[list[Path | None]] = [[None] * max(len(cameras), 1) for _ in range(count)]
         for path, camera, frame in zip(found.paths, found.camera, found.frame, strict=True):
@@ -128,6 +128,12 @@ class FrameSequence:
             yield SequenceFrame(
                 seconds, images if complete else (), "" if complete else "no image of one of the cameras"
             )
+
+
+def _image_folders(source: Path, cameras: tuple[str, ...]) -> Path | list[Path]:
+    """Return the folder, or, where each camera has a folder with depth besides `images`, only these."""
+    folders = [source / name / "images" for name in cameras]
+    return folders if folders and all(folder.is_dir() for folder in folders) else source
 
 
 def _times(source: Path, frames: tuple[tuple[Path | None, ...], ...], fps: float | None) -> tuple[float, ...]:

@@ -26,6 +26,9 @@ Progress = Callable[[str, int, int], None]
 
 # Frames after which the time per frame is measured: the first ones compile and initialize.
 START_FRAMES = 5
+# Residuals over the noise of tracked patches above which the camera is another one: 1.0 to 1.4 with the true camera of
+# five rendered sequences, 4 with a focal length that is 5 % too long, 6 with a centre that is 20 px off.
+MAX_RESIDUAL = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,8 @@ class OdometryResult:
         Number of closed loops.
     has_scale
         Whether positions are in metres.
+    residual
+        Median standard deviation of the rays from the points, over that of tracked patches; NaN without any.
     start_seconds
         Time until the first frames were processed, with the start of compiled code.
     fps
@@ -58,6 +63,7 @@ class OdometryResult:
     lost: tuple[LostSegment, ...]
     loops: int
     has_scale: bool
+    residual: float
     start_seconds: float
     fps: float
 
@@ -72,12 +78,24 @@ class OdometryResult:
         return float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
 
     @property
+    def warning(self) -> str:
+        """Warning that the images contradict the camera; empty if they do not."""
+        if not self.residual > MAX_RESIDUAL:
+            return ""
+        return (
+            f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
+            " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
+        )
+
+    @property
     def reason(self) -> str:
         """Why there is no trajectory; empty if there is one."""
         if self:
             return ""
         if self.trajectory:
             return "the camera only turned, or did not move: no position is known"
+        if self.frames < 2:
+            return "one image shows no motion: specify a clip, or a folder of two or more"
         return self.lost[0].reason if self.lost else "there are no frames"
 
 
@@ -137,9 +155,16 @@ def odometry(
         _write(file, tracking, frames)
     elapsed = time.perf_counter() - started
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
-    lost = tuple(sorted(tracking.lost, key=lambda segment: segment.first))
     return OdometryResult(
-        tuple(tracking.trajectory), frames, tracking.keyframes, lost, 0, tracking.has_scale, started - start, fps
+        trajectory=tuple(tracking.trajectory),
+        frames=frames,
+        keyframes=tracking.keyframes,
+        lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
+        loops=0,
+        has_scale=tracking.has_scale,
+        residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
+        start_seconds=started - start,
+        fps=fps,
     )
 
 
@@ -169,7 +194,7 @@ def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]]
 
 def _writer(path: Path, options: OdometryOptions) -> TrajectoryWriter:
     """Start the file of the trajectory."""
-    return TrajectoryWriter(path, options.format or trajectory_format(path))
+    return TrajectoryWriter(path, options.to or trajectory_format(path))
 
 
 def _write(file: TrajectoryWriter | None, tracking: Odometry, end: int | None = None) -> None:

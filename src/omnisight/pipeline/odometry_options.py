@@ -24,7 +24,7 @@ class OdometryOptions(MotionOptions):
         the name of each camera.
     scale
         Scale the camera to the size of the images, if they were resized.
-    format
+    to
         Format of the trajectory: tum has the poses that are known, with times; kitti has a row for each image, of NaN
         where the pose is not known. By default kitti for a file that ends in .kitti, else tum.
     """
@@ -32,7 +32,7 @@ class OdometryOptions(MotionOptions):
     fps: float | None = None
     mask: Path | None = None
     scale: bool = False
-    format: Literal["tum", "kitti"] | None = None
+    to: Literal["tum", "kitti"] | None = None
 
     def __post_init__(self) -> None:
         """Check the rate."""

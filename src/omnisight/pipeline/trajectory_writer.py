@@ -43,7 +43,7 @@ class TrajectoryWriter:
             world_from_rig = pose.rig_from_world.inverse()
             if self._format == "tum":
                 values = (*world_from_rig.translation, *quaternion(world_from_rig.rotation))
-                self._file.write(f"{pose.seconds:.6f} " + " ".join(f"{value:.9f}" for value in values) + "\n")
+                self._file.write(f"{pose.seconds:.6f} " + " ".join(f"{value + 0.0:.9f}" for value in values) + "\n")
             else:
                 self.skip_to(pose.frame)
                 self._file.write(" ".join(f"{value:.9e}" for value in world_from_rig.matrix.ravel()) + "\n")

@@ -182,10 +182,11 @@ def _align_on_level(image, template, gradient, inverse, a, u, v, samples):
             value = samples[k] - mean
             product += value * template[k]
             square += value * value
-        contrast = product / energy
         similar = product / np.sqrt(max(energy * square, 1e-12))
-        if not contrast > 0.0:
+        if not product > 0.0:
             return False, u, v, -1.0, 0.0
+        # Not the contrast of least squares, which tends to zero far from the solution.
+        contrast = np.sqrt(square / energy)
         dx, dy, total = 0.0, 0.0, 0.0
         for k in range(SAMPLES):
             difference = (samples[k] - mean) / contrast - template[k]

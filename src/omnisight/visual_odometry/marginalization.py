@@ -4,17 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import eigh
 
 from omnisight.geometry import rotation as so3
-from omnisight.optim.cholesky import factor_cholesky
+from omnisight.optim.cholesky import one_blas_thread
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.measurements import LinearizedMeasurements
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Information, as a share of the largest, that is added to all directions: rounding, as of unobservable ones.
+# Directions of less information than this share of the largest are unknown: rounding, as they are after scaling.
 MIN_INFORMATION = 1e-12
 
 
@@ -43,10 +43,14 @@ class PosePrior:
     @classmethod
     def of_normal_equations(cls, frames: Indices, poses: Array, information: Array, gradient: Array) -> "PosePrior":
         """Return the prior with the information (6 K, 6 K) and the gradient (6 K,) of its cost."""
-        known = information + MIN_INFORMATION * np.diagonal(information).max() * np.eye(len(information))
-        lower = np.tril(factor_cholesky(known)[0])
-        residuals = solve_triangular(lower, gradient, lower=True)
-        return cls(frames, poses, residuals, lower.T.reshape(-1, len(frames), 6))
+        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), np.finfo(float).tiny))
+        with one_blas_thread():
+            values, vectors = eigh(scale[:, None] * information * scale, check_finite=False)
+        use = values > MIN_INFORMATION * values[-1]
+        values, vectors = values[use], vectors[:, use]
+        derivatives = (vectors * np.sqrt(values)).T / scale
+        residuals = (vectors.T @ (scale * gradient)) / np.sqrt(values)
+        return cls(frames, poses, residuals, derivatives.reshape(-1, len(frames), 6))
 
     def linearize(self, rig_from_world: Array) -> LinearizedMeasurements:
         """Return residuals and derivatives at poses (F, 3, 4); the derivatives are those of the linearization."""

@@ -18,12 +18,12 @@ class MotionOptions:
     """
 
     patches: int = 400
-    window: int = 10
+    window: int = 15
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         if self.patches < 50:
-            raise ValueError(f"patches must be at least 50, got {self.patches}")
+            raise ValueError(f"--patches must be at least 50, got {self.patches}")
         if self.window < 3:
-            raise ValueError(f"window must be at least 3 keyframes, got {self.window}")
+            raise ValueError(f"--window must be at least 3 keyframes, got {self.window}")

@@ -19,7 +19,7 @@ from omnisight.visual_odometry.initialization import Initialization, WaitingFram
 from omnisight.visual_odometry.keyframes import is_keyframe
 from omnisight.visual_odometry.motion_options import MotionOptions
 from omnisight.visual_odometry.motion_prediction import MotionPrediction
-from omnisight.visual_odometry.pose_estimation import FramePose, estimate_pose
+from omnisight.visual_odometry.pose_estimation import MIN_INLIERS, FramePose, estimate_pose
 from omnisight.visual_odometry.ray_observations import FrameRays
 from omnisight.visual_odometry.relocalization import Relocalizer
 from omnisight.visual_odometry.tracker import Tracker
@@ -30,9 +30,17 @@ Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Image = NDArray[Any]
 
+# Share of the points of the last frame below which a frame shows another place: few patches of a wrong place agree with
+# a pose by chance, because they are searched near it.
+MIN_KEPT = 0.2
+# Corners of an image that shows something: twice what a pose needs.
+MIN_CORNERS = 2 * MIN_INLIERS
+
 INITIALIZING = "waiting for a parallax"
 NO_PATCHES = "consecutive images show nothing in common, or no texture"
 NO_PARALLAX = "the parallax ({:.1f} times its noise) determined no motion before the image changed"
+COVERED = "{} corners: the lens is covered, or the image is dark, blurred or uniform"
+ANOTHER_PLACE = "{} points agree with a pose, after {} in the frame before: the image shows another place"
 TOO_FEW_POINTS = "too few points of the first two keyframes"
 
 
@@ -65,6 +73,8 @@ class Odometry:
         Frames without a pose.
     keyframes
         Number of keyframes so far.
+    residuals
+        For each tracked frame the standard deviation of its rays from the points, over the one assumed.
     """
 
     def __init__(
@@ -74,10 +84,11 @@ class Odometry:
         masks: Sequence[Mask] | None = None,
     ) -> None:
         """Prepare for images of a camera or a rig, of whose pixels (H, W) masks may exclude some."""
-        self.rig = camera if isinstance(camera, Rig) else Rig((camera,), (Pose(),), ("camera",))
+        self.rig = _central_rig(camera)
         self.trajectory: list[TrackedPose] = []
         self.lost: list[LostSegment] = []
         self.keyframes = 0
+        self.residuals: list[float] = []
         self._options, self._masks = options, masks
         self._frames = 0
         self._motion = MotionPrediction.still(0.0, Pose())
@@ -86,7 +97,7 @@ class Odometry:
         self._waiting: Initialization | None = None
         self._relocalizer: Relocalizer | None = None
         self._lost: tuple[int, str] | None = None
-        self._speed = 0.0
+        self._speed, self._inliers = 0.0, 0
 
     def add(self, image: Image | Sequence[Image], seconds: float) -> FrameResult:
         """Estimate the pose of the next frame.
@@ -106,7 +117,7 @@ class Odometry:
         frame, tracker = self._track(image, seconds)
         if self._window is None:
             return self._initialize(frame, tracker)
-        found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
+        found = self._locate(frame)
         if not found:
             frame, found = self._recover(frame, tracker, self._window)
         if found.rig_from_world is None:
@@ -118,7 +129,9 @@ class Odometry:
         if is_keyframe(self._window.keyframes[-1], frame.rays[agrees], pose):
             pose, extends = self._extend(frame, tracker, self._window, pose), True
         self._append([TrackedPose(frame.index, seconds, pose)])
-        return FrameResult(frame.index, seconds, pose, int(found.is_inlier.sum()), extends)
+        self.residuals.append(found.sigma)
+        self._inliers = int(found.is_inlier.sum())
+        return FrameResult(frame.index, seconds, pose, self._inliers, extends)
 
     def skip(self, reason: str) -> None:
         """Count a frame without images, and keep why there are none."""
@@ -153,6 +166,15 @@ class Odometry:
         index, self._frames = self._frames, self._frames + 1
         predicted = self._motion.at(seconds)
         return Frame(index, seconds, images, predicted, self._tracker.track(images, predicted)), self._tracker
+
+    def _locate(self, frame: Frame) -> FramePose:
+        """Return the pose of a frame from the points of the window, near the predicted one."""
+        found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
+        if found and found.is_inlier.sum() < MIN_KEPT * self._inliers:
+            return replace(
+                found, rig_from_world=None, reason=ANOTHER_PLACE.format(found.is_inlier.sum(), self._inliers)
+            )
+        return found
 
     def _initialize(self, frame: Frame, tracker: Tracker) -> FrameResult:
         """Wait for the first parallax; return the pose of the frame once it is known."""
@@ -212,13 +234,15 @@ class Odometry:
 
     def _recover(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> tuple[Frame, FramePose]:
         """Return the frame with the pose that descriptors determine, if there is one."""
+        if (corners := tracker.texture(frame.images)) < MIN_CORNERS:
+            return frame, FramePose(None, frame.rays.has_point, reason=COVERED.format(corners))
         if self._relocalizer is None:
             self._relocalizer = Relocalizer(self.rig, self._masks or (), window.keyframes)
         pose, reason = self._relocalizer.locate(frame.images, self._options.seed)
         if pose is None:
             return frame, FramePose(None, frame.rays.has_point, reason=reason)
         frame = replace(frame, predicted=pose, rays=tracker.track(frame.images, pose))
-        return frame, estimate_pose(frame.rays, pose, self._options.seed)
+        return frame, self._locate(frame)
 
     def _resume(self, frame: Frame) -> None:
         """Continue in the map after a loss."""
@@ -258,6 +282,23 @@ class Odometry:
                 )
         if self._frames and not seconds > self._motion.seconds:
             raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
+
+
+def _central_rig(camera: Camera | RayCamera | Rig) -> Rig:
+    """Return a rig whose cameras see from one point.
+
+    Without a scale of the world, the distances of the cameras of a rig, and of the rays of a non-central camera, are of
+    no use: they are small against those of the points.
+    """
+    if isinstance(camera, Rig):
+        poses = tuple(Pose(pose.rotation) for pose in camera.sensor_from_rig)
+        return replace(camera, cameras=tuple(map(_central, camera.cameras)), sensor_from_rig=poses)
+    return Rig((_central(camera),), (Pose(),), ("camera",))
+
+
+def _central(camera: Camera | RayCamera) -> Camera:
+    """Return a central camera, of distant points for a non-central one."""
+    return camera if isinstance(camera, Camera) else camera.central(float("inf"))[0]
 
 
 def _no_position(waiting: Initialization) -> str:

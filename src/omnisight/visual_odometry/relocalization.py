@@ -22,8 +22,6 @@ Mask = NDArray[np.bool_]
 MAX_KEYPOINTS = 1500
 # Points that must agree with the pose, beyond what random matches reach.
 MIN_INLIERS = 15
-# Keypoints below which an image shows nothing.
-MIN_KEYPOINTS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,6 @@ class Relocalizer:
         from omnisight.visual_odometry._ray_pose_kernel import RayPoseProblem
 
         keypoints = [self.detect(sensor, image) for sensor, image in enumerate(images)]
-        if sum(map(len, keypoints)) < MIN_KEYPOINTS:
-            return None, f"{sum(map(len, keypoints))} keypoints: the lens is covered, or the image is dark or uniform"
         points, origins, bearings, variances = list[Array](), list[Array](), list[Array](), list[Array]()
         for sensor, found in enumerate(keypoints):
             described = self._maps[sensor]

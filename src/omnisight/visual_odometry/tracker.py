@@ -106,6 +106,11 @@ class Tracker:
             if len(pixels):
                 self.patches = self.patches.joined(self._start(sensor, pixels, rig_from_world))
 
+    def texture(self, images: Sequence[Bytes]) -> int:
+        """Return the number of cells in which images show a corner."""
+        nothing = np.zeros((0, 2))
+        return sum(len(detect_corners(gray, cells, nothing)) for gray, cells in zip(images, self._cells, strict=True))
+
     @property
     def coverage(self) -> float:
         """Share of the cells of all cameras that can show something in which a patch is seen."""
@@ -241,7 +246,7 @@ class Tracker:
         return replace(new, usable=usable)[usable[:, 0]]
 
     def _tangents(self, sensor: int, pixels: Array, bearings: Array) -> Array:
-        """Return perpendicular axes (K, 3, 2) of patches in the frame of the rig, as long as the larger side of a pixel."""
+        """Return perpendicular axes (K, 3, 2) of patches in the frame of the rig, of the larger side of a pixel."""
         step = np.array([[0.5, 0.0], [0.0, 0.5]])
         right, below = (
             self.rig.rays(sensor, pixels + d).bearings - self.rig.rays(sensor, pixels - d).bearings for d in step
