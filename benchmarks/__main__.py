@@ -16,6 +16,7 @@ The following run one at a time and take options, for example `python -m benchma
     bundle       bundle adjustment of 200 poses and 50,000 points; pycolmap. 1 minute
     places       retrieval of rendered images and of a robot's route. 10 minutes, with --quick 2
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
+    motion       visual odometry of rendered sequences. 20 minutes, with --quick 3
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
     noncentral   errors of central and axial models for non-central cameras. 5 minutes
@@ -47,6 +48,7 @@ EVALUATIONS = (
     "bundle",
     "places",
     "stereo",
+    "motion",
     "boards",
     "solvers",
     "noncentral",

@@ -64,6 +64,7 @@ def test_after_a_cut_a_new_segment_starts(fisheye, run):
     (lost,) = tracking.lost
     assert lost.first == 18
     assert lost.recovery == "new segment"
+    assert "another place" in lost.reason or "agree with a pose" in lost.reason or "points tracked" in lost.reason
     assert len(tracking.trajectory) >= len(images) - 3
     frames = [pose.frame for pose in tracking.trajectory]
     assert frames == sorted(set(frames))

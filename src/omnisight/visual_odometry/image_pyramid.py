@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import BaseCamera
+from omnisight.camera import Camera
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -31,11 +31,11 @@ class ImagePyramid:
     period: int = 0
 
     @classmethod
-    def of(cls, gray: Bytes, camera: BaseCamera) -> "ImagePyramid":
+    def of(cls, gray: Bytes, camera: Camera) -> "ImagePyramid":
         """Build the pyramid of an image of a camera."""
         import cv2
 
-        period = round(getattr(camera.model, "period", None) or 0)
+        period = round(camera.model.period or 0)
         is_closed = period == camera.width
         image = np.pad(gray, ((0, 0), (SEAM_PX, SEAM_PX)), mode="wrap") if is_closed else np.ascontiguousarray(gray)
         levels = [image]

@@ -14,6 +14,7 @@ from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
+from omnisight.visual_odometry.central_rig import central_cameras, central_rig
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
 from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges
 from omnisight.visual_odometry.keyframes import is_keyframe
@@ -84,7 +85,7 @@ class Odometry:
         masks: Sequence[Mask] | None = None,
     ) -> None:
         """Prepare for images of a camera or a rig, of whose pixels (H, W) masks may exclude some."""
-        self.rig = _central_rig(camera)
+        self.rig = central_rig(camera)
         self.trajectory: list[TrackedPose] = []
         self.lost: list[LostSegment] = []
         self.keyframes = 0
@@ -155,10 +156,11 @@ class Odometry:
 
     def _track(self, image: Image | Sequence[Image], seconds: float) -> tuple[Frame, Tracker]:
         """Track the patches in the next frame."""
-        images = tuple(to_gray8(one) for one in (image if isinstance(image, list | tuple) else [image]))
+        given = [image] if isinstance(image, np.ndarray) else image
+        images = tuple(to_gray8(one) for one in given)
         self._check(images, seconds)
         if self._tracker is None:
-            used = [illuminated_region(one, c) for one, c in zip(images, self.rig.cameras, strict=True)]
+            used = [illuminated_region(one, c) for one, c in zip(images, central_cameras(self.rig), strict=True)]
             masks = self._masks or [np.ones_like(region) for region in used]
             self._masks = [region & mask for region, mask in zip(used, masks, strict=True)]
             self._tracker = Tracker(self.rig, self._masks, self._options.patches)
@@ -257,8 +259,9 @@ class Odometry:
 
     def _end_of_loss(self, frame: int, recovery: str) -> None:
         """Note which frames before this one were lost."""
-        if self._lost is not None and self._lost[0] < frame:
-            self.lost.append(LostSegment(self._lost[0], frame - 1, self._lost[1], recovery))
+        if self._lost is not None and (self._lost[0] < frame or recovery == "new segment"):
+            first, reason = self._lost
+            self.lost.append(LostSegment(first, max(first, frame - 1), reason, recovery))
         self._lost = None
 
     def _append(self, poses: Sequence[TrackedPose]) -> None:
@@ -282,23 +285,6 @@ class Odometry:
                 )
         if self._frames and not seconds > self._motion.seconds:
             raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
-
-
-def _central_rig(camera: Camera | RayCamera | Rig) -> Rig:
-    """Return a rig whose cameras see from one point.
-
-    Without a scale of the world, the distances of the cameras of a rig, and of the rays of a non-central camera, are of
-    no use: they are small against those of the points.
-    """
-    if isinstance(camera, Rig):
-        poses = tuple(Pose(pose.rotation) for pose in camera.sensor_from_rig)
-        return replace(camera, cameras=tuple(map(_central, camera.cameras)), sensor_from_rig=poses)
-    return Rig((_central(camera),), (Pose(),), ("camera",))
-
-
-def _central(camera: Camera | RayCamera) -> Camera:
-    """Return a central camera, of distant points for a non-central one."""
-    return camera if isinstance(camera, Camera) else camera.central(float("inf"))[0]
 
 
 def _no_position(waiting: Initialization) -> str:

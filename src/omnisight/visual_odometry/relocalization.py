@@ -12,6 +12,7 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import estimate_robustly
 from omnisight.rig import Rig
 from omnisight.twoview.triangulation import triangulate
+from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.window import Keyframe
 
 Array = NDArray[np.float64]
@@ -20,6 +21,8 @@ Mask = NDArray[np.bool_]
 
 # Keypoints of each image: those of a frame of ordinary texture.
 MAX_KEYPOINTS = 1500
+# Keyframes between the two that determine the points.
+BASELINE_KEYFRAMES = 3
 # Points that must agree with the pose, beyond what random matches reach.
 MIN_INLIERS = 15
 
@@ -45,7 +48,7 @@ class Relocalizer:
 
     def __init__(self, rig: Rig, masks: Sequence[Mask], keyframes: Sequence[Keyframe]) -> None:
         """Triangulate the keypoints of the last keyframe and of one before it."""
-        self._rig, self._masks = rig, masks
+        self._rig, self._cameras, self._masks = rig, central_cameras(rig), masks
         last, before = keyframes[-1], keyframes[max(len(keyframes) - 1 - BASELINE_KEYFRAMES, 0)]
         self._maps = [self._describe(sensor, last, before) for sensor in range(len(rig))]
 
@@ -80,7 +83,7 @@ class Relocalizer:
     def detect(self, sensor: int, image: Bytes) -> Keypoints:
         """Return the keypoints of an image."""
         options = FeatureOptions(max_keypoints=MAX_KEYPOINTS)
-        return detect_features(image, self._rig.cameras[sensor], options, mask=self._masks[sensor])
+        return detect_features(image, self._cameras[sensor], options, mask=self._masks[sensor])
 
     def _describe(self, sensor: int, last: Keyframe, before: Keyframe) -> DescribedPoints:
         """Return the keypoints of the last keyframe whose points are known."""
@@ -93,13 +96,9 @@ class Relocalizer:
         return DescribedPoints(found.points[found.valid], a[found.valid])
 
 
-# Keyframes between the two that determine the points.
-BASELINE_KEYFRAMES = 3
-
-
 def _tangents(bearings: Array) -> Array:
     """Return two perpendicular unit vectors (N, 2, 3) of each bearing (N, 3)."""
     helper = np.eye(3)[np.abs(bearings).argmin(axis=1)]
     first = np.cross(bearings, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(bearings, first)], axis=1)
+    return np.asarray(np.stack([first, np.cross(bearings, first)], axis=1), float)

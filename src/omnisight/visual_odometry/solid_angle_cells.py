@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import BaseCamera
+from omnisight.camera import Camera
 from omnisight.geometry.sphere import angle_from_axis
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ class SolidAngleCells:
     used: int
 
     @classmethod
-    def of(cls, camera: BaseCamera, region: Mask, wanted: int) -> "SolidAngleCells":
+    def of(cls, camera: Camera, region: Mask, wanted: int) -> "SolidAngleCells":
         """Divide a region (H, W) of the image of a camera into about as many cells as wanted."""
         bearings = _pixel_bearings(camera)
         seen = region & np.isfinite(bearings[..., 0])
@@ -45,7 +45,7 @@ class SolidAngleCells:
         per_ring = np.maximum(np.round(areas / side**2), 1).astype(int)
         first = np.concatenate([[0], np.cumsum(per_ring)])
         with np.errstate(invalid="ignore"):
-            theta = np.nan_to_num(angle_from_axis(bearings))
+            theta = np.nan_to_num(angle_from_axis(bearings.astype(float)))
             turn = np.nan_to_num(np.arctan2(bearings[..., 1], bearings[..., 0])) / (2 * np.pi) + 0.5
         ring = np.minimum((theta / np.pi * rings).astype(int), rings - 1)
         cell = first[ring] + np.minimum((turn * per_ring[ring]).astype(int), per_ring[ring] - 1)
@@ -61,7 +61,7 @@ class SolidAngleCells:
 
 
 @lru_cache(maxsize=4)
-def _pixel_bearings(camera: BaseCamera) -> NDArray[np.float32]:
+def _pixel_bearings(camera: Camera) -> NDArray[np.float32]:
     """Return the bearings (H, W, 3) of all pixels; NaN where there is none."""
     found = np.empty((camera.height, camera.width, 3), np.float32)
     for row in range(camera.height):

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.parallel import parallel_for
 from omnisight.rig import Rig
+from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.corner_detection import detect_corners
 from omnisight.visual_odometry.image_pyramid import LEVELS, ImagePyramid
 from omnisight.visual_odometry.patches import Patches
@@ -60,12 +61,14 @@ class Tracker:
             cv2.distanceTransform(np.pad(r.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1] for r in regions
         ]
         inner = [distance > MARGIN_PX for distance in self._clearance]
-        self._cells = [SolidAngleCells.of(c, r, count // len(rig)) for c, r in zip(rig.cameras, inner, strict=True)]
+        self._cells = [
+            SolidAngleCells.of(c, r, count // len(rig)) for c, r in zip(central_cameras(rig), inner, strict=True)
+        ]
         self._pyramids: list[ImagePyramid] = []
 
     def track(self, images: Sequence[Bytes], predicted: Pose) -> FrameRays:
         """Find the patches in the images (H, W) of the next frame, whose rig_from_world is predicted."""
-        self._pyramids = [ImagePyramid.of(image, c) for image, c in zip(images, self.rig.cameras, strict=True)]
+        self._pyramids = [ImagePyramid.of(image, c) for image, c in zip(images, central_cameras(self.rig), strict=True)]
         p = self.patches
         found = replace(p, pixels=p.pixels.copy(), noise=p.noise.copy(), is_seen=np.zeros(len(p), np.bool_))
         for sensor in range(len(self.rig)):
@@ -86,7 +89,7 @@ class Tracker:
                 rays = self.rig.rays(sensor, seen.pixels[rows])
                 origins[rows], bearings[rows] = rays.origins, rays.bearings
                 axes[rows] = self._axes(sensor, seen[rows], rig_from_world, rays.bearings)
-        use = np.isfinite(axes).all(axis=(1, 2))
+        use = np.asarray(np.isfinite(axes).all(axis=(1, 2)), np.bool_)
         return FrameRays(seen.number, seen.points, origins, bearings, axes)[use]
 
     def confirm(self, rig_from_world: Pose, rays: FrameRays, is_inlier: Mask) -> None:
