@@ -1,6 +1,8 @@
-"""Rigs of central cameras that see from one point."""
+"""Rigs of central cameras, and whether they determine the scale."""
 
 from dataclasses import replace
+
+import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
@@ -9,15 +11,21 @@ from omnisight.rig import Rig
 
 
 def central_rig(camera: Camera | RayCamera | Rig) -> Rig:
-    """Return a rig whose cameras see from one point.
-
-    Without a scale of the world, the distances of the cameras of a rig, and of the rays of a non-central camera, are of
-    no use: they are small against those of the points.
-    """
+    """Return a rig of central cameras; a non-central one is approximated for distant points."""
     if isinstance(camera, Rig):
-        poses = tuple(Pose(pose.rotation) for pose in camera.sensor_from_rig)
-        return replace(camera, cameras=tuple(map(_central, camera.cameras)), sensor_from_rig=poses)
+        return replace(camera, cameras=tuple(map(_central, camera.cameras)))
     return Rig((_central(camera),), (Pose(),), ("camera",))
+
+
+def at_one_point(rig: Rig) -> Rig:
+    """Return the rig with all cameras at its origin, for a world without a scale."""
+    return replace(rig, sensor_from_rig=tuple(Pose(pose.rotation) for pose in rig.sensor_from_rig))
+
+
+def has_baseline(rig: Rig) -> bool:
+    """Return whether the cameras of a rig are apart."""
+    centers = [pose.inverse().translation for pose in rig.sensor_from_rig]
+    return bool(np.ptp(centers, axis=0).any())
 
 
 def _central(camera: Camera | RayCamera) -> Camera:

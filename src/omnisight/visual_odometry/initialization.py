@@ -108,11 +108,19 @@ class Initialization:
         if found.b_from_a is None or found.motion.name not in SOLVED or found.alternative is not None:
             return None
         length = self.speed * (last.seconds - self.first.seconds) or 1.0
-        relative = Pose(found.b_from_a.rotation, length * found.b_from_a.translation)
-        poses = self.first.pose, relative @ self.first.pose
-        prior = gauge_prior(np.array([pose.matrix for pose in poses]), GAUGE_SIGMA * length, has_scale=False)
-        window = KeyframeWindow([Keyframe(self.first.frame, poses[0], self.first.rays)], prior, window_size)
-        window.add(Keyframe(last.frame, poses[1], last.rays), last.rays.number)
+        return self.window(Pose(found.b_from_a.rotation, length * found.b_from_a.translation), window_size)
+
+    def window(self, last_from_first: Pose, size: int, *, has_scale: bool = False) -> KeyframeWindow:
+        """Return a window of the first and the last frame with a relative pose.
+
+        Without a scale, the rays of a rig start at one point.
+        """
+        first, last = ((f.rays if has_scale else f.rays.from_one_point()) for f in (self.first, self.frames[-1]))
+        poses = self.first.pose, last_from_first @ self.first.pose
+        sigma = GAUGE_SIGMA * float(np.linalg.norm(last_from_first.translation))
+        prior = gauge_prior(np.array([pose.matrix for pose in poses]), sigma, has_scale=has_scale)
+        window = KeyframeWindow([Keyframe(self.first.frame, poses[0], first)], prior, size)
+        window.add(Keyframe(self.frames[-1].frame, poses[1], last), last.number)
         return window
 
     def needs_restart(self) -> bool:

@@ -14,15 +14,16 @@ from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
-from omnisight.visual_odometry.central_rig import central_cameras, central_rig
+from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
-from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges
+from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges, with_points
 from omnisight.visual_odometry.keyframes import is_keyframe
 from omnisight.visual_odometry.motion_options import MotionOptions
 from omnisight.visual_odometry.motion_prediction import MotionPrediction
 from omnisight.visual_odometry.pose_estimation import MIN_INLIERS, FramePose, estimate_pose
 from omnisight.visual_odometry.ray_observations import FrameRays
 from omnisight.visual_odometry.relocalization import Relocalizer
+from omnisight.visual_odometry.rig_scale import estimate_rig_scale
 from omnisight.visual_odometry.tracker import Tracker
 from omnisight.visual_odometry.window import Keyframe, KeyframeWindow
 
@@ -74,6 +75,8 @@ class Odometry:
         Frames without a pose.
     keyframes
         Number of keyframes so far.
+    has_scale
+        Whether positions are in metres.
     residuals
         For each tracked frame the standard deviation of its rays from the points, over the one assumed.
     """
@@ -90,6 +93,7 @@ class Odometry:
         self.lost: list[LostSegment] = []
         self.keyframes = 0
         self.residuals: list[float] = []
+        self.has_scale = False
         self._options, self._masks = options, masks
         self._frames = 0
         self._motion = MotionPrediction.still(0.0, Pose())
@@ -139,11 +143,6 @@ class Odometry:
         self.lost.append(LostSegment(self._frames, self._frames, reason, "tracking"))
         self._frames += 1
 
-    @property
-    def has_scale(self) -> bool:
-        """Whether positions are in metres."""
-        return False
-
     def finish(self) -> None:
         """End the sequence: frames that still wait for a parallax get the poses of a camera that turns, or none."""
         if self._waiting is not None:
@@ -190,7 +189,7 @@ class Odometry:
         self._motion = self._motion.after(frame.seconds, pose)
         window = waiting.solve(self._options.window, RansacOptions(seed=self._options.seed))
         if window is not None:
-            return self._begin(frame, tracker, waiting, window)
+            return self._begin(frame, tracker, waiting, self._scaled(tracker, waiting, window))
         if waiting.needs_restart():
             self._keep_rotations(waiting)
             self._waiting = self._start(frame, tracker, pose)
@@ -209,6 +208,22 @@ class Odometry:
         elif self._lost is None:
             self._lost = waiting.first.frame, _no_position(waiting)
 
+    def _scaled(self, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> KeyframeWindow:
+        """Return the window in metres if the cameras of a rig determine the scale."""
+        if not has_baseline(self.rig):
+            return window
+        first, last = window.keyframes[0].rig_from_world, window.keyframes[-1].rig_from_world
+        rays = with_points(waiting.frames[-1].rays, window)
+        distances = np.linalg.norm(last @ rays.points, axis=1)
+        found = estimate_rig_scale(rays, tracker.cross_rays(waiting.frames[-1].pose), distances)
+        self.has_scale = bool(found)
+        if not found:
+            self.rig = tracker.rig = at_one_point(self.rig)
+            return window
+        relative = last @ first.inverse()
+        relative = Pose(relative.rotation, found.scale * relative.translation)
+        return waiting.window(relative, self._options.window, has_scale=True)
+
     def _begin(self, frame: Frame, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> FrameResult:
         """Start tracking in a window with the first two keyframes."""
         self._end_of_loss(waiting.first.frame, "new segment")
@@ -222,7 +237,9 @@ class Odometry:
 
     def _extend(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, pose: Pose) -> Pose:
         """Add a keyframe to the window, and start new patches; return its refined pose."""
-        window.add(Keyframe(frame.index, pose, tracker.rays(pose)), tracker.patches.number[tracker.patches.is_seen])
+        others = tracker.cross_rays(pose) if self.has_scale else FrameRays.none()
+        seen = tracker.patches.number[tracker.patches.is_seen]
+        window.add(Keyframe(frame.index, pose, tracker.rays(pose), others=others), seen)
         window.extend_last(self._detect(frame, tracker, window), frame.images)
         self.keyframes += 1
         return window.keyframes[-1].rig_from_world

@@ -1,6 +1,6 @@
 """What one frame shows: the rays of patches."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,11 @@ class FrameRays:
     bearings: Array
     axes: Array
 
+    @classmethod
+    def none(cls) -> "FrameRays":
+        """Return no rays."""
+        return cls(np.zeros(0, np.intp), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2, 3)))
+
     def __len__(self) -> int:
         return len(self.number)
 
@@ -41,6 +46,10 @@ class FrameRays:
     def joined(self, others: "FrameRays") -> "FrameRays":
         """Return these rays and others with larger numbers."""
         return FrameRays(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+    def from_one_point(self) -> "FrameRays":
+        """Return the rays as those of a central camera."""
+        return replace(self, origins=np.zeros_like(self.origins))
 
     @property
     def variance(self) -> Array:

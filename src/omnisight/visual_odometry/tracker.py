@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,15 +83,32 @@ class Tracker:
     def rays(self, rig_from_world: Pose) -> FrameRays:
         """Return the rays of the patches that the last images show."""
         seen = self.patches[self.patches.is_seen]
-        origins, bearings, axes = np.zeros((len(seen), 3)), np.zeros((len(seen), 3)), np.zeros((len(seen), 2, 3))
+        parts = [self._rays_of(sensor, seen[seen.sensor == sensor], rig_from_world) for sensor in range(len(self.rig))]
+        rays = reduce(FrameRays.joined, parts, FrameRays.none())
+        return rays[np.argsort(rays.number)]
+
+    def cross_rays(self, rig_from_world: Pose) -> FrameRays:
+        """Return the rays of seen patches in the last images of the other cameras.
+
+        Their points are known, or their distance is so large that parallax between the cameras is small.
+        """
+        parts = list[FrameRays]()
         for sensor in range(len(self.rig)):
-            rows = np.flatnonzero(seen.sensor == sensor)
-            if len(rows):
-                rays = self.rig.rays(sensor, seen.pixels[rows])
-                origins[rows], bearings[rows] = rays.origins, rays.bearings
-                axes[rows] = self._axes(sensor, seen[rows], rig_from_world, rays.bearings)
+            others = self.patches[self.patches.is_seen & (self.patches.sensor != sensor)]
+            if len(others):
+                pixels, noise, seen = self._align(sensor, others, rig_from_world)
+                found = replace(others, pixels=pixels, noise=noise)[seen]
+                parts.append(self._rays_of(sensor, found, rig_from_world))
+        return reduce(FrameRays.joined, parts, FrameRays.none())
+
+    def _rays_of(self, sensor: int, patches: Patches, rig_from_world: Pose) -> FrameRays:
+        """Return the rays of patches that an image of a sensor shows."""
+        if not len(patches):
+            return FrameRays.none()
+        rays = self.rig.rays(sensor, patches.pixels)
+        axes = self._axes(sensor, patches, rig_from_world, rays.bearings)
         use = np.asarray(np.isfinite(axes).all(axis=(1, 2)), np.bool_)
-        return FrameRays(seen.number, seen.points, origins, bearings, axes)[use]
+        return FrameRays(patches.number, patches.points, rays.origins, rays.bearings, axes)[use]
 
     def confirm(self, rig_from_world: Pose, rays: FrameRays, is_inlier: Mask) -> None:
         """Keep the directions of inliers in the world, and forget where outliers were seen."""

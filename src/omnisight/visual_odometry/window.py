@@ -1,7 +1,7 @@
 """The sliding window: the last keyframes with the points they show, refined together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +41,25 @@ class Keyframe:
         Rays of patches that agree with the pose.
     images
         Gray images (H, W) of its cameras.
+    others
+        Rays of the same patches in further cameras, which determine the scale.
     """
 
     index: int
     rig_from_world: Pose
     rays: FrameRays
     images: tuple[NDArray[np.uint8], ...] = ()
+    others: FrameRays = field(default_factory=FrameRays.none)
+
+    @property
+    def all_rays(self) -> FrameRays:
+        """The rays of all cameras."""
+        return self.rays.joined(self.others)
+
+    def keeping(self, use: Mask) -> "Keyframe":
+        """Return the keyframe with some of the rays of all cameras."""
+        count = len(self.rays)
+        return replace(self, rays=self.rays[use[:count]], others=self.others[use[count:]])
 
 
 class KeyframeWindow:
@@ -137,11 +150,10 @@ class KeyframeWindow:
     def _remove(self, rows: Indices, frames: Indices) -> None:
         """Remove rays, given by their row in the rays of their frame, and points with fewer than two others."""
         for k in np.unique(frames):
-            rays = self.keyframes[k].rays
-            keep = np.ones(len(rays), np.bool_)
+            keep = np.ones(len(self.keyframes[k].all_rays), np.bool_)
             keep[rows[frames == k]] = False
-            self.keyframes[k] = replace(self.keyframes[k], rays=rays[keep])
-        seen, count = np.unique(np.concatenate([k.rays.number for k in self.keyframes]), return_counts=True)
+            self.keyframes[k] = self.keyframes[k].keeping(keep)
+        seen, count = np.unique(np.concatenate([k.all_rays.number for k in self.keyframes]), return_counts=True)
         keep = np.isin(self.number, seen[count >= 2])
         self.number, self.points = self.number[keep], self.points[keep]
 
@@ -149,12 +161,13 @@ class KeyframeWindow:
         """Return the problem of some of the points, and the row (M,) of each ray in the rays of its frame."""
         rows, frames, points = list[Indices](), list[Indices](), list[Indices]()
         for k, keyframe in enumerate(self.keyframes):
-            at = np.searchsorted(number, keyframe.rays.number)
-            use = np.flatnonzero(np.append(number, -1)[at] == keyframe.rays.number)
+            seen = keyframe.all_rays.number
+            at = np.searchsorted(number, seen)
+            use = np.flatnonzero(np.append(number, -1)[at] == seen)
             rows.append(use)
             points.append(at[use])
             frames.append(np.full(len(use), k, np.intp))
-        parts = [keyframe.rays[use] for keyframe, use in zip(self.keyframes, rows, strict=True)]
+        parts = [keyframe.all_rays[use] for keyframe, use in zip(self.keyframes, rows, strict=True)]
         point = np.concatenate(points)
         order = np.argsort(point, kind="stable")
         origins, bearings, axes = (
@@ -181,8 +194,7 @@ class KeyframeWindow:
         keep = ~np.isin(self.number, gone)
         self.number, self.points = self.number[keep], self.points[keep]
         for k, keyframe in enumerate(self.keyframes):
-            kept = ~np.isin(keyframe.rays.number, gone)
-            self.keyframes[k] = replace(keyframe, rays=keyframe.rays[kept])
+            self.keyframes[k] = keyframe.keeping(~np.isin(keyframe.all_rays.number, gone))
         self._remove(np.zeros(0, np.intp), np.zeros(0, np.intp))
 
 
