@@ -32,9 +32,11 @@ Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Image = NDArray[Any]
 
-# Share of the points of the last frame below which a frame shows another place: few patches of a wrong place agree with
-# a pose by chance, because they are searched near it.
+# Share of the points of the last frame below which a frame shows another place, unless descriptors confirm its pose: a
+# few patches of a wrong place agree with a pose by chance, because they are searched near it.
 MIN_KEPT = 0.2
+# Points that agree with the pose that descriptors determined: twice what a pose needs.
+MIN_RELOCALIZED = 2 * MIN_INLIERS
 # Corners of an image that shows something: twice what a pose needs.
 MIN_CORNERS = 2 * MIN_INLIERS
 
@@ -170,8 +172,12 @@ class Odometry:
 
     def _locate(self, frame: Frame) -> FramePose:
         """Return the pose of a frame from the points of the window, near the predicted one."""
+        return self._checked(frame, MIN_KEPT * self._inliers)
+
+    def _checked(self, frame: Frame, needed: float) -> FramePose:
+        """Return the pose of a frame if the needed number of points agree with it."""
         found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
-        if found and found.is_inlier.sum() < MIN_KEPT * self._inliers:
+        if found and found.is_inlier.sum() < needed:
             return replace(
                 found, rig_from_world=None, reason=ANOTHER_PLACE.format(found.is_inlier.sum(), self._inliers)
             )
@@ -261,7 +267,7 @@ class Odometry:
         if pose is None:
             return frame, FramePose(None, frame.rays.has_point, reason=reason)
         frame = replace(frame, predicted=pose, rays=tracker.track(frame.images, pose))
-        return frame, self._locate(frame)
+        return frame, self._checked(frame, MIN_RELOCALIZED)
 
     def _resume(self, frame: Frame) -> None:
         """Continue in the map after a loss."""

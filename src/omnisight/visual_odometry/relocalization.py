@@ -23,8 +23,9 @@ Mask = NDArray[np.bool_]
 MAX_KEYPOINTS = 1500
 # Keyframes between the two that determine the points.
 BASELINE_KEYFRAMES = 3
-# Points that must agree with the pose, beyond what random matches reach.
-MIN_INLIERS = 15
+# Matches that must agree with the pose, and their share: 75 % two seconds later in a room, and up to 35 % in the mirror
+# image of the room, whose textures are similar.
+MIN_INLIERS, MIN_SHARE = 15, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +77,8 @@ class Relocalizer:
             return RayPoseProblem(x, o, b, axes / sigma[:, None, None], sigma**2)
 
         found = estimate_robustly(problem, is_scale_known=False, options=RansacOptions(seed=seed, max_iterations=2000))
-        if found.model is None or found.inliers.sum() < MIN_INLIERS:
-            return None, f"{len(x)} matches with the last keyframe do not agree with a pose"
+        if found.model is None or found.inliers.sum() < max(MIN_INLIERS, MIN_SHARE * len(x)):
+            return None, f"{found.inliers.sum()} of {len(x)} matches with the last keyframe agree with a pose"
         return Pose.of_matrix(found.model), ""
 
     def detect(self, sensor: int, image: Bytes) -> Keypoints:
