@@ -19,6 +19,7 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.sfm.georeference import least_squares_similarity
 from omnisight.simulation import fisheye_setup, mirror_setup
+from omnisight.simulation.example_rigs import back_to_back
 from omnisight.simulation.trajectory import read_trajectory
 
 Array = NDArray[np.float64]
@@ -44,12 +45,15 @@ SEQUENCES = (
     RenderedSequence("street", "sphere", 150),
     RenderedSequence("town", "fisheye", 200),
     RenderedSequence("town", "sphere", 150),
+    RenderedSequence("room", "rig", 120),
 )
 QUICK = (RenderedSequence("room", "fisheye", 40), RenderedSequence("street", "sphere", 40))
 
 
-def camera_of(name: str) -> om.Camera:
-    """Return a camera of about half a megapixel."""
+def camera_of(name: str) -> om.Camera | om.Rig:
+    """Return a camera, or a rig of two fisheyes back to back, of about half a megapixel."""
+    if name == "rig":
+        return back_to_back(640)
     if name == "sphere":
         return om.sphere(960)
     setup = fisheye_setup(800) if name == "fisheye" else mirror_setup(800)
@@ -103,7 +107,10 @@ def errors(found: Sequence[Pose], true: Sequence[Pose]) -> Errors:
 def row(sequence: RenderedSequence) -> str:
     """Return the row of a sequence in the table."""
     folder = render(sequence)
-    result = om.odometry(folder / "images", folder / "camera.json")
+    if sequence.camera == "rig":
+        result = om.odometry(folder, rig=folder / "rig.json")
+    else:
+        result = om.odometry(folder / "images", folder / "camera.json")
     true = read_trajectory(folder / "poses.txt").poses
     found = [pose.rig_from_world.inverse() for pose in result.trajectory]
     score = errors(found, [true[pose.frame] for pose in result.trajectory])

@@ -113,3 +113,18 @@ def test_a_wrong_camera_causes_a_warning(run, room, tmp_path):
     status, _, err = run("odometry", room / "images", "--camera", tmp_path / "wrong.json", "-o", "t.tum")
     assert status == 0
     assert err.startswith("omnisight: warning: the images contradict the camera")
+
+
+def test_an_interrupted_run_keeps_its_poses(run, room, monkeypatch):
+    add, count = om.Odometry.add, iter(range(100))
+
+    def interrupted(self, images, seconds):
+        if next(count) == 8:
+            raise KeyboardInterrupt
+        return add(self, images, seconds)
+
+    monkeypatch.setattr("omnisight.visual_odometry.odometry.Odometry.add", interrupted)
+    status, _, err = run(*arguments(room))
+    assert status == 130
+    assert "t.tum holds the poses so far" in err
+    assert len(read_trajectory("t.tum").poses) == 8

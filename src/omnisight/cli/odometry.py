@@ -1,5 +1,8 @@
 """omnisight odometry."""
 
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -46,7 +49,7 @@ def odometry(
     from omnisight.pipeline.odometry import odometry as run
 
     must_be_writable(output)
-    with progress(quiet or json) as report:
+    with _keeping_poses(output), progress(quiet or json) as report:
         result = run(images, camera, rig, options, output, report)
     if json:
         print_json(result)
@@ -55,3 +58,14 @@ def odometry(
     if not json:
         print_report(result, output)
         print_warnings(result)
+
+
+@contextmanager
+def _keeping_poses(output: Path) -> Generator[None]:
+    """State after Ctrl-C where the poses so far are."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if output.is_file():
+            print(f"{output} holds the poses so far", file=sys.stderr)
+        raise
