@@ -17,6 +17,7 @@ def print_json(result: OdometryResult) -> None:
         "keyframes": result.keyframes,
         "loops": result.loops,
         "path_length": result.path_length,
+        "unit": result.unit,
         "has_scale": result.has_scale,
         "fps": None if math.isnan(result.fps) else round(result.fps, 2),
         "start_seconds": round(result.start_seconds, 3),
@@ -36,8 +37,8 @@ def print_report(result: OdometryResult, output: Path) -> None:
     tracked, turned = len(result.trajectory), sum(p.motion == "rotation only" for p in result.trajectory)
     still = f", {turned} of them of a camera that only turned" if turned else ""
     print(f"frames      {tracked} of {result.frames} have a pose{still}; {result.keyframes} keyframes")
-    unit = "m" if result.has_scale else "units; the scale is unknown (1 unit: distance of the first two keyframes)"
-    print(f"path        {result.path_length:.2f} {unit}")
+    unknown = "; the scale is unknown, and 1 is the distance of the first two keyframes"
+    print(f"path        {result.path_length:.2f} {result.unit}{unknown if result.unit == 'baselines' else ''}")
     for lost in result.lost:
         print(f"lost        {_describe(lost)}")
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.formats import load_rig
 from omnisight.images.mask import read_mask
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.central_camera import camera_of_image
@@ -47,8 +48,9 @@ class OdometryResult:
         Frames without a pose, with reasons.
     loops
         Number of closed loops.
-    has_scale
-        Whether positions are in metres.
+    unit
+        Unit of positions: "m" or, of a rig that was calibrated with a board of unknown size, "squares"; "baselines" of
+        the first two keyframes if the scale is unknown.
     residual
         Median standard deviation of the rays from the points, over that of tracked patches; NaN without any.
     start_seconds
@@ -62,7 +64,7 @@ class OdometryResult:
     keyframes: int
     lost: tuple[LostSegment, ...]
     loops: int
-    has_scale: bool
+    unit: str
     residual: float
     start_seconds: float
     fps: float
@@ -73,9 +75,14 @@ class OdometryResult:
 
     @cached_property
     def path_length(self) -> float:
-        """Length of the path: metres, or baselines of the first two keyframes if the scale is unknown."""
+        """Length of the path, in `unit`."""
         centers = np.array([pose.rig_from_world.inverse().translation for pose in self.trajectory]).reshape(-1, 3)
         return float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether positions are in metres."""
+        return self.unit == "m"
 
     @property
     def warning(self) -> str:
@@ -135,6 +142,7 @@ def odometry(
     """
     report = progress or (lambda stage, done, total: None)
     start = time.perf_counter()
+    rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
     sources = CameraSources.of(camera, rig, None)
     sequence = FrameSequence.open(Path(images), sources.names, options.fps)
     body = _body(sources, sequence, options)
@@ -161,7 +169,7 @@ def odometry(
         keyframes=tracking.keyframes,
         lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
         loops=0,
-        has_scale=tracking.has_scale,
+        unit=rig.unit if rig is not None and tracking.has_scale else "baselines",
         residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
         start_seconds=started - start,
         fps=fps,
