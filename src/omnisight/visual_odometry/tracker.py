@@ -132,13 +132,6 @@ class Tracker:
         nothing = np.zeros((0, 2))
         return sum(len(detect_corners(gray, cells, nothing)) for gray, cells in zip(images, self._cells, strict=True))
 
-    @property
-    def coverage(self) -> float:
-        """Share of the cells of all cameras that can show something in which a patch is seen."""
-        seen = self.patches[self.patches.is_seen]
-        held = [np.unique(c.at(seen.pixels[seen.sensor == k])) for k, c in enumerate(self._cells)]
-        return sum(int((cells >= 0).sum()) for cells in held) / max(sum(c.used for c in self._cells), 1)
-
     def set_points(self, number: Indices, points: Array) -> None:
         """Set the points (K, 3) of patches, which are unknown for all others."""
         rows, exists = self.patches.rows_of(number)
@@ -146,10 +139,6 @@ class Tracker:
         known[rows[exists]] = points[exists]
         patches = replace(self.patches, points=known)
         self.patches = patches[patches.is_seen | patches.has_point]
-
-    def lose(self) -> None:
-        """Forget all patches."""
-        self.patches = self.patches[np.zeros(len(self.patches), np.bool_)]
 
     def _align(self, sensor: int, patches: Patches, predicted: Pose) -> tuple[Array, Array, Mask]:
         """Return pixels (N, 2), differences of intensities (N,), and which patches the image of a sensor shows."""
