@@ -50,6 +50,9 @@ from omnisight.pipeline.localize import LocalizeOptions as LocalizeOptions
 from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
+from omnisight.pipeline.odometry import OdometryResult as OdometryResult
+from omnisight.pipeline.odometry import odometry as odometry
+from omnisight.pipeline.odometry_options import OdometryOptions as OdometryOptions
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
 from omnisight.pipeline.options import DetectOptions as DetectOptions
 from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
@@ -110,6 +113,8 @@ from omnisight.views import perspective as perspective
 from omnisight.views import planet as planet
 from omnisight.views import remap as remap
 from omnisight.views import sphere as sphere
+from omnisight.visual_odometry.motion_options import MotionOptions as MotionOptions
+from omnisight.visual_odometry.odometry import Odometry as Odometry
 
 __version__: str
 __all__: list[str]

@@ -19,6 +19,7 @@ FUNCTIONS = {
     "evaluate": om.evaluate,
     "export": om.export,
     "next": om.next_view,
+    "odometry": om.odometry,
     "reconstruct": om.reconstruct,
     "simulate": om.simulate,
     "stereo": om.stereo,

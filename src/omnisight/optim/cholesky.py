@@ -31,12 +31,12 @@ def factor_cholesky(matrix: Array) -> tuple[Array, bool]:
     """
     if len(matrix) > MAX_SERIAL_COLUMNS:
         return cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
-    with _one_blas_thread():
+    with one_blas_thread():
         return cho_factor(matrix, lower=True, overwrite_a=True, check_finite=False)
 
 
 @contextmanager
-def _one_blas_thread() -> Generator[None]:
+def one_blas_thread() -> Generator[None]:
     """Let scipy's OpenBLAS use one thread; without effect if scipy has another BLAS."""
     blas = _openblas()
     if blas is None:

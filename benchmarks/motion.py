@@ -1,0 +1,130 @@
+"""Visual odometry of rendered sequences against the true poses.
+
+`python -m benchmarks motion` prints the table of docs/guide/odometry.md. The rendered images are kept in the cache
+folder, or in the folder of temporary files if it does not exist.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import omnisight as om
+from omnisight.cache import cache_folder
+from omnisight.geometry import rotation as so3
+from omnisight.geometry.pose import Pose
+from omnisight.sfm.georeference import least_squares_similarity
+from omnisight.simulation import fisheye_setup, mirror_setup
+from omnisight.simulation.example_rigs import back_to_back
+from omnisight.simulation.trajectory import read_trajectory
+
+Array = NDArray[np.float64]
+
+FPS = 10.0
+# Parts of the path over which the drift is measured, and the number of their starts.
+PARTS, STARTS = (0.1, 0.2, 0.3, 0.4, 0.5), 40
+
+
+@dataclass(frozen=True)
+class RenderedSequence:
+    """A rendered sequence: scene, camera and number of images."""
+
+    scene: str
+    camera: str
+    count: int
+
+
+SEQUENCES = (
+    RenderedSequence("room", "fisheye", 200),
+    RenderedSequence("rooms", "mirror", 150),
+    RenderedSequence("rooms", "fisheye", 200),
+    RenderedSequence("street", "sphere", 150),
+    RenderedSequence("town", "fisheye", 200),
+    RenderedSequence("town", "sphere", 150),
+    RenderedSequence("room", "rig", 120),
+)
+QUICK = (RenderedSequence("room", "fisheye", 40), RenderedSequence("street", "sphere", 40))
+
+
+def camera_of(name: str) -> om.Camera | om.Rig:
+    """Return a camera, or a rig of two fisheyes back to back, of about half a megapixel."""
+    if name == "rig":
+        return back_to_back(640)
+    if name == "sphere":
+        return om.sphere(960)
+    setup = fisheye_setup(800) if name == "fisheye" else mirror_setup(800)
+    return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
+
+
+def render(sequence: RenderedSequence) -> Path:
+    """Return the folder of a rendered sequence, from the cache if it is there."""
+    root = cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())
+    folder = root / "benchmarks-motion" / f"{sequence.scene}-{sequence.camera}-{sequence.count}"
+    if not (folder / "poses.txt").exists():
+        folder.parent.mkdir(exist_ok=True)
+        up = "back" if sequence.camera == "mirror" else "top"
+        camera = camera_of(sequence.camera)
+        om.simulate(om.SimulateOptions(sequence.scene, camera, folder, up=up, frames=sequence.count, fps=FPS, jpeg=92))
+    return folder
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a trajectory: over the path length, as a share; drift as a share, and in degrees per metre."""
+
+    position: float
+    drift: float
+    drift_deg_per_m: float
+    length: float
+
+
+def errors(found: Sequence[Pose], true: Sequence[Pose]) -> Errors:
+    """Compare poses world_from_rig after a similarity."""
+    a, b = (np.array([pose.translation for pose in poses]) for poses in (found, true))
+    aligned = least_squares_similarity(a, b)
+    position = aligned @ a
+    path = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(b, axis=0), axis=1))])
+    length = float(path[-1])
+    rms = float(np.sqrt(((position - b) ** 2).sum(axis=1).mean())) / length
+    poses = [Pose(aligned.rotation @ pose.rotation, at) for pose, at in zip(found, position, strict=True)]
+    relative: list[tuple[float, float]] = []
+    for part in PARTS:
+        for i in range(0, len(path), max(len(path) // STARTS, 1)):
+            j = int(np.searchsorted(path, path[i] + part * length))
+            if j < len(path):
+                change = (poses[i].inverse() @ poses[j]).inverse() @ (true[i].inverse() @ true[j])
+                step = path[j] - path[i]
+                angle = np.degrees(np.linalg.norm(so3.log(change.rotation)))
+                relative.append((float(np.linalg.norm(change.translation)) / step, float(angle) / step))
+    drift, turn = np.mean(relative, axis=0)
+    return Errors(rms, float(drift), float(turn), length)
+
+
+def row(sequence: RenderedSequence) -> str:
+    """Return the row of a sequence in the table."""
+    folder = render(sequence)
+    if sequence.camera == "rig":
+        result = om.odometry(folder, rig=folder / "rig.json")
+    else:
+        result = om.odometry(folder / "images", folder / "camera.json")
+    true = read_trajectory(folder / "poses.txt").poses
+    found = [pose.rig_from_world.inverse() for pose in result.trajectory]
+    score = errors(found, [true[pose.frame] for pose in result.trajectory])
+    figures = f"{score.position:.3%} | {score.drift:.3%} | {score.drift_deg_per_m:.4f} | {result.fps:.0f}"
+    coverage = f"{len(result.trajectory)} of {result.frames}"
+    return f"| {sequence.scene}, {sequence.camera} | {score.length:.0f} m | {coverage} | {figures} |"
+
+
+def main(arguments: list[str]) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks motion", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two short sequences")
+    quick = parser.parse_args(arguments).quick
+    print("| sequence | path | images with a pose | error | drift | drift °/m | images per second |")
+    print("|---|---|---|---|---|---|---|")
+    for sequence in QUICK if quick else SEQUENCES:
+        print(row(sequence), flush=True)

@@ -1,0 +1,71 @@
+"""omnisight odometry."""
+
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from omnisight.pipeline.odometry_options import OdometryOptions
+
+
+def odometry(
+    images: Path,
+    /,
+    *,
+    camera: str | None = None,
+    rig: Path | None = None,
+    output: Annotated[Path, Parameter(alias="-o")],
+    options: Annotated[OdometryOptions, Parameter(name="*")] = OdometryOptions(),
+    quiet: bool = False,
+    json: bool = False,
+) -> None:
+    """Compute the trajectory of a moving camera or rig from a clip, or from a folder of images.
+
+    The world is the frame of the camera at the first image. Poses are written as soon as they are known, so that an
+    interrupted run keeps them. Images whose pose is not known are reported with the reason.
+
+    Parameters
+    ----------
+    images
+        Video clip, or folder of images in the order of their names; for a rig with a folder for each camera.
+    camera
+        Calibration file of any format; none is needed for 2:1 equirectangular images.
+    rig
+        File of a rig, in place of the camera. Its cameras' images of the same name or number were taken together.
+    output
+        Trajectory to write, world_from_camera (world_from_rig): TUM's format, timestamp tx ty tz qx qy qz qw, or
+        KITTI's.
+    quiet
+        Show no progress.
+    json
+        Print one JSON object and nothing else.
+    """
+    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._odometry_report import print_json, print_report, print_warnings
+    from omnisight.cli._progress import progress
+    from omnisight.pipeline.odometry import odometry as run
+
+    must_be_writable(output)
+    with _keeping_poses(output), progress(quiet or json) as report:
+        result = run(images, camera, rig, options, output, report)
+    if json:
+        print_json(result)
+    if not result:
+        raise ValueError(f"{images}: {result.reason}")
+    if not json:
+        print_report(result, output)
+        print_warnings(result)
+
+
+@contextmanager
+def _keeping_poses(output: Path) -> Generator[None]:
+    """State after Ctrl-C where the poses so far are."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if output.is_file():
+            print(f"{output} holds the poses so far", file=sys.stderr)
+        raise

@@ -1,0 +1,183 @@
+"""The frames of a folder, a clip, or a rig in the order of time."""
+
+import csv
+import math
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.images import VIDEO_SUFFIXES, read_image
+from omnisight.images.read import UnreadableImage
+from omnisight.images.video import Clip
+from omnisight.pipeline.image_set import image_set
+
+# Images per second of a folder without times.
+DEFAULT_FPS = 10.0
+TIMES_FILE = "times.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceFrame:
+    """A frame of a sequence.
+
+    Attributes
+    ----------
+    seconds
+        Its time.
+    images
+        One image (H, W) or (H, W, 3) of each camera; none if one is missing.
+    reason
+        Why there are no images; empty otherwise.
+    """
+
+    seconds: float
+    images: tuple[NDArray[Any], ...]
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSequence:
+    """The frames of a camera or of a rig.
+
+    Attributes
+    ----------
+    files
+        For each frame the files of all cameras, None where one is missing; none for a clip.
+    times
+        Their times, seconds.
+    clip
+        The clip.
+    label
+        Name in messages.
+    """
+
+    files: tuple[tuple[Path | None, ...], ...]
+    times: tuple[float, ...]
+    label: str
+    clip: Clip | None = None
+
+    @classmethod
+    def open(cls, source: Path, cameras: tuple[str, ...], fps: float | None) -> "FrameSequence":
+        """List the frames of a folder or a clip.
+
+        Parameters
+        ----------
+        source
+            Folder of images, or a video clip.
+        cameras
+            Names of the cameras of a rig, whose images are in folders or files of these names; none for one camera.
+        fps
+            Images per second of a folder without times.
+
+        Raises
+        ------
+        ValueError
+            If there are no images, or times are missing or do not increase.
+        """
+        if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
+            if cameras:
+                raise ValueError(f"{source}: a clip has the images of one camera, and the rig has {len(cameras)}")
+            if fps is not None:
+                raise ValueError(f"{source}: a clip has its own times: leave out --fps")
+            return cls((), (), str(source), Clip.open(source))
+        found = image_set(_image_folders(source, cameras), cameras, is_rig=bool(cameras))
+        count = int(found.frame.max()) + 1
+        files: list[list[Path | None]] = [[None] * max(len(cameras), 1) for _ in range(count)]
+        for path, camera, frame in zip(found.paths, found.camera, found.frame, strict=True):
+            files[frame][camera] = path
+        frames = tuple(map(tuple, files))
+        return cls(frames, _times(source, frames, fps), str(source))
+
+    def __len__(self) -> int:
+        """Return the number of frames; for a clip the number that its header declares, or 0."""
+        return (self.clip.declared_frames or 0) if self.clip is not None else len(self.files)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the first image of the first camera, px."""
+        if self.clip is not None:
+            return self.clip.size
+        first = next(path for frame in self.files for path in frame[:1] if path is not None)
+        height, width = read_image(first).shape[:2]
+        return width, height
+
+    def __iter__(self) -> Iterator[SequenceFrame]:
+        """Read the frames one at a time; one that cannot be read has a reason in place of images."""
+        return self._of_clip(self.clip) if self.clip is not None else self._of_files()
+
+    def _of_clip(self, clip: Clip) -> Generator[SequenceFrame]:
+        last = -math.inf
+        for frame in clip.frames():
+            # Some files have no times, or the same for several frames.
+            seconds = frame.seconds if frame.seconds > last else frame.index / clip.frame_rate
+            last = max(seconds, last + 1e-6)
+            yield SequenceFrame(last, (frame.gray,))
+
+    def _of_files(self) -> Generator[SequenceFrame]:
+        for seconds, files in zip(self.times, self.files, strict=True):
+            try:
+                images = tuple(read_image(path) for path in files if path is not None)
+            except UnreadableImage as error:
+                yield SequenceFrame(seconds, (), str(error))
+                continue
+            complete = len(images) == len(files)
+            yield SequenceFrame(
+                seconds, images if complete else (), "" if complete else "no image of one of the cameras"
+            )
+
+
+def _image_folders(source: Path, cameras: tuple[str, ...]) -> Path | list[Path]:
+    """Return the folder, or, where each camera has a folder with depth besides `images`, only these."""
+    folders = [source / name / "images" for name in cameras]
+    return folders if folders and all(folder.is_dir() for folder in folders) else source
+
+
+def _times(source: Path, frames: tuple[tuple[Path | None, ...], ...], fps: float | None) -> tuple[float, ...]:
+    """Return the times of frames: of a file, or at a constant rate."""
+    folders = dict.fromkeys([source, source.parent, *(path.parent for path in frames[0] if path is not None)])
+    table = next((folder / TIMES_FILE for folder in folders if (folder / TIMES_FILE).is_file()), None)
+    if table is None or fps is not None:
+        return tuple(frame / (fps or DEFAULT_FPS) for frame in range(len(frames)))
+    known = _read_times(table)
+    times = [_time_of(files, source, known, table) for files in frames]
+    steps = np.diff(times)
+    if len(steps) and not (steps > 0).all():
+        k = int(np.argmin(steps > 0))
+        name = next(path.name for path in frames[k + 1] if path is not None)
+        raise ValueError(
+            f"{table}: the time of {name}, {times[k + 1]:g} s, is not after {times[k]:g} s of the one before"
+        )
+    return tuple(times)
+
+
+def _read_times(table: Path) -> dict[str, float]:
+    """Read lines of name,seconds; a first line of titles is skipped."""
+    known = dict[str, float]()
+    for number, row in enumerate(csv.reader(table.read_text(encoding="utf-8-sig").splitlines()), 1):
+        if not row or row[0].startswith("#"):
+            continue
+        try:
+            seconds = float(row[1])
+        except (IndexError, ValueError):
+            if number == 1:
+                continue
+            raise ValueError(f"{table}, line {number}: expected name,seconds, got {','.join(row)!r}") from None
+        if not math.isfinite(seconds):
+            raise ValueError(f"{table}, line {number}: {row[1]} is not a time")
+        known[row[0].strip()] = seconds
+    return known
+
+
+def _time_of(files: tuple[Path | None, ...], source: Path, known: dict[str, float], table: Path) -> float:
+    """Return the time of a frame, by the name of one of its files."""
+    paths = [path for path in files if path is not None]
+    for path in paths:
+        relative = path.resolve().relative_to(source.resolve()).as_posix()
+        for name in (relative, path.name, path.stem):
+            if name in known:
+                return known[name]
+    raise ValueError(f"{table}: has no time of {paths[0].name}: add the line {paths[0].name},seconds")

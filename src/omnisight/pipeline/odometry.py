@@ -1,0 +1,213 @@
+"""Visual odometry of image sequences and clips: the counterpart of `omnisight odometry`."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.formats import load_rig
+from omnisight.images.mask import read_mask
+from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
+from omnisight.pipeline.central_camera import camera_of_image
+from omnisight.pipeline.frame_sequence import FrameSequence
+from omnisight.pipeline.odometry_options import OdometryOptions
+from omnisight.pipeline.trajectory_writer import TrajectoryWriter, trajectory_format
+from omnisight.rig import Rig
+from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
+from omnisight.visual_odometry.odometry import Odometry
+
+Progress = Callable[[str, int, int], None]
+
+# Frames after which the time per frame is measured: the first ones compile and initialize.
+START_FRAMES = 5
+# Residuals over the noise of tracked patches above which the camera is another one: 1.0 to 1.4 with the true camera of
+# five rendered sequences, 4 with a focal length that is 5 % too long, 6 with a centre that is 20 px off.
+MAX_RESIDUAL = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryResult:
+    """The trajectory of a sequence; false if there is none.
+
+    Attributes
+    ----------
+    trajectory
+        The poses that are known, in the order of time.
+    frames
+        Number of frames.
+    keyframes
+        Number of keyframes.
+    lost
+        Frames without a pose, with reasons.
+    loops
+        Number of closed loops.
+    unit
+        Unit of positions: "m" or, of a rig that was calibrated with a board of unknown size, "squares"; "baselines" of
+        the first two keyframes if the scale is unknown.
+    residual
+        Median standard deviation of the rays from the points, over that of tracked patches; NaN without any.
+    start_seconds
+        Time until the first frames were processed, with the start of compiled code.
+    fps
+        Frames per second after the start, with reading them.
+    """
+
+    trajectory: tuple[TrackedPose, ...] = field(repr=False)
+    frames: int
+    keyframes: int
+    lost: tuple[LostSegment, ...]
+    loops: int
+    unit: str
+    residual: float
+    start_seconds: float
+    fps: float
+
+    def __bool__(self) -> bool:
+        """Return whether there are poses of a camera that moves."""
+        return any(pose.motion == "general" for pose in self.trajectory)
+
+    @cached_property
+    def path_length(self) -> float:
+        """Length of the path, in `unit`."""
+        centers = np.array([pose.rig_from_world.inverse().translation for pose in self.trajectory]).reshape(-1, 3)
+        return float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether positions are in metres."""
+        return self.unit == "m"
+
+    @property
+    def warning(self) -> str:
+        """Warning that the images contradict the camera; empty if they do not."""
+        if not self.residual > MAX_RESIDUAL:
+            return ""
+        return (
+            f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
+            " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
+        )
+
+    @property
+    def reason(self) -> str:
+        """Why there is no trajectory; empty if there is one."""
+        if self:
+            return ""
+        if self.trajectory:
+            return "the camera only turned, or did not move: no position is known"
+        if self.frames < 2:
+            return "one image shows no motion: specify a clip, or a folder of two or more"
+        return self.lost[0].reason if self.lost else "there are no frames"
+
+
+def odometry(
+    images: str | PathLike[str],
+    camera: AnyCameraSource | None = None,
+    rig: RigSource | None = None,
+    options: OdometryOptions = OdometryOptions(),
+    output: str | PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> OdometryResult:
+    """Compute the trajectory of a camera or a rig from a clip or a folder of images.
+
+    Parameters
+    ----------
+    images
+        Folder of images in the order of their names, or a video clip.
+    camera
+        The camera or its calibration file; none is needed for 2:1 equirectangular images.
+    rig
+        The rig or its file, in place of the camera.
+    options
+        Options of the command.
+    output
+        Trajectory to write. Poses are appended as soon as they are known.
+    progress
+        Called with the stage, the number of frames done, and of all.
+
+    Returns
+    -------
+    The result, which is false with a reason if no motion was found.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, the camera is not known, or the images do not have its size.
+    """
+    report = progress or (lambda stage, done, total: None)
+    start = time.perf_counter()
+    rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
+    sources = CameraSources.of(camera, rig, None)
+    sequence = FrameSequence.open(Path(images), sources.names, options.fps)
+    body = _body(sources, sequence, options)
+    tracking = Odometry(body, options, _masks(options.mask, body))
+    started, frames = start, 0
+    with ExitStack() as stack:
+        file = None if output is None else stack.enter_context(_writer(Path(output), options))
+        for frame in sequence:
+            if frame.images:
+                tracking.add(frame.images, frame.seconds)
+            else:
+                tracking.skip(frame.reason)
+            frames += 1
+            _write(file, tracking)
+            report("tracking", frames, max(len(sequence), frames))
+            started = time.perf_counter() if frames <= START_FRAMES else started
+        tracking.finish()
+        _write(file, tracking, frames)
+    elapsed = time.perf_counter() - started
+    fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
+    return OdometryResult(
+        trajectory=tuple(tracking.trajectory),
+        frames=frames,
+        keyframes=tracking.keyframes,
+        lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
+        loops=0,
+        unit=rig.unit if rig is not None and tracking.has_scale else "baselines",
+        residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
+        start_seconds=started - start,
+        fps=fps,
+    )
+
+
+def _body(sources: CameraSources, sequence: FrameSequence, options: OdometryOptions) -> Rig | Camera:
+    """Return the calibrated camera or rig of a sequence."""
+    if sources.names:
+        cameras = [source for source in sources.sources if isinstance(source, Camera)]
+        return Rig(tuple(cameras), sources.poses, sources.names)
+    if sources.sources[0] == AUTO:
+        raise ValueError(
+            "odometry needs a calibrated camera: calibrate it (omnisight calibrate), or estimate it from some of the"
+            " images (omnisight reconstruct --camera auto), and specify the file (--camera)"
+        )
+    (source,) = sources.sources
+    return camera_of_image(source, sequence.size, sequence.label, name=None, scale=options.scale)
+
+
+def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]] | None:
+    """Read the masks of the cameras."""
+    if path is None:
+        return None
+    if isinstance(body, Camera):
+        return [read_mask(path, body.size)]
+    files = [next(iter(sorted(path.glob(f"{name}.*"))), path / f"{name}.png") for name in body.names]
+    return [read_mask(file, camera.size) for file, camera in zip(files, body.cameras, strict=True)]
+
+
+def _writer(path: Path, options: OdometryOptions) -> TrajectoryWriter:
+    """Start the file of the trajectory."""
+    return TrajectoryWriter(path, options.to or trajectory_format(path))
+
+
+def _write(file: TrajectoryWriter | None, tracking: Odometry, end: int | None = None) -> None:
+    """Append the poses that are not in the file yet."""
+    if file is not None:
+        file.write(tracking.trajectory[file.poses :])
+        if end is not None:
+            file.skip_to(end)

@@ -1,0 +1,41 @@
+"""Options of visual odometry; their fields are options of the command.
+
+This module imports nothing heavy, because the command line imports it for its help.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from omnisight.visual_odometry.motion_options import MotionOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryOptions(MotionOptions):
+    """Options of visual odometry.
+
+    Attributes
+    ----------
+    fps
+        Images per second of a folder without times.csv (lines of name,seconds). A clip has its own times. By default
+        10.
+    mask
+        Image that is white where the images may be used, such as without the vehicle; for a rig a folder with one of
+        the name of each camera.
+    scale
+        Scale the camera to the size of the images, if they were resized.
+    to
+        Format of the trajectory: tum has the poses that are known, with times; kitti has a row for each image, of NaN
+        where the pose is not known. By default kitti for a file that ends in .kitti, else tum.
+    """
+
+    fps: float | None = None
+    mask: Path | None = None
+    scale: bool = False
+    to: Literal["tum", "kitti"] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the rate."""
+        super().__post_init__()
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise ValueError(f"--fps must be positive, got {self.fps:g}")

@@ -1,0 +1,315 @@
+"""Visual odometry, frame by frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.features.detection import illuminated_region
+from omnisight.geometry.pose import Pose
+from omnisight.images import to_gray8
+from omnisight.optim.ransac import RansacOptions
+from omnisight.ray_camera import RayCamera
+from omnisight.rig import Rig
+from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
+from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
+from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges, with_points
+from omnisight.visual_odometry.keyframes import is_keyframe
+from omnisight.visual_odometry.motion_options import MotionOptions
+from omnisight.visual_odometry.motion_prediction import MotionPrediction
+from omnisight.visual_odometry.pose_estimation import MIN_INLIERS, FramePose, estimate_pose
+from omnisight.visual_odometry.ray_observations import FrameRays
+from omnisight.visual_odometry.relocalization import Relocalizer
+from omnisight.visual_odometry.rig_scale import estimate_rig_scale
+from omnisight.visual_odometry.tracker import Tracker
+from omnisight.visual_odometry.window import Keyframe, KeyframeWindow
+
+Array = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Image = NDArray[Any]
+
+# Share of the points of the last frame below which a frame shows another place, unless descriptors confirm its pose: a
+# few patches of a wrong place agree with a pose by chance, because they are searched near it.
+MIN_KEPT = 0.2
+# Points that agree with the pose that descriptors determined: twice what a pose needs.
+MIN_RELOCALIZED = 2 * MIN_INLIERS
+# Corners of an image that shows something: twice what a pose needs.
+MIN_CORNERS = 2 * MIN_INLIERS
+
+INITIALIZING = "waiting for a parallax"
+NO_PATCHES = "consecutive images show nothing in common, or no texture"
+NO_PARALLAX = "the parallax ({:.1f} times its noise) determined no motion before the image changed"
+COVERED = "{} corners: the lens is covered, or the image is dark, blurred or uniform"
+ANOTHER_PLACE = "{} points agree with a pose, after {} in the frame before: the image shows another place"
+TOO_FEW_POINTS = "too few points of the first two keyframes"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame: its index, time, gray images of all cameras, and rays of the patches that they show."""
+
+    index: int
+    seconds: float
+    images: tuple[Bytes, ...]
+    predicted: Pose
+    rays: FrameRays
+
+
+class Odometry:
+    """The trajectory of a camera or a rig from its images, frame by frame.
+
+    Patches of the tangent plane are tracked in the images, the pose of each frame follows from the rays of known
+    points, and the last keyframes and their points are refined together. Until the camera has moved, and without a
+    scale, positions are unknown: the frames before get their poses with the first parallax. The world is the frame of
+    the rig at the first frame, and its unit the distance between the first two keyframes.
+
+    Attributes
+    ----------
+    rig
+        The cameras.
+    trajectory
+        The poses so far, in the order of time.
+    lost
+        Frames without a pose.
+    keyframes
+        Number of keyframes so far.
+    has_scale
+        Whether positions are in metres.
+    residuals
+        For each tracked frame the standard deviation of its rays from the points, over the one assumed.
+    """
+
+    def __init__(
+        self,
+        camera: Camera | RayCamera | Rig,
+        options: MotionOptions = MotionOptions(),
+        masks: Sequence[Mask] | None = None,
+    ) -> None:
+        """Prepare for images of a camera or a rig, of whose pixels (H, W) masks may exclude some."""
+        self.rig = central_rig(camera)
+        self.trajectory: list[TrackedPose] = []
+        self.lost: list[LostSegment] = []
+        self.keyframes = 0
+        self.residuals: list[float] = []
+        self.has_scale = False
+        self._options, self._masks = options, masks
+        self._frames = 0
+        self._motion = MotionPrediction.still(0.0, Pose())
+        self._tracker: Tracker | None = None
+        self._window: KeyframeWindow | None = None
+        self._waiting: Initialization | None = None
+        self._relocalizer: Relocalizer | None = None
+        self._lost: tuple[int, str] | None = None
+        self._speed, self._inliers = 0.0, 0
+
+    def add(self, image: Image | Sequence[Image], seconds: float) -> FrameResult:
+        """Estimate the pose of the next frame.
+
+        Parameters
+        ----------
+        image
+            The image (H, W) or (H, W, 3) of the camera, or those of all cameras of the rig.
+        seconds
+            Its time, later than that of the frame before.
+
+        Raises
+        ------
+        ValueError
+            If the number or the size of the images differs from the cameras, or the time does not increase.
+        """
+        frame, tracker = self._track(image, seconds)
+        if self._window is None:
+            return self._initialize(frame, tracker)
+        found = self._locate(frame)
+        if not found:
+            frame, found = self._recover(frame, tracker, self._window)
+        if found.rig_from_world is None:
+            return self._wait(frame, tracker, found.reason)
+        self._resume(frame)
+        agrees = found.is_inlier | ~frame.rays.has_point
+        tracker.confirm(found.rig_from_world, frame.rays, agrees)
+        pose, extends = found.rig_from_world, False
+        if is_keyframe(self._window.keyframes[-1], frame.rays[agrees], pose):
+            pose, extends = self._extend(frame, tracker, self._window, pose), True
+        self._append([TrackedPose(frame.index, seconds, pose)])
+        self.residuals.append(found.sigma)
+        self._inliers = int(found.is_inlier.sum())
+        return FrameResult(frame.index, seconds, pose, self._inliers, extends)
+
+    def skip(self, reason: str) -> None:
+        """Count a frame without images, and keep why there are none."""
+        self.lost.append(LostSegment(self._frames, self._frames, reason, "tracking"))
+        self._frames += 1
+
+    def finish(self) -> None:
+        """End the sequence: frames that still wait for a parallax get the poses of a camera that turns, or none."""
+        if self._waiting is not None:
+            self._keep_rotations(self._waiting)
+            if self._lost is None:
+                last = self._waiting.frames[-1]
+                self._append([TrackedPose(last.frame, last.seconds, last.pose, "rotation only")])
+            self._waiting = None
+        self._end_of_loss(self._frames, "")
+
+    def _track(self, image: Image | Sequence[Image], seconds: float) -> tuple[Frame, Tracker]:
+        """Track the patches in the next frame."""
+        given = [image] if isinstance(image, np.ndarray) else image
+        images = tuple(to_gray8(one) for one in given)
+        self._check(images, seconds)
+        if self._tracker is None:
+            used = [illuminated_region(one, c) for one, c in zip(images, central_cameras(self.rig), strict=True)]
+            masks = self._masks or [np.ones_like(region) for region in used]
+            self._masks = [region & mask for region, mask in zip(used, masks, strict=True)]
+            self._tracker = Tracker(self.rig, self._masks, self._options.patches)
+            self._motion = MotionPrediction.still(seconds, Pose())
+        index, self._frames = self._frames, self._frames + 1
+        predicted = self._motion.at(seconds)
+        return Frame(index, seconds, images, predicted, self._tracker.track(images, predicted)), self._tracker
+
+    def _locate(self, frame: Frame) -> FramePose:
+        """Return the pose of a frame from the points of the window, near the predicted one."""
+        return self._checked(frame, MIN_KEPT * self._inliers)
+
+    def _checked(self, frame: Frame, needed: float) -> FramePose:
+        """Return the pose of a frame if the needed number of points agree with it."""
+        found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
+        if found and found.is_inlier.sum() < needed:
+            return replace(
+                found, rig_from_world=None, reason=ANOTHER_PLACE.format(found.is_inlier.sum(), self._inliers)
+            )
+        return found
+
+    def _initialize(self, frame: Frame, tracker: Tracker) -> FrameResult:
+        """Wait for the first parallax; return the pose of the frame once it is known."""
+        waiting = self._waiting
+        if waiting is None:
+            self._waiting = self._start(frame, tracker, frame.predicted)
+            return FrameResult(frame.index, frame.seconds, None, 0, reason=INITIALIZING)
+        pose = waiting.turn(frame.rays, frame.predicted, self._options.seed)
+        tracker.confirm(pose, frame.rays, np.ones(len(frame.rays), np.bool_))
+        waiting.frames.append(WaitingFrame(frame.index, frame.seconds, frame.rays, pose))
+        self._motion = self._motion.after(frame.seconds, pose)
+        window = waiting.solve(self._options.window, RansacOptions(seed=self._options.seed))
+        if window is not None:
+            return self._begin(frame, tracker, waiting, self._scaled(tracker, waiting, window))
+        if waiting.needs_restart():
+            self._keep_rotations(waiting)
+            self._waiting = self._start(frame, tracker, pose)
+        return FrameResult(frame.index, frame.seconds, None, len(frame.rays), reason=INITIALIZING)
+
+    def _start(self, frame: Frame, tracker: Tracker, pose: Pose) -> Initialization:
+        """Return a new initialization that starts with a frame."""
+        tracker.detect(frame.images, pose)
+        return Initialization([WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose)], self._speed)
+
+    def _keep_rotations(self, waiting: Initialization) -> None:
+        """Add the poses of waiting frames to the trajectory if the camera only turned; otherwise they are lost."""
+        if waiting.turned_only():
+            self._end_of_loss(waiting.first.frame, "rotation only")
+            self._append(waiting.rotations())
+        elif self._lost is None:
+            self._lost = waiting.first.frame, _no_position(waiting)
+
+    def _scaled(self, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> KeyframeWindow:
+        """Return the window in metres if the cameras of a rig determine the scale."""
+        if not has_baseline(self.rig):
+            return window
+        first, last = window.keyframes[0].rig_from_world, window.keyframes[-1].rig_from_world
+        rays = with_points(waiting.frames[-1].rays, window)
+        distances = np.linalg.norm(last @ rays.points, axis=1)
+        found = estimate_rig_scale(rays, tracker.cross_rays(waiting.frames[-1].pose), distances)
+        self.has_scale = bool(found)
+        if not found:
+            self.rig = tracker.rig = at_one_point(self.rig)
+            return window
+        relative = last @ first.inverse()
+        relative = Pose(relative.rotation, found.scale * relative.translation)
+        return waiting.window(relative, self._options.window, has_scale=True)
+
+    def _begin(self, frame: Frame, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> FrameResult:
+        """Start tracking in a window with the first two keyframes."""
+        self._end_of_loss(waiting.first.frame, "new segment")
+        self._window, self._waiting, self._relocalizer = window, None, None
+        poses, missing = waiting.trajectory(window, self._options.seed)
+        self.lost += [LostSegment(a, b, TOO_FEW_POINTS, "tracking") for a, b in lost_ranges(missing)]
+        self._append(poses)
+        self.keyframes += 2
+        window.extend_last(self._detect(frame, tracker, window), frame.images)
+        return FrameResult(frame.index, frame.seconds, poses[-1].rig_from_world, len(frame.rays), is_keyframe=True)
+
+    def _extend(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, pose: Pose) -> Pose:
+        """Add a keyframe to the window, and start new patches; return its refined pose."""
+        others = tracker.cross_rays(pose) if self.has_scale else FrameRays.none()
+        seen = tracker.patches.number[tracker.patches.is_seen]
+        window.add(Keyframe(frame.index, pose, tracker.rays(pose), others=others), seen)
+        window.extend_last(self._detect(frame, tracker, window), frame.images)
+        self.keyframes += 1
+        return window.keyframes[-1].rig_from_world
+
+    def _detect(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
+        """Start patches in the last keyframe of a window, and return the rays of all that it shows."""
+        pose = window.keyframes[-1].rig_from_world
+        tracker.set_points(window.number, window.points)
+        tracker.detect(frame.images, pose)
+        return tracker.rays(pose)
+
+    def _recover(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> tuple[Frame, FramePose]:
+        """Return the frame with the pose that descriptors determine, if there is one."""
+        if (corners := tracker.texture(frame.images)) < MIN_CORNERS:
+            return frame, FramePose(None, frame.rays.has_point, reason=COVERED.format(corners))
+        if self._relocalizer is None:
+            self._relocalizer = Relocalizer(self.rig, self._masks or (), window.keyframes)
+        pose, reason = self._relocalizer.locate(frame.images, self._options.seed)
+        if pose is None:
+            return frame, FramePose(None, frame.rays.has_point, reason=reason)
+        frame = replace(frame, predicted=pose, rays=tracker.track(frame.images, pose))
+        return frame, self._checked(frame, MIN_RELOCALIZED)
+
+    def _resume(self, frame: Frame) -> None:
+        """Continue in the map after a loss."""
+        self._end_of_loss(frame.index, "relocalization" if self._relocalizer is not None else "tracking")
+        self._waiting, self._relocalizer = None, None
+
+    def _wait(self, frame: Frame, tracker: Tracker, reason: str) -> FrameResult:
+        """Wait for a known place, or for the parallax of a new segment."""
+        if self._lost is None:
+            self._lost, self._speed = (frame.index, reason), float(np.linalg.norm(self._motion.velocity))
+        return replace(self._initialize(frame, tracker), reason=reason)
+
+    def _end_of_loss(self, frame: int, recovery: str) -> None:
+        """Note which frames before this one were lost."""
+        if self._lost is not None and (self._lost[0] < frame or recovery == "new segment"):
+            first, reason = self._lost
+            self.lost.append(LostSegment(first, max(first, frame - 1), reason, recovery))
+        self._lost = None
+
+    def _append(self, poses: Sequence[TrackedPose]) -> None:
+        """Add poses to the trajectory, and follow the motion."""
+        for pose in poses:
+            if pose.seconds <= self._motion.seconds:
+                self._motion = MotionPrediction.still(pose.seconds, pose.rig_from_world)
+            else:
+                self._motion = self._motion.after(pose.seconds, pose.rig_from_world)
+        self.trajectory += poses
+
+    def _check(self, images: Sequence[Bytes], seconds: float) -> None:
+        """Raise ValueError if the images do not fit the cameras, or the time does not increase."""
+        if len(images) != len(self.rig):
+            raise ValueError(f"{len(images)} images for {len(self.rig)} cameras: give one image of each camera")
+        for image, camera, name in zip(images, self.rig.cameras, self.rig.names, strict=True):
+            if image.shape[::-1] != camera.size:
+                width, height = image.shape[::-1]
+                raise ValueError(
+                    f"the image of {name} is {width}x{height} px, but its camera {camera.width}x{camera.height}"
+                )
+        if self._frames and not seconds > self._motion.seconds:
+            raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
+
+
+def _no_position(waiting: Initialization) -> str:
+    """Return why waiting frames have no position."""
+    return NO_PARALLAX.format(waiting.parallax) if np.isfinite(waiting.parallax) else NO_PATCHES

@@ -1,0 +1,99 @@
+"""Patches of the tangent plane that are tracked, with the templates by which images show them."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.visual_odometry.image_pyramid import LEVELS
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Tracked patches, sorted by their number.
+
+    Attributes
+    ----------
+    number
+        (N,) increasing, never used twice.
+    sensor
+        (N,) index of the camera.
+    pixels
+        (N, 2) last measured position.
+    points
+        (N, 3) in the world; NaN while their distance is unknown.
+    directions
+        (N, 3) last measured directions in the world.
+    tangents
+        (N, 3, 2) directions of the axes of the patch in the world, radians per unit of the patch.
+    centers
+        (N, 3) position of the camera in the world when the template was taken.
+    templates, gradients, inverses, usable
+        See `_patch_kernel.extract`.
+    noise
+        (N,) root mean square difference of the intensities at the last alignment.
+    is_seen
+        (N,) whether the last image shows it.
+    """
+
+    number: Indices
+    sensor: Indices
+    pixels: Array
+    points: Array
+    directions: Array
+    tangents: Array
+    centers: Array
+    templates: Floats
+    gradients: Floats
+    inverses: Array
+    usable: Mask
+    noise: Array
+    is_seen: Mask
+
+    @classmethod
+    def none(cls) -> "Patches":
+        """Return no patches."""
+        from omnisight.visual_odometry._patch_kernel import SAMPLES
+
+        return cls(
+            np.zeros(0, np.intp),
+            np.zeros(0, np.intp),
+            np.zeros((0, 2)),
+            np.zeros((0, 3)),
+            np.zeros((0, 3)),
+            np.zeros((0, 3, 2)),
+            np.zeros((0, 3)),
+            np.zeros((0, LEVELS, SAMPLES), np.float32),
+            np.zeros((0, LEVELS, SAMPLES, 2), np.float32),
+            np.zeros((0, LEVELS, 2, 2)),
+            np.zeros((0, LEVELS), np.bool_),
+            np.zeros(0),
+            np.zeros(0, np.bool_),
+        )
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    def __getitem__(self, use: Mask | Indices) -> "Patches":
+        """Return some of the patches, in the same order."""
+        return replace(self, **{field.name: getattr(self, field.name)[use] for field in fields(self)})
+
+    def joined(self, others: "Patches") -> "Patches":
+        """Return these patches and others with larger numbers."""
+        return Patches(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
+
+    @property
+    def has_point(self) -> Mask:
+        """Whether the distance of each is known."""
+        return np.isfinite(self.points[:, 0])
+
+    def rows_of(self, numbers: Indices) -> tuple[Indices, Mask]:
+        """Return the rows (K,) of numbers (K,), and which of them exist."""
+        rows = np.minimum(np.searchsorted(self.number, numbers), max(len(self) - 1, 0))
+        exists = self.number[rows] == numbers if len(self) else np.zeros(len(numbers), np.bool_)
+        return rows, exists

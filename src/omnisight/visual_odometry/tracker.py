@@ -1,0 +1,268 @@
+"""Tracking of patches through the images of the cameras of a rig."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.geometry.pose import Pose
+from omnisight.parallel import parallel_for
+from omnisight.rig import Rig
+from omnisight.visual_odometry.central_rig import central_cameras
+from omnisight.visual_odometry.corner_detection import detect_corners
+from omnisight.visual_odometry.image_pyramid import LEVELS, ImagePyramid
+from omnisight.visual_odometry.patches import Patches
+from omnisight.visual_odometry.ray_observations import FrameRays
+from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+
+# Normalized correlation below which a patch shows something else.
+MIN_CORRELATION = 0.8
+# Standard deviation (px) of a position besides the noise of the image: interpolation, and slants of the surface.
+POSITION_SIGMA_PX = 0.1
+# Patches per task of a thread.
+PATCHES_PER_TASK = 32
+# Half a patch of the finest level with its derivatives, px.
+MARGIN_PX = 6.0
+
+
+class Tracker:
+    """Patches that are tracked through the images of a rig.
+
+    Attributes
+    ----------
+    patches
+        All patches. Those whose point is known stay while the image does not show them, until `drop` is called.
+    """
+
+    def __init__(self, rig: Rig, regions: Sequence[Mask], count: int) -> None:
+        """Prepare the cameras.
+
+        Parameters
+        ----------
+        rig
+            The cameras.
+        regions
+            For each camera the pixels (H, W) to use.
+        count
+            Number of patches wanted in all cameras.
+        """
+        import cv2
+
+        self.rig = rig
+        self.patches = Patches.none()
+        self._next = 0
+        self._clearance = [
+            cv2.distanceTransform(np.pad(r.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1] for r in regions
+        ]
+        inner = [distance > MARGIN_PX for distance in self._clearance]
+        self._cells = [
+            SolidAngleCells.of(c, r, count // len(rig)) for c, r in zip(central_cameras(rig), inner, strict=True)
+        ]
+        self._pyramids: list[ImagePyramid] = []
+
+    def track(self, images: Sequence[Bytes], predicted: Pose) -> FrameRays:
+        """Find the patches in the images (H, W) of the next frame, whose rig_from_world is predicted."""
+        self._pyramids = [ImagePyramid.of(image, c) for image, c in zip(images, central_cameras(self.rig), strict=True)]
+        p = self.patches
+        found = replace(p, pixels=p.pixels.copy(), noise=p.noise.copy(), is_seen=np.zeros(len(p), np.bool_))
+        for sensor in range(len(self.rig)):
+            rows = np.flatnonzero(p.sensor == sensor)
+            if len(rows):
+                pixels, noise, seen = self._align(sensor, p[rows], predicted)
+                found.pixels[rows], found.noise[rows], found.is_seen[rows] = pixels, noise, seen
+        self.patches = found[found.is_seen | found.has_point]
+        return self.rays(predicted)
+
+    def rays(self, rig_from_world: Pose) -> FrameRays:
+        """Return the rays of the patches that the last images show."""
+        seen = self.patches[self.patches.is_seen]
+        parts = [self._rays_of(sensor, seen[seen.sensor == sensor], rig_from_world) for sensor in range(len(self.rig))]
+        rays = reduce(FrameRays.joined, parts, FrameRays.none())
+        return rays[np.argsort(rays.number)]
+
+    def cross_rays(self, rig_from_world: Pose) -> FrameRays:
+        """Return the rays of seen patches in the last images of the other cameras.
+
+        Their points are known, or their distance is so large that parallax between the cameras is small.
+        """
+        parts = list[FrameRays]()
+        for sensor in range(len(self.rig)):
+            others = self.patches[self.patches.is_seen & (self.patches.sensor != sensor)]
+            if len(others):
+                pixels, noise, seen = self._align(sensor, others, rig_from_world)
+                found = replace(others, pixels=pixels, noise=noise)[seen]
+                parts.append(self._rays_of(sensor, found, rig_from_world))
+        return reduce(FrameRays.joined, parts, FrameRays.none())
+
+    def _rays_of(self, sensor: int, patches: Patches, rig_from_world: Pose) -> FrameRays:
+        """Return the rays of patches that an image of a sensor shows."""
+        if not len(patches):
+            return FrameRays.none()
+        rays = self.rig.rays(sensor, patches.pixels)
+        axes = self._axes(sensor, patches, rig_from_world, rays.bearings)
+        use = np.asarray(np.isfinite(axes).all(axis=(1, 2)), np.bool_)
+        return FrameRays(patches.number, patches.points, rays.origins, rays.bearings, axes)[use]
+
+    def confirm(self, rig_from_world: Pose, rays: FrameRays, is_inlier: Mask) -> None:
+        """Keep the directions of inliers in the world, and forget where outliers were seen."""
+        rows, _ = self.patches.rows_of(rays.number)
+        seen, directions = self.patches.is_seen.copy(), self.patches.directions.copy()
+        seen[rows] = is_inlier
+        directions[rows] = rays.bearings @ rig_from_world.rotation
+        patches = replace(self.patches, is_seen=seen, directions=directions)
+        self.patches = patches[seen | patches.has_point]
+
+    def detect(self, images: Sequence[Bytes], rig_from_world: Pose) -> None:
+        """Start patches at corners of the last images, in cells without any."""
+        for sensor, gray in enumerate(images):
+            seen = (self.patches.sensor == sensor) & self.patches.is_seen
+            pixels = detect_corners(gray, self._cells[sensor], self.patches.pixels[seen])
+            if len(pixels):
+                self.patches = self.patches.joined(self._start(sensor, pixels, rig_from_world))
+
+    def texture(self, images: Sequence[Bytes]) -> int:
+        """Return the number of cells in which images show a corner."""
+        nothing = np.zeros((0, 2))
+        return sum(len(detect_corners(gray, cells, nothing)) for gray, cells in zip(images, self._cells, strict=True))
+
+    def set_points(self, number: Indices, points: Array) -> None:
+        """Set the points (K, 3) of patches, which are unknown for all others."""
+        rows, exists = self.patches.rows_of(number)
+        known = np.full((len(self.patches), 3), np.nan)
+        known[rows[exists]] = points[exists]
+        patches = replace(self.patches, points=known)
+        self.patches = patches[patches.is_seen | patches.has_point]
+
+    def _align(self, sensor: int, patches: Patches, predicted: Pose) -> tuple[Array, Array, Mask]:
+        """Return pixels (N, 2), differences of intensities (N,), and which patches the image of a sensor shows."""
+        from omnisight.visual_odometry._patch_kernel import align
+
+        start, maps = self._project(sensor, patches, predicted)
+        level = self._levels(sensor, start)
+        level[~np.isfinite(maps).all(axis=(1, 2))] = -1
+        pyramid = self._pyramids[sensor]
+        at, maps = pyramid.inside(np.nan_to_num(start)), np.nan_to_num(maps)
+        correlation, noise = np.empty(len(at)), np.empty(len(at))
+        templates = patches.templates, patches.gradients, patches.inverses, patches.usable
+        parallel_for(
+            lambda first, last: align(pyramid.levels, *templates, maps, level, at, correlation, noise, first, last),
+            len(at),
+            PATCHES_PER_TASK,
+        )
+        pixels = pyramid.outside(at)
+        seen = (correlation > MIN_CORRELATION) & (
+            self._cells[sensor].at(np.where(correlation[:, None] > 0, pixels, -9)) >= 0
+        )
+        return np.where(seen[:, None], pixels, patches.pixels), noise, seen
+
+    def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
+        """Return the predicted pixels (N, 2) and maps (N, 2, 2), px per unit of the patches; NaN where not visible."""
+        centers, offsets = self._places(patches, rig_from_world)
+        sensor_from_world = self.rig.sensor_from_rig[sensor] @ rig_from_world
+        ends = [centers, *(centers + sign * offsets[:, :, axis] for axis in (0, 1) for sign in (1, -1))]
+        pixels, valid = self.rig.cameras[sensor].project(sensor_from_world @ np.stack(ends))
+        pixels = np.where(valid[..., None], pixels, np.nan)
+        period = self._pyramids[sensor].period
+        right, left, below, above = (self._difference(p, pixels[0], period) for p in pixels[1:])
+        return pixels[0], np.stack([(right - left) / 2, (below - above) / 2], -1)
+
+    @staticmethod
+    def _difference(a: Array, b: Array, period: int) -> Array:
+        """Return a - b of pixels (N, 2), across the seam if that is shorter."""
+        difference = a - b
+        if period:
+            difference[:, 0] -= period * np.round(difference[:, 0] / period)
+        return difference
+
+    def _places(self, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
+        """Return points (N, 3) in the world, and what a unit of the patches is there (N, 3, 2).
+
+        A patch of unknown distance is in its last direction from the rig, so far away that its parallax is zero.
+        """
+        center = rig_from_world.inverse().translation
+        known = patches.has_point
+        distance = np.linalg.norm(patches.points - patches.centers, axis=1)
+        far = self._far()
+        points = np.where(known[:, None], patches.points, center + far * patches.directions)
+        return points, patches.tangents * np.where(known, distance, far)[:, None, None]
+
+    def _far(self) -> float:
+        """Return a distance at which the origins of rays do not matter."""
+        return 1e4 * max(1.0, *(float(np.linalg.norm(pose.translation)) for pose in self.rig.sensor_from_rig))
+
+    def _levels(self, sensor: int, pixels: Array) -> Indices:
+        """Return the coarsest level (N,) on which patches at pixels are inside the used region; -1 for none."""
+        clearance = self._clearance[sensor]
+        column, row = np.rint(np.nan_to_num(pixels, nan=-1.0)).astype(int).T
+        height, width = clearance.shape
+        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+        free = clearance[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        level = np.floor(np.log2(np.maximum(free / MARGIN_PX, 1e-9))).astype(np.intp)
+        return np.where(inside, np.clip(level, -1, LEVELS - 1), -1)
+
+    def _axes(self, sensor: int, patches: Patches, rig_from_world: Pose, bearings: Array) -> Array:
+        """Return the whitened tangents (N, 2, 3) of measured positions in the frame of the rig."""
+        _, maps = self._project(sensor, patches, rig_from_world)
+        points, offsets = self._places(patches, rig_from_world)
+        center = (self.rig.sensor_from_rig[sensor] @ rig_from_world).inverse().translation
+        units = rig_from_world.rotation @ (offsets / np.linalg.norm(points - center, axis=1)[:, None, None])
+        units -= bearings[:, :, None] * np.einsum("ni,nij->nj", bearings, units)[:, None, :]
+        finite = np.isfinite(maps).all(axis=(1, 2)) & np.isfinite(units).all(axis=(1, 2))
+        safe = np.where(finite[:, None, None], units, np.eye(3)[:, :2])
+        px_per_rad = maps @ np.linalg.pinv(safe)
+        of_noise = np.maximum(patches.noise, 1.0)[:, None, None] ** 2 * patches.inverses[:, 0]
+        covariance = maps @ of_noise @ maps.transpose(0, 2, 1) + POSITION_SIGMA_PX**2 * np.eye(2)
+        covariance = np.where(finite[:, None, None], covariance, np.eye(2))
+        axes = np.linalg.solve(np.linalg.cholesky(covariance), px_per_rad)
+        return np.where(finite[:, None, None], axes, np.nan)
+
+    def _start(self, sensor: int, pixels: Array, rig_from_world: Pose) -> Patches:
+        """Return new patches at pixels (K, 2) of the last image of a sensor."""
+        from omnisight.visual_odometry._patch_kernel import SAMPLES, extract
+
+        count, rotation = len(pixels), rig_from_world.rotation
+        rays = self.rig.rays(sensor, pixels)
+        sensor_from_world = self.rig.sensor_from_rig[sensor] @ rig_from_world
+        tangents = self._tangents(sensor, pixels, rays.bearings)
+        new = replace(
+            Patches.none(),
+            number=np.arange(self._next, self._next + count),
+            sensor=np.full(count, sensor, np.intp),
+            pixels=pixels,
+            points=np.full((count, 3), np.nan),
+            directions=rays.bearings @ rotation,
+            tangents=rotation.T @ tangents,
+            centers=np.tile(sensor_from_world.inverse().translation, (count, 1)),
+            templates=np.zeros((count, LEVELS, SAMPLES), np.float32),
+            gradients=np.zeros((count, LEVELS, SAMPLES, 2), np.float32),
+            inverses=np.zeros((count, LEVELS, 2, 2)),
+            usable=np.zeros((count, LEVELS), np.bool_),
+            noise=np.zeros(count),
+            is_seen=np.ones(count, np.bool_),
+        )
+        self._next += count
+        _, maps = self._project(sensor, new, rig_from_world)
+        pyramid, level = self._pyramids[sensor], self._levels(sensor, pixels)
+        at, maps = pyramid.inside(pixels), np.nan_to_num(maps)
+        extract(pyramid.levels, at, maps, new.templates, new.gradients, new.inverses, new.usable, 0, count)
+        usable = new.usable & (np.arange(LEVELS) <= level[:, None])
+        return replace(new, usable=usable)[usable[:, 0]]
+
+    def _tangents(self, sensor: int, pixels: Array, bearings: Array) -> Array:
+        """Return perpendicular axes (K, 3, 2) of patches in the frame of the rig, of the larger side of a pixel."""
+        step = np.array([[0.5, 0.0], [0.0, 0.5]])
+        right, below = (
+            self.rig.rays(sensor, pixels + d).bearings - self.rig.rays(sensor, pixels - d).bearings for d in step
+        )
+        sides = np.linalg.norm(right, axis=1), np.linalg.norm(below, axis=1)
+        first = right - (right * bearings).sum(-1, keepdims=True) * bearings
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        pair = np.stack([first, np.cross(bearings, first)], -1)
+        return pair * np.fmax(*sides)[:, None, None]

@@ -1,0 +1,130 @@
+"""omnisight odometry, on rendered images of a room."""
+
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.simulation import fisheye_setup
+from omnisight.simulation.trajectory import read_trajectory
+
+FRAMES = 14
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Return the folder of a rendered sequence."""
+    folder = tmp_path_factory.mktemp("walk") / "room"
+    setup = fisheye_setup(400)
+    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
+    om.simulate(om.SimulateOptions("room", camera, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
+    return folder
+
+
+def arguments(room, *more):
+    return "odometry", room / "images", "--camera", room / "camera.json", "-o", "t.tum", *more
+
+
+def test_the_trajectory_and_its_figures(run, room, tmp_path):
+    status, out, err = run(*arguments(room))
+    assert (status, err) == (0, "")
+    rows = [line.split() for line in out.splitlines()]
+    assert [row[0] for row in rows] == ["frames", "path", "time", "written"]
+    assert rows[0][1:6] == ["14", "of", "14", "have", "a"]
+    assert "scale is unknown" in out
+    written = read_trajectory("t.tum")
+    true = read_trajectory(room / "poses.txt")
+    assert np.allclose(written.times, true.times)
+    turn = written.poses[-1].rotation.T @ true.poses[0].rotation.T @ true.poses[-1].rotation
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 0.3
+
+
+def test_json_has_all_figures(run, room):
+    status, out, _ = run(*arguments(room, "--json"))
+    assert status == 0
+    data = json.loads(out)
+    assert data["frames"] == data["tracked"] == FRAMES
+    assert data["keyframes"] > 2
+    assert data["path_length"] > 1
+    assert data["fps"] > 0
+    assert (data["loops"], data["lost"], data["warnings"], data["has_scale"]) == (0, [], [], False)
+
+
+def test_times_are_those_of_a_file_or_of_a_rate(run, room, tmp_path):
+    folder = tmp_path / "images"
+    shutil.copytree(room / "images", folder)
+    names = sorted(path.name for path in folder.iterdir())
+    command = "odometry", folder, "--camera", room / "camera.json", "-o", "t.tum"
+    times = tmp_path / "times.csv"
+    times.write_text("name,seconds\n" + "".join(f"{name},{5 + 0.2 * k}\n" for k, name in enumerate(names)))
+    assert run(*command)[0] == 0
+    assert np.allclose(read_trajectory("t.tum").times, 5 + 0.2 * np.arange(FRAMES))
+    assert run(*command, "--fps", "20")[0] == 0
+    assert np.allclose(read_trajectory("t.tum").times, 0.05 * np.arange(FRAMES))
+    times.write_text("".join(f"{name},1.5\n" for name in names))
+    assert "is not after 1.5 s of the one before" in run(*command)[2]
+    times.write_text(f"{names[0]},1.5\n")
+    assert f"has no time of {names[1]}: add the line {names[1]},seconds" in run(*command)[2]
+    times.write_text(f"{names[0]},1.5\n{names[1]},soon\n")
+    assert "times.csv, line 2: expected name,seconds" in run(*command)[2]
+
+
+def test_kitti_has_a_row_for_each_image_also_for_one_that_cannot_be_read(run, room, tmp_path):
+    folder = tmp_path / "images"
+    shutil.copytree(room / "images", folder)
+    broken = sorted(folder.iterdir())[8]
+    broken.write_bytes(broken.read_bytes()[:500])
+    status, out, _ = run("odometry", folder, "--camera", room / "camera.json", "-o", "t.kitti")
+    assert status == 0
+    assert f"frame 8: {broken.name}" in out
+    rows = np.loadtxt("t.kitti")
+    assert rows.shape == (FRAMES, 12)
+    assert np.flatnonzero(np.isnan(rows).any(axis=1)).tolist() == [8]
+    assert np.allclose(rows[0].reshape(3, 4), np.eye(3, 4), atol=1e-6)
+
+
+def test_images_without_motion_are_refused_with_the_reason(run, room, tmp_path, refuses):
+    folder = tmp_path / "still"
+    folder.mkdir()
+    for k in range(4):
+        shutil.copy(sorted((room / "images").iterdir())[0], folder / f"{k}.jpg")
+    command = "odometry", folder, "--camera", room / "camera.json", "-o", "t.tum"
+    assert "the camera only turned, or did not move" in refuses(*command)
+    assert len(read_trajectory("t.tum").poses) == 4
+    for path in sorted(folder.iterdir())[1:]:
+        path.unlink()
+    assert "one image shows no motion" in refuses(*command)
+
+
+def test_unknown_cameras_are_refused(run, room, refuses):
+    command = "odometry", room / "images", "-o", "t.tum"
+    assert "only 2:1 equirectangular images need no camera" in refuses(*command)
+    assert "odometry needs a calibrated camera" in refuses(*command, "--camera", "auto")
+    assert "--fps must be positive" in refuses(*command, "--fps", "0")
+
+
+def test_a_wrong_camera_causes_a_warning(run, room, tmp_path):
+    camera = om.load(room / "camera.json")
+    model = dataclasses.replace(camera.model, fx=1.3 * camera.model.fx, fy=1.3 * camera.model.fy)
+    om.save(dataclasses.replace(camera, model=model), tmp_path / "wrong.json")
+    status, _, err = run("odometry", room / "images", "--camera", tmp_path / "wrong.json", "-o", "t.tum")
+    assert status == 0
+    assert err.startswith("omnisight: warning: the images contradict the camera")
+
+
+def test_an_interrupted_run_keeps_its_poses(run, room, monkeypatch):
+    add, count = om.Odometry.add, iter(range(100))
+
+    def interrupted(self, images, seconds):
+        if next(count) == 8:
+            raise KeyboardInterrupt
+        return add(self, images, seconds)
+
+    monkeypatch.setattr("omnisight.visual_odometry.odometry.Odometry.add", interrupted)
+    status, _, err = run(*arguments(room))
+    assert status == 130
+    assert "t.tum holds the poses so far" in err
+    assert len(read_trajectory("t.tum").poses) == 8

@@ -1,0 +1,121 @@
+"""The trajectory of rendered sequences, and what interrupts it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import omnisight as om
+
+
+@pytest.mark.parametrize("name", ["fisheye", "sphere"])
+def test_the_trajectory_is_that_of_the_camera(request, run, name):
+    sequence = request.getfixturevalue(name)
+    tracking = run(sequence)
+    assert [pose.frame for pose in tracking.trajectory] == list(range(len(sequence.images)))
+    assert not tracking.lost
+    position, rotation_deg = sequence.errors(tracking.trajectory)
+    assert position < 0.003
+    assert rotation_deg < 0.3
+
+
+def test_the_world_is_the_frame_of_the_first_image_and_the_unit_the_first_baseline(fisheye, run):
+    tracking = run(fisheye)
+    first = tracking.trajectory[0].rig_from_world
+    assert np.allclose(first.matrix, np.eye(3, 4), atol=1e-6)
+    assert not tracking.has_scale
+    steps = [np.linalg.norm(pose.rig_from_world.inverse().translation) for pose in tracking.trajectory[1:4]]
+    assert min(abs(np.array(steps) - 1)) < 0.05
+
+
+def test_the_same_images_and_seed_give_the_same_trajectory(sphere, run):
+    first, second = (run(sphere).trajectory for _ in range(2))
+    assert len(first) == len(second) > 10
+    assert all(
+        np.array_equal(a.rig_from_world.matrix, b.rig_from_world.matrix) for a, b in zip(first, second, strict=True)
+    )
+
+
+def test_steps_of_the_exposure_have_no_effect(fisheye, run):
+    gains = [1.0, 0.6, 1.3, 0.8]
+    images = [np.clip(im * gains[k // 5 % 4], 0, 255).astype(np.uint8) for k, im in enumerate(fisheye.images)]
+    tracking = run(fisheye, images)
+    assert len(tracking.trajectory) == len(images)
+    assert fisheye.errors(tracking.trajectory)[0] < 0.003
+
+
+def test_a_covered_lens_is_reported_and_the_camera_relocalized(fisheye, run):
+    images = list(fisheye.images)
+    rng = np.random.default_rng(0)
+    images[15:20] = [rng.integers(5, 12, images[0].shape).astype(np.uint8) for _ in range(5)]
+    tracking = run(fisheye, images)
+    assert {pose.frame for pose in tracking.trajectory} == {*range(15), *range(20, 36)}
+    (lost,) = tracking.lost
+    assert (lost.first, lost.last) == (15, 19)
+    assert lost.recovery in ("tracking", "relocalization")
+    assert "covered" in lost.reason
+    assert fisheye.errors(tracking.trajectory)[0] < 0.004
+
+
+def test_after_a_cut_a_new_segment_starts(fisheye, run):
+    """A mirror image of the scene is another place."""
+    images = [*fisheye.images[:18], *(image[:, ::-1] for image in fisheye.images[18:])]
+    tracking = run(fisheye, images)
+    (lost,) = tracking.lost
+    assert lost.first == 18
+    assert lost.recovery == "new segment"
+    assert "another place" in lost.reason or "agree with a pose" in lost.reason or "points tracked" in lost.reason
+    assert len(tracking.trajectory) >= len(images) - 3
+    frames = [pose.frame for pose in tracking.trajectory]
+    assert frames == sorted(set(frames))
+    assert fisheye.errors(tracking.trajectory[:18])[0] < 0.003
+
+
+def test_a_camera_that_does_not_move_has_a_pose_and_no_position(fisheye, run):
+    tracking = run(fisheye, [fisheye.images[0]] * len(fisheye.images))
+    assert [pose.motion for pose in tracking.trajectory] == ["rotation only"] * len(fisheye.images)
+    assert all(np.allclose(pose.rig_from_world.matrix, np.eye(3, 4), atol=1e-3) for pose in tracking.trajectory)
+
+
+def test_a_camera_that_turns_is_recognized(sphere, run):
+    """Shifting the columns of a 360 image rotates the camera about its vertical axis."""
+    step = 4
+    images = [np.roll(sphere.images[0], -step * k, axis=1) for k in range(len(sphere.images))]
+    tracking = run(sphere, images)
+    assert {pose.motion for pose in tracking.trajectory} == {"rotation only"}
+    last = tracking.trajectory[-1].rig_from_world
+    assert np.allclose(last.translation, 0)
+    true = om.look(yaw=360 * step * (len(images) - 1) / 512)
+    assert np.degrees(np.arccos((np.trace(last.rotation @ true.T) - 1) / 2)) < 0.2
+
+
+def test_masked_pixels_are_not_used(fisheye):
+    mask = np.ones((300, 400), bool)
+    mask[:, :200] = False
+    tracking = om.Odometry(fisheye.camera, masks=[mask])
+    for image, seconds in zip(fisheye.images[:3], fisheye.seconds, strict=False):
+        tracking.add(image, seconds)
+    pixels = tracking._tracker.patches.pixels
+    assert len(pixels) > 30
+    assert pixels[:, 0].min() >= 200
+
+
+def test_wrong_images_and_times_are_refused(fisheye):
+    tracking = om.Odometry(fisheye.camera)
+    with pytest.raises(ValueError, match="the image of camera is 100x100 px, but its camera 400x300"):
+        tracking.add(np.zeros((100, 100), np.uint8), 0.0)
+    tracking.add(fisheye.images[0], 1.0)
+    with pytest.raises(ValueError, match="the time of frame 1 is 1 s, not after 1 s"):
+        tracking.add(fisheye.images[1], 1.0)
+    with pytest.raises(ValueError, match="2 images for 1 cameras"):
+        tracking.add([fisheye.images[1]] * 2, 2.0)
+    with pytest.raises(ValueError, match="--window must be at least 3"):
+        om.MotionOptions(window=1)
+
+
+def test_a_wrong_camera_has_large_residuals(fisheye, run):
+    model = fisheye.camera.model
+    wrong = dataclasses.replace(model, fx=1.3 * model.fx, fy=1.3 * model.fy)
+    right = np.median(run(fisheye).residuals)
+    assert np.median(run(fisheye._replace(camera=dataclasses.replace(fisheye.camera, model=wrong))).residuals) > 3
+    assert 0.5 < right < 2

@@ -1,0 +1,67 @@
+"""Alignment of patches with images that are known functions."""
+
+import numpy as np
+import pytest
+
+from omnisight.visual_odometry._patch_kernel import SAMPLES, align, extract
+
+IDENTITY = np.eye(2)
+
+
+def scene(u, v):
+    """Return intensities of a smooth texture at pixels."""
+    waves = (
+        35 * np.sin(0.41 * u + 0.5) * np.cos(0.37 * v) + 25 * np.sin(0.29 * u - 0.33 * v) + 20 * np.cos(0.51 * v + 1)
+    )
+    return 120 + waves
+
+
+def image(shift=(0.0, 0.0), matrix=IDENTITY, gain=1.0, offset=0.0):
+    """Return an image whose pixel (50, 40) shows the scene at (50, 40) + shift, and its surroundings by a matrix."""
+    v, u = np.mgrid[:80, :100]
+    at = np.einsum("ij,jhw->ihw", matrix, np.stack([u - 50.0, v - 40.0]))
+    return np.clip(gain * scene(at[0] + 50 + shift[0], at[1] + 40 + shift[1]) + offset, 0, 255).round().astype(np.uint8)
+
+
+def aligned(second, maps=IDENTITY, start=(50.0, 40.0)):
+    levels = (image(),)
+    arrays = (
+        np.zeros((1, 1, SAMPLES), np.float32),
+        np.zeros((1, 1, SAMPLES, 2), np.float32),
+        np.zeros((1, 1, 2, 2)),
+        np.zeros((1, 1), bool),
+    )
+    extract(levels, np.array([[50.0, 40.0]]), np.eye(2)[None], *arrays, 0, 1)
+    assert arrays[3].all()
+    pixels, correlation, noise = np.array([start]), np.empty(1), np.empty(1)
+    align((second,), *arrays, np.ascontiguousarray(maps)[None], np.zeros(1, np.intp), pixels, correlation, noise, 0, 1)
+    return pixels[0], correlation[0]
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (1.3, -0.7), (-2.2, 1.9)])
+def test_a_shift_is_found(shift):
+    pixel, correlation = aligned(image(shift))
+    assert np.allclose(pixel, np.array([50.0, 40.0]) - shift, atol=0.03)
+    assert correlation > 0.99
+
+
+def test_contrast_and_brightness_have_no_effect():
+    pixel, correlation = aligned(image((1.3, -0.7), gain=0.6, offset=30.0))
+    assert np.allclose(pixel, (48.7, 40.7), atol=0.05)
+    assert correlation > 0.99
+
+
+def test_an_affine_map_is_applied():
+    matrix = np.array([[0.8, 0.3], [-0.2, 1.1]])
+    pixel, correlation = aligned(image(matrix=matrix), np.linalg.inv(matrix), (50.8, 39.5))
+    assert np.allclose(pixel, (50.0, 40.0), atol=0.05)
+    assert correlation > 0.99
+    assert aligned(image(matrix=matrix), np.eye(2), (50.8, 39.5))[1] < correlation
+
+
+def test_a_uniform_image_shows_no_patch():
+    assert aligned(np.full((80, 100), 90, np.uint8))[1] == -1
+
+
+def test_a_patch_that_leaves_the_image_is_not_found():
+    assert aligned(image(), start=(2.0, 40.0))[1] == -1

@@ -1,0 +1,76 @@
+"""Rigs: the scale, and the frames of all cameras."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.simulation.example_rigs import back_to_back
+from omnisight.simulation.trajectory import read_trajectory
+from omnisight.visual_odometry.ray_observations import FrameRays
+from omnisight.visual_odometry.rig_scale import estimate_rig_scale
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Return the folder of a sequence of two fisheyes back to back, 10 cm apart, and the rig."""
+    folder, rig = tmp_path_factory.mktemp("rig") / "room", back_to_back(320, apart=0.1)
+    om.simulate(om.SimulateOptions("room", rig, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
+    return folder, rig
+
+
+def test_the_trajectory_of_a_rig_is_in_metres(room):
+    folder, rig = room
+    result = om.odometry(folder, rig=rig)
+    true = read_trajectory(folder / "poses.txt").poses
+    assert result.has_scale
+    assert [pose.frame for pose in result.trajectory] == list(range(FRAMES))
+    length = np.linalg.norm(np.diff([pose.translation for pose in true], axis=0), axis=1).sum()
+    assert result.path_length == pytest.approx(length, rel=0.03)
+    first, last = (result.trajectory[k].rig_from_world for k in (0, -1))
+    error = (first @ last.inverse()).inverse() @ (true[0].inverse() @ true[-1])
+    assert np.linalg.norm(error.translation) < 0.03 * length
+    assert np.degrees(np.arccos((np.trace(error.rotation) - 1) / 2)) < 0.2
+
+
+def test_a_rig_in_one_point_has_no_scale(room):
+    folder, rig = room
+    poses = tuple(om.Pose(pose.rotation) for pose in rig.sensor_from_rig)
+    result = om.odometry(folder, rig=dataclasses.replace(rig, sensor_from_rig=poses))
+    assert result
+    assert not result.has_scale
+
+
+def rays(noise, scale=2.5, distance=4.0):
+    """Return rays of points at a distance in units from a first camera, and of a second one 0.2 m beside it."""
+    rng = np.random.default_rng(0)
+    bearings = rng.normal(size=(40, 3))
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+    distances = distance * rng.uniform(0.7, 1.5, 40)
+    origin = np.array([0.1, 0.0, 0.0])
+    points = origin + scale * distances[:, None] * bearings
+    seen = points + origin
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    axes = []
+    for k, bearing in enumerate(seen):
+        _, _, tangents = np.linalg.svd(bearing[None])
+        seen[k] += noise * tangents[1:].T @ rng.normal(size=2)
+        axes.append(tangents[1:] / noise)
+    number, unknown = np.arange(40), np.full((40, 3), np.nan)
+    one = FrameRays(number, unknown, np.tile(origin, (40, 1)), bearings, np.array(axes))
+    return one, FrameRays(number, unknown, np.tile(-origin, (40, 1)), seen, np.array(axes)), distances
+
+
+def test_the_scale_of_exact_rays_is_found_to_first_order_of_the_parallax():
+    found = estimate_rig_scale(*rays(noise=1e-5, distance=40.0))
+    assert found
+    assert found.scale == pytest.approx(2.5, rel=0.01)
+
+
+def test_a_scale_whose_parallax_is_below_the_noise_is_unknown():
+    assert not estimate_rig_scale(*rays(noise=1e-2, distance=40.0))
+    one, other, distances = rays(noise=1e-5)
+    assert not estimate_rig_scale(one, other[np.arange(40) < 5], distances)
