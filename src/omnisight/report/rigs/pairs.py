@@ -1,0 +1,68 @@
+"""Table of the pairs of cameras: what connects them, and what to add."""
+
+import numpy as np
+
+from omnisight.quality.rig_checks import MIN_GOOD_SHARED_VIEWS, PairEvidence
+from omnisight.report.html import Markup, element, join, table
+from omnisight.report.rigs.rig_report_data import RigReportData
+from omnisight.report.section import Guide, Section
+
+RULES = {
+    "name": "have the same file name",
+    "number": "have the same number in the file name",
+    "order": "have the same place in the order of the files",
+    "time": "were taken at the same time",
+}
+
+
+def pairs(data: RigReportData) -> Section:
+    """List the pairs of cameras that share images, and those that should."""
+    calibration = data.calibration
+    links = [pair for pair in calibration.pairs if pair.is_link]
+    weakest = min(links, key=lambda pair: pair.agreeing, default=None)
+    rows = [_row(data, pair, is_weakest=pair is weakest and len(data.rig) > 2) for pair in calibration.pairs]
+    columns = ("pair", "common images", "agree", "rms px", "connects", "to do")
+    note = None if rows else element("p", _without_pairs(data), class_="lead")
+    return Section(
+        "pairs",
+        "Pairs of cameras",
+        join(table(columns, rows, class_="numbers") if rows else None, note),
+        Guide(
+            f"Simultaneous images {RULES[calibration.rule]}. Of each pair of cameras: simultaneous images in which both"
+            " see a board, how many of them agree with the extrinsics, and the rms of their residuals. Links connect"
+            " parts of the rig that no other pair connects as well.",
+            f"At least {MIN_GOOD_SHARED_VIEWS} images that agree in every link, and nearly all images agree.",
+            "Images that do not agree were not used for the extrinsics: the board or a camera moved between the"
+            " exposures, or they are not of the same moment. See Residuals for their numbers.",
+        ),
+        wide=True,
+    )
+
+
+def _row(data: RigReportData, pair: PairEvidence, *, is_weakest: bool) -> Markup:
+    link = "weakest link" if is_weakest else "link" if pair.is_link else ""
+    return element(
+        "tr",
+        element("th", f"{pair.a} – {pair.b}", scope="row"),
+        element("td", str(pair.shared), class_="number"),
+        element("td", str(pair.agreeing), class_="number"),
+        element("td", f"{pair.rms:.3f}" if np.isfinite(pair.rms) else "", class_="number"),
+        element("td", link),
+        element("td", _advice(pair)),
+    )
+
+
+def _advice(pair: PairEvidence) -> str:
+    """Return what images to take."""
+    if pair.is_link and pair.agreeing < MIN_GOOD_SHARED_VIEWS:
+        return "take about 10 more images with the board where both cameras see it, at different angles"
+    if pair.agreeing < pair.shared:
+        return f"check the {pair.shared - pair.agreeing} images that contradict the extrinsics"
+    return "nothing"
+
+
+def _without_pairs(data: RigReportData) -> str:
+    return (
+        "No two cameras saw the same board at the same time. The poses follow from the motion of the rig between boards"
+        f" at rest, in {data.frames} positions."
+    )
