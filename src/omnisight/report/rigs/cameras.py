@@ -18,6 +18,7 @@ def cameras(data: RigReportData) -> Section:
         "off-axis",
         "images",
         "rms px",
+        "without outliers",
         "held-out px",
         f"position {unit}",
         f"± {unit}",
@@ -32,7 +33,7 @@ def cameras(data: RigReportData) -> Section:
             f"Position (x right, y down, z forward) and rotation of each camera in the frame of {data.reference}. ± is"
             " the standard deviation (1σ) of the length of the translation and of the angle of the rotation of"
             " sensor_from_rig. The held-out error is that of simultaneous images left out of the calibration.",
-            "A held-out error close to the rms, and a rotation that is certain to a pixel or less.",
+            "A held-out error close to the rms without outliers, and a rotation that is certain to a pixel or less.",
             "If a camera has much larger residuals than the others, see Residuals. If its pose is uncertain, take more"
             " images with the board where it and another camera see it.",
         ),
@@ -55,8 +56,9 @@ def _row(data: RigReportData, name: str) -> Markup:
         "" if reach is None else f"{np.degrees(reach):.0f}°",
         str(calibration.images_of(name)),
         f"{calibration.camera_rms(name):.3f}",
+        f"{data.inlier_rms(name):.3f}",
         "unknown" if held_out is None else f"{held_out:.3f}",
-        ", ".join(f"{scale * value:.1f}".replace("-", "−") for value in data.centre(name) + 0.0),
+        ", ".join(f"{value:.1f}".replace("-", "−") for value in np.round(scale * data.centre(name), 1) + 0.0),
         "–" if is_reference else f"{scale * length:.2g}",
         f"{turn:.2f}°",
         "–" if is_reference else f"{np.degrees(angle):.2g}°",

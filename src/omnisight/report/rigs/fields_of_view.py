@@ -16,6 +16,8 @@ Bools = NDArray[np.bool_]
 
 # The map in its drawing.
 CHART_SIZE, BOX = (640.0, 350.0), (52.0, 12.0, 622.0, 297.0)
+# Space of the name of a camera in the drawing.
+NAME_SIZE = (60.0, 15.0)
 # Half the width of the edge of a field of view, px of the map.
 EDGE_PX = 1
 # Gray and opacity of a direction that no camera sees, and of one more camera each.
@@ -50,20 +52,29 @@ def _map(data: RigReportData, seen: Bools) -> Markup:
     ticks = tuple((value, f"{value:g}°".replace("-", "−")) for value in DEGREES)
     axes = Axes((-180.0, 180.0), (-90.0, 90.0), "longitude, right is positive", "latitude, degrees", BOX, ticks)
     area = {"x": left, "y": top, "width": right - left, "height": bottom - top}
-    names = list[Markup]()
-    for name in data.rig.names:
-        x, y, z = data.rig.sensor_from_rig[data.rig.index(name)].rotation[2]
-        at = axes.positions(np.degrees(np.arctan2(x, z)), np.degrees(np.arcsin(np.clip(-y, -1, 1))))
-        text = {"x": float(at[0]), "y": float(at[1]) + 4, "text_anchor": "middle", "class_": "on strong"}
-        names.append(element("text", name, fill=data.color(name), **text))
     return chart(
         element("image", href=_png_url(_colors(data, seen)), preserveAspectRatio="none", **area),
         axes.frame(),
-        *names,
+        *_names(data, axes),
         label="Directions that the cameras see: " + ", ".join(data.rig.names),
         width=CHART_SIZE[0],
         height=CHART_SIZE[1],
     )
+
+
+def _names(data: RigReportData, axes: Axes) -> list[Markup]:
+    """Write the name of each camera at its direction, or below the names that are there."""
+    placed = list[Array]()
+    names = list[Markup]()
+    for name in data.rig.names:
+        x, y, z = data.rig.sensor_from_rig[data.rig.index(name)].rotation[2]
+        at = axes.positions(np.degrees(np.arctan2(x, z)), np.degrees(np.arcsin(np.clip(-y, -1, 1))))
+        while any((abs(at - other) < NAME_SIZE).all() for other in placed):
+            at = at + np.array([0.0, NAME_SIZE[1]])
+        placed.append(at)
+        text = {"x": float(at[0]), "y": float(at[1]) + 4, "text_anchor": "middle", "class_": "on strong"}
+        names.append(element("text", name, fill=data.color(name), **text))
+    return names
 
 
 def _colors(data: RigReportData, seen: Bools) -> NDArray[np.uint8]:

@@ -29,8 +29,8 @@ def pairs(data: RigReportData) -> Section:
         join(table(columns, rows, class_="numbers") if rows else None, note),
         Guide(
             f"Simultaneous images {RULES[calibration.rule]}. Of each pair of cameras: simultaneous images in which both"
-            " see a board, how many of them agree with the extrinsics, and the rms of their residuals. Links connect"
-            " parts of the rig that no other pair connects as well.",
+            " see a board, how many of them agree with the extrinsics, and the rms of their residuals, with outliers."
+            " Links connect parts of the rig that no other pair connects as well.",
             f"At least {MIN_GOOD_SHARED_VIEWS} images that agree in every link, and nearly all images agree.",
             "Images that do not agree were not used for the extrinsics: the board or a camera moved between the"
             " exposures, or they are not of the same moment. See Residuals for their numbers.",

@@ -150,6 +150,10 @@ class RigReportData:
         pixels = np.concatenate([part.pixels[~part.outliers] for part in parts])
         return pixels, np.concatenate([part.residuals[~part.outliers] for part in parts])
 
+    def inlier_rms(self, camera: str) -> float:
+        """Return the root mean square residual length of the inliers of a camera, px."""
+        return root_mean_square(np.linalg.norm(self.inliers_of(camera)[1], axis=1))
+
     @cached_property
     def views(self) -> tuple[RigView, ...]:
         """All views of all cameras."""

@@ -26,9 +26,9 @@ def rig_residuals(data: RigReportData) -> Section:
         "Residuals",
         join(*blocks),
         Guide(
-            "Bars are the rms of each image; simultaneous images have the same number in all cameras, and in the 3-D"
-            " drawing. Red bars are images that contradict the extrinsics and were not used for them. Arrows are the"
-            " mean residuals in each part of the image of a camera, magnified.",
+            "Bars are the rms of each image without outliers; simultaneous images have the same number in all"
+            " cameras, and in the 3-D drawing. Red bars are images that contradict the extrinsics and were not used for"
+            " them. Arrows are the mean residuals in each part of the image of a camera, magnified.",
             "Bars of similar height, and arrows in random directions.",
             "One high bar in one camera: that image is blurred or has wrong corners. High or red bars of the same"
             " number in several cameras: the images are not of the same moment, or the board moved. Leave them out with"
@@ -70,7 +70,7 @@ def _contradicting(views: Sequence[RigView]) -> list[Markup | str]:
 
 
 def _bars(data: RigReportData, name: str, views: Sequence[RigView], top: float) -> Markup:
-    count, rms = data.frames, data.calibration.camera_rms(name)
+    count, rms = data.frames, data.inlier_rms(name)
     step = max(1, int(np.ceil(count / MAX_BAR_LABELS)))
     ticks = tuple((float(n), str(n)) for n in range(1, count + 1, step))
     axes = Axes((0.5, count + 0.5), (0.0, top), "simultaneous images", "rms, px", (52.0, 10.0, 908.0, 100.0), ticks)
@@ -85,7 +85,7 @@ def _bars(data: RigReportData, name: str, views: Sequence[RigView], top: float) 
         axes.frame(),
         *bars,
         axes.line(axes.x_range, [rms] * 2, "mean"),
-        label=f"Rms of the residuals of each image of {name}, px. The line is the rms of all, {rms:.3f} px.",
+        label=f"Rms of the residuals of each image of {name}, px. The line is the rms of all inliers, {rms:.3f} px.",
         width=920,
         height=142,
     )

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from omnisight.geometry.sphere import polar
 from omnisight.report.axes import nice_floor, path_data
 from omnisight.report.color_scale import LogColorScale
-from omnisight.report.html import Markup, element, format_coordinate, join
+from omnisight.report.html import Markup, element, format_coordinate
 from omnisight.report.report_data import MIN_SCALE_PX
 from omnisight.report.rigs.rig_report_data import RigReportData
 from omnisight.report.section import Guide, Section
@@ -65,20 +65,20 @@ def rig_scene(data: RigReportData) -> Section:
         role="group",
         tabindex=0,
         aria_label=f"{len(names)} cameras and {data.frames} boards. Arrow keys rotate, plus and minus zoom.",
-        class_="scene",
+        class_="scene rig",
         **view.attributes(),
     )
-    factor, unit = (1.0, "m") if data.rig.unit == "m" else (1.0, data.rig.unit)
+    unit = data.rig.unit
     directions = ", ".join(f"{axis} {direction} ({color})" for (axis, direction), color in zip(AXES, RGB, strict=True))
     note = (
         f"Camera axes: {directions}; z has the name of the camera. The farthest board corner is"
-        f" {factor * extent:.3g} {unit} from the cameras. Board color: rms of the simultaneous images,"
+        f" {extent:.3g} {unit} from the cameras. Board color: rms of the simultaneous images,"
         f" {scale.low:.2f} px (dark) to {scale.high:.2f} px (bright). Dashed: views that contradict the extrinsics."
     )
     return Section(
         "rig",
         "Rig in 3-D",
-        join(element("div", drawing, element("p", note, class_="note"))),
+        element("div", drawing, element("p", note, class_="note")),
         Guide(
             "The cameras with the edges of their fields of view, and the boards, in the frame of"
             f" {data.reference}. Boards have the numbers of the simultaneous images. Drag to rotate. Click and scroll,"

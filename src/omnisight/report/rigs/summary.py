@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from omnisight.pipeline.rig_calibration import root_mean_square
 from omnisight.report.html import Markup, element, join
 from omnisight.report.rigs.direction_map import share_of_sphere
 from omnisight.report.rigs.rig_report_data import RigReportData
@@ -26,19 +27,24 @@ def key_figures(data: RigReportData) -> Markup:
     least_certain = max(others, key=lambda name: sigmas[name][0])
     farthest = max(others, key=lambda name: sigmas[name][1])
     held_out = np.concatenate([lengths[np.isfinite(lengths)] for lengths in calibration.held_out])
+    inliers = [np.linalg.norm(data.inliers_of(name)[1], axis=1) for name in data.rig.names]
     common, agreeing = data.common_frames
     return tiles(
         [
             (
                 "Held-out error",
-                f"{np.sqrt((held_out**2).mean()):.2g} px" if len(held_out) else "unknown",
+                f"{root_mean_square(held_out):.2g} px" if len(held_out) else "unknown",
                 "rms over simultaneous images left out of the calibration",
             ),
-            ("Reprojection error", f"{_inlier_rms(data):.2g} px", f"rms; {calibration.rms:.2g} px with the outliers"),
+            (
+                "Reprojection error",
+                f"{root_mean_square(np.concatenate(inliers)):.2g} px",
+                f"rms; {calibration.rms:.2g} px with the outliers",
+            ),
             ("Rotation", f"± {np.degrees(sigmas[least_certain][0]):.2g}°", f"1σ of {least_certain}, the largest"),
             ("Translation", f"± {scale * sigmas[farthest][1]:.2g} {unit}", f"1σ of {farthest}, the largest"),
             (
-                "Simultaneous images",
+                "Common images",
                 f"{agreeing} of {common}",
                 "in which several cameras see a board, agree with the extrinsics",
             ),
@@ -49,8 +55,3 @@ def key_figures(data: RigReportData) -> Markup:
             ),
         ]
     )
-
-
-def _inlier_rms(data: RigReportData) -> float:
-    residuals = np.concatenate([part.residuals[~part.outliers] for part in data.parts])
-    return float(np.sqrt((residuals**2).sum(1).mean())) if len(residuals) else float("nan")

@@ -19,7 +19,7 @@ def uncertainty(data: RigReportData) -> Section:
     )
     rows = [_row(data, name) for name in data.rig.names]
     return Section(
-        "uncertainty",
+        "pose-uncertainty",
         "Uncertainty of the poses",
         join(table(columns, rows, class_="numbers"), _motion(data)),
         Guide(
