@@ -148,9 +148,20 @@ def test_a_non_central_camera_is_in_the_report(calibration):
     assert "non-central" in section(page, "downloads")
 
 
-def test_without_pairs_the_report_states_how_the_cameras_are_connected(calibration):
-    page = render(replace(calibration, pairs=()))
-    assert "motion of the rig" in section(page, "pairs")
+def test_cameras_with_boards_of_their_own_are_connected_by_motion(calibration, text):
+    estimate = calibration.estimate
+    left, right = estimate.observations.parts
+    state = replace(
+        estimate.state,
+        group_from_board=estimate.state.group_from_board[np.zeros(2, int)],
+        warps=np.repeat(estimate.state.warps, 2, axis=0),
+    )
+    observations = replace(estimate.observations, parts=(left, replace(right, board=1)))
+    page = render(replace(calibration, estimate=replace(estimate, observations=observations, state=state)))
+    assert "link by motion" in section(page, "pairs")
+    assert "by motion" not in section(text, "pairs")
+    # One board per camera and moment, instead of one per moment.
+    assert section(page, "rig").count('class="board') > section(text, "rig").count('class="board')
 
 
 def test_names_are_escaped(calibration):

@@ -13,6 +13,10 @@ RULES = {
     "order": "have the same place in the order of the files",
     "time": "were taken at the same time",
 }
+BY_MOTION = (
+    "By motion: no common board connects these cameras. Each saw a board of its own, and their relative pose follows"
+    " from the motion of the rig between the boards, which were at rest."
+)
 
 
 def pairs(data: RigReportData) -> Section:
@@ -22,11 +26,11 @@ def pairs(data: RigReportData) -> Section:
     weakest = min(links, key=lambda pair: pair.agreeing, default=None)
     rows = [_row(data, pair, is_weakest=pair is weakest and len(data.rig) > 2) for pair in calibration.pairs]
     columns = ("pair", "common images", "agree", "rms px", "connects", "to do")
-    note = None if rows else element("p", _without_pairs(data), class_="lead")
+    note = element("p", BY_MOTION, class_="note") if calibration.estimate.observations.boards > 1 else None
     return Section(
         "pairs",
         "Pairs of cameras",
-        join(table(columns, rows, class_="numbers") if rows else None, note),
+        join(table(columns, rows, class_="numbers"), note),
         Guide(
             f"Simultaneous images {RULES[calibration.rule]}. Of each pair of cameras: simultaneous images in which both"
             " see a board, how many of them agree with the extrinsics, and the rms of their residuals, with outliers."
@@ -41,6 +45,8 @@ def pairs(data: RigReportData) -> Section:
 
 def _row(data: RigReportData, pair: PairEvidence, *, is_weakest: bool) -> Markup:
     link = "weakest link" if is_weakest else "link" if pair.is_link else ""
+    if pair.is_link and data.boards_of(pair.a).isdisjoint(data.boards_of(pair.b)):
+        link += " by motion"
     return element(
         "tr",
         element("th", f"{pair.a} – {pair.b}", scope="row"),
@@ -59,10 +65,3 @@ def _advice(pair: PairEvidence) -> str:
     if pair.agreeing < pair.shared:
         return f"check the {pair.shared - pair.agreeing} images that contradict the extrinsics"
     return "nothing"
-
-
-def _without_pairs(data: RigReportData) -> str:
-    return (
-        "No two cameras saw the same board at the same time. The poses follow from the motion of the rig between boards"
-        f" at rest, in {data.frames} positions."
-    )

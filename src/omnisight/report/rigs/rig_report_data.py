@@ -187,6 +187,11 @@ class RigReportData:
         """Return observations of a board, for its outline."""
         return next(p.observations for p in self.calibration.estimate.observations.parts if p.board == board)
 
+    def boards_of(self, camera: str) -> set[int]:
+        """Return the indices of the boards that a camera sees."""
+        parts = self.calibration.estimate.observations.parts
+        return {parts[k].board for k in self.calibration.parts_of(camera)}
+
     @cached_property
     def visible_directions(self) -> Bools:
         """Which cameras see each direction of the rig frame, see `visible_directions`."""
