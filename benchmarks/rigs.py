@@ -1,10 +1,11 @@
 """Calibration of rendered rigs with exact truth, beside OpenCV.
 
 `python -m benchmarks rigs [SCENE ...]` prints one row per rig and method: the largest errors of rotation and
-translation over the cameras of the rig, relative to the standard deviation that omnisight states, and the time from corners to
-result. Corners have 0.3 px of Gaussian noise, and 5 % of them are up to 30 px off; OpenCV, whose loss is not robust, is
-also given corners without outliers. OpenCV calibrates pairs, from the corners that both cameras observe, each camera
-alone first. `--monte-carlo N` repeats omnisight with N noises and prints the ratio of the true to the stated error.
+translation over the cameras of the rig, relative to the standard deviation that omnisight states, and the time from
+corners to result. Corners have 0.3 px of Gaussian noise, and 5 % of them are up to 30 px off; OpenCV, whose loss is not
+robust, is also given corners without outliers. OpenCV calibrates pairs, from the corners that both cameras observe,
+each camera alone first. `--monte-carlo N` repeats omnisight with N noises and prints the ratio of the true to the
+stated error.
 """
 
 import argparse
