@@ -84,6 +84,7 @@ from omnisight.reconstructions import read_reconstruction as read_reconstruction
 from omnisight.reconstructions import write_reconstruction as write_reconstruction
 from omnisight.report import ReportOptions as ReportOptions
 from omnisight.report import write_report as write_report
+from omnisight.report import write_rig_report as write_rig_report
 from omnisight.report import write_viewer as write_viewer
 from omnisight.rig import Rig as Rig
 from omnisight.sfm.localization import LocalizedImage as LocalizedImage

@@ -5,6 +5,7 @@ from typing import Any
 
 from omnisight.calibration.evaluation import Evaluation
 from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.rig_calibration import RigCalibration
 from omnisight.targets.observations import Observations
 
 
@@ -18,6 +19,18 @@ def draw_calibration(calibration: Calibration, folder: Path, *, apply_exif: bool
 def draw_evaluation(evaluation: Evaluation, folder: Path, *, apply_exif: bool, quiet: bool) -> None:
     """Draw the residuals of an evaluation over its images."""
     _draw(evaluation.observations, evaluation.residuals, evaluation.outliers, folder, apply_exif, quiet)
+
+
+def draw_rig_calibration(calibration: RigCalibration, folder: Path, *, apply_exif: bool, quiet: bool) -> None:
+    """Draw the residuals of the cameras of a rig over their images, in a folder for each camera."""
+    from omnisight.report.rigs.rig_report_data import RigReportData
+
+    data = RigReportData(calibration)
+    for name in calibration.rig.names:
+        for k in calibration.parts_of(name):
+            part = data.parts[k]
+            observations = calibration.estimate.observations.parts[k].observations
+            _draw(observations, part.residuals, part.outliers, folder / name, apply_exif, quiet)
 
 
 def _draw(

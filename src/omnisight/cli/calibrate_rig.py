@@ -1,5 +1,6 @@
 """omnisight calibrate-rig."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,8 @@ def calibrate_rig(
     *,
     options: Annotated[CalibrateRigOptions, Parameter(name="*")] = CalibrateRigOptions(),
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    draw: Path | None = None,
+    report: Path | None = None,
     json: bool = False,
     quiet: bool = False,
     verbose: Annotated[bool, Parameter(alias="-v")] = False,
@@ -31,6 +34,10 @@ def calibrate_rig(
         camera; or NAME=IMAGES.
     output
         Rig file to write (JSON); by default rig.json, which must not exist, or none with --json.
+    draw
+        Folder for copies of the images with corners and residuals drawn, in a folder for each camera.
+    report
+        HTML report to write: verdict, rig in 3-D, fields of view, residuals, and the rig in every format.
     json
         Print one JSON object and nothing else.
     quiet
@@ -41,17 +48,47 @@ def calibrate_rig(
     from omnisight.cli._files import check_camera_suffix, default_output, must_be_writable
     from omnisight.cli._rig_report import print_json, print_report
     from omnisight.formats import save
+    from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate_rig import calibrate_rig as run
+    from omnisight.pipeline.detect import source_paths
+    from omnisight.pipeline.rig_sources import named_sources
 
     if output is None and not json:
         output = default_output("rig.json")
+    files = [file for file in (output, report) if file is not None]
+    for file in files:
+        must_be_writable(file)
+    if len({file.resolve() for file in files}) < len(files):
+        raise ValueError(f"{output}: specified for both the rig and the report; specify two files")
+    paths = {name: source_paths([source]) for name, source in named_sources(cameras).items()}
+    refuse_overwrite(files, [path for found in paths.values() for path in found])
     if output is not None:
-        must_be_writable(output)
         check_camera_suffix(output)
+    if draw is not None:
+        for name, found in paths.items():
+            drawing_paths(found, draw / name)
     with progress(quiet or json) as show:
         calibration = run(cameras, options, progress=show)
-    written = None if output is None else save(calibration.rig, output).path
+    # Write the rig first, so that a failed drawing does not lose it; print the result even if the disk is full.
+    written, failure = None, None
+    try:
+        written = save(calibration.rig, output).path if output is not None else None
+    except (OSError, ValueError) as error:
+        failure = error
     if json:
         print_json(calibration)
     else:
         print_report(calibration, written, verbose=verbose)
+    if failure is not None:
+        raise failure
+    if draw is not None:
+        from omnisight.cli._drawings import draw_rig_calibration
+
+        draw_rig_calibration(calibration, draw, apply_exif=options.apply_exif, quiet=json)
+    if report is not None:
+        from omnisight.report import ReportOptions, write_rig_report
+
+        command = ["omnisight", *sys.argv[1:]]
+        write_rig_report(calibration, report, ReportOptions(command, apply_exif=options.apply_exif))
+        if not json:
+            print(f"report    {report}")

@@ -13,10 +13,10 @@ from omnisight.report.report_data import ReportData, ReportImage
 VERSION = 1
 
 
-def json_element(data: ReportData) -> Markup:
-    """Return a script element with the JSON object."""
+def json_element(data: dict[str, Any]) -> Markup:
+    """Return a script element with a JSON object."""
     # A "<" could end the element or start a comment.
-    text = json.dumps(to_dict(data), allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
     return Markup(f'<script type="application/json" id="calibration">{text}</script>')
 
 

@@ -1,14 +1,13 @@
 """The calibration report as one HTML page: verdict and key figures, then one section per topic."""
 
-from importlib.resources import files
 from pathlib import Path
 
 from omnisight.images import write_bytes
 from omnisight.pipeline.calibration import Calibration
-from omnisight.report.html import Markup, element
-from omnisight.report.json_data import json_element
+from omnisight.report.html import Markup, element, join
+from omnisight.report.json_data import json_element, to_dict
+from omnisight.report.page_frame import Page, render
 from omnisight.report.report_data import ReportData, ReportOptions
-from omnisight.report.section import Section
 from omnisight.report.sections.board_poses import board_poses
 from omnisight.report.sections.coverage import coverage
 from omnisight.report.sections.downloads import downloads
@@ -21,7 +20,6 @@ from omnisight.report.sections.pupil_shift import pupil_shift
 from omnisight.report.sections.radial_profile import radial_profile
 from omnisight.report.sections.residuals import residuals
 from omnisight.report.sections.verdict import key_figures, title, verdict
-from omnisight.report.security_policy import security_policy
 
 # In the order of the page.
 SECTIONS = (
@@ -69,54 +67,21 @@ def write_report(calibration: Calibration, path: str | Path, options: ReportOpti
 
 def render_page(data: ReportData) -> str:
     """Return the HTML text of the report."""
-    style, script = (files("omnisight.report").joinpath(name).read_text("utf-8") for name in ("style.css", "script.js"))
     sections = [section for make in SECTIONS if (section := make(data)) is not None]
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", http_equiv="Content-Security-Policy", content=security_policy(style, script)),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("title", f"Calibration: {data.verdict}, {data.camera.model.name}"),
-        element("style", Markup(style)),
-    )
-    links = [element("a", section.title, href=f"#{section.id}") for section in sections]
-    body = element(
-        "body",
-        _hatch_patterns(),
-        _drop_bar(data),
-        element("header", title(data)),
-        element(
-            "main",
-            verdict(data),
-            key_figures(data),
-            element("nav", *links, aria_label="Sections of this report"),
-            *map(_section, sections),
-        ),
-        element("footer", element("p", "Command: ", element("code", data.quote(data.options.command)))),
-        element("dialog", element("div"), element("button", "Close", type="button"), aria_label="Enlarged image"),
-        json_element(data),
-        element("script", Markup(script)),
-    )
-    return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
-
-
-def _section(section: Section) -> Markup:
-    guide = section.guide
-    paragraphs = (("Content", guide.content), ("Expected", guide.expected), ("Action", guide.action))
-    aside = element(
-        "aside",
-        element("h3", "How to read this"),
-        *(element("p", element("b", name), " ", text) for name, text in paragraphs),
-        class_="guide",
-    )
-    body = element("div", section.body, class_="body")
-    return element(
-        "section",
-        element("h2", section.title),
-        element("div", body, aside, class_="wide" if section.wide else "beside"),
-        id=section.id,
-        class_="figure",
+    return render(
+        Page(
+            f"Calibration: {data.verdict}, {data.camera.model.name}",
+            title(data),
+            join(verdict(data.verdict), key_figures(data)),
+            sections,
+            data.quote(data.options.command),
+            json_element(to_dict(data)),
+            ("script.js", "scene.js"),
+            before=join(_hatch_patterns(), _drop_bar(data)),
+            after=element(
+                "dialog", element("div"), element("button", "Close", type="button"), aria_label="Enlarged image"
+            ),
+        )
     )
 
 

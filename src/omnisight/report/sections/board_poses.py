@@ -11,6 +11,7 @@ from omnisight.report.color_scale import LogColorScale
 from omnisight.report.html import Markup, element, format_coordinate
 from omnisight.report.report_data import MIN_SCALE_PX, ReportData
 from omnisight.report.section import Guide, Section
+from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
@@ -39,20 +40,20 @@ def board_poses(data: ReportData) -> Section:
         image = images[i // faces]
         depth, points = view.project(corners)
         title = element("title", f"{image.number} {image.name}: rms {image.rms_px:.2f} px")
-        attributes = {"class_": "board", "data_corners": _coordinates(corners), "data_number": image.number}
+        attributes = {"class_": "board", "data_corners": coordinates(corners), "data_number": image.number}
         fill = scale.color(image.rms_px)
         shapes.append(element("path", title, d=path_data(points) + "Z", fill=fill, **attributes))
         text = "" if i % faces else str(image.number)
-        labels.append(_label(text, points.mean(0), data_number=image.number))
+        labels.append(label(text, points.mean(0), data_number=image.number))
         depths.append(depth)
     # Draw the farthest board first and the camera last. The script matches labels to shapes by their order.
     order = np.argsort(-np.array(depths), kind="stable")
     lines, letters = list[Markup](), list[Markup]()
     for (name, _), ends in zip(AXES, axes, strict=True):
         _, points = view.project(ends)
-        attributes = {"class_": f"axis axis-{name}", "data_corners": _coordinates(ends)}
+        attributes = {"class_": f"axis axis-{name}", "data_corners": coordinates(ends)}
         lines.append(element("path", d=path_data(points), **attributes))
-        letters.append(_label(name, points[1]))
+        letters.append(label(name, points[1]))
     drawing = element(
         "svg",
         element("g", *(shapes[i] for i in order)),
@@ -128,15 +129,21 @@ class SceneView:
 
 def _board_outlines(data: ReportData) -> Array:
     """Return the outline (V, 4, 3) of every board in the camera frame; three faces (3 V, 4, 3) of a solid target."""
-    state, observations = data.state, data.observations
+    state = data.state
+    faces = board_faces(data.observations)
+    outlines = faces @ np.swapaxes(state.rotations, 1, 2)[:, None] + state.translations[:, None, None]
+    return outlines.reshape(-1, 4, 3)
+
+
+def board_faces(observations: Observations) -> Array:
+    """Return the outline (1, 4, 3) of the board in its own frame, or three faces (3, 4, 3) of a solid target."""
     (left, top), (right, bottom) = observations.extent
     faces = np.array([[left, top, 0], [right, top, 0], [right, bottom, 0], [left, bottom, 0]])[None]
     if not observations.is_planar:
         low, high = observations.points.min(0), observations.points.max(0)
         square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
         faces = low + (high - low) * np.stack([square, square[:, [2, 0, 1]], square[:, [1, 2, 0]]])
-    outlines = faces @ np.swapaxes(state.rotations, 1, 2)[:, None] + state.translations[:, None, None]
-    return outlines.reshape(-1, 4, 3)
+    return faces
 
 
 def _color_scale(data: ReportData) -> LogColorScale:
@@ -144,10 +151,12 @@ def _color_scale(data: ReportData) -> LogColorScale:
     return LogColorScale(min(rms), max(rms))
 
 
-def _label(text: str, position: Array, **attributes: Any) -> Markup:
+def label(text: str, position: Array, **attributes: Any) -> Markup:
+    """Return a text whose middle is at a position (2,)."""
     x, y = map(float, position)
     return element("text", text, x=x, y=y + 4, text_anchor="middle", class_="on", **attributes)
 
 
-def _coordinates(points: Array) -> str:
+def coordinates(points: Array) -> str:
+    """Return points (N, 3) as an attribute that the script reads."""
     return " ".join(f"{value:.5g}" for value in points.ravel())

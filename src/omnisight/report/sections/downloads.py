@@ -82,7 +82,7 @@ def _ray_files(camera: RayCamera) -> tuple[Markup, Guide]:
     with tempfile.TemporaryDirectory() as folder:
         for name, file_format, file in _files(Path(folder)):
             try:
-                links.append(_link(save(camera, file, format=name), name, file_format))
+                links.append(link(save(camera, file, format=name), name, file_format))
             except FormatError:
                 others += 1
     note = f"{others} other formats support central cameras only. Export the camera that fits best at a distance:"
@@ -107,16 +107,16 @@ def _files(folder: Path) -> Iterator[tuple[str, Format, Path]]:
 def _download(camera: Camera, name: str, file_format: Format, file: Path, conversions: ModelConversions) -> Markup:
     """Return a link to the camera in one format; raise `FormatError` if no model of the format is accurate enough."""
     if camera.model.name in file_format.MODELS:
-        return _link(save(camera, file, format=name), name, file_format)
+        return link(save(camera, file, format=name), name, file_format)
     conversion = conversions.best_of(file_format.MODELS)
     if conversion is None or not conversion.max_px <= MAX_CONVERSION_ERROR_PX:
-        raise FormatError(_refusal(file_format, conversion))
+        raise FormatError(refusal(file_format, conversion))
     converted = conversion.camera
     note = f"{converted.model.name} fitted to this camera, max error {conversion.max_px:.2g} px"
-    return _link(save(converted, file, format=name), name, file_format, element("span", "fitted"), note)
+    return link(save(converted, file, format=name), name, file_format, element("span", "fitted"), note)
 
 
-def _link(written: SaveResult, name: str, file_format: Format, badge: Markup | None = None, *notes: str) -> Markup:
+def link(written: SaveResult, name: str, file_format: Format, badge: Markup | None = None, *notes: str) -> Markup:
     """Return a link with the content of a written file."""
     address = "data:application/octet-stream;base64," + base64.b64encode(written.path.read_bytes()).decode()
     link = element("a", file_format.TITLE, href=address, download=written.path.name, data_format=name)
@@ -124,7 +124,8 @@ def _link(written: SaveResult, name: str, file_format: Format, badge: Markup | N
     return element("li", link, badge, element("small", written.path.name), element("p", text))
 
 
-def _refusal(file_format: Format, conversion: Conversion | None) -> str:
+def refusal(file_format: Format, conversion: Conversion | None) -> str:
+    """Return why a format cannot hold a camera, given the best fit of one of its models."""
     supported = f"supports {', '.join(file_format.MODELS)}"
     if conversion is None:
         return f"{supported}; none of them can be fitted to this camera"

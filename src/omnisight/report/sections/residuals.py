@@ -75,7 +75,8 @@ def residuals(data: ReportData) -> Section:
         for name, component in components.items()
         for abscissa in (by_angle, by_azimuth)
     ]
-    residual_map, scale = _residual_map(data)
+    inliers = data.inliers
+    drawing, scale = residual_map(data.observations.pixels[inliers], data.residuals[inliers], data.camera.size)
     means = [by_angle.bin_means(component, data.inliers)[1] for component in components.values()]
     largest = max(float(np.abs(mean).max(initial=0.0)) for mean in means)
     return Section(
@@ -83,7 +84,7 @@ def residuals(data: ReportData) -> Section:
         "Residuals",
         join(
             element("div", *panels, class_="pair"),
-            element("div", residual_map, class_="alone"),
+            element("div", drawing, class_="alone"),
             element("p", f"Residual map: mean residuals, magnified {scale:g} times.", class_="note middle"),
         ),
         Guide(
@@ -133,11 +134,10 @@ def _panel(data: ReportData, abscissa: Abscissa, component: Array, label: str) -
     )
 
 
-def _residual_map(data: ReportData) -> tuple[Markup, float]:
-    """Draw the mean residual of each cell of the image as an arrow; return the magnification too."""
-    width, height = data.camera.size
+def residual_map(pixels: Array, residuals: Array, size: tuple[int, int]) -> tuple[Markup, float]:
+    """Draw the mean residual (N, 2) of each cell of the image as an arrow; return the magnification too."""
+    width, height = size
     cell_size = width / MAP_CELLS
-    pixels, residuals = data.observations.pixels[data.inliers], data.residuals[data.inliers]
     cells = np.floor((pixels + 0.5) / cell_size).astype(int)
     members = [(cells == cell).all(1) for cell in np.unique(cells, axis=0)]
     members = [m for m in members if m.sum() >= MIN_CORNERS]

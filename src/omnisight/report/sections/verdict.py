@@ -1,9 +1,12 @@
 """The head of the report: title, verdict with its reasons, and key figures."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.evidence import Level
+from omnisight.quality.verdict import Verdict
 from omnisight.report.html import Markup, element, join
 from omnisight.report.number_format import format_with_sigma
 from omnisight.report.report_data import ReportData
@@ -35,9 +38,8 @@ def title(data: ReportData) -> Markup:
     )
 
 
-def verdict(data: ReportData) -> Markup:
+def verdict(result: Verdict) -> Markup:
     """Return the verdict with its reasons, the most severe first, and the result of each check."""
-    result = data.verdict
     findings = sorted((check for check in result.checks if check.sentence), key=lambda check: -check.level)
     reasons = [
         element("li", element("b", SYMBOLS[check.level], class_=_level_class(check.level)), " ", check.sentence)
@@ -62,7 +64,7 @@ def verdict(data: ReportData) -> Markup:
 def key_figures(data: ReportData) -> Markup:
     """Return the key figures as tiles."""
     used = sum(bool(image.views) for image in data.images)
-    tiles = [
+    figures = [
         ("Held-out error", _px(data.selected.held_out_rms), "rms over images left out of the fit, without outliers"),
         ("Reprojection error", _px(data.rms_px), f"rms; mean {data.selected.mean:.3f} px"),
         _uncertainty_tile(data),
@@ -75,11 +77,16 @@ def key_figures(data: ReportData) -> Markup:
             f"with {len(data.outliers)} corners; outliers: {int(data.outliers.sum())}",
         ),
     ]
+    return tiles(figures)
+
+
+def tiles(figures: Sequence[tuple[str, str, str]]) -> Markup:
+    """Return key figures (name, value, detail) as tiles."""
     return element(
         "dl",
         *(
             element("div", element("dt", name), element("dd", value, class_="figure"), element("dd", detail))
-            for name, value, detail in tiles
+            for name, value, detail in figures
         ),
         class_="tiles",
     )

@@ -1,0 +1,1 @@
+"""The report of the calibration of a rig: one file per section."""
