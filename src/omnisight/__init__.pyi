@@ -46,8 +46,8 @@ from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
 from omnisight.pipeline.export import export as export
 from omnisight.pipeline.inspect import inspect as inspect
-from omnisight.pipeline.localize import LocalizeOptions as LocalizeOptions
 from omnisight.pipeline.localize import localize as localize
+from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptions
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.odometry import OdometryResult as OdometryResult

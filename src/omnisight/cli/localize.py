@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
-from omnisight.pipeline.localize import LocalizeOptions
+from omnisight.pipeline.localize_options import LocalizeOptions
 
 
 def localize(

@@ -1,43 +1,17 @@
 """Localization of images in a map: `omnisight localize`."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 
 from omnisight.features import FeatureOptions, detect_features
 from omnisight.images import read_image, read_mask
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.detected_images import Progress
 from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.localize_options import LocalizeOptions
 from omnisight.pipeline.visual_map import read_map
 from omnisight.sfm.localization import LocalizedImage, VisualMap
 from omnisight.sfm.localization import localize as localize_keypoints
-
-
-@dataclass(frozen=True)
-class LocalizeOptions:
-    """Options of `localize`.
-
-    Attributes
-    ----------
-    name
-        Name of the camera in a file of several.
-    mask
-        Image that is white where keypoints are wanted (in a PBM file: 1).
-    max_keypoints
-        Number of keypoints per image; the strongest are used.
-    scale_camera
-        Scale the camera, if the images were resized after the calibration.
-    apply_exif
-        Rotate images by their EXIF orientation.
-    """
-
-    name: str | None = None
-    mask: Path | None = None
-    max_keypoints: int = 4000
-    scale_camera: bool = False
-    apply_exif: bool = False
 
 
 def localize(
