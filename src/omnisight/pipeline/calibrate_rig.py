@@ -19,11 +19,10 @@ from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.options import check_options
 from omnisight.pipeline.provenance import tool_provenance
-from omnisight.pipeline.rig_calibration import RigCalibration, root_mean_square
+from omnisight.pipeline.rig_calibration import RigCalibration, pair_evidence
 from omnisight.pipeline.rig_cameras import RigCamera, rig_camera
 from omnisight.pipeline.rig_sources import RigSources, named_sources, with_common_frames
 from omnisight.pipeline.simultaneous_views import SimultaneousViews, read_times, simultaneous_views
-from omnisight.quality.rig_checks import PairEvidence, RigEvidence, rig_verdict
 from omnisight.rig import Rig
 from omnisight.targets.observations import Observations
 
@@ -159,70 +158,10 @@ def assess(
     frames = [camera.frame_covariance for camera in cameras]
     rig = replace(rig, covariance=with_frame_covariances(estimate.covariance.extrinsics, rig, frames))
     held_out = held_out_lengths(estimate.problem, state)
-    pairs = pair_evidence(estimate)
-    result = RigCalibration(
-        rig.subset(order),
-        {camera.name: camera.calibration for camera in cameras},
-        estimate,
-        held_out,
-        simultaneous.rule,
-        pairs,
-        verdict=None,  # pyright: ignore[reportArgumentType]
-    )
-    result = replace(result, verdict=rig_verdict(_evidence(cameras, result)))
+    rule = simultaneous.rule
+    result = RigCalibration(rig.subset(order), tuple(cameras), estimate, held_out, rule, pair_evidence(estimate))
     provenance = {**tool_provenance(), "images": {c.name: list(c.observations.names) for c in cameras}}
     return replace(result, rig=replace(result.rig, calibration=result.figures(), provenance=provenance))
-
-
-def pair_evidence(estimate: RigEstimate) -> tuple[PairEvidence, ...]:
-    """Return the views that each pair of cameras shares, and their residuals."""
-    names, lengths = estimate.observations.names, estimate.state.lengths(estimate.observations)
-    together, used = estimate.together.seen(), estimate.observations.seen()
-    found = list[PairEvidence]()
-    for a in range(len(names)):
-        for b in range(a + 1, len(names)):
-            shared, agreeing = together[a] & together[b], used[a] & used[b]
-            residuals = [
-                length[part.observations.rows(np.flatnonzero(agreeing[part.group]))]
-                for part, length in zip(estimate.observations.parts, lengths, strict=True)
-                if part.camera in (a, b)
-            ]
-            if shared.any():
-                rms = root_mean_square(np.concatenate(residuals))
-                is_link = (a, b) in estimate.tree
-                found.append(PairEvidence(names[a], names[b], int(shared.sum()), int(agreeing.sum()), rms, is_link))
-    return tuple(found)
-
-
-def _evidence(cameras: Sequence[RigCamera], result: RigCalibration) -> RigEvidence:
-    """Return what the checks of the rig examine."""
-    estimate, rig = result.estimate, result.rig
-    contradicting = {name: list[str]() for name in rig.names}
-    for part, kept in zip(estimate.observations.parts, estimate.consistent, strict=True):
-        name = estimate.observations.names[part.camera]
-        contradicting[name] += [part.observations.names[v] for v in np.flatnonzero(~kept)]
-    sensor = dict(zip(rig.names, rig.cameras, strict=True))
-    scale = {name: camera.px_unit for name, camera in sensor.items()}
-    move = estimate.move
-    return RigEvidence(
-        {camera.name: camera.calibration and camera.calibration.verdict for camera in cameras},
-        result.pairs,
-        contradicting,
-        None if move is None else (estimate.observations.names[move.camera], move),
-        estimate.problem.motion,
-        {name: _pixels_per_radian(sensor[name]) * result.sigmas(name)[0] / scale[name] for name in rig.names},
-        {name: result.camera_rms(name) for name in rig.names},
-        {name: result.camera_held_out_rms(name) or float("nan") for name in rig.names},
-        {camera.name: camera.rms for camera in cameras},
-        scale,
-        rig.unit == "m",
-    )
-
-
-def _pixels_per_radian(camera: Any) -> float:
-    """Return the mean resolution of a camera, px per radian, from its image circle or the calibrated cone."""
-    reach = camera.theta_max or np.pi / 2
-    return max(camera.size) / 2 / reach
 
 
 def explain_unconnected(error: Unconnected, observations: RigObservations, simultaneous: SimultaneousViews) -> str:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.estimation import RigEstimate
 from omnisight.pipeline.calibration import Calibration
-from omnisight.quality.rig_checks import PairEvidence
+from omnisight.pipeline.rig_cameras import RigCamera
+from omnisight.quality.rig_checks import PairEvidence, RigEvidence, rig_verdict
 from omnisight.quality.verdict import Verdict
 from omnisight.rig import Rig
 
@@ -24,8 +25,8 @@ class RigCalibration:
     ----------
     rig
         The rig with its covariance, figures and provenance.
-    calibrations
-        The calibration of each camera alone, by name; None for a known camera.
+    cameras
+        The cameras alone, as before the joint refinement; the reference is the first.
     estimate
         Observations, residuals and covariance of the joint refinement; its first camera is the reference.
     held_out
@@ -34,24 +35,31 @@ class RigCalibration:
         What simultaneous images have in common: "name", "number", "order" or "time".
     pairs
         The pairs of cameras that share views.
-    verdict
-        Whether the calibration can be used.
     seconds
         Time spent on the cameras alone, on the rig, and in total.
     """
 
     rig: Rig
-    calibrations: dict[str, Calibration | None]
+    cameras: tuple[RigCamera, ...]
     estimate: RigEstimate
     held_out: list[Array]
     rule: str
     pairs: tuple[PairEvidence, ...]
-    verdict: Verdict
     seconds: dict[str, float] = field(default_factory=dict[str, float])
 
     def __repr__(self) -> str:
         """Summarize the calibration in one line."""
         return f"RigCalibration({', '.join(self.rig.names)}; rms {self.rms:.3f} px, {self.verdict})"
+
+    @property
+    def calibrations(self) -> dict[str, Calibration | None]:
+        """The calibration of each camera alone, by name; None for a known camera."""
+        return {camera.name: camera.calibration for camera in self.cameras}
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the calibration can be used: "good", "usable" or "do not use"."""
+        return rig_verdict(rig_evidence(self))
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -114,3 +122,54 @@ class RigCalibration:
 def root_mean_square(lengths: Array) -> float:
     """Return the root mean square of lengths (N,)."""
     return float(np.sqrt((lengths**2).mean())) if len(lengths) else float("nan")
+
+
+def pair_evidence(estimate: RigEstimate) -> tuple[PairEvidence, ...]:
+    """Return the views that each pair of cameras shares, and their residuals."""
+    names, lengths = estimate.observations.names, estimate.state.lengths(estimate.observations)
+    together, used = estimate.together.seen(), estimate.observations.seen()
+    found = list[PairEvidence]()
+    for a in range(len(names)):
+        for b in range(a + 1, len(names)):
+            shared, agreeing = together[a] & together[b], used[a] & used[b]
+            residuals = [
+                length[part.observations.rows(np.flatnonzero(agreeing[part.group]))]
+                for part, length in zip(estimate.observations.parts, lengths, strict=True)
+                if part.camera in (a, b)
+            ]
+            if shared.any():
+                rms = root_mean_square(np.concatenate(residuals))
+                is_link = (a, b) in estimate.tree
+                found.append(PairEvidence(names[a], names[b], int(shared.sum()), int(agreeing.sum()), rms, is_link))
+    return tuple(found)
+
+
+def rig_evidence(calibration: RigCalibration) -> RigEvidence:
+    """Return what the checks of the rig examine."""
+    estimate, rig = calibration.estimate, calibration.rig
+    contradicting = {name: list[str]() for name in rig.names}
+    for part, kept in zip(estimate.observations.parts, estimate.consistent, strict=True):
+        name = estimate.observations.names[part.camera]
+        contradicting[name] += [part.observations.names[v] for v in np.flatnonzero(~kept)]
+    sensor = dict(zip(rig.names, rig.cameras, strict=True))
+    scale = {name: camera.px_unit for name, camera in sensor.items()}
+    move = estimate.move
+    return RigEvidence(
+        {camera.name: camera.calibration and camera.calibration.verdict for camera in calibration.cameras},
+        calibration.pairs,
+        contradicting,
+        None if move is None else (estimate.observations.names[move.camera], move),
+        estimate.problem.motion,
+        {name: _pixels_per_radian(sensor[name]) * calibration.sigmas(name)[0] / scale[name] for name in rig.names},
+        {name: calibration.camera_rms(name) for name in rig.names},
+        {name: calibration.camera_held_out_rms(name) or float("nan") for name in rig.names},
+        {camera.name: camera.rms for camera in calibration.cameras},
+        scale,
+        rig.unit == "m",
+    )
+
+
+def _pixels_per_radian(camera: Any) -> float:
+    """Return the mean resolution of a camera, px per radian, from its image circle or the calibrated cone."""
+    reach = camera.theta_max or np.pi / 2
+    return max(camera.size) / 2 / reach
