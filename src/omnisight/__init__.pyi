@@ -32,6 +32,9 @@ from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as Cali
 from omnisight.pipeline.calibration import Calibration as Calibration
 from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
+from omnisight.pipeline.compass import CompassResult as CompassResult
+from omnisight.pipeline.compass import compass as compass
+from omnisight.pipeline.compass import compass_rotation as compass_rotation
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert import convert as convert
 from omnisight.pipeline.convert_rig import convert_rig as convert_rig
@@ -46,6 +49,7 @@ from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
+from omnisight.pipeline.options import CompassOptions as CompassOptions
 from omnisight.pipeline.options import DetectOptions as DetectOptions
 from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
 from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions
@@ -64,6 +68,7 @@ from omnisight.pipeline.view import view as view
 from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
 from omnisight.places import similar_pairs as similar_pairs
+from omnisight.places.panorama_rotation import CompassRotation as CompassRotation
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction
