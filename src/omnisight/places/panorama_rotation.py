@@ -1,7 +1,7 @@
 """Rotation between two panoramas about the vertical axis, from their appearance."""
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,12 @@ STEP_COLUMNS = 1e-5
 MAX_HALVINGS = 5
 # Sectors of the panorama whose errors are regarded as independent.
 SECTORS = 12
+# Standard deviation of the smoothing before a first refinement. It widens the basin to the displacement of columns by a
+# translation of a quarter of the distance of the surroundings.
+SMOOTHING_RAD = 0.25
+# Error of the rotation relative to the displacement of columns by a translation, because the surroundings are not at
+# equal distance: 0.07 to 0.13 (68 %) in rendered rooms and streets, 0.12 to 0.16 outdoors.
+DISPLACEMENT_ERROR = 0.12
 
 
 class CompassRotation(NamedTuple):
@@ -54,6 +60,19 @@ class CompassRotation(NamedTuple):
         return abs(wrap_deg(float(np.degrees(yaw)) - self.yaw_deg)) / max(self.sigma_deg, np.finfo(float).tiny)
 
 
+class _Fit(NamedTuple):
+    """Parameters (3,), columns: rotation and displacement; residuals (H, W) and Jacobian (3, H, W)."""
+
+    parameters: Array
+    residuals: Array
+    jacobian: Array
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squared residuals, 1 without any similarity."""
+        return float((self.residuals**2).sum())
+
+
 class PanoramaSignature:
     """Appearance of a panorama without its brightness and contrast.
 
@@ -69,10 +88,14 @@ class PanoramaSignature:
     def __init__(self, gray: NDArray[np.generic], row_weights: Array | None = None) -> None:
         ranks = rankdata(gray).reshape(gray.shape)
         values = ranks - ranks.mean(axis=1, keepdims=True)
-        if row_weights is not None:
-            values *= np.sqrt(row_weights)[:, None]
-        norm = float(np.linalg.norm(values))
-        self.values: Array = values / norm if norm > 0 else values
+        self.values = _normalized(values if row_weights is None else values * np.sqrt(row_weights)[:, None])
+
+    @classmethod
+    def of(cls, values: Array) -> Self:
+        """Return the signature with values (H, W), which are normalized."""
+        signature = cls.__new__(cls)
+        signature.values = _normalized(values)
+        return signature
 
     @property
     def is_uniform(self) -> bool:
@@ -85,10 +108,24 @@ class PanoramaSignature:
         return np.fft.rfft(self.values, axis=1).astype(np.complex64)
 
     @cached_property
+    def smoothed(self) -> Self:
+        """The signature of the panorama smoothed along its rows."""
+        columns = self.values.shape[1]
+        gain = np.exp(-((np.arange(columns // 2 + 1) * SMOOTHING_RAD) ** 2) / 2)
+        values = np.fft.irfft(np.fft.rfft(self.values, axis=1) * gain, n=columns, axis=1)
+        return self.of(values)
+
+    @cached_property
     def rows(self) -> CubicSpline:
         """Periodic cubic splines of the rows."""
         closed = np.concatenate([self.values, self.values[:, :1]], axis=1)
         return CubicSpline(np.arange(closed.shape[1]), closed.T, bc_type="periodic")
+
+
+def _normalized(values: Array) -> Array:
+    """Return an array divided by its norm, if that is not zero."""
+    norm = float(np.linalg.norm(values))
+    return values / norm if norm > 0 else values
 
 
 def correlations(query: PanoramaSignature, spectra: NDArray[np.complex64]) -> Array:
@@ -113,8 +150,9 @@ def estimate_rotation(
     """Estimate the rotation of a panorama from a reference.
 
     The maximum of the circular correlation is refined together with the displacement of the columns that a translation
-    causes: its first harmonic, exact to first order for surroundings at equal distance. The covariance is that of least
-    squares with residuals that are correlated within sectors (K.-Y. Liang and S. L. Zeger, 1986).
+    causes: its first harmonic, exact to first order for surroundings at equal distance (M. O. Franz et al., Where did I
+    take that snapshot?, Biological Cybernetics 79, 1998). The variance is that of least squares with residuals that are
+    correlated within sectors (K.-Y. Liang and S. L. Zeger, 1986), plus those of unequal distances and of other maxima.
 
     Parameters
     ----------
@@ -129,12 +167,17 @@ def estimate_rotation(
     """
     found = correlations(query, reference.spectrum[None])[0] if correlation is None else correlation
     columns = query.values.shape[1]
-    start = float(found.argmax()) / OVERSAMPLING
-    parameters, residuals, jacobian = _refine(query.values, reference, start)
-    variance = _variance(residuals, jacobian) + _ambiguity(found, residuals, columns)
+    start = np.array([found.argmax() / OVERSAMPLING, 0.0, 0.0])
+    coarse = _refine(query.smoothed.values, reference.smoothed, start).parameters
+    fits = [_refine(query.values, reference, each) for each in (start, coarse)]
+    best = min(fits, key=lambda fit: fit.cost)
+    displacement = float(np.hypot(*best.parameters[1:]))
+    variance = _variance(best) + (DISPLACEMENT_ERROR * displacement) ** 2 + _ambiguity(found, best.residuals, columns)
     degrees = 360.0 / columns
-    similarity = float(np.sqrt(max(0.0, 1.0 - (residuals**2).sum())))
-    return CompassRotation(wrap_deg(float(parameters[0]) * degrees), float(np.sqrt(variance)) * degrees, similarity)
+    similarity = float(np.sqrt(max(0.0, 1.0 - best.cost)))
+    return CompassRotation(
+        wrap_deg(float(best.parameters[0]) * degrees), float(np.sqrt(variance)) * degrees, similarity
+    )
 
 
 def wrap_deg(angle: float) -> float:
@@ -142,8 +185,8 @@ def wrap_deg(angle: float) -> float:
     return (angle + 180.0) % 360.0 - 180.0
 
 
-def _refine(query: Array, reference: PanoramaSignature, start: float) -> tuple[Array, Array, Array]:
-    """Minimize the difference by Gauss-Newton; return parameters (3,), residuals (H, W), Jacobian (3, H, W)."""
+def _refine(query: Array, reference: PanoramaSignature, start: Array) -> _Fit:
+    """Minimize the difference of a panorama (H, W) from a reference by Gauss-Newton, from initial parameters (3,)."""
     columns = query.shape[1]
     azimuth = 2 * np.pi * np.arange(columns) / columns
     basis = np.stack([np.ones(columns), np.sin(azimuth), np.cos(azimuth)])
@@ -151,14 +194,14 @@ def _refine(query: Array, reference: PanoramaSignature, start: float) -> tuple[A
     def evaluate(parameters: Array) -> tuple[Array, Array]:
         positions = (np.arange(columns) + parameters @ basis) % columns
         values, slopes = reference.rows(positions).T, reference.rows(positions, 1).T
-        norm = (values**2).sum()
+        norm = max(float((values**2).sum()), np.finfo(float).tiny)
         gain = (values * query).sum() / norm
         jacobian = gain * slopes * basis[:, None]
         # The gain is eliminated: only the part of the slopes that is orthogonal to the values changes the residuals.
         jacobian -= (jacobian * values).sum((1, 2), keepdims=True) * values / norm
         return query - gain * values, jacobian
 
-    parameters = np.array([start, 0.0, 0.0])
+    parameters = start
     residuals, jacobian = evaluate(parameters)
     for _ in range(MAX_ITERATIONS):
         flat = jacobian.reshape(len(parameters), -1)
@@ -173,14 +216,14 @@ def _refine(query: Array, reference: PanoramaSignature, start: float) -> tuple[A
             break
         if np.abs(step).max() < STEP_COLUMNS:
             break
-    return parameters, residuals, jacobian
+    return _Fit(parameters, residuals, jacobian)
 
 
-def _variance(residuals: Array, jacobian: Array) -> float:
+def _variance(fit: _Fit) -> float:
     """Return the variance of the rotation, columns squared, for residuals that are correlated within sectors."""
-    count = len(jacobian)
-    scores = np.einsum("ahw,hw->wa", jacobian, residuals)
-    flat = jacobian.reshape(count, -1)
+    count = len(fit.parameters)
+    scores = np.einsum("ahw,hw->wa", fit.jacobian, fit.residuals)
+    flat = fit.jacobian.reshape(count, -1)
     influence = scores @ np.linalg.pinv(flat @ flat.T)[0]  # of each column on the rotation
     edges = np.linspace(0, len(influence), min(SECTORS, len(influence)) + 1).astype(int)[:-1]
     # Every start of the sectors is equally good.
