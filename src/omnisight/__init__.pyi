@@ -35,6 +35,7 @@ from omnisight.pipeline.clip_frames import extract_frames as extract_frames
 from omnisight.pipeline.compass import CompassResult as CompassResult
 from omnisight.pipeline.compass import compass as compass
 from omnisight.pipeline.compass import compass_rotation as compass_rotation
+from omnisight.pipeline.compass_options import CompassOptions as CompassOptions
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert import convert as convert
 from omnisight.pipeline.convert_rig import convert_rig as convert_rig
@@ -49,7 +50,6 @@ from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
-from omnisight.pipeline.options import CompassOptions as CompassOptions
 from omnisight.pipeline.options import DetectOptions as DetectOptions
 from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
 from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions

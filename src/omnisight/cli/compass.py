@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from omnisight.pipeline.options import CompassOptions
+from omnisight.pipeline.compass_options import CompassOptions
 
 
 def compass(

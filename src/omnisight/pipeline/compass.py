@@ -6,7 +6,8 @@ from pathlib import Path
 
 from omnisight.pipeline.central_camera import CameraSource
 from omnisight.pipeline.compass_images import CompassImage, NamedImage, PanoramaReader, named_images
-from omnisight.pipeline.options import CompassOptions, check_options
+from omnisight.pipeline.compass_options import CompassOptions
+from omnisight.pipeline.options import check_options
 from omnisight.places.panorama_rotation import CompassRotation, PanoramaSignature, estimate_rotation
 from omnisight.places.visual_compass import VisualCompass
 

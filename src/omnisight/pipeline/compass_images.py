@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.camera import Camera
 from omnisight.geometry.rotation import look
 from omnisight.images import collect_images, read_image, to_gray8
-from omnisight.pipeline.central_camera import CameraSource, camera_of_image
-from omnisight.pipeline.options import CompassOptions
+from omnisight.pipeline.central_camera import CameraSource, camera_of_image, central_camera
+from omnisight.pipeline.compass_options import CompassOptions
 from omnisight.places.panorama_rotation import PanoramaSignature
 from omnisight.views import Remapper, sphere
 from omnisight.views.maps import extrapolation_mask
@@ -65,9 +66,16 @@ class PanoramaReader:
         The camera of the images or its file; None for unwrapped and equirectangular panoramas.
     options
         Options of the command.
+
+    Raises
+    ------
+    ValueError
+        If the camera file cannot be read, or the camera is not central.
     """
 
     def __init__(self, camera: CameraSource | None, options: CompassOptions) -> None:
+        if not (camera is None or isinstance(camera, Camera)):
+            camera = central_camera(camera, name=options.name, accepts_distance=False)
         self._camera, self._options = camera, options
         self._size: tuple[int, int] | None = None
         self._unwrap = cache(self._unwrapping)
@@ -91,7 +99,7 @@ class PanoramaReader:
         else:
             gray = self._reduced(gray, image.name)
             if size[0] == 2 * size[1]:
-                weights = _cosines(gray.shape[0], np.pi)
+                weights = _cosines(gray.shape[0])
         signature = PanoramaSignature(gray, weights)
         if signature.is_uniform:
             raise ValueError(f"{image.name}: is uniform along its rows, so that it shows no heading")
@@ -125,7 +133,7 @@ class PanoramaReader:
     def _unwrapping(self, size: tuple[int, int], name: str) -> tuple[Remapper, slice, NDArray[np.float64]]:
         """Return the map to a panorama, its rows that the camera sees all around, and their weights."""
         options = self._options
-        camera = camera_of_image(self._camera, size, name, name=options.name, scale=options.scale_camera)
+        camera = camera_of_image(self._camera, size, name, name=None, scale=options.scale_camera)
         up = options.up or ("back" if camera.theta_min > 0 else "top")
         view, rotation = sphere(min(MAX_COLUMNS, size[0])), look(up=up)
         remapper = Remapper(camera, view, rotation)
@@ -136,10 +144,10 @@ class PanoramaReader:
                 f"{name}: the camera does not see 360° around the vertical, which is {up!r}: specify --up back for a"
                 " camera that looks down or into a mirror above it, --up front for one that looks up"
             )
-        weights = _cosines(view.height, np.pi)
+        weights = _cosines(view.height)
         return remapper, slice(rows[0], rows[-1] + 1), weights[rows[0] : rows[-1] + 1]
 
 
-def _cosines(rows: int, range_rad: float) -> NDArray[np.float64]:
-    """Return the cosines of the elevations of rows, which are proportional to the solid angle of their pixels."""
-    return np.cos(range_rad * ((np.arange(rows) + 0.5) / rows - 0.5))
+def _cosines(rows: int) -> NDArray[np.float64]:
+    """Return the cosines of the elevations of the rows of a sphere, which are proportional to the solid angle of their pixels."""
+    return np.cos(np.pi * ((np.arange(rows) + 0.5) / rows - 0.5))

@@ -329,26 +329,3 @@ class ReconstructOptions:
             raise ValueError("positions determine the scale: leave scale out")
         if self.max_keypoints < 1:
             raise ValueError(f"max_keypoints is {self.max_keypoints}; choose a positive number")
-
-
-@dataclass(frozen=True)
-class CompassOptions:
-    """Options of `compass`.
-
-    Attributes
-    ----------
-    up
-        Where the world's up is in the images of a camera: "top" of the image; "back", for a camera that looks down or
-        into a mirror above it; "front", for one that looks up. By default "back" for a mirror camera, "top" for others.
-    name
-        Name of the camera in a file of several, such as a rig.
-    scale_camera
-        Scale the camera, if the images were resized after the calibration.
-    apply_exif
-        Rotate images by their EXIF orientation.
-    """
-
-    up: Literal["top", "back", "front"] | None = None
-    name: str | None = None
-    scale_camera: bool = False
-    apply_exif: bool = False
