@@ -149,5 +149,5 @@ class PanoramaReader:
 
 
 def _cosines(rows: int) -> NDArray[np.float64]:
-    """Return the cosines of the elevations of the rows of a sphere, which are proportional to the solid angle of their pixels."""
+    """Return the cosines of the elevations of the rows of a sphere: the relative solid angles of their pixels."""
     return np.cos(np.pi * ((np.arange(rows) + 0.5) / rows - 0.5))
