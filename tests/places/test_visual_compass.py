@@ -85,6 +85,16 @@ def test_repeated_surroundings_are_uncertain():
     assert rotation(image + noise, image).sigma_deg > 90
 
 
+def test_panoramas_with_nothing_in_common_are_uncertain():
+    upper, lower = np.full((2, HEIGHT, WIDTH), 50.0)
+    upper[3], lower[9] = textured(6)[3], textured(7)[9]
+    upper[3] += 200
+    lower[9] += 200
+    assert rotation(upper, lower).sigma_deg == pytest.approx(360 / np.sqrt(12), rel=0.05)
+    sigmas = [rotation(textured(2 * k), textured(2 * k + 1)).sigma_deg for k in range(10)]
+    assert np.median(sigmas) > 30
+
+
 def test_a_translation_shifts_the_heading_less_than_the_image_difference():
     rng = np.random.default_rng(5)
     ours, difference, inside = [], [], []

@@ -243,6 +243,8 @@ def _ambiguity(correlation: Array, residuals: Array, columns: int) -> float:
     independent = power.sum() ** 2 / (power**2).sum()
     is_peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1)) & (correlation > 0)
     peaks = np.flatnonzero(is_peak)
+    if not len(peaks):  # nothing in common: all rotations are equally likely
+        return columns**2 / 12
     log_likelihood = -independent / 2 * np.log(np.clip(1 - correlation[peaks] ** 2, 1e-12, None))
     probability = np.exp(log_likelihood - log_likelihood.max())
     probability /= probability.sum()
