@@ -16,6 +16,7 @@ The following run one at a time and take options, for example `python -m benchma
     sfm          structure from motion of rendered images; pycolmap. 2 hours, with --quick 5 minutes
     bundle       bundle adjustment of 200 poses and 50,000 points; pycolmap. 1 minute
     places       retrieval of rendered images and of a robot's route. 10 minutes, with --quick 2
+    compass      headings on a robot's route and of rendered panoramas. 2 minutes, with --quick 1
     rigs         calibration of rendered rigs; OpenCV. 2 minutes
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
@@ -50,6 +51,7 @@ EVALUATIONS = (
     "sfm",
     "bundle",
     "places",
+    "compass",
     "rigs",
     "stereo",
     "stitch",

@@ -35,6 +35,10 @@ from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as Cali
 from omnisight.pipeline.calibration import Calibration as Calibration
 from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
+from omnisight.pipeline.compass import CompassResult as CompassResult
+from omnisight.pipeline.compass import compass as compass
+from omnisight.pipeline.compass import compass_rotation as compass_rotation
+from omnisight.pipeline.compass_options import CompassOptions as CompassOptions
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert import convert as convert
 from omnisight.pipeline.convert_rig import convert_rig as convert_rig
@@ -78,6 +82,7 @@ from omnisight.pipeline.visual_map import write_map as write_map
 from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
 from omnisight.places import similar_pairs as similar_pairs
+from omnisight.places.panorama_rotation import CompassRotation as CompassRotation
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction

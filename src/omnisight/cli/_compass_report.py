@@ -1,0 +1,43 @@
+"""Report of `omnisight compass`."""
+
+import json
+
+import numpy as np
+
+from omnisight.pipeline.compass import CompassResult
+
+
+def print_json(result: CompassResult) -> None:
+    """Print the result as one JSON object."""
+    data = {
+        "headings": [
+            {
+                "name": each.name,
+                "nearest": each.nearest,
+                "heading_deg": each.heading_deg,
+                "sigma_deg": each.sigma_deg,
+                "similarity": each.similarity,
+            }
+            for each in result.headings
+        ],
+        "references": result.references,
+        "failed": result.failed,
+        "reason": result.reason,
+    }
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_report(result: CompassResult) -> None:
+    """Print a table of the headings, and the images that have none."""
+    names = max(5, *(len(each.name) for each in result.headings))
+    nearest = max(7, *(len(each.nearest) for each in result.headings))
+    print(f"{'image':<{names}}  {'nearest':<{nearest}}  heading  sigma  similarity")
+    for each in result.headings:
+        print(
+            f"{each.name:<{names}}  {each.nearest:<{nearest}}  {each.heading_deg:+6.1f}°  {each.sigma_deg:4.1f}°"
+            f"  {each.similarity:10.2f}"
+        )
+    for reason in result.failed.values():
+        print(f"left out  {reason}")
+    sigma = float(np.median([each.sigma_deg for each in result.headings]))
+    print(f"headings  {len(result.headings)}, {result.references} references, ± {sigma:.2f}° (1σ, median)")

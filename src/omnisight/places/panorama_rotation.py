@@ -1,0 +1,253 @@
+"""Rotation between two panoramas about the vertical axis, from their appearance."""
+
+from functools import cached_property
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.stats import rankdata
+
+Array = NDArray[np.float64]
+
+# Samples of the correlation per column: its maximum is then within the basin of the refinement.
+OVERSAMPLING = 4
+MAX_ITERATIONS = 20
+# Steps of the rotation below this, columns, are far below its standard deviation.
+STEP_COLUMNS = 1e-5
+MAX_HALVINGS = 5
+# Sectors of the panorama whose errors are regarded as independent.
+SECTORS = 12
+# Standard deviation of the smoothing before a first refinement. It widens the basin to the displacement of columns by a
+# translation of a quarter of the distance of the surroundings.
+SMOOTHING_RAD = 0.25
+# Error of the rotation relative to the displacement of columns by a translation, because the surroundings are not at
+# equal distance: 0.07 to 0.13 (68 %) in rendered rooms and streets, 0.12 to 0.16 outdoors.
+DISPLACEMENT_ERROR = 0.12
+
+
+class CompassRotation(NamedTuple):
+    """Rotation of a panorama from another one.
+
+    Attributes
+    ----------
+    yaw_deg
+        Heading of the second image minus that of the first, within -180 to 180; positive is clockwise from above.
+    sigma_deg
+        Standard deviation of `yaw_deg`. It includes the probability of other maxima of the correlation.
+    similarity
+        Correlation coefficient of the panoramas after the rotation, at most 1.
+    """
+
+    yaw_deg: float
+    sigma_deg: float
+    similarity: float
+
+    def deviation(self, b_from_a: Array, level_from_camera: Array | None = None) -> float:
+        """Return the difference from a rotation of bearings, in standard deviations.
+
+        Parameters
+        ----------
+        b_from_a
+            (3, 3) rotation of bearings from the first camera to the second, such as that of visual odometry. Only its
+            part about the vertical axis is compared.
+        level_from_camera
+            (3, 3) rotation of bearings from the camera to a level frame (y down), see `look`; identity by default.
+        """
+        level = np.eye(3) if level_from_camera is None else np.asarray(level_from_camera, float)
+        a_from_b = level @ np.asarray(b_from_a, float).T @ level.T
+        yaw = np.arctan2(a_from_b[0, 2] - a_from_b[2, 0], a_from_b[0, 0] + a_from_b[2, 2])
+        return abs(wrap_deg(float(np.degrees(yaw)) - self.yaw_deg)) / max(self.sigma_deg, np.finfo(float).tiny)
+
+
+class _Fit(NamedTuple):
+    """Parameters (3,), columns: rotation and displacement; residuals (H, W) and Jacobian (3, H, W)."""
+
+    parameters: Array
+    residuals: Array
+    jacobian: Array
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squared residuals, 1 without any similarity."""
+        return float((self.residuals**2).sum())
+
+
+class PanoramaSignature:
+    """Appearance of a panorama without its brightness and contrast.
+
+    Gray values are replaced by their ranks, so that any increasing function of the gray values changes nothing. The
+    mean of each row, which does not depend on the heading, is subtracted.
+
+    Attributes
+    ----------
+    values
+        (H, W), of norm 1; zero if the panorama is uniform along its rows.
+    """
+
+    def __init__(self, gray: NDArray[np.generic], row_weights: Array | None = None) -> None:
+        ranks = rankdata(gray).reshape(gray.shape)
+        values = ranks - ranks.mean(axis=1, keepdims=True)
+        self.values = _normalized(values if row_weights is None else values * np.sqrt(row_weights)[:, None])
+
+    @classmethod
+    def of(cls, values: Array) -> Self:
+        """Return the signature with values (H, W), which are normalized."""
+        signature = cls.__new__(cls)
+        signature.values = _normalized(values)
+        return signature
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether nothing in the panorama depends on the heading."""
+        return not self.values.any()
+
+    @cached_property
+    def spectrum(self) -> NDArray[np.complex64]:
+        """Fourier transforms (H, F) of the rows."""
+        return np.fft.rfft(self.values, axis=1).astype(np.complex64)
+
+    @cached_property
+    def smoothed(self) -> Self:
+        """The signature of the panorama smoothed along its rows."""
+        columns = self.values.shape[1]
+        gain = np.exp(-((np.arange(columns // 2 + 1) * SMOOTHING_RAD) ** 2) / 2)
+        values = np.fft.irfft(np.fft.rfft(self.values, axis=1) * gain, n=columns, axis=1)
+        return self.of(values)
+
+    @cached_property
+    def rows(self) -> CubicSpline:
+        """Periodic cubic splines of the rows."""
+        closed = np.concatenate([self.values, self.values[:, :1]], axis=1)
+        return CubicSpline(np.arange(closed.shape[1]), closed.T, bc_type="periodic")
+
+
+def _normalized(values: Array) -> Array:
+    """Return an array divided by its norm, if that is not zero."""
+    norm = float(np.linalg.norm(values))
+    return values / norm if norm > 0 else values
+
+
+def correlations(query: PanoramaSignature, spectra: NDArray[np.complex64]) -> Array:
+    """Return the correlation coefficients (N, OVERSAMPLING W) of a panorama with others after every rotation.
+
+    Parameters
+    ----------
+    query
+        The panorama.
+    spectra
+        (N, H, F) spectra of the others.
+    """
+    products = np.einsum("hf,nhf->nf", query.spectrum.conj(), spectra)
+    columns = query.values.shape[1]
+    products[:, columns // 2 + 1 :] = 0
+    return OVERSAMPLING * np.fft.irfft(products, n=OVERSAMPLING * columns, axis=1)
+
+
+def estimate_rotation(
+    query: PanoramaSignature, reference: PanoramaSignature, correlation: Array | None = None
+) -> CompassRotation:
+    """Estimate the rotation of a panorama from a reference.
+
+    The maximum of the circular correlation is refined together with the displacement of the columns that a translation
+    causes: its first harmonic, exact to first order for surroundings at equal distance (M. O. Franz et al., Where did I
+    take that snapshot?, Biological Cybernetics 79, 1998). The variance is that of least squares with residuals that are
+    correlated within sectors (K.-Y. Liang and S. L. Zeger, 1986), plus those of unequal distances and of other maxima.
+
+    Parameters
+    ----------
+    query, reference
+        Panoramas of the same size whose columns cover 360 degrees clockwise.
+    correlation
+        The result of `correlations`, if it is known.
+
+    Returns
+    -------
+    The rotation from the reference to the query.
+    """
+    found = correlations(query, reference.spectrum[None])[0] if correlation is None else correlation
+    columns = query.values.shape[1]
+    start = np.array([found.argmax() / OVERSAMPLING, 0.0, 0.0])
+    coarse = _refine(query.smoothed.values, reference.smoothed, start).parameters
+    fits = [_refine(query.values, reference, each) for each in (start, coarse)]
+    best = min(fits, key=lambda fit: fit.cost)
+    displacement = float(np.hypot(*best.parameters[1:]))
+    variance = _variance(best) + (DISPLACEMENT_ERROR * displacement) ** 2 + _ambiguity(found, best.residuals, columns)
+    degrees = 360.0 / columns
+    similarity = float(np.sqrt(max(0.0, 1.0 - best.cost)))
+    return CompassRotation(
+        wrap_deg(float(best.parameters[0]) * degrees), float(np.sqrt(variance)) * degrees, similarity
+    )
+
+
+def wrap_deg(angle: float) -> float:
+    """Return an angle within [-180, 180)."""
+    return (angle + 180.0) % 360.0 - 180.0
+
+
+def _refine(query: Array, reference: PanoramaSignature, start: Array) -> _Fit:
+    """Minimize the difference of a panorama (H, W) from a reference by Gauss-Newton, from initial parameters (3,)."""
+    columns = query.shape[1]
+    azimuth = 2 * np.pi * np.arange(columns) / columns
+    basis = np.stack([np.ones(columns), np.sin(azimuth), np.cos(azimuth)])
+
+    def evaluate(parameters: Array) -> tuple[Array, Array]:
+        positions = (np.arange(columns) + parameters @ basis) % columns
+        values, slopes = reference.rows(positions).T, reference.rows(positions, 1).T
+        norm = max(float((values**2).sum()), np.finfo(float).tiny)
+        gain = (values * query).sum() / norm
+        jacobian = gain * slopes * basis[:, None]
+        # The gain is eliminated: only the part of the slopes that is orthogonal to the values changes the residuals.
+        jacobian -= (jacobian * values).sum((1, 2), keepdims=True) * values / norm
+        return query - gain * values, jacobian
+
+    parameters = start
+    residuals, jacobian = evaluate(parameters)
+    for _ in range(MAX_ITERATIONS):
+        flat = jacobian.reshape(len(parameters), -1)
+        step = np.linalg.lstsq(flat @ flat.T, flat @ residuals.ravel(), rcond=None)[0]
+        for halving in range(MAX_HALVINGS):
+            candidate = parameters + step / 2**halving
+            tried = evaluate(candidate)
+            if (tried[0] ** 2).sum() < (residuals**2).sum():
+                parameters, (residuals, jacobian) = candidate, tried
+                break
+        else:
+            break
+        if np.abs(step).max() < STEP_COLUMNS:
+            break
+    return _Fit(parameters, residuals, jacobian)
+
+
+def _variance(fit: _Fit) -> float:
+    """Return the variance of the rotation, columns squared, for residuals that are correlated within sectors."""
+    count = len(fit.parameters)
+    scores = np.einsum("ahw,hw->wa", fit.jacobian, fit.residuals)
+    flat = fit.jacobian.reshape(count, -1)
+    influence = scores @ np.linalg.pinv(flat @ flat.T)[0]  # of each column on the rotation
+    edges = np.linspace(0, len(influence), min(SECTORS, len(influence)) + 1).astype(int)[:-1]
+    # Every start of the sectors is equally good.
+    totals = [np.add.reduceat(np.roll(influence, k), edges) for k in range(int(np.diff(edges).max(initial=1)))]
+    return float(np.mean(np.square(totals)) * len(edges) * len(edges) / (len(edges) - count))
+
+
+def _ambiguity(correlation: Array, residuals: Array, columns: int) -> float:
+    """Return the variance of the rotation, columns squared, because another maximum may be the right one.
+
+    The likelihood of a maximum with the correlation c is (1 - c²)^(-N/2), where N is the number of independent
+    residuals: with the power spectrum S, (sum S)² / sum S².
+    """
+    power = np.abs(np.fft.fft2(residuals)) ** 2
+    if not power.any():
+        return 0.0
+    independent = power.sum() ** 2 / (power**2).sum()
+    is_peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1)) & (correlation > 0)
+    peaks = np.flatnonzero(is_peak)
+    if not len(peaks):  # nothing in common: all rotations are equally likely
+        return columns**2 / 12
+    log_likelihood = -independent / 2 * np.log(np.clip(1 - correlation[peaks] ** 2, 1e-12, None))
+    probability = np.exp(log_likelihood - log_likelihood.max())
+    probability /= probability.sum()
+    offsets = (peaks - correlation.argmax()) / OVERSAMPLING
+    offsets -= columns * np.round(offsets / columns)
+    return float((probability * offsets**2).sum())
