@@ -19,6 +19,8 @@ from omnisight.geometry.pose import Pose as Pose
 from omnisight.geometry.rotation import look as look
 from omnisight.images import read_image as read_image
 from omnisight.images import write_image as write_image
+from omnisight.localization.visual_map import LocalizedImage as LocalizedImage
+from omnisight.localization.visual_map import VisualMap as VisualMap
 from omnisight.models import CameraModel as CameraModel
 from omnisight.models import Projector as Projector
 from omnisight.models import model_class as model_class
@@ -92,8 +94,6 @@ from omnisight.report import write_report as write_report
 from omnisight.report import write_rig_report as write_rig_report
 from omnisight.report import write_viewer as write_viewer
 from omnisight.rig import Rig as Rig
-from omnisight.sfm.localization import LocalizedImage as LocalizedImage
-from omnisight.sfm.localization import VisualMap as VisualMap
 from omnisight.sfm.reconstruction import Reconstruction as Reconstruction
 from omnisight.targets import Checkerboard as Checkerboard
 from omnisight.targets import Detection as Detection

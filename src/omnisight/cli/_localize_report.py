@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from omnisight.cli._console import console
+from omnisight.localization.visual_map import LocalizedImage, VisualMap
 from omnisight.pipeline.reconstruct import ReconstructionResult
-from omnisight.sfm.localization import LocalizedImage, VisualMap
 
 
 def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None:

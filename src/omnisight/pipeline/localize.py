@@ -5,13 +5,13 @@ from os import PathLike
 
 from omnisight.features import FeatureOptions, detect_features
 from omnisight.images import read_image, read_mask
+from omnisight.localization.visual_map import LocalizedImage, VisualMap
+from omnisight.localization.visual_map import localize as localize_keypoints
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.detected_images import Progress
 from omnisight.pipeline.image_set import image_set
 from omnisight.pipeline.localize_options import LocalizeOptions
 from omnisight.pipeline.visual_map import read_map
-from omnisight.sfm.localization import LocalizedImage, VisualMap
-from omnisight.sfm.localization import localize as localize_keypoints
 
 
 def localize(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import write_bytes
+from omnisight.localization.visual_map import VisualMap
 from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.detected_images import Progress, detect_images
 from omnisight.pipeline.image_set import image_set
@@ -17,7 +18,6 @@ from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.reconstruct import ReconstructionResult, reconstruct
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.reconstructions import read_reconstruction, write_reconstruction
-from omnisight.sfm.localization import VisualMap
 
 FILE = "descriptors.npy"
 # Steps of one component of a unit SIFT descriptor: its entries are at most about 0.5, and 8 bits lose 0.1 % of it.

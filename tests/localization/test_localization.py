@@ -5,8 +5,8 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry import rotation as so3
+from omnisight.localization.visual_map import match_points
 from omnisight.pipeline.visual_map import FILE
-from omnisight.sfm.localization import match_points
 from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
 from omnisight.views import sphere
 
@@ -57,7 +57,7 @@ def seen_from(pose, points, rng, ids, wrong=0.0):
 
 
 def localized(keypoints, visual_map):
-    from omnisight.sfm.localization import localize
+    from omnisight.localization.visual_map import localize
 
     return localize(keypoints, visual_map)
 

@@ -1,0 +1,1 @@
+"""Poses of images in a map that was made from other images."""
