@@ -177,3 +177,18 @@ def test_wrong_input_is_refused_with_the_value(tmp_path):
         (tmp_path / "times.csv").write_text(text)
         with pytest.raises(ValueError, match=message):
             om.calibrate_rig(observations, dataclasses.replace(FISHEYE, times=tmp_path / "times.csv"))
+
+
+def test_exchanged_folders_of_known_cameras_are_recognized(tmp_path):
+    true = rig_scene("stereo", 6)
+    wide = dataclasses.replace(true.rig.cameras[1].model, fx=380.0, fy=380.0)
+    rig = dataclasses.replace(true.rig, cameras=(true.rig.cameras[0], om.Camera(wide, (960, 720), theta_max=1.3)))
+    observations = dataclasses.replace(true, rig=rig).observe(np.random.default_rng(3), outliers=0.0)
+    files = {name: tmp_path / f"{name}.json" for name in rig.names}
+    for name, camera in zip(rig.names, rig.cameras, strict=True):
+        om.save(camera, files[name])
+    options = om.CalibrateRigOptions(camera=tuple(f"{name}={file}" for name, file in files.items()))
+    assert om.calibrate_rig(observations, options).rms < 0.5
+    exchanged = {"left": observations["right"], "right": observations["left"]}
+    with pytest.raises(ValueError, match=r"the images of left fit the camera file of right better .*exchanged"):
+        om.calibrate_rig(exchanged, options)

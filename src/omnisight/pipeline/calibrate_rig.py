@@ -20,7 +20,7 @@ from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.options import check_options
 from omnisight.pipeline.provenance import tool_provenance
 from omnisight.pipeline.rig_calibration import RigCalibration, pair_evidence
-from omnisight.pipeline.rig_cameras import RigCamera, rig_camera
+from omnisight.pipeline.rig_cameras import RigCamera, check_not_exchanged, rig_camera
 from omnisight.pipeline.rig_sources import RigSources, named_sources, with_common_frames
 from omnisight.pipeline.simultaneous_views import SimultaneousViews, read_times, simultaneous_views
 from omnisight.rig import Rig
@@ -60,6 +60,7 @@ def calibrate_rig(
     named = with_common_frames(_with_reference_first(named_sources(sources), options), options, report)
     _check_names(named, options)
     cameras = [rig_camera(name, source, options, report) for name, source in named.items()]
+    check_not_exchanged(cameras)
     alone = time.perf_counter()
     observations, simultaneous = rig_observations(cameras, options)
     report("refine rig", 0, 1)

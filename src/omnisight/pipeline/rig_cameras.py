@@ -1,6 +1,6 @@
 """The cameras of a rig, each calibrated alone or known from a file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,10 @@ from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+
+# Ratio of the residuals of two cameras on the same images below which the better one is theirs: the residuals of one
+# camera differ less between its own calibrations.
+EXCHANGED_RATIO = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,3 +132,25 @@ def _dropped(observations: Observations, options: CalibrateRigOptions) -> Observ
     """Return the observations without the images to drop that this camera has."""
     known = observations.image_names or observations.names
     return drop_images(observations, [name for name in options.drop if name in known])
+
+
+def check_not_exchanged(cameras: Sequence[RigCamera]) -> None:
+    """Check that no known camera fits the images of another one better than its own.
+
+    Raises
+    ------
+    ValueError
+        If two folders or two camera files seem to be exchanged.
+    """
+    known = [camera for camera in cameras if camera.calibration is None]
+    for own in known:
+        for other in known:
+            if other is own or other.observations.size != own.observations.size:
+                continue
+            lengths = evaluate_camera(other.camera, own.observations).lengths
+            rms = float(np.sqrt(np.nanmean(lengths**2)))
+            if rms < EXCHANGED_RATIO * own.rms:
+                raise ValueError(
+                    f"the images of {own.name} fit the camera file of {other.name} better than that of {own.name}"
+                    f" ({rms:.2f} and {own.rms:.2f} px): are the folders exchanged?"
+                )
