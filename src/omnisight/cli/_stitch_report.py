@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.pipeline.stitch import StitchResult
+from omnisight.sfm.head_result import HeadCalibration
 
 
 def print_json(result: StitchResult) -> None:
@@ -26,6 +27,7 @@ def print_json(result: StitchResult) -> None:
         "rotation_xyzw": [_quaternion(pose.rotation) for pose in result.rig.sensor_from_rig],
         "rotation_sigma_deg": None if result.head is None else _number(result.head.rotation_sigma_deg),
         "lenses": [camera.model.to_dict() for camera in result.rig.cameras],
+        "lens_sigmas": [] if result.head is None else _lens_sigmas(result.head),
         "agreement": [] if result.head is None else [vars(frame) for frame in result.head.frames],
         "distance": None if math.isinf(result.distance) else result.distance,
         "vertical_tilt_deg": None if result.vertical is None else _number(result.vertical.tilt_deg),
@@ -41,9 +43,10 @@ def print_json(result: StitchResult) -> None:
 def print_report(result: StitchResult, output: Path, save_rig: Path | None) -> None:
     """Print lenses, rotation, seams and the files written."""
     head, worst = result.head, _worst(result)
-    for name, camera in zip(result.rig.names, result.rig.cameras, strict=True):
+    lenses = [""] * len(result.rig) if head is None else [_focal_length(head, k) for k in range(2)]
+    for name, camera, focal in zip(result.rig.names, result.rig.cameras, lenses, strict=True):
         width, height = camera.size
-        print(f"lens       {name}: {camera.model.name}, {width}x{height}")
+        print(f"lens       {name}: {camera.model.name}, {width}x{height}{focal}")
     if head is not None:
         print(
             f"rotation   {_angle(head.rotation):.2f}° ± {head.rotation_sigma_deg:.2f}°"
@@ -88,3 +91,19 @@ def _quaternion(rotation: Any) -> list[float]:
     from scipy.spatial.transform import Rotation  # imported on use: scipy is slow to import
 
     return [round(float(x), 8) for x in Rotation.from_matrix(rotation).as_quat(canonical=True)]
+
+
+def _focal_length(head: HeadCalibration, lens: int) -> str:
+    """Return the estimated focal length of a lens, for the report."""
+    focal, sigma = head.cameras[lens].model.to_dict()["fx"], _lens_sigmas(head)[lens]["fx"]
+    return f", focal length {focal:.0f} ± {sigma or 0:.2g} px"
+
+
+def _lens_sigmas(head: HeadCalibration) -> list[dict[str, float | None]]:
+    """Return the standard deviations of the focal length (px), k1 and k2 of both lenses."""
+    sigmas = np.sqrt(np.diagonal(head.covariance))
+    found = list[dict[str, float | None]]()
+    for k, camera in enumerate(head.cameras):
+        focal, k1, k2 = sigmas[5 * k : 5 * k + 3]
+        found.append({"fx": _number(focal * camera.model.to_dict()["fx"]), "k1": _number(k1), "k2": _number(k2)})
+    return found

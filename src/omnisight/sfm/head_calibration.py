@@ -18,7 +18,7 @@ from omnisight.geometry import rotation as so3
 from omnisight.images import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.sfm.head_matches import OverlapMatches, best_rotation, detect_in_lenses, match_frames, match_overlap
-from omnisight.sfm.head_problem import K1_MEAN, HeadProblem, lens_bearings, shifted
+from omnisight.sfm.head_problem import K1_MEAN, K1_SIGMA, K2_SIGMA, LENS_PARAMETERS, HeadProblem, lens_bearings, shifted
 from omnisight.sfm.head_result import FrameAgreement, HeadCalibration
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import estimate_relative_pose
@@ -125,10 +125,26 @@ def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
 
 
 def _covariance(problem: HeadProblem, x: Array) -> Array:
-    """Return the inverse of the normal equations at the solution."""
+    """Return the covariance at the solution: the inverse of the normal equations.
+
+    The overlap of a head at rest does not determine the profile of the lenses, only the radius of 90 degrees: what its
+    matches seem to tell about the profile is mostly parallax, so that the focal lengths from single frames of a real
+    head differed by four standard deviations. Without motions, the variance of the prior is therefore added along the
+    changes of the profile, of both lenses alike, that keep this radius.
+    """
     scales, base = _scales(problem) * 1e-4, problem.residuals(x)
     jacobian = np.stack([(problem.residuals(x + step) - base) / step.sum() for step in np.diag(scales)], -1)
-    return np.linalg.inv(jacobian.T @ jacobian)
+    covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), float)
+    if problem.motions:
+        return covariance
+    theta, power = np.pi / 2, np.array([3.0, 5.0])  # r = f (theta + k1 theta^3 + k2 theta^5)
+    changes = np.zeros((2, problem.size))
+    for lens, camera in enumerate(problem.cameras(x)):
+        values = camera.model.to_dict()
+        radius = theta + values["k1"] * theta**3 + values["k2"] * theta**5
+        changes[:, LENS_PARAMETERS * lens] = -(theta**power) / radius
+        changes[:, LENS_PARAMETERS * lens + 1 : LENS_PARAMETERS * lens + 3] = np.eye(2)
+    return covariance + changes.T @ np.diag([K1_SIGMA**2, K2_SIGMA**2]) @ changes
 
 
 def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[FrameAgreement, ...]:
