@@ -46,6 +46,13 @@ def test_two_cameras_of_one_name_are_refused(tmp_path):
         named_sources([str(tmp_path / "a/cam"), str(tmp_path / "b/cam")])
 
 
+def test_patterns_that_the_shell_has_expanded_are_refused(tmp_path):
+    for name in ("left1.jpg", "left2.jpg"):
+        om.write_image(tmp_path / name, np.zeros((8, 8), np.uint8))
+    with pytest.raises(ValueError, match=r"left1.jpg: one image; specify a folder, a clip or a pattern in quotes"):
+        named_sources([str(tmp_path / "left1.jpg"), str(tmp_path / "left2.jpg")])
+
+
 @pytest.mark.parametrize(
     ("left", "right", "rule", "shared"),
     [

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.calibration.frame_selection import select_frames, write_frames
-from omnisight.images import VIDEO_SUFFIXES
+from omnisight.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 
 Progress = Callable[[str, int, int], None]
@@ -22,12 +22,17 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
     Raises
     ------
     ValueError
-        If there are fewer than two cameras, or two have the same name.
+        If there are fewer than two cameras, two have the same name, or one is a single image.
     """
     if isinstance(sources, Mapping):
         named = dict(sources)
     else:
         items = [str(item) for item in sources]
+        if single := [item for item in items if Path(item).suffix.lower() in IMAGE_SUFFIXES and Path(item).is_file()]:
+            raise ValueError(
+                f"{single[0]}: one image; specify a folder, a clip or a pattern in quotes for each camera, such as"
+                " 'left*.jpg' 'right*.jpg'"
+            )
         pairs = [_named(item) for item in items]
         if repeated := [name for i, (name, _) in enumerate(pairs) if name in [n for n, _ in pairs[:i]]]:
             raise ValueError(f"two cameras are named {repeated[0]}: specify names, such as {repeated[0]}2={items[-1]}")
