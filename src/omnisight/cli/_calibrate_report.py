@@ -15,6 +15,7 @@ from omnisight.pipeline.detection_advice import describe_image_outliers
 from omnisight.quality.coverage import side_name
 from omnisight.quality.evidence import Level
 from omnisight.quality.noncentral_test import NonCentralityTest
+from omnisight.quality.verdict import Verdict
 from omnisight.targets import Checkerboard
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def print_report(calibration: Calibration, written: SaveResult | None, *, verbos
     _print_row(out, "accuracy", _accuracy_summary(calibration))
     if verbose:
         _print_details(out, calibration, rows)
-    _print_verdict(out, calibration, verbose)
+    print_verdict(out, calibration.verdict, verbose)
     _print_row(out, "written", str(written.path) if written else "nothing")
 
 
@@ -185,8 +186,8 @@ def _print_central_error(out: "Console", test: NonCentralityTest) -> None:
     out.print(table)
 
 
-def _print_verdict(out: "Console", calibration: Calibration, verbose: bool) -> None:
-    verdict = calibration.verdict
+def print_verdict(out: "Console", verdict: Verdict, verbose: bool) -> None:
+    """Print a verdict and its first reasons; with `verbose` all of them."""
     out.print(f"{'verdict':<10}", end="")
     out.print(str(verdict).upper(), style=STYLES[verdict.level])
     reasons = verdict.reasons if verbose else verdict.reasons[:MAX_REASONS]

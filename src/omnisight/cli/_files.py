@@ -32,3 +32,13 @@ def check_camera_suffix(output: Path) -> None:
             f"{output}: the camera is written as .json; name it {json}, and convert it afterwards: omnisight convert"
             f" {json} --to NAME -o {output.name}"
         )
+
+
+def check_calibration_outputs(output: Path | None, report: Path | None, subject: str) -> list[Path]:
+    """Return the files of a calibration, of a camera or a rig (`subject`); raise before any work if one is wrong."""
+    files = [file for file in (output, report) if file is not None]
+    for file in files:
+        must_be_writable(file)
+    if len({file.resolve() for file in files}) < len(files):
+        raise ValueError(f"{output}: specified for both the {subject} and the report; specify two files")
+    return files

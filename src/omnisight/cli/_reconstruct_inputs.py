@@ -3,7 +3,11 @@
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from omnisight.pipeline.options import ReconstructOptions
 
 if TYPE_CHECKING:
     from omnisight.pipeline.work_folder import WorkFolder
@@ -31,3 +35,13 @@ def parse_cameras(values: list[str]) -> str | dict[str, str] | None:
     if unnamed := [value for value, sign, _ in pairs if not sign]:
         raise ValueError(f"--camera {unnamed[0]}: several cameras need names, such as --camera front={unnamed[0]}")
     return {name: file for name, _, file in pairs}
+
+
+def folder_of_images(images: Path, output: Path, options: ReconstructOptions) -> tuple[Path, bool, ReconstructOptions]:
+    """Return the folder or file of the images, whether they must be extracted from a clip, and the options for it."""
+    from omnisight.images import VIDEO_SUFFIXES
+
+    is_clip = images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir()
+    if is_clip and options.pairs == "auto":
+        options = replace(options, pairs="sequential")
+    return (output / "images" if is_clip else images), is_clip, options

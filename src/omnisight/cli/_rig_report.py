@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from omnisight.cli._calibrate_report import MAX_REASONS, STYLES
+from omnisight.cli._calibrate_report import print_verdict
 from omnisight.cli._console import console
 from omnisight.pipeline.rig_calibration import RigCalibration
 
@@ -80,14 +80,7 @@ def print_report(calibration: RigCalibration, written: Path | None, *, verbose: 
     if rig.time_offsets:
         offsets = ", ".join(f"{n} {1e3 * t:+.1f} ms" for n, t in zip(rig.names, rig.time_offsets, strict=True))
         out.print(f"{'time':<10}{offsets}")
-    verdict = calibration.verdict
-    out.print(f"{'verdict':<10}", end="")
-    out.print(str(verdict).upper(), style=STYLES[verdict.level])
-    reasons = verdict.reasons if verbose else verdict.reasons[:MAX_REASONS]
-    for reason in reasons:
-        out.print(f"{'':<10}- {reason}", soft_wrap=True)
-    if len(reasons) < len(verdict.reasons):
-        out.print(f"{'':<10}({len(verdict.reasons) - len(reasons)} more with --verbose)")
+    print_verdict(out, calibration.verdict, verbose)
     if verbose:
         seconds = {name: value for name, value in calibration.seconds.items() if name != "total"}
         out.print(f"{'seconds':<10}" + ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items()))

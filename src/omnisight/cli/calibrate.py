@@ -46,7 +46,7 @@ def calibrate(
         Print all images, tests, remarks and timings.
     """
     from omnisight.cli._calibrate_report import print_json, print_report
-    from omnisight.cli._files import check_camera_suffix, default_output, must_be_writable
+    from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output
     from omnisight.formats import save
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate import calibrate as run
@@ -55,11 +55,7 @@ def calibrate(
 
     if output is None and not json:
         output = default_output("camera.json")
-    files = [file for file in (output, report) if file is not None]
-    for file in files:
-        must_be_writable(file)
-    if len({file.resolve() for file in files}) < len(files):
-        raise ValueError(f"{output}: specified for both the camera and the report; specify two files")
+    files = check_calibration_outputs(output, report, "camera")
     paths = source_paths(images)
     refuse_overwrite(files, [*paths, *([options.target] if options.target else [])])
     if output is not None:

@@ -45,7 +45,7 @@ def calibrate_rig(
     verbose
         Print all reasons and timings.
     """
-    from omnisight.cli._files import check_camera_suffix, default_output, must_be_writable
+    from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output
     from omnisight.cli._rig_report import print_json, print_report
     from omnisight.formats import save
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
@@ -55,11 +55,7 @@ def calibrate_rig(
 
     if output is None and not json:
         output = default_output("rig.json")
-    files = [file for file in (output, report) if file is not None]
-    for file in files:
-        must_be_writable(file)
-    if len({file.resolve() for file in files}) < len(files):
-        raise ValueError(f"{output}: specified for both the rig and the report; specify two files")
+    files = check_calibration_outputs(output, report, "rig")
     paths = {name: source_paths([source]) for name, source in named_sources(cameras).items()}
     refuse_overwrite(files, [path for found in paths.values() for path in found])
     if output is not None:

@@ -1,6 +1,5 @@
 """omnisight map."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -41,18 +40,14 @@ def map(
         Print one JSON object and nothing else.
     """
     from omnisight.cli._localize_report import print_map, print_map_json
-    from omnisight.cli._reconstruct_inputs import WORK, continuing, parse_cameras
-    from omnisight.images import VIDEO_SUFFIXES
+    from omnisight.cli._reconstruct_inputs import WORK, continuing, folder_of_images, parse_cameras
     from omnisight.pipeline.clip_frames import extract_frames
     from omnisight.pipeline.visual_map import build_map, write_map
     from omnisight.pipeline.work_folder import WorkFolder
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
-    is_clip = images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir()
-    if is_clip and options.pairs == "auto":
-        options = replace(options, pairs="sequential")
-    folder = output / "images" if is_clip else images
+    folder, is_clip, options = folder_of_images(images, output, options)
     with continuing(work), progress(quiet or json) as report:
         files = extract_frames(images, folder, options.fps, report) if is_clip else images
         made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)

@@ -1,6 +1,5 @@
 """omnisight reconstruct."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -47,9 +46,8 @@ def reconstruct(
     json
         Print one JSON object and nothing else.
     """
-    from omnisight.cli._reconstruct_inputs import WORK, continuing, parse_cameras
+    from omnisight.cli._reconstruct_inputs import WORK, continuing, folder_of_images, parse_cameras
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
-    from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.clip_frames import extract_frames
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.pipeline.work_folder import WorkFolder
@@ -57,10 +55,7 @@ def reconstruct(
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
-    is_clip = images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir()
-    if is_clip and options.pairs == "auto":
-        options = replace(options, pairs="sequential")
-    folder = output / "images" if is_clip else images
+    folder, is_clip, options = folder_of_images(images, output, options)
     with continuing(work), progress(quiet or json) as report:
         files = extract_frames(images, folder, options.fps, report) if is_clip else images
         result = run(files, parse_cameras(camera or []), rig, options, report, work.folder)

@@ -162,7 +162,6 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
         estimate.problem.motion,
         {name: _pixels_per_radian(sensor[name]) * calibration.sigmas(name)[0] / scale[name] for name in rig.names},
         {name: calibration.camera_rms(name) for name in rig.names},
-        {name: calibration.camera_held_out_rms(name) or float("nan") for name in rig.names},
         {camera.name: camera.rms for camera in calibration.cameras},
         scale,
         rig.unit == "m",

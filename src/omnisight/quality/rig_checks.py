@@ -69,8 +69,8 @@ class RigEvidence:
         Standard deviations of the motion of the board between the exposures; None if it was at rest.
     rotation_sigma_px
         For each camera the projection error due to the uncertainty of its rotation, px at an image width of 1000.
-    rms, held_out_rms, alone_rms
-        Root mean square residual of each camera in the rig, held out, and calibrated alone.
+    rms, alone_rms
+        Root mean square residual of each camera in the rig, and calibrated alone.
     px_scale
         For each camera the size of a pixel at an image width of 1000.
     is_metric
@@ -84,7 +84,6 @@ class RigEvidence:
     motion: BoardMotion | None
     rotation_sigma_px: Mapping[str, float]
     rms: Mapping[str, float]
-    held_out_rms: Mapping[str, float]
     alone_rms: Mapping[str, float]
     px_scale: Mapping[str, float]
     is_metric: bool

@@ -38,18 +38,12 @@ class InitialRig:
         Cameras, extrinsics and board poses.
     consistent
         For each part (V,) the views that agree with the extrinsics.
-    pairs
-        Relative poses by pair of cameras (a, b), a < b, that observe a board together.
-    tree
-        Pairs that connect the cameras.
     """
 
     observations: RigObservations
     states: tuple[State, ...]
     state: RigState
     consistent: tuple[Bools, ...]
-    pairs: Mapping[Pair, RelativePose]
-    tree: tuple[Pair, ...]
 
 
 def relative_poses(
@@ -156,7 +150,7 @@ def initial_rig(
         np.zeros(len(observations.names)),
         np.zeros((len(observations.groups), 6)),
     )
-    return InitialRig(observations, tuple(turned_states), state, consistent, pairs, tuple(tree))
+    return InitialRig(observations, tuple(turned_states), state, consistent)
 
 
 def _turned_state(state: State, part: RigPart, views: Bools) -> State:
