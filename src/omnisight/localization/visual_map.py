@@ -212,6 +212,6 @@ def _seen_covariance(found: AbsolutePose, points: Array, covariance: Array) -> A
 
 
 def _keypoints(descriptors: NDArray[np.float32]) -> Keypoints:
-    """Return keypoints of which only the descriptors are known."""
+    """Return keypoints with descriptors only."""
     count = len(descriptors)
     return Keypoints(np.zeros((count, 2)), np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros(count), descriptors)

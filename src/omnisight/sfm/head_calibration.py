@@ -128,7 +128,7 @@ def _covariance(problem: HeadProblem, x: Array) -> Array:
     """Return the covariance at the solution: the inverse of the normal equations.
 
     The overlap of a head at rest does not determine the profile of the lenses, only the radius of 90 degrees: what its
-    matches seem to tell about the profile is mostly parallax, so that the focal lengths from single frames of a real
+    matches seem to determine of the profile is mostly parallax, so that the focal lengths from single frames of a real
     head differed by four standard deviations. Without motions, the variance of the prior is therefore added along the
     changes of the profile, of both lenses alike, that keep this radius.
     """

@@ -166,7 +166,7 @@ def _by_sensor(state: RigState, camera: int, group: int) -> Array:
 
 
 def scatter(all_deviations: list[Deviations]) -> float:
-    """Return the robust factor by which squared deviations exceed what corner noise explains; at least 1.
+    """Return the robust ratio of squared deviations to those of corner noise; at least 1.
 
     Errors of the corners of one image are correlated: a flexing board and blur move many of them together.
     """

@@ -26,7 +26,7 @@ class RigCovariance:
     cameras
         For each camera (P, P) that of its parameters.
     inflation
-        Factor of the variance by which the scatter between images exceeds corner noise, contained in the others.
+        Ratio of the variance of the estimates to that due to corner noise, contained in the others.
     """
 
     shared: Array

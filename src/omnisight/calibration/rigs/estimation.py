@@ -72,7 +72,7 @@ class RigEstimate:
     deviations
         Deviation of each view of cameras that observe boards together.
     inflation
-        Factor by which squared deviations exceed corner noise.
+        Ratio of squared deviations to those of corner noise.
     move
         A camera that moved between two images, if any did.
     """

@@ -32,7 +32,7 @@ class HandEye:
     board_a_from_board_b
         Relative pose of the boards.
     angles
-        (I,) angle of the rotation by which each image contradicts the solution, radians.
+        (I,) angle between the relation of the boards in each image and the solution, radians.
     """
 
     b_from_a: Pose

@@ -17,8 +17,8 @@ from omnisight.calibration.rigs.relative_poses import (
 from omnisight.calibration.state import State
 from omnisight.geometry.pose import Pose
 
-# Angle (radians) by which the poses of two boards contradict their relation at least and at most, without and with
-# doubt: that of one board is known to about a degree.
+# Angles (radians) between the relation of two boards and that in one image, below which the image always agrees, and
+# above which it never does: the pose of one board is known to about a degree.
 MIN_ANGLE_RAD, MAX_ANGLE_RAD = np.radians(1.0), np.radians(3.0)
 
 

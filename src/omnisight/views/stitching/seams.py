@@ -11,7 +11,7 @@ from omnisight.views.stitching.sampling import PolarGrid
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Rows by which a seam can move per column: 60 degrees of slope.
+# Rows that a seam can move per column: 60 degrees of slope.
 MAX_STEP_ROWS = 2
 # Cost of pixels that only one image shows: the seam crosses them only where there is no overlap.
 NO_OVERLAP_COST = 1000.0
