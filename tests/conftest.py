@@ -6,6 +6,7 @@ import os
 # time. Both variables are read when numpy and OpenCV are imported, and subprocesses inherit them.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+os.environ["LC_ALL"] = "C.UTF-8"  # the locale decides between A4 and Letter
 
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor

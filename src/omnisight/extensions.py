@@ -2,6 +2,9 @@
 
 import importlib
 import pkgutil
+import reprlib
+from collections.abc import Iterable
+from difflib import get_close_matches
 from functools import cache
 from types import ModuleType
 from typing import TypeVar
@@ -25,8 +28,16 @@ def module_in(package: str, name: str, what: str) -> ModuleType:
         If there is no such file; the message lists the available names.
     """
     if name not in names_in(package):
-        raise ValueError(f"unknown {what} {name!r}; there are: {', '.join(names_in(package))}")
+        raise ValueError(unknown_name(what, name, names_in(package)))
     return importlib.import_module(f"{package}.{name}")
+
+
+def unknown_name(what: str, name: object, names: Iterable[str]) -> str:
+    """Return the message that there is no `what` of a name, with the closest name and all of them."""
+    known = list(names)
+    closest = get_close_matches(str(name)[:80].lower(), known, n=1)
+    hint = f" (did you mean {closest[0]}?)" if closest else ""
+    return f"unknown {what} {reprlib.repr(name)}{hint}; there are: {', '.join(known)}"
 
 
 def class_in(package: str, name: str, kind: type[Kind], what: str) -> type[Kind]:

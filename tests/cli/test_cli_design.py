@@ -182,7 +182,7 @@ def test_view_unrolls_an_image_of_the_designed_camera(design, run, tmp_path):
         ),
         (
             ("--kind", "round"),
-            "unknown kind of mirror 'round'; choose one of: hyperbolic, parabolic, spherical, conical",
+            "unknown kind of mirror 'round'; there are: hyperbolic, parabolic, spherical, conical",
         ),
         (
             ("--kind", "conical", "--focal", "8mm"),

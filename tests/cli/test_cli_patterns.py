@@ -10,11 +10,12 @@ from drawn import POSES, shot
 from omnisight.images import write_image
 
 
-def test_columns_and_rows_may_be_swapped(run, shots):
-    straight, swapped = (
-        json.loads(run("calibrate", shots, "--pattern", p, "--model", "equidistant", "--json")[1])
-        for p in ("9x6", "6x9")
+def test_columns_and_rows_may_be_swapped_and_squares_counted(run, shots):
+    straight, swapped, squares = (
+        json.loads(run("calibrate", shots, *board, "--model", "equidistant", "--json")[1])
+        for board in (("--pattern", "9x6"), ("--pattern", "6x9"), ("--squares", "10x7"))
     )
+    assert squares["rms"] == straight["rms"]
     assert swapped["rms"] == pytest.approx(straight["rms"], rel=1e-3)
     assert [image["found"] for image in swapped["images"]] == [True] * 6
 
@@ -39,11 +40,16 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, 
             ("--pattern", "9"),
             "cannot read the pattern '9': expected COLUMNSxROWS, inner corners of a checkerboard",
         ),
+        (("--pattern", "9x6", "--squares", "10x7"), "specify either --pattern, the inner corners, or --squares"),
+        (("--target", "board.json", "--squares", "10x7"), "specify either --target or --pattern and --square"),
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
         (("--square", "30"), "the length '30' has no unit: write 30mm for millimetres"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
         (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in, um"),
-        (("--model", "fisheye9"), "unknown camera model 'fisheye9'; there are: auto, cassini"),
+        (
+            ("--model", "fisheye9"),
+            "unknown camera model 'fisheye9' (did you mean fisheye624?); there are: auto",
+        ),
     ],
 )
 def test_invalid_option_is_reported_before_any_image_is_read(refuses, shots, monkeypatch, options, message):

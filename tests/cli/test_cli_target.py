@@ -1,4 +1,4 @@
-"""omnisight target make."""
+"""omnisight target."""
 
 import pytest
 from cli_scene import TRUTH, file_names
@@ -10,13 +10,13 @@ from omnisight.targets.target_file import load_board
 @pytest.fixture
 def make(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *arguments: run("target", "make", *arguments)
+    return lambda *arguments: run("target", *arguments)
 
 
 @pytest.fixture
 def cannot(refuses, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return lambda *arguments: refuses("target", "make", *arguments)
+    return lambda *arguments: refuses("target", *arguments)
 
 
 @pytest.mark.parametrize(

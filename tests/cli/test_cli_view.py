@@ -246,7 +246,7 @@ DAMAGED = {
     "bare": ('{"format": "omnisight-camera", "version": 1}', "missing model, params, size"),
     "model": (
         '{"format": "omnisight-camera", "version": 1, "model": "pinhol", "params": {}, "size": [1, 1]}',
-        "unknown camera model 'pinhol'; there are: cassini",
+        "unknown camera model 'pinhol' (did you mean pinhole?); there are: cassini",
     ),
     "number": (
         '{"format": "omnisight-camera", "version": 1, "model": "pinhole",'

@@ -229,7 +229,7 @@ def test_scaled_design_has_the_same_resolution(kind):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"kind": "cubic"}, "unknown kind of mirror 'cubic'; choose one of: hyperbolic, parabolic, spherical, conical"),
+        ({"kind": "cubic"}, "unknown kind of mirror 'cubic'; there are: hyperbolic, parabolic, spherical, conical"),
         ({"up": 75.0}, "no mirror shows more than 70.0 degrees up, --up is 75: reduce --up, or use a longer"),
         ({"up": 95.0}, "less than 90 degrees, got 95 and 60"),
         ({"up": -30.0, "down": 20.0}, "the field from -20 to -30 degrees is empty"),

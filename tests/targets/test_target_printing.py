@@ -235,9 +235,12 @@ def test_board_that_does_not_fit_raises_with_what_would():
         lay_out(checkerboard(9, 6, largest + 2e-4), "A4")
 
 
+@pytest.mark.parametrize("names", [["A4", "A3", "A2", "A1", "A0"], ["Letter", "Tabloid", "A2", "A1", "A0"]])
 @pytest.mark.parametrize("board", BOARDS)
-def test_smallest_paper_is_the_smallest_that_fits(board):
-    names = ["A4", "A3", "A2", "A1", "A0"]
+def test_smallest_paper_is_the_smallest_that_fits(board, names, monkeypatch):
+    for name in ("LC_ALL", "LANG"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("LC_PAPER", "en_CA.UTF-8" if names[0] == "Letter" else "de_DE.UTF-8")
     smallest = smallest_paper(board)
     lay_out(board, smallest)
     for smaller in names[: names.index(smallest)]:

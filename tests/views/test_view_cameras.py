@@ -25,7 +25,7 @@ def test_too_wide_perspective_is_rejected_with_alternatives(fov):
         (lambda: om.fisheye(100, 0), "cannot show 0 degrees"),
         (
             lambda: om.fisheye(100, 180, "fthetalens"),
-            "unknown fisheye projection 'fthetalens'; choose one of: equidistant",
+            "unknown fisheye projection 'fthetalens'; there are: equidistant",
         ),
         (lambda: om.planet(100, 360), "stereographic fisheye cannot show 360 degrees, only up to 359"),
         (lambda: om.cylinder(100, (-95, 30)), r"within -89 to 89 degrees, got \(-95, 30\)"),

@@ -1,13 +1,12 @@
 """omnisight target."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
 
 def target(
-    action: Literal["make"],
     kind: str,
     pattern: str,
     /,
@@ -27,15 +26,13 @@ def target(
 
     Specify the kind of the board, its pattern and its size:
 
-        omnisight target make checkerboard 9x6 --square 24mm
-        omnisight target make charuco 9x6 --square 30mm --paper A3 -o board.pdf
-        omnisight target make aprilgrid 6x6 --tag 24mm
-        omnisight target make circles 4x11 --spacing 18mm
+        omnisight target checkerboard 9x6 --square 24mm
+        omnisight target charuco 9x6 --square 30mm --paper A3 -o board.pdf
+        omnisight target aprilgrid 6x6 --tag 24mm
+        omnisight target circles 4x11 --spacing 18mm
 
     Parameters
     ----------
-    action
-        make.
     kind
         checkerboard, charuco, aprilgrid, aruco_grid (OpenCV's GridBoard), circles (staggered rows) or
         symmetric_circles.
@@ -60,7 +57,8 @@ def target(
     diameter
         circles: diameter of a circle; the spacing by default.
     paper
-        A0 to A5, Letter, Legal, Tabloid, or a size such as 600x400mm; by default the smallest of A4 to A0 that fits.
+        A0 to A5, Letter, Legal, Tabloid, or a size such as 600x400mm; by default the smallest that fits of A4 to A0,
+        or of Letter and larger where Letter is in use (by LC_PAPER or LANG).
     output
         The PDF to write; SVG and JSON are written next to it. By default it is named after the board and its size.
         Only drawings of omnisight's and the JSON of the same board are overwritten.

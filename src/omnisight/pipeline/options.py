@@ -27,10 +27,12 @@ class DetectOptions:
     pattern
         Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. By default the size that is
         detected in most images.
+    squares
+        Squares of the checkerboard, columns x rows, in place of pattern: 9x7.
     square
         Side of a square with its unit: 32.5mm. Without it lengths are in squares, which does not change the camera.
     target
-        File that describes the board, instead of pattern and square: written by `omnisight target make`, or a target
+        File that describes the board, instead of pattern and square: written by `omnisight target`, or a target
         file of Kalibr (YAML).
     apply_exif
         Rotate images by their EXIF orientation; a calibration needs them as the sensor recorded them.
@@ -39,6 +41,7 @@ class DetectOptions:
     """
 
     pattern: str | None = None
+    squares: str | None = None
     square: str | None = None
     target: Path | None = None
     apply_exif: bool = False
@@ -51,17 +54,21 @@ class DetectOptions:
         Raises
         ------
         ValueError
-            If it cannot be read, or both a target and a pattern are specified.
+            If it cannot be read, or is specified twice.
         """
         from omnisight.targets import Checkerboard, parse_length
         from omnisight.targets.target_file import load_board
 
+        if self.pattern is not None and self.squares is not None:
+            raise ValueError("specify either --pattern, the inner corners, or --squares, one more each way")
         if self.target is not None:
-            if self.pattern is not None or self.square is not None:
+            if any(value is not None for value in (self.pattern, self.squares, self.square)):
                 raise ValueError("specify either --target or --pattern and --square: the file holds both")
             return load_board(self.target)
         if self.square is not None:
             parse_length(self.square)
+        if self.squares is not None:
+            return Checkerboard.of_squares(self.squares, square=self.square)
         return None if self.pattern is None else Checkerboard.parse(self.pattern, square=self.square)
 
     @property
@@ -127,11 +134,12 @@ class CalibrateOptions(SourceOptions, EstimationOptions):
 
     def __post_init__(self) -> None:
         if self.model != "auto":  # `omnisight --help` builds the default options, and must not import numpy
+            from omnisight.extensions import unknown_name
             from omnisight.models import model_names
             from omnisight.optics.models import ray_model_names
 
             if self.model not in (known := ("auto", *model_names(), *ray_model_names())):
-                raise ValueError(f"unknown camera model {self.model!r}; there are: {', '.join(known)}")
+                raise ValueError(unknown_name("camera model", self.model, known))
         if self.start is not None and self.model != "auto":
             raise ValueError(f"--start {self.start} contains its model: leave out --model {self.model}")
         if self.is_noncentral and self.method == "ocamcalib":

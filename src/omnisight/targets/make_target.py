@@ -70,7 +70,7 @@ def write_target(board: Board, output: str | Path | None = None, paper: str | No
     output : str or Path, optional
         Name of the PDF; by default kind, pattern and size of the board.
     paper : str, optional
-        Name or size of the paper; by default the smallest of A4 to A0 that fits.
+        Name or size of the paper; by default the smallest of the user's territory (A4 or Letter, and larger) that fits.
 
     Raises
     ------

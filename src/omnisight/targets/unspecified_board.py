@@ -146,5 +146,5 @@ def _assumption(board: Board) -> str:
     scale = f"lengths in {unit}s" if board.relative else f"{unit} {format_length(length)}"
     return (
         f"{board.kind} {board}, recognized: {', '.join([*described, scale])}. To specify it, describe it with omnisight"
-        f" target make {board.kind} {board} and use --target"
+        f" target {board.kind} {board} and use --target"
     )

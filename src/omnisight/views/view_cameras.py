@@ -5,6 +5,7 @@ from typing import Literal
 import numpy as np
 
 from omnisight.camera import Camera
+from omnisight.extensions import unknown_name
 from omnisight.models.cylindrical import Cylindrical
 from omnisight.models.equidistant import Equidistant
 from omnisight.models.equirectangular import Equirectangular
@@ -143,7 +144,7 @@ def fisheye(size: int = 1024, fov: float = 180.0, projection: FisheyeProjection 
     """
     size, _ = _checked_size((size, size))
     if projection not in FISHEYE_MODELS:
-        raise ValueError(f"unknown fisheye projection {projection!r}; choose one of: {', '.join(FISHEYE_MODELS)}")
+        raise ValueError(unknown_name("fisheye projection", projection, FISHEYE_MODELS))
     widest = 180.0 if projection == "orthographic" else 359.0 if projection == "stereographic" else 360.0
     if not 0 < fov <= widest:
         raise ValueError(f"an {projection} fisheye cannot show {fov:g} degrees, only up to {widest:g}")

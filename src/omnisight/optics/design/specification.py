@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnisight.extensions import unknown_name
 from omnisight.optics.design.shapes import KINDS
 
 # Share of the sensor's shorter side that the mirror's image fills if the lens is chosen automatically.
@@ -53,7 +54,7 @@ class MirrorSpecification:
     def __post_init__(self) -> None:
         """Check that all values are possible."""
         if self.kind not in KINDS:
-            raise ValueError(f"unknown kind of mirror {self.kind!r}; choose one of: {', '.join(KINDS)}")
+            raise ValueError(unknown_name("kind of mirror", self.kind, KINDS))
         self._check_field()
         self._check_lengths()
         if min(self.size) < 16 or max(self.size) > 10**5:

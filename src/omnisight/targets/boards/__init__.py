@@ -1,6 +1,6 @@
 """Kinds of boards: each file of this folder without a leading underscore holds one, as data.
 
-Adding a file adds the board to `omnisight target make`, to `--target` and to the tests.
+Adding a file adds the board to `omnisight target`, to `--target` and to the tests.
 """
 
 from omnisight.extensions import class_in, names_in

@@ -59,6 +59,12 @@ class Checkerboard(Board):
         size = parse_pattern(pattern)
         return cls(size["columns"], size["rows"], None if square is None else parse_length(square))
 
+    @classmethod
+    def of_squares(cls, squares: str, square: str | None = None) -> "Checkerboard":
+        """Build a board from its number of squares, columns then rows, such as `10x7`; see `parse`."""
+        size = parse_pattern(squares)
+        return cls(size["columns"] - 1, size["rows"] - 1, None if square is None else parse_length(square))
+
     @property
     def is_symmetric(self) -> bool:
         """Whether the board looks the same upside-down, so that either of two corners may be its origin."""

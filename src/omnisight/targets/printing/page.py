@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from omnisight.targets.length import format_length
 from omnisight.targets.printing.drawing import Page, Shape, Text, rectangle, translated
-from omnisight.targets.printing.paper import millimetres, paper_sizes
+from omnisight.targets.printing.paper import local_series, millimetres, paper_sizes
 
 if TYPE_CHECKING:
     from omnisight.targets.boards import Board
@@ -25,7 +25,6 @@ STROKE_WIDTH = 0.0002
 # No printer renders a smaller square or disc faithfully.
 MIN_PRINTABLE = 0.001
 MAX_POINTS = 10_000
-PAPER_SERIES = ("A4", "A3", "A2", "A1", "A0")
 # Tolerance of comparisons of lengths.
 ROUNDING = 1e-9
 
@@ -70,9 +69,9 @@ def lay_out(board: "Board", paper: str) -> Page:
 
 
 def smallest_paper(board: "Board") -> str:
-    """Return the smallest of A4, A3, A2, A1, A0 that the board fits on; raise ValueError if there is none."""
+    """Return the smallest paper of the user's territory that the board fits on; raise ValueError if there is none."""
     check_printable(board)
-    for paper in PAPER_SERIES:
+    for paper in local_series():
         if _fits(board, paper):
             return paper
     width, height = _required_size(board)
@@ -130,7 +129,7 @@ def _does_not_fit(board: "Board", paper: str, scale: float) -> str:
         name, value = next(iter(smaller.items()))
         if value > 0:
             solutions.append(f"the largest {name} that fits is {format_length(value)}")
-    if larger := next((name for name in PAPER_SERIES if _fits(board, name)), None):
+    if larger := next((name for name in local_series() if _fits(board, name)), None):
         solutions.append(f"use {larger}")
     return f"{message}: {', or '.join(solutions)}" if solutions else f"{message}."
 

@@ -1,5 +1,6 @@
 """Paper sizes, by name or in numbers."""
 
+import os
 import re
 
 from omnisight.targets.length import parse_length
@@ -16,6 +17,12 @@ PAPERS = {
     "Legal": (0.2159, 0.3556),
     "Tabloid": (0.2794, 0.4318),
 }
+
+# Candidates of a board for which no paper is specified, smallest first.
+ISO_SERIES = ("A4", "A3", "A2", "A1", "A0")
+LETTER_SERIES = ("Letter", "Tabloid", "A2", "A1", "A0")
+# Territories that use US Letter, by the Unicode CLDR.
+LETTER_TERRITORIES = {"BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", "PA", "PH", "PR", "SV", "US", "VE"}
 
 # Sides in metres: a PDF page ends at 5.08 m.
 MIN_SIDE, MAX_SIDE = 0.05, 5.0
@@ -50,6 +57,13 @@ def paper_sizes(paper: str) -> list[tuple[float, float]]:
             f" {MAX_SIDE * 1e3:g} mm"
         )
     return [(width, height)]
+
+
+def local_series() -> tuple[str, ...]:
+    """Return the papers of the user's territory, smallest first: US Letter or A4, by the POSIX locale."""
+    locale = next((value for name in ("LC_ALL", "LC_PAPER", "LANG") if (value := os.environ.get(name))), "")
+    territory = re.match(r"[a-z]{2,3}_([A-Z]{2})\b", locale)
+    return LETTER_SERIES if territory is not None and territory[1] in LETTER_TERRITORIES else ISO_SERIES
 
 
 def millimetres(width: float, height: float) -> str:
