@@ -1,6 +1,8 @@
 """The program itself: help, exit status, faults."""
 
+import os
 import pkgutil
+import shutil
 import subprocess
 import sys
 
@@ -65,10 +67,22 @@ def test_invalid_usage_exits_with_status_2(run, command, arguments):
     assert (out + err).strip()
 
 
-def test_an_unknown_command_lists_the_commands(run):
+def test_an_unknown_command_gets_the_closest_one(run):
     status, out, err = run("calibrat")
     assert status == 2
-    assert "calibrate" in out + err
+    assert 'Did you mean "calibrate"?' in out + err
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+def test_the_shell_completes_commands_and_options(tmp_path):
+    script = tmp_path / "complete.bash"
+    install = [sys.executable, "-m", "omnisight", "--install-completion", "--shell", "bash", "-o", str(script)]
+    subprocess.run(install, check=True, capture_output=True, env={**os.environ, "HOME": str(tmp_path)})
+    words = "COMP_WORDS=({}); COMP_CWORD={}; _omnisight; echo ${{COMPREPLY[@]}}"
+    for typed, count, completed in (("omnisight odo", 1, "odometry"), ("omnisight calibrate --patt", 2, "--pattern")):
+        command = f"source {script}; {words.format(typed, count)}"
+        done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
+        assert done.stdout.split() == [completed]
 
 
 def test_an_internal_error_prints_its_traceback_only_with_debug(run, camera_file, monkeypatch):

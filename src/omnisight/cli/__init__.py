@@ -1,7 +1,8 @@
 """Command line: each module of this package whose name has no leading underscore is one command.
 
-A command is the function named like its module; its signature defines the options, its docstring the help. Commands
-import slow modules inside the function, so that `--help` is fast.
+A command is the function named like its module; its signature defines the options, its docstring the help, and `GROUP`,
+if the module has it, where the list of commands shows it. Commands import slow modules inside the function, so that
+`--help` is fast.
 """
 
 import importlib
@@ -11,6 +12,8 @@ import sys
 
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
+GROUPS = ("Calibration", "Cameras", "Views", "Geometry")
+
 HELP = """Calibrate fisheye, mirror and other omnidirectional cameras, and turn their images into views.
 
 Exit status: 0 success, 1 internal error, 2 invalid input or option, 130 interrupted.
@@ -19,7 +22,7 @@ Exit status: 0 success, 1 internal error, 2 invalid input or option, 130 interru
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; raise `SystemExit` with an exit status other than 0."""
-    from cyclopts import App, CycloptsError, Parameter
+    from cyclopts import App, CycloptsError, Group, Parameter
 
     import omnisight
 
@@ -31,17 +34,19 @@ def main(arguments: list[str] | None = None) -> None:
         help=HELP,
         version=omnisight.__version__,
         help_format="markdown",
-        # No --empty-fix, and neither "[default: ()]" nor "[default: False]" in the help.
+        # No --empty-fix, and no default in the help if an option is off without it.
         default_parameter=Parameter(
             negative_iterable=(),
-            show_default=lambda value: None if value is False or value == () else str(value),
+            show_default=lambda value: None if value is None or value is False or value == () else str(value),
         ),
         suppress_keyboard_interrupt=False,
     )
-    for module in pkgutil.iter_modules(__path__):
-        if not module.name.startswith("_"):
-            command = getattr(importlib.import_module(f"{__name__}.{module.name}"), module.name)
-            app.command(command, name=module.name.replace("_", "-"))
+    groups = {name: Group(name, sort_key=index) for index, name in enumerate(GROUPS)}
+    for name in (found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")):
+        module = importlib.import_module(f"{__name__}.{name}")
+        group = groups.get(getattr(module, "GROUP", ""))
+        app.command(getattr(module, name), name=name.replace("_", "-"), group=group)
+    app.register_install_completion_command(help="Complete commands and options in the shell with the Tab key.")
     try:
         os.getcwd()
     except FileNotFoundError:  # numba needs an existing working directory

@@ -8,6 +8,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
 
+GROUP = "Views"
+
 
 def birdseye(
     images: list[Path],

@@ -9,6 +9,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import CalibrateOptions
 
+GROUP = "Calibration"
+
 
 def calibrate(
     images: list[str],

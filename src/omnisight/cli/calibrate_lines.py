@@ -8,6 +8,8 @@ from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
 
+GROUP = "Calibration"
+
 
 def calibrate_lines(
     images: list[str],

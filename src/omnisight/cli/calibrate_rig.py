@@ -9,6 +9,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 
+GROUP = "Calibration"
+
 
 def calibrate_rig(
     cameras: list[str],

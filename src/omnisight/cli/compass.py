@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.compass_options import CompassOptions
 
+GROUP = "Geometry"
+
 
 def compass(
     images: list[Path],

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from omnisight.formats import SaveResult
     from omnisight.pipeline.convert import ConvertOptions
 
+GROUP = "Cameras"
+
 
 def convert(
     camera: Path,

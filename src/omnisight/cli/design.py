@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+GROUP = "Cameras"
+
 
 def design(
     what: Literal["mirror"],

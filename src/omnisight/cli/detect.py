@@ -8,6 +8,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import DetectOptions
 
+GROUP = "Calibration"
+
 DEFAULT_FOLDER = Path("omnisight-detect")
 
 

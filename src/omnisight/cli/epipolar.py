@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.options import EpipolarOptions
 
+GROUP = "Geometry"
+
 
 def epipolar(
     image_a: Path,

@@ -5,6 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+GROUP = "Geometry"
+
 
 def export(
     model: Path,

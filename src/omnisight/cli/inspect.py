@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from omnisight.pipeline.inspect import CameraDescription
     from omnisight.ray_camera import RayCamera
 
+GROUP = "Cameras"
+
 # A spline camera has hundreds of parameters; the first ones are printed.
 MAX_LISTED_PARAMETERS = 16
 MAX_VALUE_CHARS = 90

@@ -8,6 +8,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.localize_options import LocalizeOptions
 
+GROUP = "Geometry"
+
 
 def localize(
     images: list[str],

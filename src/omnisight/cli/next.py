@@ -9,6 +9,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import NextViewOptions
 
+GROUP = "Calibration"
+
 
 def next(
     images: list[str],

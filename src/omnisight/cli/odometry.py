@@ -10,6 +10,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.odometry_options import OdometryOptions
 
+GROUP = "Geometry"
+
 
 def odometry(
     images: Path,

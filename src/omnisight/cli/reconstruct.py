@@ -8,6 +8,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
+GROUP = "Geometry"
+
 
 def reconstruct(
     images: Path,

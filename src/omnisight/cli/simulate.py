@@ -8,6 +8,8 @@ from cyclopts import Parameter
 from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
 
+GROUP = "Cameras"
+
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 Origin = Annotated[str, Parameter(allow_leading_hyphen=True)]
 

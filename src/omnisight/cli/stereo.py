@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.options import StereoOptions
 
+GROUP = "Geometry"
+
 
 def stereo(
     left: Path,

@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.stitch_options import StitchOptions
 
+GROUP = "Views"
+
 
 def stitch(
     images: list[Path],

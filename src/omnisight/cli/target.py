@@ -5,6 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+GROUP = "Calibration"
+
 
 def target(
     kind: str,

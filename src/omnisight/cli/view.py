@@ -11,6 +11,8 @@ from omnisight.cli._size import parse_range, parse_size
 if TYPE_CHECKING:
     from omnisight.pipeline.view import ViewResult
 
+GROUP = "Views"
+
 # A range usually starts with a minus sign.
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 # Warn if more than this share of the view is outside the calibrated field of view.
