@@ -1,5 +1,6 @@
 """Render the images of the README and the documentation; every run gives the same images."""
 
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
+from omnisight.pipeline.demo import demo
 from omnisight.report.drawings.next_view import draw_proposal
 from omnisight.report.drawings.stereo import draw_distances, draw_rectified
 from omnisight.simulation import (
@@ -32,6 +34,7 @@ def main() -> None:
     om.write_image(ASSETS / "next.jpg", next_view())
     write_small(ASSETS / "simulate.jpg", rendered(), 72)
     write_small(ASSETS / "stereo.jpg", stereo(), 80)
+    write_small(ASSETS / "report.jpg", report(), 82)
 
 
 def hero() -> np.ndarray:
@@ -108,6 +111,23 @@ def stereo() -> np.ndarray:
     rig = om.Rig.from_sensors({"left": (setup.camera, om.Pose()), "right": (setup.camera, right_from_left)})
     result = om.stereo(left, right, rig)
     return beside(shrink(draw_rectified(result), 620), shrink(draw_distances(result), 620))
+
+
+def report() -> np.ndarray:
+    """Return a screenshot of the report of the fisheye of the demo: its head, and the images with residuals."""
+    import cv2
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        fisheye, _ = demo(Path(folder))
+        page = Path(folder) / "report.html"
+        om.write_report(fisheye.calibration, page)
+        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        window = browser.new_page(viewport={"width": 1180, "height": 1240}, device_scale_factor=1.25)
+        window.goto(page.as_uri())
+        screenshot = window.screenshot()
+        browser.close()
+    return cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_COLOR_RGB)
 
 
 def disc(image: np.ndarray) -> np.ndarray:

@@ -94,6 +94,35 @@ def test_images_are_shown_with_residuals(opened, report):
     assert "no 8x5 board found" in cards.nth(11).inner_text()
 
 
+def test_pointing_at_a_residual_shows_its_value(opened, report):
+    page = opened(report)
+    drawing = page.locator(".card .image").first
+    drawing.scroll_into_view_if_needed()
+    line = drawing.locator(".outlier").get_attribute("d")
+    u, v = map(float, re.match(r"M(\S+) (\S+?)l", line).groups())
+    box = drawing.bounding_box()
+    value = page.locator("#residual-value")
+    page.mouse.move(box["x"] + box["width"] * (u + 0.5) / 640, box["y"] + box["width"] * (v + 0.5) / 640)
+    residual = re.match(rf"corner \({u:.1f}, {v:.1f}\): (\S+) px \((\S+), (\S+)\)", value.inner_text())
+    np.testing.assert_allclose(np.array(residual.groups(), float), [3 * 2**0.5, -3, -3], atol=0.5)
+    page.mouse.move(1, 1)
+    assert not value.is_visible()
+
+
+def test_images_are_shown_undistorted(opened, report):
+    page = opened(report)
+    card = page.locator(".card").nth(1)
+    original, undistorted = card.locator(".image"), card.locator(".undistorted")
+    assert (original.is_visible(), undistorted.is_visible()) == (True, False)
+    page.click("#undistort")
+    assert (original.is_visible(), undistorted.is_visible()) == (False, True)
+    assert page.locator(".undistorted").count() == 11
+    undistorted.scroll_into_view_if_needed()
+    assert undistorted.evaluate("async image => { await image.decode(); return image.naturalWidth; }") == 448
+    page.click("#undistort")
+    assert original.is_visible()
+
+
 def test_clicking_an_image_drops_it_and_shows_the_command(opened, report):
     page = opened(report, permissions=["clipboard-read", "clipboard-write"])
     bar, command = page.locator("#dropped"), page.locator("#dropped-command")
@@ -204,7 +233,7 @@ def test_file_names_cannot_inject_markup(opened, central, tmp_path):
     hostile = replace(hostile, options=ReportOptions([*COMMAND, "<b>&amp;"]))
     page = opened(write(hostile, tmp_path / "report.html"))
     assert page.evaluate("window.hit") is None
-    assert page.locator("img").count() == 0
+    assert page.locator("img:not(.undistorted)").count() == 0
     shown = page.locator(".card bdi").all_text_contents()
     assert shown[:3] == names[:3]
     assert "<b>&amp;" in page.locator("footer").inner_text()

@@ -43,11 +43,58 @@ document.getElementById("dropped-copy").addEventListener("click", async (event) 
   setTimeout(() => { button.textContent = "Copy command"; }, 2500);
 });
 
+// Original or undistorted images.
+const undistort = document.getElementById("undistort");
+let isUndistorted = false;
+undistort?.addEventListener("click", () => {
+  isUndistorted = !isUndistorted;
+  undistort.setAttribute("aria-pressed", String(isUndistorted));
+  undistort.textContent = isUndistorted ? "Show originals" : "Show undistorted";
+  document.querySelector(".cards").classList.toggle("show-undistorted", isUndistorted);
+});
+
+// The residual next to the pointer. The paths hold the corners and the magnified residuals.
+const residualValue = document.getElementById("residual-value");
+const MAX_DISTANCE_PX = 12;
+const segments = new WeakMap();
+
+function residualsOf(svg) {
+  if (!segments.has(svg)) {
+    const text = [...svg.querySelectorAll(".residual")].map((path) => path.getAttribute("d")).join("");
+    const number = "(-?[\\d.]+)";
+    const pattern = new RegExp(`M${number} ${number}l${number} ${number}`, "g");
+    segments.set(svg, [...text.matchAll(pattern)].map((match) => match.slice(1).map(Number)));
+  }
+  return segments.get(svg);
+}
+
+function showResidual(event) {
+  const svg = event.target.closest?.(".image[data-scale]");
+  residualValue.hidden = true;
+  if (!svg) return;
+  const toImage = svg.getScreenCTM().inverse();
+  const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(toImage);
+  const distance = ([u, v]) => Math.hypot(u - at.x, v - at.y);
+  const nearest = residualsOf(svg).reduce((a, b) => (a && distance(a) < distance(b) ? a : b), null);
+  if (!nearest || distance(nearest) > MAX_DISTANCE_PX * toImage.a) return;
+  const [u, v, du, dv] = nearest;
+  const [x, y] = [du / svg.dataset.scale, dv / svg.dataset.scale];
+  residualValue.textContent =
+    `corner (${u.toFixed(1)}, ${v.toFixed(1)}): ${Math.hypot(x, y).toFixed(2)} px (${x.toFixed(2)}, ${y.toFixed(2)})`;
+  (svg.closest("dialog") ?? document.body).append(residualValue);
+  residualValue.hidden = false;
+  residualValue.style.left = `${Math.min(event.clientX + 14, innerWidth - residualValue.offsetWidth - 8)}px`;
+  residualValue.style.top = `${event.clientY + 16}px`;
+}
+document.addEventListener("pointermove", showResidual);
+
 // Enlarged image.
 const dialog = document.querySelector("dialog");
 for (const button of document.querySelectorAll(".enlarge")) {
   button.addEventListener("click", () => {
-    dialog.firstElementChild.replaceChildren(button.parentElement.querySelector(".image").cloneNode(true));
+    const card = button.parentElement;
+    const drawing = (isUndistorted && card.querySelector(".undistorted")) || card.querySelector(".image");
+    dialog.firstElementChild.replaceChildren(drawing.cloneNode(true));
     dialog.showModal();
   });
 }

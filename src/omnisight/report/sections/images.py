@@ -3,19 +3,24 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from omnisight.camera import Camera
 from omnisight.geometry.sphere import polar
+from omnisight.images import UnreadableImage, read_image
 from omnisight.report.axes import Axes, chart, dot_path_data, nice_floor, path_data, segment_path_data
 from omnisight.report.html import Markup, element, format_coordinate, join
-from omnisight.report.jpeg_url import jpeg_url
+from omnisight.report.jpeg_url import encode_jpeg_url
 from omnisight.report.report_data import MIN_SCALE_PX, ReportData, ReportImage
 from omnisight.report.section import Guide, Section
+from omnisight.report.undistorted import Undistortion
 
 # Limits of the width of embedded images, and of their pixels in all: JPEG takes about a fifth of a byte per pixel.
 MAX_IMAGE_WIDTH_PX, MIN_IMAGE_WIDTH_PX, MAX_TOTAL_PIXELS = 700, 240, 9_000_000
+# Width of the undistorted images over that of the images.
+UNDISTORTED_SCALE = 0.7
 # Of more images, only those with the largest residuals are shown.
 MAX_IMAGES = 120
 # Length of a residual of the size of the rms, as a fraction of the image width.
@@ -26,14 +31,23 @@ BOUNDARY_POINTS = 180
 MAX_BAR_LABELS = 30
 
 
+class Copies(NamedTuple):
+    """Reduced copies of an image as data: URLs, None if it cannot be read: as it is, and undistorted."""
+
+    image: str | None = None
+    undistorted: str | None = None
+
+
 def images(data: ReportData) -> Section:
-    """Draw the images, each with its residuals."""
+    """Draw the images, each with its residuals and undistorted."""
     shown = _shown_images(data.images)
     scale = residual_scale(data)
     width = embedded_width(data.camera.size, len(shown))
+    camera = data.camera if isinstance(data.camera, Camera) else data.camera.central(np.inf)[0]
+    undistortion = Undistortion(camera, round(UNDISTORTED_SCALE * width))
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        urls = list(pool.map(lambda image: _data_url(image, width, data.options.apply_exif), shown))
-    cards = [_card(data, image, url, scale) for image, url in zip(shown, urls, strict=True)]
+        copies = list(pool.map(lambda image: _copies(image, width, undistortion, data.options.apply_exif), shown))
+    cards = [_card(data, *pair, scale) for pair in zip(shown, copies, strict=True)]
     hidden = len(data.images) - len(shown)
     others = f" The {hidden} images with the smallest residuals are not shown." if hidden else ""
     return Section(
@@ -42,13 +56,21 @@ def images(data: ReportData) -> Section:
         join(
             _extrapolated_area(data),
             element("div", _rms_chart(data), class_="scroll bars"),
-            element("p", f"Residuals are magnified {scale:g} times.{others}", class_="note"),
+            element(
+                "p",
+                f"Residuals are magnified {scale:g} times; point at one for its value.{others} ",
+                element("button", "Show undistorted", type="button", id="undistort", aria_pressed="false")
+                if any(copy.undistorted for copy in copies)
+                else None,
+                class_="note",
+            ),
             element("ol", *cards, class_="cards"),
+            element("p", "", id="residual-value", role="status", hidden=True),
         ),
         Guide(
             f"Lines are residuals from the detected to the projected corner, magnified {scale:g} times. Red lines are "
             "outliers, which have a low weight. The hatched area is outside the calibrated field of view: it has no "
-            "corners in any image.",
+            f"corners in any image. Undistorted images are {undistortion.description}.",
             "Short lines in random directions, and bars of similar height.",
             "If the lines of an image are long or parallel, it is blurred, was taken in motion, or has wrong corners. "
             "Click it to drop it: the command that calibrates without it appears at the top of the page.",
@@ -76,17 +98,27 @@ def _shown_images(images: Sequence[ReportImage]) -> list[ReportImage]:
     return sorted(worst, key=lambda image: image.number)
 
 
-def _data_url(image: ReportImage, width: int, apply_exif: bool) -> str | None:
-    """Return a reduced copy of the image as a data: URL; None if it cannot be read."""
+def _copies(image: ReportImage, width: int, undistortion: Undistortion, apply_exif: bool) -> Copies:
+    """Return the copies of an image; those of an image of another size than the camera's are not undistorted."""
     if image.path is None or image.size is None:
-        return None
-    return jpeg_url(image.path, width, apply_exif=apply_exif)
+        return Copies()
+    try:
+        pixels = read_image(image.path, apply_exif=apply_exif)
+    except UnreadableImage:
+        return Copies()
+    url = encode_jpeg_url(pixels, width)
+    if pixels.shape[1::-1] != undistortion.source_size:
+        return Copies(url)
+    return Copies(url, encode_jpeg_url(undistortion(pixels), width))
 
 
-def _card(data: ReportData, image: ReportImage, url: str | None, scale: float) -> Markup:
+def _card(data: ReportData, image: ReportImage, copies: Copies, scale: float) -> Markup:
     used = bool(image.views)
     figures = f"{image.corners} corners, rms {image.rms_px:.2f}, max {image.max_px:.2f} px" if used else "not used"
-    drawing = _drawing(data, image, url, scale) if image.size is not None else None
+    drawing = _drawing(data, image, copies.image, scale) if image.size is not None else None
+    if copies.undistorted is not None:
+        name = f"Image {image.number}, {image.name}, undistorted"
+        drawing = join(drawing, element("img", src=copies.undistorted, alt=name, class_="undistorted", loading="lazy"))
     label = f"Drop image {image.number}, {image.name}: {figures}"
     enlarge = element("button", "Enlarge", type="button", class_="enlarge", aria_label=f"Enlarge image {image.number}")
     return element(
@@ -125,7 +157,7 @@ def _drawing(data: ReportData, image: ReportImage, url: str | None, scale: float
         parts.append(element("text", f"residuals × {scale:g}", **text))
     label = f"Image {image.number}, {image.name}, {'with residuals' if image.views else 'without board'}"
     view = f"-0.5 -0.5 {width} {height}"
-    return element("svg", *parts, viewBox=view, role="img", aria_label=label, class_="image")
+    return element("svg", *parts, viewBox=view, role="img", aria_label=label, class_="image", data_scale=scale)
 
 
 def _residual_path(pixels: Any, vectors: Any) -> str:

@@ -63,6 +63,11 @@ def model_comparison(data: ReportData) -> Section:
     caption = "Fitted models: the selected one, then the others by held-out error"
     reason = f"{data.selected.name}: {data.selection_reason}."
     parts = [element("p", reason, class_="lead"), table(COLUMNS, rows, caption=caption, class_="models")]
+    held_out = data.selected.held_out_rms
+    if held_out is not None and held_out < data.selected.rms and data.outliers.any():
+        outliers = f"outliers ({int(data.outliers.sum())} of {len(data.outliers)} corners)"
+        note = f"The held-out error is below the rms because it leaves out {outliers}, which the rms includes."
+        parts.append(element("p", note, class_="note"))
     if comparison is not None:
         parts.append(_ring_chart(comparison, data.camera.model.name))
         parts.append(element("p", comparison.summary, class_="note"))

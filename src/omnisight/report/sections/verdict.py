@@ -12,6 +12,8 @@ from omnisight.report.number_format import format_with_sigma
 from omnisight.report.report_data import ReportData
 
 SYMBOLS = {Level.GOOD: "✓", Level.USABLE: "!", Level.DO_NOT_USE: "✕"}
+# A remark of a passed check is neither a warning nor an approval.
+REMARK_SYMBOLS = {**SYMBOLS, Level.GOOD: "i"}
 LABELS = {Level.GOOD: "Good", Level.USABLE: "Usable", Level.DO_NOT_USE: "Do not use"}
 MEANINGS = {
     Level.GOOD: "The calibration can be used as it is.",
@@ -42,7 +44,7 @@ def verdict(result: Verdict) -> Markup:
     """Return the verdict with its reasons, the most severe first, and the result of each check."""
     findings = sorted((check for check in result.checks if check.sentence), key=lambda check: -check.level)
     reasons = [
-        element("li", element("b", SYMBOLS[check.level], class_=_level_class(check.level)), " ", check.sentence)
+        element("li", element("b", REMARK_SYMBOLS[check.level], class_=_level_class(check.level)), " ", check.sentence)
         for check in findings
     ]
     checks = [
