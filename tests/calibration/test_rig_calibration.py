@@ -82,13 +82,13 @@ def test_the_gradient_is_the_derivative_of_the_cost(stereo, is_moving):
     estimate = calibration.estimate
     observations = estimate.problem.observations
     motion = BoardMotion(0.01, 0.002) if is_moving else None
-    free = dataclasses.replace(estimate.problem.free_parameters, time_offsets=True, warps=(True,), boards=True)
+    free = dataclasses.replace(estimate.problem.free_parameters, time_offsets=True, warps=(True,))
     state = dataclasses.replace(
         estimate.state,
         velocities=rng.normal(0, 0.1, estimate.state.velocities.shape),
         time_offsets=np.array([0.0, 0.01]),
         warps=rng.normal(0, 1e-4, (1, 2)),
-        motion=tuple(rng.normal(0, 1e-3, (len(part), 6)) for part in observations.parts) if is_moving else (),
+        motion=rng.normal(0, 1e-3, (len(observations.exposures[0]), 6)) if is_moving else None,
     )
     weights = tuple(dataclasses.replace(w, threshold=1e9) for w in estimate.problem.weights)
     problem = RigBundle(observations, free, weights, motion)

@@ -118,7 +118,7 @@ def test_a_camera_that_moved_is_named_with_its_image(step):
     calibration = om.calibrate_rig(moved, FISHEYE)
     assert str(calibration.verdict) == "do not use"
     move = calibration.estimate.move
-    assert calibration.estimate.observations.names[move.camera] == "right"
+    assert (move.kind, calibration.estimate.name_of(move)) == ("camera", "right")
     assert move.before < "0024.png" <= move.after
     assert move.angle == pytest.approx(np.linalg.norm(step[:3]), rel=0.3)
     assert f"right moved by {1e3 * move.distance:.3g} mm" in calibration.reasons[0]

@@ -13,15 +13,6 @@ from omnisight.pipeline.simultaneous_views import read_times, simultaneous_views
 KEYS = ("cameras", "sensor_from_rig", "pairs", "rms", "verdict", "reasons", "seconds")
 
 
-def views(*names):
-    """Return observations of images with these names."""
-    rng = np.random.default_rng(0)
-    board = om.Checkerboard(4, 3, 0.03).points
-    return om.Observations.from_arrays(
-        [board] * len(names), rng.uniform(10, 90, (len(names), 12, 2)), size=(100, 100), names=names
-    )
-
-
 @pytest.mark.parametrize(
     ("items", "names"),
     [
@@ -63,21 +54,22 @@ def test_patterns_that_the_shell_has_expanded_are_refused(tmp_path):
     ],
 )
 def test_simultaneous_images_share_a_name_a_number_or_a_place(left, right, rule, shared):
-    found = simultaneous_views({"left": views(*left), "right": views(*right)})
+    found = simultaneous_views({"left": left, "right": right})
     assert found.rule == rule
-    assert len(np.intersect1d(*found.groups)) == shared
+    assert len(set(found.frame[0].values()) & set(found.frame[1].values())) == shared
 
 
 def test_times_assign_the_nearest_image_within_half_an_interval(tmp_path):
     lines = ["camera,frame,seconds", "l,a.png,0.0", "l,b.png,0.1", "l,c.png,0.2", "r,x,0.04", "r,y,0.19", "r,z,0.5"]
     (tmp_path / "times.csv").write_text("\n".join(lines))
     times = read_times(tmp_path / "times.csv")
-    found = simultaneous_views({"l": views("a.png", "b.png", "c.png"), "r": views("x.png", "y.png", "z.png")}, times)
+    found = simultaneous_views({"l": ("a.png", "b.png", "c.png"), "r": ("x.png", "y.png", "z.png")}, times)
     assert found.rule == "time"
-    assert [found.names[g] for g in found.groups[1]] == ["a.png", "c.png", "z.png"]
-    assert found.delays[1] == pytest.approx([0.04, -0.01, 0.0])
+    frames, delays = found.of_views(1, ("x.png", "y.png", "z.png #2"))
+    assert [found.names[f] for f in frames] == ["a.png", "c.png", "z.png"]
+    assert delays == pytest.approx([0.04, -0.01, 0.0])
     with pytest.raises(ValueError, match=r"no time for w.png of the camera r: add a line r,w.png,SECONDS"):
-        simultaneous_views({"l": views("a.png"), "r": views("w.png")}, times)
+        simultaneous_views({"l": ("a.png",), "r": ("w.png",)}, times)
 
 
 def test_folders_without_boards_are_named(tmp_path, run):

@@ -40,11 +40,14 @@ class Bundle:
         What is estimated besides the poses.
     weights
         Whitening and Huber threshold of the residuals.
+    prior_share
+        Share of the prior of the camera that is part of this problem; below 1 if it is one of several of a camera.
     """
 
     observations: Observations
     free_parameters: FreeParameters
     weights: ResidualWeights
+    prior_share: float = 1.0
 
     @property
     def scale(self) -> float:
@@ -105,15 +108,20 @@ class Bundle:
 
     def with_priors(self, corners: GroupedNormal, state: State) -> GroupedNormal:
         """Return the normal equations of the free parameters, with priors and barrier added to those of the corners."""
-        prior = self._prior_information(state.model)
-        information, gradient = np.diag(prior), prior * state.model.params
-        if barrier := self._barrier(state):
-            information, gradient = information + barrier.hessian, gradient + barrier.gradient
+        information, gradient = self.camera_priors(state)
         active = blocked_by_bounds(state.model.params, corners.shared_gradient[:-2] + gradient, *state.model.bounds)
         directions = self.directions.copy()
         directions[:-2][active] = 0.0
         camera = directions[:-2]
         return corners.along(directions).with_prior(camera.T @ information @ camera, camera.T @ gradient)
+
+    def camera_priors(self, state: State) -> tuple[Array, Array]:
+        """Return the information (P, P) of priors and barrier on the camera parameters, and their gradient (P,)."""
+        prior = self._prior_information(state.model)
+        information, gradient = np.diag(prior), prior * state.model.params
+        if barrier := self._barrier(state):
+            return information + barrier.hessian, gradient + barrier.gradient
+        return information, gradient
 
     def move(self, state: State, step: Array) -> State:
         """Return the state moved by a step of the free parameters and of the poses, kept within bounds."""
@@ -147,7 +155,8 @@ class Bundle:
 
     def _prior_information(self, model: Projector) -> Array:
         """Return the weight (P,) of each squared parameter, from its prior standard deviation about 0."""
-        return (self.weights.sigma / model.prior_sigmas) ** 2  # in the unit of the residuals, sigma
+        # In the unit of the residuals, sigma.
+        return self.prior_share * (self.weights.sigma / model.prior_sigmas) ** 2
 
 
 def refine(

@@ -14,7 +14,8 @@ from omnisight.pipeline.rig_calibration import RigCalibration
 if TYPE_CHECKING:
     from rich.console import Console
 
-RULES = {"name": "file names", "number": "numbers in the file names", "order": "order of the files", "time": "times"}
+RULES = {"name": "file names", "number": "numbers in the file names", "order": "order of the files"}
+RULES |= {"time": "times", "timestamp": "timestamps in the file names"}
 
 
 def print_json(calibration: RigCalibration) -> None:

@@ -7,15 +7,18 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from omnisight.calibration.estimation_options import EstimationOptions
-from omnisight.pipeline.options import CalibrateOptions, DetectOptions
+from omnisight.pipeline.options import CalibrateOptions, ImageOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrateRigOptions(DetectOptions, EstimationOptions):
+class CalibrateRigOptions(ImageOptions, EstimationOptions):
     """Options of `calibrate_rig`.
 
     Attributes
     ----------
+    target
+        File that describes a board, instead of pattern and square, as of `detect`; repeat it for each of several boards
+        that are in view at the same time.
     model
         Camera model of all cameras, as of `calibrate`; auto selects one for each camera.
     camera
@@ -31,6 +34,7 @@ class CalibrateRigOptions(DetectOptions, EstimationOptions):
         Name of an image to leave out, as in the table; may be repeated.
     """
 
+    target: tuple[Path, ...] = ()
     model: str = "auto"
     camera: tuple[str, ...] = ()
     refine_cameras: bool = False
@@ -57,7 +61,26 @@ class CalibrateRigOptions(DetectOptions, EstimationOptions):
             files[name] = Path(file)
         return files
 
-    def single(self) -> CalibrateOptions:
-        """Return the options to calibrate one of the cameras alone."""
-        names = {f.name for f in fields(DetectOptions)} | {f.name for f in fields(EstimationOptions)}
-        return CalibrateOptions(model=self.model, **{name: getattr(self, name) for name in names})
+    @property
+    def targets(self) -> dict[str, Path | None]:
+        """File of each board by name: that of the file; one board without a file if none is specified.
+
+        Raises
+        ------
+        ValueError
+            If a pattern is specified too, or a file is specified twice.
+        """
+        if not self.target:
+            return {"board": None}
+        self.check_one_board()
+        names = [path.stem for path in self.target]
+        if len(set(names)) < len(names):
+            names = [path.as_posix() for path in self.target]
+        if repeated := [name for k, name in enumerate(names) if name in names[:k]]:
+            raise ValueError(f"--target {repeated[0]}: specified twice; each board needs a file of its own")
+        return dict(zip(names, self.target, strict=True))
+
+    def single(self, target: Path | None = None) -> CalibrateOptions:
+        """Return the options to calibrate one of the cameras alone, from one of the boards."""
+        names = {f.name for f in fields(ImageOptions)} | {f.name for f in fields(EstimationOptions)}
+        return CalibrateOptions(model=self.model, target=target, **{name: getattr(self, name) for name in names})

@@ -19,8 +19,8 @@ MAX_RELATIVE_SIGMA = 0.33
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectOptions:
-    """Options that describe the board and how images are read.
+class ImageOptions:
+    """Options that describe a checkerboard and how images are read.
 
     Attributes
     ----------
@@ -31,9 +31,6 @@ class DetectOptions:
         Squares of the checkerboard, columns x rows, in place of pattern: 9x7.
     square
         Side of a square with its unit: 32.5mm. Without it lengths are in squares, which does not change the camera.
-    target
-        File that describes the board, instead of pattern and square: written by `omnisight target`, or a target
-        file of Kalibr (YAML).
     apply_exif
         Rotate images by their EXIF orientation; a calibration needs them as the sensor recorded them.
     cache
@@ -43,28 +40,16 @@ class DetectOptions:
     pattern: str | None = None
     squares: str | None = None
     square: str | None = None
-    target: Path | None = None
     apply_exif: bool = False
     cache: bool = True
 
     @property
-    def board(self) -> "Board | None":
-        """The specified board; None if it is to be determined from the images.
-
-        Raises
-        ------
-        ValueError
-            If it cannot be read, or is specified twice.
-        """
+    def checkerboard(self) -> "Board | None":
+        """The specified checkerboard; None if it is to be determined from the images."""
         from omnisight.targets import Checkerboard, parse_length
-        from omnisight.targets.target_file import load_board
 
         if self.pattern is not None and self.squares is not None:
             raise ValueError("specify either --pattern, the inner corners, or --squares, one more each way")
-        if self.target is not None:
-            if any(value is not None for value in (self.pattern, self.squares, self.square)):
-                raise ValueError("specify either --target or --pattern and --square: the file holds both")
-            return load_board(self.target)
         if self.square is not None:
             parse_length(self.square)
         if self.squares is not None:
@@ -77,6 +62,41 @@ class DetectOptions:
         from omnisight.targets import parse_length
 
         return None if self.square is None else parse_length(self.square)
+
+    def check_one_board(self) -> None:
+        """Raise `ValueError` if a pattern or square is specified besides a target."""
+        if any(value is not None for value in (self.pattern, self.squares, self.square)):
+            raise ValueError("specify either --target or --pattern and --square: the file holds both")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectOptions(ImageOptions):
+    """Options that describe the board and how images are read.
+
+    Attributes
+    ----------
+    target
+        File that describes the board, instead of pattern and square: written by `omnisight target`, or a target
+        file of Kalibr (YAML).
+    """
+
+    target: Path | None = None
+
+    @property
+    def board(self) -> "Board | None":
+        """The specified board; None if it is to be determined from the images.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, or is specified twice.
+        """
+        from omnisight.targets.target_file import load_board
+
+        if self.target is None:
+            return self.checkerboard
+        self.check_one_board()
+        return load_board(self.target)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ class RigCalibration:
     held_out
         For each part of the observations the residual length of every inlier when its images are held out, px.
     rule
-        What simultaneous images have in common: "name", "number", "order" or "time".
+        What simultaneous images have in common: "name", "number", "order", "time" or "timestamp".
     pairs
         The pairs of cameras that share views.
     seconds
@@ -91,8 +91,10 @@ class RigCalibration:
         return self.estimate.observations.parts_of(self.estimate.observations.names.index(name))
 
     def images_of(self, name: str) -> int:
-        """Return the number of views of one camera."""
-        return sum(len(self.estimate.observations.parts[k]) for k in self.parts_of(name))
+        """Return the number of images in which one camera sees a board."""
+        parts = self.estimate.together.parts
+        frames = [self.estimate.together.frame[parts[k].group] for k in self.parts_of(name)]
+        return len(np.unique(np.concatenate(frames)))
 
     def sigmas(self, name: str) -> tuple[float, float]:
         """Return the standard deviations of the pose of a camera: angle (radians) and length of the translation.
@@ -125,22 +127,21 @@ def root_mean_square(lengths: Array) -> float:
 
 
 def pair_evidence(estimate: RigEstimate) -> tuple[PairEvidence, ...]:
-    """Return the views that each pair of cameras shares, and their residuals."""
-    names, lengths = estimate.observations.names, estimate.state.lengths(estimate.observations)
-    together, used = estimate.together.seen(), estimate.observations.seen()
-    found = list[PairEvidence]()
+    """Return the images that each pair of cameras shares, and their residuals."""
+    observations, lengths = estimate.observations, estimate.state.lengths(estimate.observations)
+    names, used, found = observations.names, observations.seen(), list[PairEvidence]()
     for a in range(len(names)):
         for b in range(a + 1, len(names)):
-            shared, agreeing = together[a] & together[b], used[a] & used[b]
+            shared, agreeing = estimate.together.common_frames(a, b), observations.common_frames(a, b)
             residuals = [
-                length[part.observations.rows(np.flatnonzero(agreeing[part.group]))]
-                for part, length in zip(estimate.observations.parts, lengths, strict=True)
+                length[part.observations.rows(np.flatnonzero((used[a] & used[b])[part.group]))]
+                for part, length in zip(observations.parts, lengths, strict=True)
                 if part.camera in (a, b)
             ]
-            if shared.any():
+            if len(shared):
                 rms = root_mean_square(np.concatenate(residuals))
                 is_link = (a, b) in estimate.tree
-                found.append(PairEvidence(names[a], names[b], int(shared.sum()), int(agreeing.sum()), rms, is_link))
+                found.append(PairEvidence(names[a], names[b], len(shared), len(agreeing), rms, is_link))
     return tuple(found)
 
 
@@ -149,8 +150,8 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
     estimate, rig = calibration.estimate, calibration.rig
     contradicting = {name: list[str]() for name in rig.names}
     for part, kept in zip(estimate.observations.parts, estimate.consistent, strict=True):
-        name = estimate.observations.names[part.camera]
-        contradicting[name] += [part.observations.names[v] for v in np.flatnonzero(~kept)]
+        images = contradicting[estimate.observations.names[part.camera]]
+        images += [name for v in np.flatnonzero(~kept) if (name := part.observations.names[v]) not in images]
     sensor = dict(zip(rig.names, rig.cameras, strict=True))
     scale = {name: camera.px_unit for name, camera in sensor.items()}
     move = estimate.move
@@ -158,7 +159,7 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
         {camera.name: camera.calibration and camera.calibration.verdict for camera in calibration.cameras},
         calibration.pairs,
         contradicting,
-        None if move is None else (estimate.observations.names[move.camera], move),
+        None if move is None else (estimate.name_of(move), move),
         estimate.problem.motion,
         {name: _pixels_per_radian(sensor[name]) * calibration.sigmas(name)[0] / scale[name] for name in rig.names},
         {name: calibration.camera_rms(name) for name in rig.names},

@@ -1,6 +1,6 @@
 """The cameras of a rig, each calibrated alone or known from a file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.evaluation import evaluate_camera
 from omnisight.calibration.free_parameters import FreeParameters
+from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.redetection import redetect
+from omnisight.calibration.resection import resect
 from omnisight.calibration.rigs.frame_uncertainty import frame_covariance
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
@@ -25,6 +27,7 @@ from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+Boards = Mapping[str, Observations]
 
 # Ratio of the residuals of two cameras on the same images below which the better one is theirs: the residuals of one
 # camera differ less between its own calibrations.
@@ -41,12 +44,14 @@ class RigCamera:
         Its name.
     camera
         The camera.
-    observations, state
-        Its views, with board poses and board warp estimated from it alone.
+    boards
+        Its views of each board by the name of the board.
+    states
+        Board poses and board warp of each board, estimated from this camera alone.
     directions
         (P, F) free directions of its parameters; F = 0 for a known camera.
     warp
-        Whether the board is warped significantly.
+        Whether a board is warped significantly.
     calibration
         Its calibration alone; None for a known camera.
     frame_covariance
@@ -55,17 +60,28 @@ class RigCamera:
 
     name: str
     camera: Camera | RayCamera
-    observations: Observations
-    state: State
+    boards: Boards
+    states: Mapping[str, State]
     directions: Array
     warp: bool
     calibration: Calibration | None
     frame_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of its images, px."""
+        return next(observations.size for observations in self.boards.values())
+
+    @property
+    def images(self) -> list[str]:
+        """Names of the images in which it sees a board."""
+        return list(dict.fromkeys(name for observations in self.boards.values() for name in observations.names))
+
+    @property
     def rms(self) -> float:
         """Root mean square residual length of the camera alone, px."""
-        return float(np.sqrt((self.state.lengths(self.observations) ** 2).mean()))
+        lengths = [self.states[board].lengths(observations) for board, observations in self.boards.items()]
+        return float(np.sqrt((np.concatenate(lengths) ** 2).mean()))
 
 
 def rig_camera(name: str, source: Any, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
@@ -82,50 +98,89 @@ def rig_camera(name: str, source: Any, options: CalibrateRigOptions, progress: P
 
     file = options.camera_files.get(name)
     try:
+        boards = _load_boards(source, options, report)
         if file is not None:
-            return _known_camera(name, source, file, options, report)
-        single = options.single()
-        observations = _dropped(load_observations(source, single, progress=report), options)
-        calibration = calibrate(observations, single, progress=report)
+            return _known_camera(name, boards, file, options, report)
+        if len(boards) > 1:
+            return _camera_of_several_boards(name, boards, options, report)
+        (board, observations), *_ = boards.items()
+        calibration = calibrate(observations, options.single(), progress=report)
     except FileNotFoundError:
         raise
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from error
+    state = replace(calibration.state, bends=None)
+    return _calibrated_camera(name, calibration, {board: calibration.observations}, {board: state})
+
+
+def _load_boards(source: Any, options: CalibrateRigOptions, progress: Progress) -> Boards:
+    """Return the views of each board; those of several boards may be given by the name of the board."""
+    if isinstance(source, Mapping):
+        return {str(board): load_observations(views, options.single()) for board, views in source.items()}
+    found: dict[str, Observations] = {}
+    for board, target in options.targets.items():
+
+        def report(stage: str, done: int, total: int, board: str = board) -> None:
+            progress(stage if len(options.targets) == 1 else f"{stage}, {board}", done, total)
+
+        found[board] = _dropped(load_observations(source, options.single(target), progress=report), options)
+    return found
+
+
+def _camera_of_several_boards(name: str, boards: Boards, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
+    """Calibrate a camera from several boards.
+
+    The corners are measured again as in `calibrate`, with an initial camera from all boards.
+    """
+    initial = estimate_initial_camera(Observations.joined(boards)).central_model
+    boards = {
+        board: redetect(views, resect(initial, views), apply_exif=options.apply_exif, progress=progress)[0]
+        for board, views in boards.items()
+    }
+    calibration = calibrate(Observations.joined(boards), options.single(), progress=progress)
+    boards = {board: views for board, views in boards.items() if len(views)}
+    states = {
+        board: evaluate_camera(calibration.camera, views, flat=options.flat).state for board, views in boards.items()
+    }
+    return _calibrated_camera(name, calibration, boards, states)
+
+
+def _calibrated_camera(
+    name: str, calibration: Calibration, boards: Boards, states: Mapping[str, State]
+) -> RigCamera:
     free = calibration.best.free_parameters
-    return RigCamera(
-        name,
-        calibration.camera,
-        calibration.observations,
-        replace(calibration.state, bends=None),
-        free.directions,
-        free.warp,
-        calibration,
-        frame_covariance(calibration.best, calibration.candidates, calibration.observations),
-    )
+    frame = frame_covariance(calibration.best, calibration.candidates, calibration.observations)
+    return RigCamera(name, calibration.camera, boards, states, free.directions, free.warp, calibration, frame)
 
 
-def _known_camera(name: str, source: Any, file: Path, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
+def _known_camera(
+    name: str, boards: Boards, file: Path, options: CalibrateRigOptions, progress: Progress
+) -> RigCamera:
     camera = load(file)
-    observations = _dropped(load_observations(source, options.single(), progress=progress), options)
-    if not len(observations):
-        detections = observations.detections
-        raise ValueError("no views of a board" if detections is None else explain_no_detection(detections))
-    size = observations.size
-    if all(camera.size) and all(size) and camera.size != size:
-        raise ValueError(
-            f"{file}: for images of {camera.width}x{camera.height} px, but these are {size[0]}x{size[1]} px: are the"
-            " folders of two cameras swapped? Otherwise specify images as the camera recorded them"
-        )
-    evaluation = evaluate_camera(camera, observations, flat=options.flat)
-    if isinstance(camera, Camera):
-        observations, _ = redetect(observations, evaluation.state, apply_exif=options.apply_exif, progress=progress)
+    used, states = dict[str, Observations](), dict[str, State]()
+    for board, observations in boards.items():
+        if not len(observations):
+            continue
+        size = observations.size
+        if all(camera.size) and all(size) and camera.size != size:
+            raise ValueError(
+                f"{file}: for images of {camera.width}x{camera.height} px, but these are {size[0]}x{size[1]} px: are"
+                " the folders of two cameras swapped? Otherwise specify images as the camera recorded them"
+            )
         evaluation = evaluate_camera(camera, observations, flat=options.flat)
+        if isinstance(camera, Camera):
+            observations, _ = redetect(observations, evaluation.state, apply_exif=options.apply_exif, progress=progress)
+            evaluation = evaluate_camera(camera, observations, flat=options.flat)
+        used[board], states[board] = observations, evaluation.state
+    if not used:
+        detections = next(observations.detections for observations in boards.values())
+        raise ValueError("no views of a board" if detections is None else explain_no_detection(detections))
     model = camera.model
     directions = np.zeros((len(model.params), 0))
     if options.refine_cameras:
         directions = FreeParameters.of(model, fixed=options.fix, free=options.free).directions
-    warp = bool(evaluation.state.warp.any())
-    return RigCamera(name, camera, observations, evaluation.state, directions, warp, None)
+    warp = any(bool(state.warp.any()) for state in states.values())
+    return RigCamera(name, camera, used, states, directions, warp, None)
 
 
 def _dropped(observations: Observations, options: CalibrateRigOptions) -> Observations:
@@ -145,9 +200,9 @@ def check_not_exchanged(cameras: Sequence[RigCamera]) -> None:
     known = [camera for camera in cameras if camera.calibration is None]
     for own in known:
         for other in known:
-            if other is own or other.observations.size != own.observations.size:
+            if other is own or other.size != own.size:
                 continue
-            lengths = evaluate_camera(other.camera, own.observations).lengths
+            lengths = np.concatenate([evaluate_camera(other.camera, views).lengths for views in own.boards.values()])
             rms = float(np.sqrt(np.nanmean(lengths**2)))
             if rms < EXCHANGED_RATIO * own.rms:
                 raise ValueError(

@@ -72,14 +72,15 @@ def with_common_frames(sources: Mapping[str, Any], options: CalibrateRigOptions,
         return dict(sources)
     indices: set[int] = set()
     for name, clip in clips.items():
-        found = select_frames(
-            clip,
-            options.board,
-            apply_exif=options.apply_exif,
-            cache=options.cache,
-            progress=lambda done, total, name=name: progress(f"read {name}", done, total),
-        )
-        indices |= {int(path.stem.rpartition("-")[2]) for path in found.paths} if found.found else set()
+        for target in options.targets.values():
+            found = select_frames(
+                clip,
+                options.single(target).board,
+                apply_exif=options.apply_exif,
+                cache=options.cache,
+                progress=lambda done, total, name=name: progress(f"read {name}", done, total),
+            )
+            indices |= {int(path.stem.rpartition("-")[2]) for path in found.paths} if found.found else set()
     frames = {name: list(write_frames(clip, sorted(indices), options.apply_exif)) for name, clip in clips.items()}
     return {name: frames.get(name, source) for name, source in sources.items()}
 

@@ -1,4 +1,4 @@
-"""Which views of the cameras of a rig are simultaneous: by file name, number, order or time."""
+"""Which images of the cameras of a rig are simultaneous: by file name, number, order or time."""
 
 import csv
 import re
@@ -18,44 +18,54 @@ Indices = NDArray[np.intp]
 MAX_TIMES_BYTES = 50_000_000
 # Share of the interval between two images of a camera up to which images of two cameras are simultaneous.
 MAX_INTERVAL_SHARE = 0.5
+# Difference (s) of timestamps in file names up to which images are simultaneous: half of the interval at 10 images per
+# second, since images may have been left out.
+MAX_STAMP_DIFFERENCE_S = 0.05
+# Seconds per unit of a timestamp since 1970, by its number of digits.
+STAMP_UNITS = {19: 1e-9, 16: 1e-6, 13: 1e-3}
 
 
 @dataclass(frozen=True, eq=False)
 class SimultaneousViews:
-    """Groups of simultaneous views.
+    """Which images of several cameras are simultaneous.
 
     Attributes
     ----------
-    groups
-        For each camera (V,) the group of each view.
+    frame
+        For each camera, the time of each image by its name, as an index.
     names
-        Name of each group: that of its first image.
+        Name of each time: that of its first image.
     rule
-        What simultaneous images have in common: "name", "number", "order" or "time".
+        What simultaneous images have in common: "name", "number", "order", "time", or "timestamp" if the times are
+        those in the file names.
     seconds
-        (G,) time of each group; None if unknown.
-    delays
-        For each camera (V,) time (s) of each view after that of its group; zero if unknown.
-    images
-        Number of images of each camera.
+        (F,) time of each index, s; None if unknown.
+    delay
+        For each camera, the time (s) of each image after that of its index; zero if unknown.
     """
 
-    groups: tuple[Indices, ...]
+    frame: tuple[Mapping[str, int], ...]
     names: tuple[str, ...]
     rule: str
     seconds: Array | None
-    delays: tuple[Array, ...]
+    delay: tuple[Mapping[str, float], ...]
+
+    def of_views(self, camera: int, views: Sequence[str]) -> tuple[Indices, Array]:
+        """Return the time index (V,) and delay (V,) of the views of a camera, by their names."""
+        images = [_image_of(view) for view in views]
+        frames = np.array([self.frame[camera][image] for image in images], np.intp)
+        return frames, np.array([self.delay[camera][image] for image in images], float)
 
 
 def simultaneous_views(
-    observations: Mapping[str, Observations], times: Mapping[str, Mapping[str, float]] | None = None
+    images: Mapping[str, Sequence[str]], times: Mapping[str, Mapping[str, float]] | None = None
 ) -> SimultaneousViews:
-    """Assign the views of all cameras to groups of simultaneous ones.
+    """Determine which images of several cameras are simultaneous.
 
     Parameters
     ----------
-    observations
-        Observations of each camera by name.
+    images
+        Names of the images of each camera, by its name.
     times
         Time (s) of each image, by camera and name; None to use names.
 
@@ -64,33 +74,37 @@ def simultaneous_views(
     ValueError
         If no rule finds simultaneous images, or times are missing.
     """
-    images = {camera: _image_names(o) for camera, o in observations.items()}
-    if times is None:
-        keys = [_key(name, camera) for camera, names in images.items() for name in names]
-        index = np.repeat(np.arange(len(images)), [len(names) for names in images.values()])
+    names = [name for found in images.values() for name in found]
+    stamps = _timestamps(images) if times is None else None
+    if times is None and stamps is None:
+        keys = [_key(name, camera) for camera, found in images.items() for name in found]
+        index = np.repeat(np.arange(len(images)), [len(found) for found in images.values()])
         frame, rule = simultaneous_images(keys, index)
         seconds, delays = None, np.zeros(len(frame))
     else:
-        frame, seconds, delays, index = _by_time(images, times)
-        rule = "time"
-    names = [name for found in images.values() for name in found]
+        taken = stamps or {
+            camera: np.array([_time(times or {}, camera, name) for name in found]) for camera, found in images.items()
+        }
+        frame, seconds, delays = _by_time(taken, np.inf if stamps is None else MAX_STAMP_DIFFERENCE_S)
+        rule = "time" if stamps is None else "timestamp"
     first: dict[int, str] = {}
     for k, name in zip(frame.tolist(), names, strict=True):
         first.setdefault(k, name)
-    groups, view_delays = list[Indices](), list[Array]()
-    for camera, o in enumerate(observations.values()):
-        at = {name: k for k, name in zip(np.flatnonzero(index == camera).tolist(), _image_names(o), strict=True)}
-        rows = np.array([at[_image_of(view)] for view in o.names], np.intp)
-        groups.append(frame[rows])
-        view_delays.append(delays[rows])
-    count = int(frame.max(initial=-1)) + 1
-    labels = tuple(first.get(k, "") for k in range(count))
-    return SimultaneousViews(tuple(groups), labels, rule, seconds, tuple(view_delays))
+    labels = tuple(first.get(k, "") for k in range(int(frame.max(initial=-1)) + 1))
+    rows = np.cumsum([0, *(len(found) for found in images.values())])
+    sliced = [(list(found), slice(rows[k], rows[k + 1])) for k, found in enumerate(images.values())]
+    return SimultaneousViews(
+        tuple(dict(zip(found, frame[own].tolist(), strict=True)) for found, own in sliced),
+        labels,
+        rule,
+        seconds,
+        tuple(dict(zip(found, delays[own].tolist(), strict=True)) for found, own in sliced),
+    )
 
 
-def _image_names(observations: Observations) -> list[str]:
+def image_names(observations: Observations) -> list[str]:
     """Return the names of all images, those without a board too."""
-    return list(dict.fromkeys(image.name for image in observations.images))
+    return list(dict.fromkeys(_image_of(image.name) for image in observations.images))
 
 
 def _image_of(view: str) -> str:
@@ -105,23 +119,39 @@ def _key(name: str, camera: str) -> str:
     return re.sub(rf"(?<![{word}]){re.escape(camera)}(?![{word}])", "", Path(name).stem, flags=re.IGNORECASE)
 
 
-def _by_time(
-    images: Mapping[str, Sequence[str]], times: Mapping[str, Mapping[str, float]]
-) -> tuple[Indices, Array, Array, Indices]:
-    """Return the frame of each image, the time of each frame, the delay of each image, and its camera.
+def _timestamps(images: Mapping[str, Sequence[str]]) -> dict[str, Array] | None:
+    """Return the times (s) of the images of each camera from their names; None unless all names are timestamps.
+
+    Timestamps are numbers of nanoseconds, microseconds or milliseconds since 1970. If two cameras have images of the
+    same name, the names are used as they are: the times are those of a common trigger.
+    """
+    stems = {camera: [Path(name).stem for name in names] for camera, names in images.items()}
+    every = [stem for found in stems.values() for stem in found]
+    if not every or len(set(every)) < len(every):
+        return None
+    digits = {len(stem) for stem in every}
+    if len(digits) != 1 or not all(stem.isdecimal() for stem in every) or (count := digits.pop()) not in STAMP_UNITS:
+        return None
+    # Seconds from the first image: a double holds nanoseconds since 1970 to 0.2 us only.
+    origin = min(int(stem) for stem in every)
+    return {camera: np.array([(int(s) - origin) * STAMP_UNITS[count] for s in found]) for camera, found in stems.items()}
+
+
+def _by_time(taken: Mapping[str, Array], max_difference: float) -> tuple[Indices, Array, Array]:
+    """Return the frame of each image, the time of each frame, and the delay of each image.
 
     Frames are the images of the first camera, and further images that are near none of them.
     """
-    taken = {camera: np.array([_time(times, camera, name) for name in names]) for camera, names in images.items()}
     seconds = list[float]()
-    frame, delays, index = list[int](), list[float](), list[int]()
-    for camera, at in enumerate(taken.values()):
+    frame, delays = list[int](), list[float]()
+    for at in taken.values():
         known = np.array(seconds)
         interval = float(np.median(np.diff(np.sort(at)))) if len(at) > 1 else np.inf
         used = set[int]()
         for moment in at:
             nearest = int(np.argmin(abs(known - moment))) if len(known) else -1
-            is_near = nearest >= 0 and abs(known[nearest] - moment) <= MAX_INTERVAL_SHARE * interval
+            limit = min(MAX_INTERVAL_SHARE * interval, max_difference)
+            is_near = nearest >= 0 and abs(known[nearest] - moment) <= limit
             if is_near and nearest not in used:
                 used.add(nearest)
                 frame.append(nearest)
@@ -130,8 +160,7 @@ def _by_time(
                 frame.append(len(seconds))
                 seconds.append(float(moment))
                 delays.append(0.0)
-            index.append(camera)
-    return np.array(frame, np.intp), np.array(seconds), np.array(delays), np.array(index, np.intp)
+    return np.array(frame, np.intp), np.array(seconds), np.array(delays)
 
 
 def _time(times: Mapping[str, Mapping[str, float]], camera: str, name: str) -> float:

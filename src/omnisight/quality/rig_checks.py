@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.model_selection import MAX_RMS_RATIO
 from omnisight.calibration.rigs.board_motion import BoardMotion
-from omnisight.calibration.rigs.consistency import CameraMove
+from omnisight.calibration.rigs.consistency import Move
 from omnisight.quality.checks.held_out_error import NEGLIGIBLE_PX
 from omnisight.quality.evidence import Check, Level
 from omnisight.quality.verdict import Verdict
@@ -64,7 +64,7 @@ class RigEvidence:
     contradicting
         Names of the images that contradict the extrinsics, by camera.
     move
-        A camera that moved between two images, as the names of camera, last image before and first one after.
+        A camera or board that moved between two images, and its name.
     motion
         Standard deviations of the motion of the board between the exposures; None if it was at rest.
     rotation_sigma_px
@@ -80,7 +80,7 @@ class RigEvidence:
     verdicts: Mapping[str, Verdict | None]
     pairs: Sequence[PairEvidence]
     contradicting: Mapping[str, Sequence[str]]
-    move: tuple[str, CameraMove] | None
+    move: tuple[str, Move] | None
     motion: BoardMotion | None
     rotation_sigma_px: Mapping[str, float]
     rms: Mapping[str, float]
@@ -134,12 +134,20 @@ def _connection(evidence: RigEvidence) -> Check:
 
 
 def _moved(evidence: RigEvidence) -> Check:
-    """Check that no camera moved relative to the others."""
+    """Check that no camera or board moved relative to the others."""
     if evidence.move is None:
         return Check("camera moved")
     name, move = evidence.move
     unit = "mm" if evidence.is_metric else "squares"
     distance = f"{move.distance * (1e3 if evidence.is_metric else 1):.3g} {unit}"
+    if move.kind == "board":
+        return Check(
+            "board moved",
+            Level.DO_NOT_USE,
+            f"The board {name} moved by {distance} and {np.degrees(move.angle):.2g}° relative to the other boards between"
+            f" {move.before} and {move.after}: fix the boards firmly, and calibrate with the images before or after the"
+            " change only.",
+        )
     others = [other for other in evidence.verdicts if other != name]
     relative = f" (or {others[0]})" if len(others) == 1 else ""
     return Check(

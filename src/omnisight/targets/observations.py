@@ -1,6 +1,6 @@
 """Observed board points of all images of one camera, as flat arrays: what every stage of a calibration takes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
@@ -170,6 +170,35 @@ class Observations:
             unit="squares" if detections.board is None else detections.board.unit,
         )
         return replace(observations, field=detections.field, detections=detections, image_names=names)
+
+    @classmethod
+    def joined(cls, boards: Mapping[str, Self]) -> Self:
+        """Join the views of several boards by one camera; the name of each is followed by that of its board.
+
+        The extent is that of the largest board.
+
+        Raises
+        ------
+        ValueError
+            If there is no view, or boards are in different units.
+        """
+        used = {board: views for board, views in boards.items() if len(views)}
+        if not used:
+            raise ValueError(f"none of the boards {', '.join(boards)} was detected: specify them with --target")
+        if len({views.unit for views in used.values()}) > 1:
+            raise ValueError("the size of some of the boards only is known: specify it for all")
+        counts = [group.stop - group.start for views in used.values() for group in views.groups]
+        largest = max(used.values(), key=lambda views: views.sheet_size)
+        return replace(
+            largest,
+            points=np.concatenate([views.points for views in used.values()]),
+            pixels=np.concatenate([views.pixels for views in used.values()]),
+            covariance=np.concatenate([views.covariance for views in used.values()]),
+            groups=_slices(counts),
+            names=tuple(f"{name} ({board})" for board, views in used.items() for name in views.names),
+            detections=None,
+            image_names=(),
+        )
 
     def __len__(self) -> int:
         """Return the number of views."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.log_barrier import limit_step
 from omnisight.calibration.residual_weights import ResidualWeights
-from omnisight.calibration.rigs.board_motion import BoardMotion, Eliminated, by_pose, eliminate, moved_motion
-from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.board_motion import BoardMotion, MotionNormal, moved_motion
+from omnisight.calibration.rigs.observations import RigObservations
+from omnisight.calibration.rigs.pose_derivatives import pose_derivatives
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.calibration.rigs.state import RigState
-from omnisight.geometry import rotation as so3
-from omnisight.optim.levenberg_marquardt import Solution, minimize
+from omnisight.optim.levenberg_marquardt import Solution, blocked_by_bounds, minimize
 from omnisight.optim.schur import GroupedNormal
 from omnisight.optim.tolerances import COMPARISON_TOLERANCE, FINAL_TOLERANCE
 
@@ -28,6 +28,56 @@ MAX_ITERATIONS = 100
 TIME_OFFSET_SIGMA_S = 0.1
 # Rounds in which the weights of the residuals are estimated anew.
 MAX_WEIGHT_ROUNDS = 10
+
+
+class PartBlocks(NamedTuple):
+    """Blocks of the normal equations of one part, for residuals of unit variance.
+
+    With the camera parameters and the warp of a part in the columns F1, and what the board poses depend on in Q:
+
+    Attributes
+    ----------
+    own, posed
+        Columns (F1,) and (Q,) of the shared parameters.
+    residuals, jacobian
+        (2N,) and (2N, F1).
+    cross, local, gradient
+        (V, F1, 6), (V, 6, 6) and (V, 6) by the step of cam_from_board of each view.
+    by_shared
+        (V, 6, Q) derivative of that step by the shared parameters.
+    by_group, by_motion
+        (V, 6, 6) by the pose of the group and by the motion of the exposure.
+    """
+
+    own: Indices
+    posed: Indices
+    residuals: Array
+    jacobian: Array
+    cross: Array
+    local: Array
+    gradient: Array
+    by_shared: Array
+    by_group: Array
+    by_motion: Array
+
+    @property
+    def columns(self) -> Indices:
+        """Columns of all shared parameters."""
+        return np.concatenate([self.own, self.posed])
+
+    def coupling(self, derivative: Array) -> Array:
+        """Return the blocks (V, F1 + Q, 6) by the shared parameters and a step with a derivative (V, 6, 6)."""
+        posed = np.swapaxes(self.by_shared, 1, 2) @ self.local
+        return np.concatenate([self.cross, posed], axis=1) @ derivative
+
+    def shared(self, rows: slice, views: slice) -> tuple[Array, Array]:
+        """Return the normal equations of the shared parameters from some views and their rows, and the gradient."""
+        jacobian, by_shared = self.jacobian[rows], self.by_shared[views]
+        corner = np.einsum("vpi,vij->pj", self.cross[views], by_shared)
+        through = np.swapaxes(by_shared, 1, 2)
+        normal = np.block([[jacobian.T @ jacobian, corner], [corner.T, (through @ self.local[views] @ by_shared).sum(0)]])
+        posed = np.einsum("vij,vj->i", through, self.gradient[views])
+        return normal, np.concatenate([jacobian.T @ self.residuals[rows], posed])
 
 
 @dataclass(frozen=True)
@@ -45,7 +95,7 @@ class RigBundle:
     weights
         Whitening, standard deviation and Huber threshold of every part.
     motion
-        Standard deviations of the motion of the board in each view; None if it is at rest.
+        Standard deviations of the motion of the boards in each exposure; None if they are at rest.
     """
 
     observations: RigObservations
@@ -62,25 +112,35 @@ class RigBundle:
         motion: BoardMotion | None = None,
     ) -> Self:
         """Return the problem with the weights estimated at a state."""
-        weights = [ResidualWeights.estimate(state.part_state(part), part.observations) for part in observations.parts]
+        weights = [
+            ResidualWeights.estimate(own, part.observations)
+            for part, own in zip(observations.parts, state.part_states(observations), strict=True)
+        ]
         return cls(observations, free_parameters, tuple(weights), motion)
 
     def without_outliers(self, state: RigState) -> RigObservations:
         """Return the observations without the corners whose residuals exceed the thresholds."""
+        states = state.part_states(self.observations)
         parts = [
             replace(part, observations=part.observations.at(np.flatnonzero(~outliers)))
-            for part, weights in zip(self.observations.parts, self.weights, strict=True)
-            for outliers in [weights.outliers(state.part_state(part), part.observations)]
+            for part, own, weights in zip(self.observations.parts, states, self.weights, strict=True)
+            for outliers in [weights.outliers(own, part.observations)]
         ]
         return replace(self.observations, parts=tuple(parts))
 
     @cached_property
     def bundles(self) -> list[Bundle]:
         """The problem of each part with board poses of its own."""
+        count = np.bincount([part.camera for part in self.observations.parts])
         return [
-            Bundle(part.observations, self.free_parameters.of_part(part), weights)
+            Bundle(part.observations, self.free_parameters.of_part(part), weights, 1 / int(count[part.camera]))
             for part, weights in zip(self.observations.parts, self.weights, strict=True)
         ]
+
+    @cached_property
+    def exposures(self) -> list[Indices]:
+        """For each part (V,) the exposures of its views."""
+        return [self.observations.exposures_of(part) for part in self.observations.parts]
 
     @property
     def scale(self) -> float:
@@ -90,76 +150,113 @@ class RigBundle:
     def cost(self, state: RigState) -> float:
         """Return the sum of the robust costs of all parts, each relative to the variance of its residuals."""
         prior = 0.5 * float((state.time_offsets**2).sum()) / TIME_OFFSET_SIGMA_S**2
-        if self.motion is not None:
-            prior += 0.5 * sum(float(((motion**2) @ self.motion.information).sum()) for motion in state.motion)
+        if self.motion is not None and state.motion is not None:
+            prior += 0.5 * float((state.motion**2 @ self.motion.information).sum())
+        states = state.part_states(self.observations)
         return prior + sum(
-            bundle.cost(state.part_state(part)) / weights.sigma**2
-            for part, bundle, weights in zip(self.observations.parts, self.bundles, self.weights, strict=True)
+            bundle.cost(own) / weights.sigma**2
+            for own, bundle, weights in zip(states, self.bundles, self.weights, strict=True)
         )
 
     def linearize(self, state: RigState) -> GroupedNormal:
-        """Return the normal equations of all shared parameters and board poses."""
-        count, groups = self.free_parameters.count, len(self.observations.groups)
-        shared, shared_gradient = np.zeros((count, count)), np.zeros(count)
-        cross, local, local_gradient = np.zeros((groups, count, 6)), np.zeros((groups, 6, 6)), np.zeros((groups, 6))
-        for index, part in enumerate(self.observations.parts):
-            columns, blocks = self.part_blocks(index, state)
-            shared[np.ix_(columns, columns)] += blocks.shared
-            shared_gradient[columns] += blocks.shared_gradient
-            np.add.at(cross, (part.group[:, None], columns), blocks.cross)
-            np.add.at(local, part.group, blocks.local)
-            np.add.at(local_gradient, part.group, blocks.local_gradient)
-        for camera, offset in enumerate(state.time_offsets):
-            column = self.free_parameters.columns("time", camera, 1)
-            shared[column, column] += TIME_OFFSET_SIGMA_S**-2
-            shared_gradient[column] += offset * TIME_OFFSET_SIGMA_S**-2
-        return GroupedNormal(shared, cross, local, shared_gradient, local_gradient)
+        """Return the normal equations of all shared parameters and group poses, the motions eliminated."""
+        blocks = self.blocks(state)
+        normal = self._normal(blocks)
+        if self.motion is not None:
+            normal = self.motion_normal(blocks, state).eliminated_from(normal)
+        return self._with_priors(normal, state)
 
-    def part_blocks(self, index: int, state: RigState) -> tuple[Indices, GroupedNormal]:
-        """Return the normal equations of one part, one group per view, and the columns of its shared parameters.
+    def blocks(self, state: RigState) -> list[PartBlocks]:
+        """Return the blocks of the normal equations of each part, from the corners alone.
 
-        A view depends on the shared parameters and the pose of its group through cam_from_board: with E and K the
-        derivatives of its step (w, v) by both, the blocks of the single camera A, B, C become
+        A view depends on the shared parameters, the pose of its group and the motion of its exposure through
+        cam_from_board: with E and K the derivatives of its step by the former two, and A, B and C the blocks of the
+        single camera, those of the rig are
 
             A' = [A, B E; E^T B^T, E^T C E],    B' = [B; E^T C] K,    C' = K^T C K
         """
-        part, part_state = self.observations.parts[index], state.part_state(self.observations.parts[index])
-        own = self.bundles[index].linearize(part_state)
-        columns, by_shared, by_group = pose_derivatives(state, part, self.free_parameters)
-        if (moved := self.eliminated_motion(index, own, state)) is not None:
-            own = GroupedNormal(
-                own.shared - moved.shared.sum(0),
-                own.cross - moved.cross,
-                own.local - moved.local,
-                own.shared_gradient - moved.shared_gradient.sum(0),
-                own.local_gradient - moved.local_gradient,
+        found, free = list[PartBlocks](), self.free_parameters
+        for index, part in enumerate(self.observations.parts):
+            bundle, exposures = self.bundles[index], self.exposures[index]
+            residuals, jacobian, cross, local, gradient = bundle.blocks(state.part_state(part, exposures))
+            derivatives = pose_derivatives(state, part, exposures, free)
+            scale = 1 / self.weights[index].sigma
+            found.append(
+                PartBlocks(
+                    np.concatenate([free.camera_columns(part.camera), free.columns("warp", part.board, 2)]),
+                    derivatives.columns,
+                    scale * residuals,
+                    scale * jacobian @ bundle.directions,
+                    scale**2 * (bundle.directions.T @ cross),
+                    scale**2 * local,
+                    scale**2 * gradient,
+                    *derivatives[1:],
+                )
             )
-        through = np.swapaxes(by_shared, 1, 2)
-        pose_cross = through @ own.local
-        corner = np.einsum("vpi,vij->pj", own.cross, by_shared)
-        normal = GroupedNormal(
-            np.block([[own.shared, corner], [corner.T, (pose_cross @ by_shared).sum(0)]]),
-            np.concatenate([own.cross, pose_cross], axis=1) @ by_group,
-            np.swapaxes(by_group, 1, 2) @ own.local @ by_group,
-            np.concatenate([own.shared_gradient, np.einsum("vij,vj->i", through, own.local_gradient)]),
-            (np.swapaxes(by_group, 1, 2) @ own.local_gradient[..., None])[..., 0],
-        )
-        scale = 1 / self.weights[index].sigma ** 2
-        columns = np.concatenate([self.own_columns(part), columns])
-        return columns, GroupedNormal(*(scale * block for block in vars(normal).values()))
+        return found
 
-    def eliminated_motion(self, index: int, normal: GroupedNormal, state: RigState) -> Eliminated | None:
-        """Return the elimination of the motions of the board from the normal equations of a part; None without any."""
-        if self.motion is None:
-            return None
-        part, variance = self.observations.parts[index], self.weights[index].sigma ** 2
-        rotations, motion = state.cam_from_board(part).rotation, state.motion[part.camera]
-        return eliminate(normal, rotations, part, motion, variance * self.motion.information)
+    def _normal(self, blocks: Sequence[PartBlocks]) -> GroupedNormal:
+        """Return the normal equations of all parts, from the corners alone."""
+        count, groups = self.free_parameters.count, len(self.observations.groups)
+        shared, shared_gradient = np.zeros((count, count)), np.zeros(count)
+        cross, local, local_gradient = np.zeros((groups, count, 6)), np.zeros((groups, 6, 6)), np.zeros((groups, 6))
+        for part, block in zip(self.observations.parts, blocks, strict=True):
+            columns, back = block.columns, np.swapaxes(block.by_group, 1, 2)
+            normal, gradient = block.shared(slice(None), slice(None))
+            shared[np.ix_(columns, columns)] += normal
+            shared_gradient[columns] += gradient
+            np.add.at(cross, (part.group[:, None], columns), block.coupling(block.by_group))
+            np.add.at(local, part.group, back @ block.local @ block.by_group)
+            np.add.at(local_gradient, part.group, (back @ block.gradient[..., None])[..., 0])
+        return GroupedNormal(shared, cross, local, shared_gradient, local_gradient)
 
-    def own_columns(self, part: RigPart) -> Indices:
-        """Return the columns of the camera and the board warp of a part."""
-        free = self.free_parameters
-        return np.concatenate([free.camera_columns(part.camera), free.columns("warp", part.board, 2)])
+    def motion_normal(self, blocks: Sequence[PartBlocks], state: RigState) -> MotionNormal:
+        """Return the normal equations of the motions of all exposures."""
+        assert self.motion is not None
+        assert state.motion is not None
+        count, total = self.free_parameters.count, len(state.motion)
+        information = np.tile(np.diag(self.motion.information), (total, 1, 1))
+        by_shared, by_group = np.zeros((total, count, 6)), np.zeros((total, 6, 6))
+        gradient = self.motion.information * state.motion
+        for exposures, block in zip(self.exposures, blocks, strict=True):
+            back, through = np.swapaxes(block.by_motion, 1, 2), block.local @ block.by_motion
+            np.add.at(information, exposures, back @ through)
+            np.add.at(by_shared, (exposures[:, None], block.columns), block.coupling(block.by_motion))
+            np.add.at(by_group, exposures, np.swapaxes(block.by_group, 1, 2) @ through)
+            np.add.at(gradient, exposures, (back @ block.gradient[..., None])[..., 0])
+        return MotionNormal(information, by_shared, by_group, gradient, self.observations.exposures[1])
+
+    def _with_priors(self, normal: GroupedNormal, state: RigState) -> GroupedNormal:
+        """Return normal equations with the priors of cameras and time offsets, without directions blocked by bounds."""
+        free, directions = self.free_parameters, np.eye(self.free_parameters.count)
+        information, gradient = np.zeros_like(normal.shared), np.zeros_like(normal.shared_gradient)
+        for camera, camera_directions in enumerate(free.cameras):
+            columns, model = free.camera_columns(camera), state.models[camera]
+            if not len(columns):
+                continue
+            hessian, slope = self._camera_priors(camera, state)
+            along = normal.shared_gradient[columns] + camera_directions.T @ slope
+            downhill = camera_directions @ along
+            blocked = blocked_by_bounds(model.params, downhill, *model.bounds)
+            directions[np.ix_(columns, columns)] -= np.diag(camera_directions[blocked].any(0).astype(float))
+            information[np.ix_(columns, columns)] = camera_directions.T @ hessian @ camera_directions
+            gradient[columns] = camera_directions.T @ slope
+        for camera, offset in enumerate(state.time_offsets):
+            column = free.columns("time", camera, 1)
+            information[column, column] = TIME_OFFSET_SIGMA_S**-2
+            gradient[column] = offset * TIME_OFFSET_SIGMA_S**-2
+        return normal.with_prior(information, gradient).along(directions)
+
+    def _camera_priors(self, camera: int, state: RigState) -> tuple[Array, Array]:
+        """Return information and gradient of the priors and barriers of a camera, for residuals of unit variance."""
+        count = len(state.models[camera].params)
+        information, gradient = np.zeros((count, count)), np.zeros(count)
+        for index in self.observations.parts_of(camera):
+            own = state.part_state(self.observations.parts[index], self.exposures[index])
+            hessian, slope = self.bundles[index].camera_priors(own)
+            information += hessian / self.weights[index].sigma ** 2
+            gradient += slope / self.weights[index].sigma ** 2
+        return information, gradient
 
     def move(self, state: RigState, step: Array) -> RigState:
         """Return the state moved by a step of the shared parameters and of the poses of all groups."""
@@ -190,58 +287,9 @@ class RigBundle:
 
     def with_best_motion(self, state: RigState) -> RigState:
         """Return the state with the motions of the boards that minimize the linearized cost."""
-        motion = list(state.motion)
-        for index, part in enumerate(self.observations.parts):
-            own = self.bundles[index].corner_normal(state.part_state(part))
-            moved = self.eliminated_motion(index, own, state)
-            assert moved is not None
-            motion[part.camera] = moved_motion(state.motion[part.camera], moved.step)
-        return replace(state, motion=tuple(motion))
-
-
-def pose_derivatives(state: RigState, part: RigPart, free: RigFreeParameters) -> tuple[Indices, Array, Array]:
-    """Return the derivatives of cam_from_board of every view by what the views share, and by the pose of their group.
-
-    Returns
-    -------
-    columns
-        (Q,) the shared parameters that the poses depend on: extrinsics, pose of the board, time offset.
-    by_shared
-        (V, 6, Q) derivatives by them.
-    by_group
-        (V, 6, 6) derivatives by the pose of the group. All steps are those of `Pose.moved`.
-    """
-    sensor = state.sensor_from_rig.one(part.camera)
-    in_rig, relation = state.rig_from_board(part), state.group_from_board.one(part.board)
-    views = len(part)
-    rotated = in_rig.translation @ sensor.rotation.T  # of the board's origin, in the camera's axes
-    by_sensor = np.zeros((views, 6, 6))
-    by_sensor[:, range(6), range(6)] = 1.0
-    by_sensor[:, 3:, :3] = -so3.hat(rotated)
-    # Rotating the group moves the origin of the board by w x (R_g t_b).
-    group_rotation = in_rig.rotation @ relation.rotation.T
-    arm = relation.translation @ np.swapaxes(group_rotation, 1, 2)
-    by_group = np.zeros((views, 6, 6))
-    by_group[:, :3, :3] = by_group[:, 3:, 3:] = sensor.rotation
-    by_group[:, 3:, :3] = -sensor.rotation @ so3.hat(arm)
-    by_board = np.zeros((views, 6, 6))
-    by_board[:, :3, :3] = by_board[:, 3:, 3:] = sensor.rotation @ group_rotation
-    by_time = by_group @ state.velocities[part.group][..., None]
-    turn = so3.exp((part.delays + state.time_offsets[part.camera])[:, None] * state.velocities[part.group, :3])
-    by_group[:, :, :3] = by_group[:, :, :3] @ turn  # the group turns before it moves on
-    blocks = (
-        (free.extrinsic_columns(part.camera), by_sensor),
-        (free.columns("board", part.board, 6), by_board),
-        (free.columns("time", part.camera, 1), by_time),
-    )
-    if state.motion:
-        moved = by_pose(state.cam_from_still_board(part), part, state.motion[part.camera])
-        by_group = moved @ by_group
-        blocks = tuple((columns, moved @ block) for columns, block in blocks)
-    used = [(columns, block) for columns, block in blocks if len(columns)]
-    if not used:
-        return np.arange(0), np.zeros((views, 6, 0)), by_group
-    return np.concatenate([c for c, _ in used]), np.concatenate([b for _, b in used], axis=2), by_group
+        assert state.motion is not None
+        normal = self.motion_normal(self.blocks(state), state)
+        return replace(state, motion=moved_motion(state.motion, normal.steps))
 
 
 def refine_rig(
@@ -266,7 +314,7 @@ def refine_rig(
     free_parameters
         What is estimated.
     motion
-        Standard deviations of the motion of the board in each view.
+        Standard deviations of the motion of the boards in each exposure.
     iterations
         Maximum number of steps with constant weights.
     tolerance

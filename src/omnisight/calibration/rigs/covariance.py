@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.covariance import CHANCE_SIGMA, MAX_LEVERAGE
-from omnisight.calibration.rigs.bundle import RigBundle, pose_derivatives
+from omnisight.calibration.rigs.bundle import RigBundle
 from omnisight.calibration.rigs.state import RigState
 from omnisight.optim.schur import GroupedNormal
 
@@ -99,27 +99,15 @@ def _sums_by_group(problem: RigBundle, state: RigState) -> tuple[Array, Array]:
     """Return the normal equations of the shared parameters (G, S, S) and their gradient (G, S) by group."""
     count, groups = problem.free_parameters.count, len(problem.observations.groups)
     sums, gradients = np.zeros((groups, count, count)), np.zeros((groups, count))
-    for index, part in enumerate(problem.observations.parts):
-        bundle, weights = problem.bundles[index], problem.weights[index]
-        residuals, jacobian, cross, local, local_gradient = bundle.blocks(state.part_state(part))
-        jacobian, cross = jacobian @ bundle.directions, bundle.directions.T @ cross
-        own = GroupedNormal(np.zeros((cross.shape[1],) * 2), cross, local, np.zeros(cross.shape[1]), local_gradient)
-        moved = problem.eliminated_motion(index, own, state)
-        if moved is not None:
-            cross, local, local_gradient = (
-                cross - moved.cross,
-                local - moved.local,
-                local_gradient - moved.local_gradient,
-            )
-        pose_columns, by_shared, _ = pose_derivatives(state, part, problem.free_parameters)
-        columns = np.concatenate([problem.own_columns(part), pose_columns])
+    blocks = problem.blocks(state)
+    for part, block in zip(problem.observations.parts, blocks, strict=True):
         for view, (group, rows) in enumerate(zip(part.group, part.observations.groups, strict=True)):
-            j, e = jacobian[2 * rows.start : 2 * rows.stop], by_shared[view]
-            r = residuals[2 * rows.start : 2 * rows.stop]
-            corner, shared, gradient = cross[view] @ e, j.T @ j, j.T @ r
-            if moved is not None:
-                shared, gradient = shared - moved.shared[view], gradient - moved.shared_gradient[view]
-            block = np.block([[shared, corner], [corner.T, e.T @ local[view] @ e]])
-            sums[group][np.ix_(columns, columns)] += block / weights.sigma**2
-            gradients[group, columns] += np.concatenate([gradient, e.T @ local_gradient[view]]) / weights.sigma**2
+            shared, gradient = block.shared(slice(2 * rows.start, 2 * rows.stop), slice(view, view + 1))
+            sums[group][np.ix_(block.columns, block.columns)] += shared
+            gradients[group, block.columns] += gradient
+    if problem.motion is not None:
+        motion = problem.motion_normal(blocks, state)
+        gain = motion.by_shared @ np.linalg.inv(motion.information)
+        np.subtract.at(sums, motion.group, gain @ np.swapaxes(motion.by_shared, 1, 2))
+        np.add.at(gradients, motion.group, np.einsum("epi,ei->ep", motion.by_shared, motion.steps))
     return sums, gradients

@@ -32,22 +32,16 @@ def held_out_lengths(problem: RigBundle, state: RigState) -> list[Array]:
         trained, left_out = (fold >= 0) & (fold != k), fold == k
         others, weights = _subset(observations, problem.weights, trained)
         part_problem = RigBundle(others, problem.free_parameters, weights, problem.motion)
-        start = _with_motion_of(state, observations, trained)
+        start = state.of_groups(observations, trained)
         fitted = minimize(part_problem, start, tolerance=COMPARISON_TOLERANCE, scale=part_problem.scale).state
         own, weights = _subset(observations, problem.weights, left_out)
-        start = _with_motion_of(state, observations, left_out)
+        start = state.of_groups(observations, left_out)
         posed = replace(fitted, rig_from_group=start.rig_from_group, velocities=start.velocities, motion=start.motion)
         posed = pose_groups(posed, own, weights, problem.motion)
         for target, part, found in zip(lengths, observations.parts, posed.lengths(own), strict=True):
             views = np.flatnonzero(left_out[part.group])
             target[part.observations.rows(views)] = found
     return lengths
-
-
-def _with_motion_of(state: RigState, observations: RigObservations, kept: Bools) -> RigState:
-    """Return the state of some of the groups (G,), with the motions of the boards in their views."""
-    motion = tuple(moved[kept[part.group]] for part, moved in zip(observations.parts, state.motion, strict=False))
-    return replace(state.of_groups(kept), motion=motion)
 
 
 def _subset(

@@ -8,24 +8,25 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.bundle import RigBundle
 from omnisight.calibration.rigs.consistency import (
-    CameraMove,
     Deviations,
-    contradicts,
+    Move,
+    contradicting_units,
     deviations,
     find_move,
     scatter,
 )
 from omnisight.calibration.rigs.covariance import RigCovariance, rig_covariance
-from omnisight.calibration.rigs.initial_rig import initial_rig, relative_poses, spanning_tree
-from omnisight.calibration.rigs.no_overlap import connect_by_motion
-from omnisight.calibration.rigs.observations import RigObservations
+from omnisight.calibration.rigs.initial_rig import InitialRig, initial_rig, relative_poses, spanning_tree
+from omnisight.calibration.rigs.no_overlap import connect_by_motion, with_own_boards
+from omnisight.calibration.rigs.observations import AGREES, RigObservations
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.refinement import refine_robustly
 from omnisight.calibration.rigs.relative_poses import Pair, RelativePose
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
+from omnisight.calibration.rigs.rigid_sets import RigidSets, rigid_sets
+from omnisight.calibration.rigs.sightings import Sightings
 from omnisight.calibration.rigs.state import RigState
 from omnisight.calibration.state import State
-from omnisight.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -43,12 +44,19 @@ class Unconnected(ValueError):
     ----------
     components
         Names of the cameras of each connected part of the rig.
+    observations
+        Views of all cameras.
     pairs
         Relative poses by pair of cameras.
     """
 
-    def __init__(self, components: Sequence[Sequence[str]], pairs: Mapping[Pair, RelativePose]) -> None:
-        self.components, self.pairs = components, pairs
+    def __init__(
+        self,
+        components: Sequence[Sequence[str]],
+        observations: RigObservations,
+        pairs: Mapping[Pair, RelativePose],
+    ) -> None:
+        self.components, self.observations, self.pairs = components, observations, pairs
         parts = "; ".join(", ".join(names) for names in components)
         super().__init__(f"no common board connects these parts of the rig: {parts}")
 
@@ -63,6 +71,8 @@ class RigEstimate:
         Views of all cameras; those that contradict the extrinsics are in groups of their own.
     together
         Views of all cameras with their original groups.
+    rigid
+        Which boards are rigidly connected.
     problem, state
         The least-squares problem, without outliers, and its minimum.
     covariance
@@ -70,15 +80,16 @@ class RigEstimate:
     pairs, tree
         Initial relative poses of all pairs of cameras, and the pairs that connected the rig.
     deviations
-        Deviation of each view of cameras that observe boards together.
+        Deviations of the cameras and boards that share groups with others.
     inflation
         Ratio of squared deviations to those of corner noise.
     move
-        A camera that moved between two images, if any did.
+        A camera or a board that moved between two images, if any did.
     """
 
     observations: RigObservations
     together: RigObservations
+    rigid: RigidSets
     problem: RigBundle
     state: RigState
     covariance: RigCovariance
@@ -86,7 +97,7 @@ class RigEstimate:
     tree: tuple[Pair, ...]
     deviations: list[Deviations]
     inflation: float
-    move: CameraMove | None
+    move: Move | None
 
     @property
     def consistent(self) -> list[Bools]:
@@ -95,6 +106,10 @@ class RigEstimate:
             part.group == original.group
             for part, original in zip(self.observations.parts, self.together.parts, strict=True)
         ]
+
+    def name_of(self, move: Move) -> str:
+        """Return the name of the camera or board that moved."""
+        return (self.observations.names if move.kind == "camera" else self.observations.boards)[move.index]
 
     @property
     def time_offset_sigmas(self) -> Array:
@@ -114,110 +129,106 @@ def estimate_rig(
     states: Sequence[State],
     free_parameters: RigFreeParameters,
     *,
-    is_symmetric: bool = False,
+    symmetric: Sequence[bool],
 ) -> RigEstimate:
     """Estimate a rig from boards that its cameras observe.
 
     Parameters
     ----------
     observations
-        Views of all cameras.
+        Views of all cameras; each board of each image is a group of its own.
     states
         Camera, board poses and warp of each part, calibrated alone.
     free_parameters
         What is estimated.
-    is_symmetric
-        Whether boards look the same after half a turn.
+    symmetric
+        For each board, whether it looks the same after half a turn.
 
     Raises
     ------
     Unconnected
-        If no common board connects all cameras.
+        If neither boards nor motion connect all cameras.
     """
-    pairs = relative_poses(observations, states, is_symmetric)
-    tree, components = spanning_tree(pairs, len(observations.names))
-    boards = (Pose(),)
-    if len(components) > 1:
-        connection = connect_by_motion(observations, states, pairs, tree, components)
-        if connection is None:
-            raise Unconnected([[observations.names[c] for c in sorted(part)] for part in components], pairs)
-        observations, pairs, tree = connection.observations, connection.pairs, connection.tree
-        boards = connection.group_from_board
-        free_parameters = replace(free_parameters, warps=free_parameters.warps[:1] * len(boards), boards=True)
-    initial = initial_rig(observations, states, pairs, tree, boards)
-    together, consistent, state = initial.observations, list(initial.consistent), initial.state
+    initial, rigid, free_parameters, pairs, tree = _connected(observations, states, free_parameters, symmetric)
+    together, units, state = initial.observations, list(initial.units), initial.state
     rounds = 0
     while True:
-        split, rounds = together.split(consistent), rounds + 1
-        start = _with_own_groups(state, together, split, initial.states)
-        problem, state = refine_robustly(start, split, together, free_parameters)
+        separated, rounds = together.split(units), rounds + 1
+        start = _with_own_groups(state, together, separated, initial.states)
+        problem, state = refine_robustly(start, separated, together, free_parameters)
         found = deviations(problem, state, together)
         inflation = scatter(found)
-        before, consistent = consistent, _consistent_views(together, consistent, found, inflation)
-        unchanged = all(np.array_equal(a, b) for a, b in zip(before, consistent, strict=True))
+        before, units = units, contradicting_units(together, units, found, inflation)
+        unchanged = all(np.array_equal(a, b) for a, b in zip(before, units, strict=True))
         if unchanged or rounds == MAX_CONSISTENCY_ROUNDS:
             break
-        state = replace(state.of_groups(np.arange(len(split.groups)) < len(together.groups)), motion=())
+        original = np.arange(len(separated.groups)) < len(together.groups)
+        state = replace(state.of_groups(separated, original), motion=None)
     # Motions of the board that are alike in successive images are no independent samples.
     covariance = rig_covariance(problem, state, at_least=inflation if problem.motion else 1.0)
     move = find_move(found, inflation)
-    return RigEstimate(split, together, problem, state, covariance, pairs, tuple(tree), found, inflation, move)
+    return RigEstimate(separated, together, rigid, problem, state, covariance, pairs, tuple(tree), found, inflation, move)
+
+
+def _connected(
+    observations: RigObservations,
+    states: Sequence[State],
+    free_parameters: RigFreeParameters,
+    symmetric: Sequence[bool],
+) -> tuple[InitialRig, RigidSets, RigFreeParameters, Mapping[Pair, RelativePose], Sequence[Pair]]:
+    """Return the initial values of a rig, and what connects it: by common boards, or else by motion."""
+    rigid, warps, cameras = rigid_sets(observations, states, symmetric), free_parameters.warps, len(observations.names)
+    grouped, sightings, pairs = _related(observations, states, rigid, symmetric)
+    tree, components = spanning_tree(pairs, cameras)
+    if len(components) > 1:
+        names = [[observations.names[c] for c in sorted(part)] for part in components]
+        unconnected = Unconnected(names, grouped, pairs)
+        if len(observations.boards) == 1:
+            observations = with_own_boards(observations, components)
+            count = len(observations.boards)
+            rigid, symmetric, warps = RigidSets.independent(count), tuple(symmetric) * count, warps * count
+        joined = connect_by_motion(observations, states, rigid, components)
+        if joined is None:
+            raise unconnected
+        rigid = joined
+        grouped, sightings, pairs = _related(observations, states, rigid, symmetric)
+        tree, components = spanning_tree(pairs, cameras)
+        if len(components) > 1:
+            raise unconnected
+    free = replace(free_parameters, warps=warps, boards=rigid.is_further)
+    initial = initial_rig(grouped, states, sightings, rigid, pairs, tree)
+    moved = rigid.contradicting(grouped)
+    units = tuple(np.where(board == AGREES, own, board) for own, board in zip(initial.units, moved, strict=True))
+    return replace(initial, units=units), rigid, free, pairs, tree
+
+
+def _related(
+    observations: RigObservations, states: Sequence[State], rigid: RigidSets, symmetric: Sequence[bool]
+) -> tuple[RigObservations, list[Sightings], dict[Pair, RelativePose]]:
+    """Return the observations by rigid sets of boards, what each camera sees, and the relative poses of the cameras."""
+    grouped = observations.with_rigid_sets(rigid.sets)
+    cameras = range(len(observations.names))
+    sightings = [Sightings.of(c, grouped, states, rigid.group_from_board, symmetric) for c in cameras]
+    return grouped, sightings, relative_poses(sightings)
 
 
 def _with_own_groups(
-    state: RigState, together: RigObservations, split: RigObservations, states: Sequence[State]
+    state: RigState, together: RigObservations, separated: RigObservations, states: Sequence[State]
 ) -> RigState:
-    """Return the state with the poses of the groups that single views have of their own."""
-    extra = len(split.groups) - len(together.groups)
-    poses = Poses.identity(extra)
-    for part, original, own in zip(split.parts, together.parts, states, strict=True):
+    """Return the state with the poses of the groups of separated views."""
+    extra = len(separated.groups) - len(together.groups)
+    poses, velocities = Poses.identity(extra), np.zeros((extra, 6))
+    for part, original, own in zip(separated.parts, together.parts, states, strict=True):
         alone = np.flatnonzero(part.group != original.group)
         if not len(alone):
             continue
-        one = np.full(len(alone), part.camera), np.full(len(alone), part.board)
+        sensor, board = np.full(len(alone), part.camera), np.full(len(alone), part.board)
         cam_from_board = Poses(own.rotations[alone], own.translations[alone])
-        posed = state.sensor_from_rig[one[0]].inverse() @ cam_from_board @ state.group_from_board[one[1]].inverse()
+        posed = state.sensor_from_rig[sensor].inverse() @ cam_from_board @ state.group_from_board[board].inverse()
         rows = part.group[alone] - len(together.groups)
         poses.rotation[rows], poses.translation[rows] = posed.rotation, posed.translation
     groups = Poses(
         np.concatenate([state.rig_from_group.rotation, poses.rotation]),
         np.concatenate([state.rig_from_group.translation, poses.translation]),
     )
-    velocities = np.concatenate([state.velocities, np.zeros((extra, 6))])
-    return replace(state, rig_from_group=groups, velocities=velocities)
-
-
-def _consistent_views(
-    together: RigObservations, before: Sequence[Bools], found: Sequence[Deviations], inflation: float
-) -> list[Bools]:
-    """Return for each part (V,) which views agree with the extrinsics.
-
-    Of the views of a group that contradict, only the worst is removed at a time: it makes the others contradict too.
-    Of two views, it is that of the last camera.
-    """
-    worst: dict[int, tuple[float, int]] = {}
-    wrong = dict[tuple[int, int], bool]()
-    count = np.zeros(len(together.groups), int)
-    for part, kept in zip(together.parts, before, strict=True):
-        np.add.at(count, part.group[kept], 1)
-    for deviation in found:
-        views = zip(
-            deviation.groups.tolist(),
-            deviation.joined,
-            deviation.chi_square,
-            contradicts(deviation, inflation),
-            strict=True,
-        )
-        for group, joined, square, is_wrong in views:
-            wrong[deviation.camera, group] = bool(is_wrong)
-            if is_wrong and joined:
-                is_pair = count[group] == 2
-                worst[group] = max(worst.get(group, (-1.0, -1)), (0.0 if is_pair else float(square), deviation.camera))
-    kept = list[Bools]()
-    for part, agreed in zip(together.parts, before, strict=True):
-        views = [
-            worst.get(g, (0.0, -1))[1] != part.camera if was else not wrong.get((part.camera, g), True)
-            for g, was in zip(part.group.tolist(), agreed, strict=True)
-        ]
-        kept.append(np.array(views, bool))
-    return kept
+    return replace(state, rig_from_group=groups, velocities=np.concatenate([state.velocities, velocities]))

@@ -6,22 +6,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration.rigs.observations import RigObservations, RigPart
+from omnisight.calibration.rigs.observations import AGREES, RigObservations, RigPart
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.relative_poses import (
     MIN_AGREEING_SHARE,
     Pair,
     RelativePose,
     estimate_relative_pose,
-    half_turn,
-    turned,
 )
+from omnisight.calibration.rigs.rigid_sets import RigidSets
+from omnisight.calibration.rigs.sightings import Sightings, half_turn
 from omnisight.calibration.rigs.state import RigState
 from omnisight.calibration.state import State
 from omnisight.geometry.pose import Pose
+from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,42 +38,21 @@ class InitialRig:
         Camera, board poses and warp of each part alone, with boards numbered alike.
     state
         Cameras, extrinsics and board poses.
-    consistent
-        For each part (V,) the views that agree with the extrinsics.
+    units
+        For each part (V,) the camera that contradicts the extrinsics in a view, or `AGREES`.
     """
 
     observations: RigObservations
     states: tuple[State, ...]
     state: RigState
-    consistent: tuple[Bools, ...]
+    units: tuple[Indices, ...]
 
 
-def relative_poses(
-    observations: RigObservations, states: Sequence[State], is_symmetric: bool
-) -> dict[Pair, RelativePose]:
-    """Return the relative pose of each pair of cameras (a, b) that observe a board together.
-
-    Of several boards, the one that most views agree on is used.
-
-    Parameters
-    ----------
-    observations
-        Views of all cameras.
-    states
-        Camera and board poses of each part.
-    is_symmetric
-        Whether boards look the same after half a turn.
-    """
-    pairs: dict[Pair, RelativePose] = {}
-    for i, part_a in enumerate(observations.parts):
-        for j, part_b in enumerate(observations.parts):
-            if part_a.camera >= part_b.camera or part_a.board != part_b.board:
-                continue
-            found = estimate_relative_pose(part_a, states[i], part_b, states[j], is_symmetric=is_symmetric)
-            pair = part_a.camera, part_b.camera
-            if found is not None and (pair not in pairs or found.support > pairs[pair].support):
-                pairs[pair] = found
-    return pairs
+def relative_poses(sightings: Sequence[Sightings]) -> dict[Pair, RelativePose]:
+    """Return the relative pose of each pair of cameras (a, b) that observe a group together."""
+    pairs = [(a, b) for a in range(len(sightings)) for b in range(a + 1, len(sightings))]
+    found = {pair: estimate_relative_pose(sightings[pair[0]], sightings[pair[1]]) for pair in pairs}
+    return {pair: pose for pair, pose in found.items() if pose is not None}
 
 
 def spanning_tree(pairs: Mapping[Pair, RelativePose], cameras: int) -> tuple[list[Pair], list[set[int]]]:
@@ -100,22 +81,23 @@ def is_reliable(pair: RelativePose) -> bool:
 def initial_rig(
     observations: RigObservations,
     states: Sequence[State],
+    sightings: Sequence[Sightings],
+    rigid: RigidSets,
     pairs: Mapping[Pair, RelativePose],
     tree: Sequence[Pair],
-    group_from_board: Sequence[Pose] = (Pose(),),
 ) -> InitialRig:
     """Return the initial values of a rig of connected cameras.
 
     Parameters
     ----------
-    observations
-        Views of all cameras.
-    states
-        Camera and board poses of each part.
+    observations, states
+        Views of all cameras, and camera and board poses of each part.
+    sightings
+        The groups that each camera observes.
+    rigid
+        The rigid sets of boards.
     pairs, tree
         Relative poses, and the pairs that connect all cameras.
-    group_from_board
-        For each board its pose relative to the first.
     """
     sensor_from_rig = {0: Pose()}
     turns = {0: np.zeros(len(observations.groups), bool)}
@@ -132,69 +114,63 @@ def initial_rig(
     turned_parts, turned_states = list[RigPart](), list[State]()
     for part, state in zip(observations.parts, states, strict=True):
         views = turns[part.camera][part.group]
-        changed = turned(part.observations, views)
-        turned_parts.append(replace(part, observations=changed))
+        turned_parts.append(replace(part, observations=_turned(part.observations, views)))
         turned_states.append(_turned_state(state, part, views))
     observations = replace(observations, parts=tuple(turned_parts))
+    sightings = [own.turned(turns[camera][own.group]) for camera, own in enumerate(sightings)]
     sensors = Poses.of(*(sensor_from_rig[c] for c in range(len(observations.names))))
-    boards = Poses.of(*group_from_board)
-    groups, consistent = _group_poses(observations, turned_states, sensors, boards, pairs)
-    first = {part.camera: state.model for part, state in zip(observations.parts, states, strict=True)}
+    groups, contradicts = _group_poses(sightings, sensors, pairs, len(observations.groups))
+    cameras, boards = len(observations.names), len(observations.boards)
     warps = {part.board: state.warp for part, state in zip(observations.parts, states, strict=True)}
+    middles = {part.board: np.append(part.observations.extent.mean(0), 0.0) for part in observations.parts}
     state = RigState(
-        tuple(first[c] for c in range(len(observations.names))),
+        tuple(own.model for own in sightings),
         sensors,
         groups,
-        boards,
-        np.array([warps[b] for b in range(observations.boards)]),
-        np.zeros(len(observations.names)),
+        rigid.group_from_board,
+        np.array([warps[b] for b in range(boards)]),
+        np.zeros(cameras),
         np.zeros((len(observations.groups), 6)),
+        np.array([middles[first] for first in rigid.sets]),
     )
-    return InitialRig(observations, tuple(turned_states), state, consistent)
+    units = tuple(np.where(contradicts[part.camera, part.group], part.camera, AGREES) for part in observations.parts)
+    return InitialRig(observations, tuple(turned_states), state, units)
+
+
+def _turned(observations: Observations, views: Bools) -> Observations:
+    """Return the observations with the boards of some views (V,) numbered from the opposite corner."""
+    rows = views[observations.view_of_row]
+    turned = half_turn(observations) @ observations.points
+    return replace(observations, points=np.where(rows[:, None], turned, observations.points))
 
 
 def _turned_state(state: State, part: RigPart, views: Bools) -> State:
     """Return the state with the poses of boards that are numbered from the opposite corner."""
     poses = Poses(state.rotations, state.translations)
-    other = poses @ Poses.of(half_turn(part.observations))
-    return replace(
-        state,
-        rotations=np.where(views[:, None, None], other.rotation, poses.rotation),
-        translations=np.where(views[:, None], other.translation, poses.translation),
-    )
+    turned = (poses @ Poses.of(half_turn(part.observations))).where(views, poses)
+    return replace(state, rotations=turned.rotation, translations=turned.translation)
 
 
 def _group_poses(
-    observations: RigObservations,
-    states: Sequence[State],
-    sensors: Poses,
-    boards: Poses,
-    pairs: Mapping[Pair, RelativePose],
-) -> tuple[Poses, tuple[Bools, ...]]:
-    """Return rig_from_group of every group, and which views agree with the pose of their group.
+    sightings: Sequence[Sightings], sensors: Poses, pairs: Mapping[Pair, RelativePose], count: int
+) -> tuple[Poses, Bools]:
+    """Return rig_from_group of every group, and (C, G) which cameras contradict the pose of each group.
 
-    The pose is that of the view with most agreeing pairs, and of those that of the first camera, so that of two cameras
-    that contradict each other it is always the same one whose view counts as wrong.
+    The pose is that of the camera with most agreeing pairs, and of those that of the first camera, so that of two
+    cameras that contradict each other it is always the same one whose view counts as wrong.
     """
-    count = len(observations.groups)
-    agreeing = np.zeros((len(observations.names), len(observations.names), count), bool)
+    agreeing = np.zeros((len(sightings), len(sightings), count), bool)
     for (a, b), pair in pairs.items():
         if is_reliable(pair):
             agreeing[a, b, pair.groups] = agreeing[b, a, pair.groups] = pair.agrees
     votes = agreeing.sum(1)
-    rank = np.full(count, -1)
-    chosen = np.zeros(count, np.intp)
-    rotations, translations = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    for part, state in sorted(zip(observations.parts, states, strict=True), key=lambda pair: pair[0].camera):
-        sensor, board = (p[np.full(len(part), k)] for p, k in ((sensors, part.camera), (boards, part.board)))
-        poses = sensor.inverse() @ Poses(state.rotations, state.translations) @ board.inverse()
-        own = votes[part.camera, part.group]
-        better = own > rank[part.group]
-        groups = part.group[better]
-        rank[groups], chosen[groups] = own[better], part.camera
-        rotations[groups], translations[groups] = poses.rotation[better], poses.translation[better]
-    consistent = tuple(
-        (chosen[part.group] == part.camera) | agreeing[part.camera, chosen[part.group], part.group]
-        for part in observations.parts
-    )
-    return Poses(rotations, translations), consistent
+    rank, chosen, groups = np.full(count, -1), np.zeros(count, np.intp), Poses.identity(count)
+    for camera, own in enumerate(sightings):
+        poses = sensors[np.full(len(own), camera)].inverse() @ own.cam_from_group
+        better = votes[camera, own.group] > rank[own.group]
+        at = own.group[better]
+        rank[at], chosen[at] = votes[camera, at], camera
+        groups.rotation[at], groups.translation[at] = poses.rotation[better], poses.translation[better]
+    every = np.arange(count)
+    agrees = np.stack([(chosen == camera) | agreeing[camera, chosen, every] for camera in range(len(sightings))])
+    return groups, ~agrees

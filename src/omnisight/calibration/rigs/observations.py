@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
+# Unit of a view that agrees with its group.
+AGREES = -1
+
 
 @dataclass(frozen=True, eq=False)
 class RigPart:
@@ -26,7 +29,7 @@ class RigPart:
     observations
         The views; each is one board in one image.
     group
-        (V,) index of the board pose that each view observes: views of the same group share it.
+        (V,) index of the pose that each view observes: views of the same group share it.
     delays
         (V,) known time (s) of each view after that of its group.
     """
@@ -55,14 +58,23 @@ class RigPart:
 class RigObservations:
     """Boards that the cameras of a rig observed.
 
+    A group is the boards of one rigid set at one time: all views of a group share its pose.
+
     Attributes
     ----------
     names
         Name of each camera.
     parts
-        The views, by camera and board; several parts can have the same camera.
+        The views, by camera and board.
     groups
-        Name of each group: of the images that were taken at the same time.
+        Name of each group: that of its first image.
+    frame
+        (G,) time at which each group was observed, as an index; the groups of one time are of different sets of boards,
+        or contradict each other.
+    boards
+        Name of each board.
+    unit
+        (G,) camera or board whose views contradict the others of their time, see `unit_of`; `AGREES` for all others.
     seconds
         (G,) time of each group; None if unknown.
     """
@@ -70,16 +82,18 @@ class RigObservations:
     names: tuple[str, ...]
     parts: tuple[RigPart, ...]
     groups: tuple[str, ...]
+    frame: Indices
+    boards: tuple[str, ...]
+    unit: Indices
     seconds: Array | None = None
-
-    @cached_property
-    def boards(self) -> int:
-        """Number of boards."""
-        return 1 + max(part.board for part in self.parts)
 
     def parts_of(self, camera: int) -> list[int]:
         """Return the indices of the parts of a camera."""
         return [k for k, part in enumerate(self.parts) if part.camera == camera]
+
+    def unit_of(self, kind: str, index: int) -> int:
+        """Return the number of a "camera" or a "board" among all that can contradict a group."""
+        return index + (len(self.names) if kind == "board" else 0)
 
     def seen(self) -> Bools:
         """Return (C, G) which groups each camera observes."""
@@ -88,26 +102,59 @@ class RigObservations:
             seen[part.camera, part.group] = True
         return seen
 
+    def common_frames(self, a: int, b: int) -> Indices:
+        """Return the times at which two cameras observe a group together, ascending."""
+        seen = self.seen()
+        return np.unique(self.frame[seen[a] & seen[b]])
+
+    @cached_property
+    def exposures(self) -> tuple[Indices, Indices]:
+        """Camera and group of each exposure: the views of one group by one camera; sorted by camera."""
+        pairs = {(part.camera, group) for part in self.parts for group in part.group.tolist()}
+        camera, group = np.array(sorted(pairs), np.intp).reshape(-1, 2).T
+        return camera, group
+
+    def exposures_of(self, part: RigPart) -> Indices:
+        """Return the exposure (V,) of each view of a part."""
+        camera, group = self.exposures
+        return np.searchsorted(camera * len(self.groups) + group, part.camera * len(self.groups) + part.group)
+
     def subset(self, views: Sequence[Bools]) -> Self:
         """Return the observations with only some of the views (V,) of each part; groups keep their indices."""
         parts = tuple(part.subset(np.flatnonzero(kept)) for part, kept in zip(self.parts, views, strict=True))
         return replace(self, parts=parts)
 
-    def split(self, consistent: Sequence[Bools]) -> Self:
-        """Return the observations with a group of its own for every view that is not consistent with its group.
+    def split(self, units: Sequence[Indices]) -> Self:
+        """Return the observations with a group of its own for the views of every unit that contradicts its group.
 
-        Such a view determines its camera, but no extrinsics. The new groups follow those that exist.
+        The views of a camera then determine it, but no extrinsics; those of a board no relation to other boards. The
+        new groups follow those that exist.
+
+        Parameters
+        ----------
+        units
+            For each part (V,) the unit with which each view contradicts its group, or `AGREES`.
         """
-        names, parts, origin = list(self.groups), list[RigPart](), list(range(len(self.groups)))
-        for part, kept in zip(self.parts, consistent, strict=True):
+        names, parts = list(self.groups), list[RigPart]()
+        number = dict[tuple[int, int], int]()
+        for part, unit in zip(self.parts, units, strict=True):
             group = part.group.copy()
-            for view in np.flatnonzero(~kept):
-                origin.append(int(group[view]))
-                group[view] = len(names)
-                names.append(part.observations.names[view])
+            for view in np.flatnonzero(unit != AGREES):
+                key = int(group[view]), int(unit[view])
+                if key not in number:
+                    number[key] = len(names)
+                    names.append(part.observations.names[view])
+                group[view] = number[key]
             parts.append(replace(part, group=group))
-        seconds = None if self.seconds is None else self.seconds[origin]
-        return replace(self, parts=tuple(parts), groups=tuple(names), seconds=seconds)
+        origin = [*range(len(self.groups)), *(group for group, _ in number)]
+        return replace(
+            self,
+            parts=tuple(parts),
+            groups=tuple(names),
+            frame=self.frame[origin],
+            unit=np.concatenate([self.unit, np.array([unit for _, unit in number], np.intp)]),
+            seconds=None if self.seconds is None else self.seconds[origin],
+        )
 
     def of_groups(self, kept: Bools) -> Self:
         """Return the observations of some of the groups (G,), numbered anew."""
@@ -116,5 +163,40 @@ class RigObservations:
             replace(part.subset(np.flatnonzero(kept[part.group])), group=number[part.group[kept[part.group]]])
             for part in self.parts
         )
-        groups = tuple(name for name, keep in zip(self.groups, kept, strict=True) if keep)
-        return replace(self, parts=parts, groups=groups, seconds=None if self.seconds is None else self.seconds[kept])
+        return replace(
+            self,
+            parts=parts,
+            groups=tuple(name for name, keep in zip(self.groups, kept, strict=True) if keep),
+            frame=self.frame[kept],
+            unit=self.unit[kept],
+            seconds=None if self.seconds is None else self.seconds[kept],
+        )
+
+    def with_rigid_sets(self, sets: Sequence[int]) -> Self:
+        """Return the observations with one group for each time and set of rigidly connected boards.
+
+        Parameters
+        ----------
+        sets
+            (B,) number of the set of each board.
+        """
+        keys = [
+            [(int(self.frame[g]), sets[part.board]) for g in part.group] for part in self.parts
+        ]
+        number = {key: k for k, key in enumerate(sorted({key for part in keys for key in part}))}
+        origin = dict[int, int]()
+        parts = list[RigPart]()
+        for part, own in zip(self.parts, keys, strict=True):
+            group = np.array([number[key] for key in own], np.intp)
+            for new, old in zip(group.tolist(), part.group.tolist(), strict=True):
+                origin[new] = min(old, origin.get(new, old))
+            parts.append(replace(part, group=group))
+        first = [origin[k] for k in range(len(number))]
+        return replace(
+            self,
+            parts=tuple(parts),
+            groups=tuple(self.groups[g] for g in first),
+            frame=self.frame[first],
+            unit=self.unit[first],
+            seconds=None if self.seconds is None else self.seconds[first],
+        )

@@ -59,6 +59,22 @@ class Poses:
         back = np.swapaxes(self.rotation, 1, 2)
         return Poses(back, -(back @ self.translation[..., None])[..., 0])
 
+    def transformed(self, points: Array) -> Array:
+        """Return points (N, K, 3), K in the frame a of each pose, in its frame b."""
+        return points @ np.swapaxes(self.rotation, 1, 2) + self.translation[:, None]
+
+    def steps_from(self, reference: Pose) -> Array:
+        """Return the steps (N, 6) from a reference to the poses, see `Pose.moved`."""
+        turn = so3.log(self.rotation @ reference.rotation.T)
+        return np.concatenate([turn, self.translation - reference.translation], axis=1)
+
+    def where(self, which: NDArray[np.bool_], others: "Poses") -> "Poses":
+        """Return these poses where `which` (N,) is true, and others elsewhere."""
+        return Poses(
+            np.where(which[:, None, None], self.rotation, others.rotation),
+            np.where(which[:, None], self.translation, others.translation),
+        )
+
     def moved(self, steps: Array) -> "Poses":
         """Return the poses moved by steps (N, 6), see `Pose.moved`."""
         return Poses(so3.exp(steps[:, :3]) @ self.rotation, self.translation + steps[:, 3:])

@@ -84,40 +84,42 @@ def _with_motion(
     motion = None
     for _ in range(rounds):
         weights = RigBundle.at(state, observations, poses).weights
-        still = pose_groups(replace(state, motion=()), observations, weights)
+        still = pose_groups(replace(state, motion=None), observations, weights)
         problem = RigBundle.at(still, observations, poses)
         motion = estimate_motion(deviations(problem, still, together), problem, still)
-        if not state.motion:
-            state = replace(state, motion=tuple(np.zeros((len(part), 6)) for part in observations.parts))
+        if state.motion is None:
+            state = replace(state, motion=np.zeros((len(observations.exposures[0]), 6)))
         state = refine_rig(state, observations, poses, motion=motion, tolerance=COMPARISON_TOLERANCE).state
     assert motion is not None
     return motion, state
 
 
 def estimate_motion(found: list[Deviations], problem: RigBundle, state: RigState) -> BoardMotion:
-    """Estimate the standard deviations of the motion of the board from the deviations of the views.
+    """Estimate the standard deviations of the motion of the boards from the deviations of the cameras.
 
-    The deviation of a view from k others in its group has the variance of corner noise and (1 + 1/k) times that of the
+    The deviation of a camera from k others in a group has the variance of corner noise and (1 + 1/k) times that of the
     motion. The median makes the estimate robust to views that contradict the extrinsics.
     """
-    groups = np.zeros(len(problem.observations.groups), int)
+    cameras = problem.observations.seen().sum(0)
+    pivots = np.zeros((len(problem.observations.groups), 3))
     for part in problem.observations.parts:
-        np.add.at(groups, part.group, 1)
+        pivots[part.group] = state.pivots[part.board]
     samples = list[tuple[float, float, float, float, float]]()
     for deviation in found:
-        centres = _board_centres(problem.observations, state, deviation)
-        translation = state.sensor_from_rig.translation[deviation.camera]
-        for step, information, group, joined, centre in zip(
-            deviation.steps, deviation.information, deviation.groups, deviation.joined, centres, strict=True
+        if deviation.kind != "camera":
+            continue
+        sensor = state.sensor_from_rig.one(deviation.index)
+        for step, information, group, joined in zip(
+            deviation.steps, deviation.information, deviation.groups.tolist(), deviation.joined, strict=True
         ):
             if not joined:
                 continue
-            arm = centre - translation
+            arm = sensor.rotation @ (state.rig_from_group.one(group) @ pivots[group])
             covariance = np.linalg.inv(information)
-            to_centre = np.hstack([-so3.hat(arm), np.eye(3)])
-            shift = to_centre @ step
-            noise = float(np.trace(covariance[:3, :3])), float(np.trace(to_centre @ covariance @ to_centre.T))
-            factor = 1 + 1 / max(int(groups[group]) - 1, 1)
+            to_pivot = np.hstack([-so3.hat(arm), np.eye(3)])
+            shift = to_pivot @ step
+            noise = float(np.trace(covariance[:3, :3])), float(np.trace(to_pivot @ covariance @ to_pivot.T))
+            factor = 1 + 1 / max(int(cameras[group]) - 1, 1)
             samples.append((float(step[:3] @ step[:3]), float(shift @ shift), *noise, factor))
     turn, shift, turn_noise, shift_noise, factor = np.array(samples).T
     typical = chi2.median(COMPONENTS)
@@ -126,15 +128,6 @@ def estimate_motion(found: list[Deviations], problem: RigBundle, state: RigState
     # At least a hundredth of the noise, so that the inverse is finite.
     least = 1e-2 * np.median(turn_noise) / COMPONENTS, 1e-2 * np.median(shift_noise) / COMPONENTS
     return BoardMotion(float(np.sqrt(max(rotation, least[0]))), float(np.sqrt(max(translation, least[1]))))
-
-
-def _board_centres(observations: RigObservations, state: RigState, deviation: Deviations) -> Array:
-    """Return the middle of the board (V, 3), in the camera frame, in each view of a deviation."""
-    part = observations.parts[deviation.camera]
-    poses = state.cam_from_still_board(part)
-    middle = np.append(part.observations.extent.mean(0), 0.0)
-    centres = dict(zip(part.observations.names, poses.rotation @ middle + poses.translation, strict=True))
-    return np.array([centres[name] for name in deviation.names])
 
 
 def _with_velocities(state: RigState, observations: RigObservations) -> RigState:

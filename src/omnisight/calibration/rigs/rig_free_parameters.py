@@ -25,7 +25,7 @@ class RigFreeParameters:
     warps
         For each board, whether its warp is estimated.
     boards
-        Whether the poses of the further boards relative to the first are estimated.
+        For each board, whether its pose relative to the first of its rigid set is estimated.
     time_offsets
         Whether the time offsets of the further cameras are estimated.
     extrinsics
@@ -34,7 +34,7 @@ class RigFreeParameters:
 
     cameras: tuple[Array, ...]
     warps: tuple[bool, ...]
-    boards: bool = False
+    boards: tuple[bool, ...] = ()
     time_offsets: bool = False
     extrinsics: bool = True
 
@@ -53,7 +53,7 @@ class RigFreeParameters:
         sizes = {("camera", c): d.shape[1] for c, d in enumerate(self.cameras)}
         sizes |= {("warp", b): 2 for b, is_free in enumerate(self.warps) if is_free}
         sizes |= {("extrinsics", c): 6 for c in range(1, len(self.cameras)) if self.extrinsics}
-        sizes |= {("board", b): 6 for b in range(1, len(self.warps)) if self.boards}
+        sizes |= {("board", b): 6 for b, is_free in enumerate(self.boards) if is_free}
         sizes |= {("time", c): 1 for c in range(1, len(self.cameras)) if self.time_offsets}
         ends = np.cumsum([0, *sizes.values()])
         return {**dict(zip(sizes, ends.tolist(), strict=False)), ("end", 0): int(ends[-1])}

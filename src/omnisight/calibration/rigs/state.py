@@ -1,6 +1,6 @@
 """The unknowns of the calibration of a rig."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from omnisight.models import Projector
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,8 @@ class RigState:
     """Cameras, extrinsics, board poses, board warps and time offsets.
 
     A view of camera c, group g and board b has cam_from_board = sensor_from_rig[c] @ rig_from_group[g] @
-    group_from_board[b]. The rig frame is that of the first camera, the frame of a group that of the first board.
+    group_from_board[b]. The rig frame is that of the first camera, the frame of a group that of the first board of its
+    rigid set.
 
     Attributes
     ----------
@@ -31,15 +33,17 @@ class RigState:
     rig_from_group
         G poses; those of groups that no camera observes have no meaning.
     group_from_board
-        B poses of boards that are rigidly connected; the identity for boards that are not.
+        B poses relative to the first board of the rigid set of each board; its own is the identity.
     warps
         (B, 2) board warps, see `State`.
     time_offsets
         (C,) time, in seconds, of the images of each camera after those of the first.
     velocities
         (G, 6) motion of `rig_from_group` per second, as steps (w, v) of `Pose.moved`; constant in an optimization.
+    pivots
+        (B, 3) point about which the rigid set of each board moves, in the frame of its groups.
     motion
-        For each camera (V, 6) small motions of the board in each view, see `board_motion`; none if it is at rest.
+        (E, 6) small motion of the boards in each exposure, see `board_motion`; None if they are at rest.
     """
 
     models: tuple[Projector, ...]
@@ -49,35 +53,55 @@ class RigState:
     warps: Array
     time_offsets: Array
     velocities: Array
-    motion: tuple[Array, ...] = ()
+    pivots: Array
+    motion: Array | None = field(default=None)
 
-    def cam_from_board(self, part: RigPart) -> Poses:
-        """Return the pose of the board in every view of a part."""
-        poses = self.cam_from_still_board(part)
-        return with_motion(poses, part, self.motion[part.camera]) if self.motion else poses
+    def cam_from_board(self, part: RigPart, exposures: Indices) -> Poses:
+        """Return the pose of the board in every view of a part; `exposures` (V,) are those of its views."""
+        return self.cam_from_group(part, exposures) @ self._board(part)
 
-    def cam_from_still_board(self, part: RigPart) -> Poses:
-        """Return the pose of the board in every view of a part, without its motion."""
-        return self._sensor(part) @ self.rig_from_board(part)
+    def cam_from_group(self, part: RigPart, exposures: Indices) -> Poses:
+        """Return the pose of the group in every view of a part."""
+        poses = self.cam_from_still_group(part)
+        if self.motion is None:
+            return poses
+        return with_motion(poses, self.pivots[part.board], self.motion[exposures])
+
+    def cam_from_still_group(self, part: RigPart) -> Poses:
+        """Return the pose of the group in every view of a part, without the motion of the boards."""
+        return self.sensor_from_rig[np.full(len(part), part.camera)] @ self.rig_from_views(part)
+
+    def rig_from_views(self, part: RigPart) -> Poses:
+        """Return the pose of the group, in the rig frame, at the time of every view of a part."""
+        seconds = part.delays + self.time_offsets[part.camera]
+        return self.rig_from_group[part.group].moved(seconds[:, None] * self.velocities[part.group])
 
     def rig_from_board(self, part: RigPart) -> Poses:
-        """Return the pose of the board, in the rig frame, in every view of a part."""
-        seconds = part.delays + self.time_offsets[part.camera]
-        moved = self.rig_from_group[part.group].moved(seconds[:, None] * self.velocities[part.group])
-        return moved @ self.group_from_board[np.full(len(part), part.board)]
+        """Return the pose of the board, in the rig frame, in every view of a part, without its motion."""
+        return self.rig_from_views(part) @ self._board(part)
 
-    def part_state(self, part: RigPart) -> State:
+    def part_state(self, part: RigPart, exposures: Indices) -> State:
         """Return camera, board poses and warp of one part."""
-        poses = self.cam_from_board(part)
+        poses = self.cam_from_board(part, exposures)
         return State(self.models[part.camera], poses.rotation, poses.translation, self.warps[part.board])
+
+    def part_states(self, observations: RigObservations) -> list[State]:
+        """Return camera, board poses and warp of every part."""
+        return [self.part_state(part, observations.exposures_of(part)) for part in observations.parts]
 
     def lengths(self, observations: RigObservations) -> list[Array]:
         """Return the residual lengths (N,), px, of every part."""
-        return [self.part_state(part).lengths(part.observations) for part in observations.parts]
+        return [
+            state.lengths(part.observations)
+            for part, state in zip(observations.parts, self.part_states(observations), strict=True)
+        ]
 
-    def of_groups(self, kept: Bools) -> "RigState":
-        """Return the state of some of the groups (G,)."""
-        return replace(self, rig_from_group=self.rig_from_group[kept], velocities=self.velocities[kept])
+    def of_groups(self, observations: RigObservations, kept: Bools) -> "RigState":
+        """Return the state of some of the groups (G,) of observations."""
+        motion = None if self.motion is None else self.motion[kept[observations.exposures[1]]]
+        return replace(
+            self, rig_from_group=self.rig_from_group[kept], velocities=self.velocities[kept], motion=motion
+        )
 
-    def _sensor(self, part: RigPart) -> Poses:
-        return self.sensor_from_rig[np.full(len(part), part.camera)]
+    def _board(self, part: RigPart) -> Poses:
+        return self.group_from_board[np.full(len(part), part.board)]

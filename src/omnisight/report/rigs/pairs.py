@@ -12,6 +12,7 @@ RULES = {
     "number": "have the same number in the file name",
     "order": "have the same place in the order of the files",
     "time": "were taken at the same time",
+    "timestamp": "were taken at the same time, by the timestamps in their names",
 }
 BY_MOTION = (
     "By motion: no common board connects these cameras. Each saw a board of its own, and their relative pose follows"
@@ -26,7 +27,8 @@ def pairs(data: RigReportData) -> Section:
     weakest = min(links, key=lambda pair: pair.agreeing, default=None)
     rows = [_row(data, pair, is_weakest=pair is weakest and len(data.rig) > 2) for pair in calibration.pairs]
     columns = ("pair", "common images", "agree", "rms px", "connects", "to do")
-    note = element("p", BY_MOTION, class_="note") if calibration.estimate.observations.boards > 1 else None
+    by_motion = any(pair.is_link and _is_by_motion(data, pair) for pair in calibration.pairs)
+    note = element("p", BY_MOTION, class_="note") if by_motion else None
     return Section(
         "pairs",
         "Pairs of cameras",
@@ -45,7 +47,7 @@ def pairs(data: RigReportData) -> Section:
 
 def _row(data: RigReportData, pair: PairEvidence, *, is_weakest: bool) -> Markup:
     link = "weakest link" if is_weakest else "link" if pair.is_link else ""
-    if pair.is_link and data.boards_of(pair.a).isdisjoint(data.boards_of(pair.b)):
+    if pair.is_link and _is_by_motion(data, pair):
         link += " by motion"
     return element(
         "tr",
@@ -56,6 +58,11 @@ def _row(data: RigReportData, pair: PairEvidence, *, is_weakest: bool) -> Markup
         element("td", link),
         element("td", _advice(pair)),
     )
+
+
+def _is_by_motion(data: RigReportData, pair: PairEvidence) -> bool:
+    """Return whether two cameras have no board in common."""
+    return data.boards_of(pair.a).isdisjoint(data.boards_of(pair.b))
 
 
 def _advice(pair: PairEvidence) -> str:

@@ -137,8 +137,8 @@ class RigReportData:
         estimate = self.calibration.estimate
         problem = RigBundle.at(estimate.state, estimate.observations, estimate.problem.free_parameters)
         found = list[PartResiduals]()
-        for part, weights in zip(estimate.observations.parts, problem.weights, strict=True):
-            state = estimate.state.part_state(part)
+        states = estimate.state.part_states(estimate.observations)
+        for part, weights, state in zip(estimate.observations.parts, problem.weights, states, strict=True):
             residuals = state.residuals(part.observations)
             outliers = weights.outliers(state, part.observations) | ~np.isfinite(residuals).all(1)
             found.append(PartResiduals(part.observations.pixels, residuals, outliers))
@@ -158,8 +158,9 @@ class RigReportData:
     def views(self) -> tuple[RigView, ...]:
         """All views of all cameras."""
         estimate = self.calibration.estimate
-        used = np.flatnonzero(estimate.together.seen().any(0))
-        number = {int(group): n for n, group in enumerate(used, 1)}
+        frame = estimate.together.frame
+        used = np.unique(frame[estimate.together.seen().any(0)])
+        number = {int(index): n for n, index in enumerate(used, 1)}
         views = list[RigView]()
         for part, original, found, kept in zip(
             estimate.observations.parts, estimate.together.parts, self.parts, estimate.consistent, strict=True
@@ -172,7 +173,7 @@ class RigReportData:
                     RigView(
                         estimate.observations.names[part.camera],
                         part.observations.names[k],
-                        number[int(original.group[k])],
+                        number[int(frame[original.group[k]])],
                         part.board,
                         rows.stop - rows.start,
                         int(found.outliers[rows].sum()),
@@ -205,11 +206,11 @@ class RigReportData:
     @property
     def common_frames(self) -> tuple[int, int]:
         """Number of moments at which several cameras saw a board, and of those whose views all agree."""
-        by_number: dict[int, list[bool]] = {}
+        by_number: dict[int, list[RigView]] = {}
         for view in self.views:
-            by_number.setdefault(view.number, []).append(view.agrees)
-        common = [agree for agree in by_number.values() if len(agree) > 1]
-        return len(common), sum(all(agree) for agree in common)
+            by_number.setdefault(view.number, []).append(view)
+        common = [views for views in by_number.values() if len({view.camera for view in views}) > 1]
+        return len(common), sum(all(view.agrees for view in views) for views in common)
 
     def quote(self, words: Sequence[str]) -> str:
         """Join words to a command line of the operating system's shell."""
