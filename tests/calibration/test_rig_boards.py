@@ -82,12 +82,129 @@ def assert_within_uncertainty(calibration, true):
         assert length < MAX_SIGMAS * calibration.sigmas(name)[1]
 
 
-if __name__ == "__main__":
+@pytest.fixture
+def known(tmp_path):
+    """Return the options with which all cameras of a rig are known."""
+
+    def options(rig, **others):
+        for name, camera in zip(rig.names, rig.cameras, strict=True):
+            om.save(camera, tmp_path / f"{name}.json")
+        files = tuple(f"{name}={tmp_path / name}.json" for name in rig.names)
+        return om.CalibrateRigOptions(camera=files, flat=True, **others)
+
+    return options
+
+
+def hand_held(rng, count):
+    """Return poses of a board in a hand in front of two cameras."""
+    rotations = [so3.exp(rng.uniform(-0.5, 0.5, 3)) for _ in range(count)]
+    middles = [np.append(rng.uniform(-0.12, 0.12, 2), rng.uniform(0.4, 0.55)) for _ in range(count)]
+    return [om.Pose(r, middle - r @ MIDDLE) for r, middle in zip(rotations, middles, strict=True)]
+
+
+BESIDE = om.Pose(so3.exp([0.3, 0.1, 0.05]), np.array([0.29, 0.02, -0.03]))
+
+
+def test_boards_at_rest_connect_cameras_without_a_common_view(known):
     rig = back_to_back()
-    rng = np.random.default_rng(1)
-    obs = in_room(rig, 25, rng)
-    import time
-    t = time.time()
-    c = om.calibrate_rig(obs, FISHEYE)
-    print(time.time() - t, c, c.reasons, c.estimate.rigid.sets, [p for p in c.pairs], c.seconds)
-    print(pose_errors(c.rig, rig), c.sigmas("back"))
+    calibration = om.calibrate_rig(in_room(rig, 24, np.random.default_rng(1)), known(rig))
+    assert set(calibration.estimate.rigid.sets) == {0}
+    assert calibration.pairs[0].agreeing == calibration.pairs[0].shared
+    assert_within_uncertainty(calibration, rig)
+    assert calibration.sigmas("back")[1] < 0.0005
+
+
+@pytest.mark.slow
+def test_cameras_are_calibrated_from_several_boards():
+    rig = back_to_back()
+    calibration = om.calibrate_rig(in_room(rig, 20, np.random.default_rng(1)), FISHEYE)
+    assert set(calibration.estimate.rigid.sets) == {0}
+    assert_within_uncertainty(calibration, rig)
+
+
+@pytest.mark.slow
+def test_the_stated_uncertainty_of_several_boards_is_that_of_repeated_calibrations(known):
+    rig, squares, stated = back_to_back(), [], []
+    for seed in range(40):
+        observations = in_room(rig, 10, np.random.default_rng(1), seed=seed)
+        calibration = om.calibrate_rig(observations, known(rig))
+        (angle,), (length,) = pose_errors(calibration.rig, rig)
+        squares.append((angle**2, length**2))
+        stated.append(np.square(calibration.sigmas("back")))
+    # The standard error of these ratios is 5 to 10 %.
+    assert np.sqrt(np.mean(squares, axis=0) / np.mean(stated, axis=0)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_poses_of_boards_at_rest_are_estimated(known):
+    rig, rng = rig_scene("stereo", 4).rig, np.random.default_rng(2)
+    poses = hand_held(rng, 14)
+    boards = {"a": poses, "b": [pose @ BESIDE for pose in poses]}
+    calibration = om.calibrate_rig(observe(rig, boards), known(rig))
+    state = calibration.estimate.state
+    assert calibration.estimate.rigid.sets == (0, 0)
+    step = om.Pose(state.group_from_board.rotation[1] @ BESIDE.rotation.T, np.zeros(3))
+    assert np.linalg.norm(so3.log(step.rotation)) < 2e-3
+    assert state.group_from_board.translation[1] == pytest.approx(BESIDE.translation, abs=5e-4)
+    alone = om.calibrate_rig(observe(rig, {"a": poses}), known(rig))
+    assert calibration.sigmas("right")[0] < 0.85 * alone.sigmas("right")[0]
+    assert_within_uncertainty(calibration, rig)
+
+
+def test_boards_that_move_are_independent(known):
+    rig, rng = rig_scene("stereo", 4).rig, np.random.default_rng(2)
+    boards = {"a": hand_held(rng, 14), "b": [pose @ BESIDE for pose in hand_held(rng, 14)]}
+    calibration = om.calibrate_rig(observe(rig, boards), known(rig))
+    assert calibration.estimate.rigid.sets == (0, 1)
+    (pair,) = calibration.pairs
+    assert pair.agreeing == pair.shared == 14
+    assert_within_uncertainty(calibration, rig)
+
+
+def test_a_board_that_moved_in_one_image_contradicts_it_alone(known):
+    rig, poses = rig_scene("stereo", 4).rig, hand_held(np.random.default_rng(2), 14)
+    beside = [pose @ BESIDE for pose in poses]
+    beside[5] = beside[5].moved([0.02, 0.0, 0.01, 0.004, 0.0, 0.003])
+    calibration = om.calibrate_rig(observe(rig, {"a": poses, "b": beside}), known(rig))
+    estimate = calibration.estimate
+    wrong = [
+        (estimate.observations.boards[part.board], part.observations.names[v])
+        for part, kept in zip(estimate.observations.parts, estimate.consistent, strict=True)
+        for v in np.flatnonzero(~kept)
+    ]
+    assert wrong
+    assert {image for _, image in wrong} == {"0005.png"}
+    assert len({board for board, _ in wrong}) == 1
+    assert_within_uncertainty(calibration, rig)
+
+
+def test_a_board_that_was_moved_is_named_with_its_images(known):
+    rig, poses = rig_scene("stereo", 4).rig, hand_held(np.random.default_rng(2), 20)
+    moved = BESIDE.moved([0.01, 0.0, 0.0, 0.004, 0.0, 0.0])
+    beside = [pose @ (BESIDE if k < 15 else moved) for k, pose in enumerate(poses)]
+    calibration = om.calibrate_rig(observe(rig, {"near": poses, "far": beside}), known(rig))
+    move = calibration.estimate.move
+    assert (move.kind, move.before, move.after) == ("board", "0014.png", "0015.png")
+    assert move.angle == pytest.approx(0.01, rel=0.3)
+    assert any("relative to the other boards between 0014.png and 0015.png" in r for r in calibration.reasons)
+    assert_within_uncertainty(calibration, rig)
+
+
+def test_the_gradient_for_several_boards_is_the_derivative_of_the_cost(known):
+    rig = back_to_back()
+    estimate = om.calibrate_rig(in_room(rig, 8, np.random.default_rng(3)), known(rig)).estimate
+    rng, problem = np.random.default_rng(0), estimate.problem
+    weights = tuple(dataclasses.replace(w, threshold=1e9) for w in problem.weights)
+    free = dataclasses.replace(problem.free_parameters, warps=(True,) * len(problem.observations.boards))
+    problem = dataclasses.replace(problem, weights=weights, free_parameters=free)
+    state = dataclasses.replace(estimate.state, warps=rng.normal(0, 1e-4, estimate.state.warps.shape))
+    normal = problem.linearize(state)
+    gradient = np.concatenate([normal.shared_gradient, normal.local_gradient.ravel()])
+    scale = 1e-3 / np.sqrt(np.concatenate([np.diagonal(normal.shared), *(np.diagonal(b) for b in normal.local)]))
+    checked = np.flatnonzero(np.isfinite(scale))
+    assert len(checked) > free.count
+    for k in checked[:: max(len(checked) // 60, 1)]:
+        step = np.zeros(len(gradient))
+        step[k] = scale[k]
+        ahead, behind = (problem.cost(problem.move(state, sign * step)) for sign in (1, -1))
+        numeric = (ahead - behind) / (2 * scale[k])
+        assert numeric == pytest.approx(gradient[k], rel=1e-6, abs=1e-6 / scale[k])

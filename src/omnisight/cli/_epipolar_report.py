@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.epipolar import EpipolarResult
 
 
@@ -36,7 +37,7 @@ def print_json(result: EpipolarResult) -> None:
 def _pose(pose: Pose) -> dict[str, list[float] | None]:
     """Return the rotation and the direction of the translation."""
     return {
-        "rotation_xyzw": Rotation.from_matrix(pose.rotation).as_quat().tolist(),
+        "rotation_xyzw": quaternions(pose.rotation).tolist(),
         "direction": pose.translation.tolist() if pose.translation.any() else None,
     }
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from omnisight.cli._console import console
+from omnisight.geometry.rotation import quaternions
 from omnisight.localization.visual_map import LocalizedImage, VisualMap
 from omnisight.pipeline.reconstruct import ReconstructionResult
 
@@ -62,7 +62,7 @@ def _as_dict(image: LocalizedImage) -> dict[str, Any]:
     return {
         "localized": True,
         "position": world_from_cam.translation.tolist(),
-        "rotation_xyzw": Rotation.from_matrix(world_from_cam.rotation).as_quat(canonical=True).tolist(),
+        "rotation_xyzw": quaternions(world_from_cam.rotation).tolist(),
         "sigma_deg": float(np.degrees(angle)),
         "sigma_position": distance,
         **figures,

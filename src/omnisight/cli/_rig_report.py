@@ -9,13 +9,19 @@ from scipy.spatial.transform import Rotation
 
 from omnisight.cli._calibrate_report import print_verdict
 from omnisight.cli._console import console
+from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.rig_calibration import RigCalibration
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-RULES = {"name": "file names", "number": "numbers in the file names", "order": "order of the files"}
-RULES |= {"time": "times", "timestamp": "timestamps in the file names"}
+RULES = {
+    "name": "file names",
+    "number": "numbers in the file names",
+    "order": "order of the files",
+    "time": "times",
+    "timestamp": "timestamps in the file names",
+}
 
 
 def print_json(calibration: RigCalibration) -> None:
@@ -46,6 +52,7 @@ def print_json(calibration: RigCalibration) -> None:
             }
             for pair in calibration.pairs
         ],
+        "boards": [_board(calibration, k) for k in range(len(calibration.estimate.observations.boards))],
         "rms": calibration.rms,
         "verdict": str(calibration.verdict),
         "reasons": list(calibration.reasons),
@@ -64,7 +71,24 @@ def _pose(calibration: RigCalibration, name: str) -> dict[str, Any]:
     translation = pose.translation.tolist()
     return {
         "translation_m": translation if metric else None,
-        "rotation_xyzw": Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist(),
+        "rotation_xyzw": quaternions(pose.rotation).tolist(),
+        "sigma_mm": 1e3 * length if metric else None,
+        "sigma_deg": float(np.degrees(angle)),
+        **({} if metric else {"translation": translation, "sigma": length}),
+    }
+
+
+def _board(calibration: RigCalibration, board: int) -> dict[str, Any]:
+    """Return the pose of a board relative to the first of its rigid set, and its standard deviations."""
+    estimate, metric = calibration.estimate, calibration.rig.unit == "m"
+    pose, (angle, length) = estimate.state.group_from_board.one(board), calibration.board_sigmas(board)
+    translation = pose.translation.tolist()
+    return {
+        "name": estimate.observations.boards[board],
+        "images": calibration.images_of_board(board),
+        "rigid_with": estimate.observations.boards[estimate.rigid.sets[board]],
+        "translation_m": translation if metric else None,
+        "rotation_xyzw": quaternions(pose.rotation).tolist(),
         "sigma_mm": 1e3 * length if metric else None,
         "sigma_deg": float(np.degrees(angle)),
         **({} if metric else {"translation": translation, "sigma": length}),
@@ -76,6 +100,8 @@ def print_report(calibration: RigCalibration, written: Path | None, *, verbose: 
     out = console()
     _print_cameras(out, calibration)
     _print_pairs(out, calibration)
+    if len(calibration.estimate.observations.boards) > 1:
+        _print_boards(out, calibration)
     rig = calibration.rig
     out.print(f"{'rig':<10}frame of {_reference(calibration)}; simultaneous images by {RULES[calibration.rule]}")
     if rig.time_offsets:
@@ -130,6 +156,25 @@ def _print_pairs(out: "Console", calibration: RigCalibration) -> None:
         rms = f"{pair.rms:.3f}" if np.isfinite(pair.rms) else ""
         note = "weakest link" if pair is weakest and len(calibration.rig) > 2 else ""
         table.add_row(f"{pair.a} - {pair.b}", str(pair.shared), str(pair.agreeing), rms, note)
+    out.print(table)
+    out.print()
+
+
+def _print_boards(out: "Console", calibration: RigCalibration) -> None:
+    """Print the boards, and which of them are rigidly connected."""
+    from rich.table import Table
+
+    observations, sets = calibration.estimate.observations, calibration.estimate.rigid.sets
+    unit, scale = ("mm", 1e3) if calibration.rig.unit == "m" else ("squares", 1.0)
+    table = Table("board", "images", "fixed to", f"± {unit}", "± deg", box=None, pad_edge=False)
+    for column in (table.columns[1], *table.columns[3:]):
+        column.justify = "right"
+    for k, name in enumerate(observations.boards):
+        angle, length = calibration.board_sigmas(k)
+        is_first = sets[k] == k
+        first = ("nothing" if sets.count(k) == 1 else "") if is_first else observations.boards[sets[k]]
+        sigmas = ("", "") if is_first else (f"{scale * length:.2g}", f"{np.degrees(angle):.2g}")
+        table.add_row(name, str(calibration.images_of_board(k)), first, *sigmas)
     out.print(table)
     out.print()
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.stitch import StitchResult
 from omnisight.sfm.head_result import HeadCalibration
 
@@ -24,7 +25,7 @@ def print_json(result: StitchResult) -> None:
         "seam_disparity_before_warp_deg": _number(worst.unwarped_deg),
         "photometric_step": _number(worst.photometric_step),
         "overlap_deg": _number(worst.overlap_deg),
-        "rotation_xyzw": [_quaternion(pose.rotation) for pose in result.rig.sensor_from_rig],
+        "rotation_xyzw": [quaternions(pose.rotation).tolist() for pose in result.rig.sensor_from_rig],
         "rotation_sigma_deg": None if result.head is None else _number(result.head.rotation_sigma_deg),
         "lenses": [camera.model.to_dict() for camera in result.rig.cameras],
         "lens_sigmas": [] if result.head is None else _lens_sigmas(result.head),
@@ -84,13 +85,6 @@ def _number(value: float) -> float | None:
 
 def _angle(rotation: Any) -> float:
     return math.degrees(math.acos(max(-1.0, min(1.0, (float(np.trace(rotation)) - 1) / 2))))
-
-
-def _quaternion(rotation: Any) -> list[float]:
-    """Return the quaternion xyzw of a rotation."""
-    from scipy.spatial.transform import Rotation  # imported on use: scipy is slow to import
-
-    return [round(float(x), 8) for x in Rotation.from_matrix(rotation).as_quat(canonical=True)]
 
 
 def _focal_length(head: HeadCalibration, lens: int) -> str:

@@ -17,6 +17,7 @@ def target(
     marker: str | None = None,
     separation: str | None = None,
     dictionary: str | None = None,
+    first_marker: int | None = None,
     legacy: bool = False,
     tag: str | None = None,
     spacing: str | None = None,
@@ -49,6 +50,9 @@ def target(
     dictionary
         charuco, aruco_grid: OpenCV's name of the markers' dictionary, such as 4x4_50; DICT_5X5_100 and DICT_6X6_250
         by default.
+    first_marker
+        charuco, aprilgrid, aruco_grid: number of the first marker in the dictionary; 0 by default. Boards that are in
+        view at the same time need different markers.
     legacy
         charuco: the layout of OpenCV before 4.6.
     tag
@@ -69,7 +73,7 @@ def target(
     from omnisight.targets.printing.paper import millimetres
 
     values = {"square": square, "marker": marker, "dictionary": dictionary, "legacy": legacy or None, "tag": tag}
-    values |= {"separation": separation, "spacing": spacing, "diameter": diameter}
+    values |= {"first_marker": first_marker, "separation": separation, "spacing": spacing, "diameter": diameter}
     board = new_board(kind, pattern, {name: value for name, value in values.items() if value is not None})
     files = write_target(board, output, paper)
     left, top, right, bottom = board.extent

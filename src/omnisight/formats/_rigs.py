@@ -54,11 +54,6 @@ def pose_of_quaternion(xyzw: Sequence[float], translation: Sequence[float], name
     return Pose(Rotation.from_quat(np.array(xyzw) / length).as_matrix(), np.array(translation, float))
 
 
-def quaternion(pose: Pose) -> list[float]:
-    """Return the quaternion xyzw of a pose, w not negative."""
-    return Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist()
-
-
 def pose_of_vector(rotation: Sequence[float], translation: Sequence[float]) -> Pose:
     """Return the pose of a rotation vector (radians) and a translation."""
     return Pose(so3.exp(rotation), np.array(translation, float))

@@ -16,7 +16,6 @@ from omnisight.formats._rigs import (
     imu_poses,
     make_rig,
     pose_of_quaternion,
-    quaternion,
     rig_notes,
 )
 from omnisight.formats._values import (
@@ -30,6 +29,7 @@ from omnisight.formats._values import (
 )
 from omnisight.formats._yaml import read_map
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import quaternions
 from omnisight.models import CameraModel
 from omnisight.rig import Rig
 
@@ -140,7 +140,7 @@ def _pose(entry: Any, name: str) -> Pose:
 
 def _seven(pose: Pose) -> dict[str, float]:
     """Return the entry of `T_imu_cam` of a pose."""
-    return dict(zip(AT_IMU, (*pose.translation.tolist(), *quaternion(pose)), strict=True))
+    return dict(zip(AT_IMU, (*pose.translation.tolist(), *quaternions(pose.rotation).tolist()), strict=True))
 
 
 def _model(lens: Any, name: str) -> CameraModel:

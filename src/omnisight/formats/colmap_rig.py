@@ -20,13 +20,13 @@ from omnisight.formats._rigs import (
     in_first_frame,
     make_rig,
     pose_of_quaternion,
-    quaternion,
     rig_notes,
     single,
 )
 from omnisight.formats._values import image_size, numbers
 from omnisight.formats._yaml import read
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import quaternions
 from omnisight.rig import Rig
 
 TITLE = "COLMAP rig_config.json"
@@ -93,7 +93,7 @@ def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
         if name == posed.reference:
             entry["ref_sensor"] = True
         else:
-            x, y, z, w = quaternion(pose)
+            x, y, z, w = quaternions(pose.rotation).tolist()
             entry |= {"cam_from_rig_rotation": [w, x, y, z], "cam_from_rig_translation": pose.translation.tolist()}
         cameras.append(entry | {"camera_model_name": kind, "camera_params": params, "size": list(exported.size)})
         notes[name] = exported.notes + dropped_fields(exported.camera, ("image_prefix",))

@@ -41,6 +41,15 @@ def log(rotations: ArrayLike) -> Array:
     return np.where(small, axis, direction * angle[..., None])
 
 
+def quaternions(rotations: ArrayLike) -> Array:
+    """Return the unit quaternions (..., 4), x y z w with w >= 0, of rotations (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation  # scipy is slow to import
+
+    matrices = np.asarray(rotations, float)
+    xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return np.asarray(xyzw, float).reshape(*matrices.shape[:-2], 4)
+
+
 def nearest(matrices: ArrayLike) -> Array:
     """Return the rotations nearest to matrices (..., 3, 3), by the singular value decomposition."""
     u, _, vt = np.linalg.svd(np.asarray(matrices, float))

@@ -96,6 +96,22 @@ class RigCalibration:
         frames = [self.estimate.together.frame[parts[k].group] for k in self.parts_of(name)]
         return len(np.unique(np.concatenate(frames)))
 
+    @property
+    def board_sets(self) -> list[list[str]]:
+        """Names of the boards of each rigid set, in the order of the boards."""
+        names, sets = self.estimate.observations.boards, self.estimate.rigid.sets
+        return [[name for name, own in zip(names, sets, strict=True) if own == first] for first in sorted(set(sets))]
+
+    def images_of_board(self, board: int) -> int:
+        """Return the number of images of all cameras that show a board."""
+        return sum(len(part) for part in self.estimate.together.parts if part.board == board)
+
+    def board_sigmas(self, board: int) -> tuple[float, float]:
+        """Return the standard deviations of the pose of a board in its rigid set: angle (radians) and length."""
+        columns = self.estimate.problem.free_parameters.columns("board", board, 6)
+        variances = np.diagonal(self.estimate.covariance.shared)[columns]
+        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+
     def sigmas(self, name: str) -> tuple[float, float]:
         """Return the standard deviations of the pose of a camera: angle (radians) and length of the translation.
 

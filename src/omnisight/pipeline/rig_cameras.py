@@ -145,17 +145,13 @@ def _camera_of_several_boards(name: str, boards: Boards, options: CalibrateRigOp
     return _calibrated_camera(name, calibration, boards, states)
 
 
-def _calibrated_camera(
-    name: str, calibration: Calibration, boards: Boards, states: Mapping[str, State]
-) -> RigCamera:
+def _calibrated_camera(name: str, calibration: Calibration, boards: Boards, states: Mapping[str, State]) -> RigCamera:
     free = calibration.best.free_parameters
     frame = frame_covariance(calibration.best, calibration.candidates, calibration.observations)
     return RigCamera(name, calibration.camera, boards, states, free.directions, free.warp, calibration, frame)
 
 
-def _known_camera(
-    name: str, boards: Boards, file: Path, options: CalibrateRigOptions, progress: Progress
-) -> RigCamera:
+def _known_camera(name: str, boards: Boards, file: Path, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
     camera = load(file)
     used, states = dict[str, Observations](), dict[str, State]()
     for board, observations in boards.items():

@@ -134,7 +134,9 @@ def _timestamps(images: Mapping[str, Sequence[str]]) -> dict[str, Array] | None:
         return None
     # Seconds from the first image: a double holds nanoseconds since 1970 to 0.2 us only.
     origin = min(int(stem) for stem in every)
-    return {camera: np.array([(int(s) - origin) * STAMP_UNITS[count] for s in found]) for camera, found in stems.items()}
+    return {
+        camera: np.array([(int(s) - origin) * STAMP_UNITS[count] for s in found]) for camera, found in stems.items()
+    }
 
 
 def _by_time(taken: Mapping[str, Array], max_difference: float) -> tuple[Indices, Array, Array]:

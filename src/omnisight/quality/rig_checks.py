@@ -144,9 +144,9 @@ def _moved(evidence: RigEvidence) -> Check:
         return Check(
             "board moved",
             Level.DO_NOT_USE,
-            f"The board {name} moved by {distance} and {np.degrees(move.angle):.2g}° relative to the other boards between"
-            f" {move.before} and {move.after}: fix the boards firmly, and calibrate with the images before or after the"
-            " change only.",
+            f"The board {name} moved by {distance} and {np.degrees(move.angle):.2g}° relative to the other boards"
+            f" between {move.before} and {move.after}: fix the boards firmly, and calibrate with the images before or"
+            " after the change only.",
         )
     others = [other for other in evidence.verdicts if other != name]
     relative = f" (or {others[0]})" if len(others) == 1 else ""

@@ -15,8 +15,8 @@ from omnisight.formats._readers import WHOLE_SPHERE_DEG
 from omnisight.formats._values import HALF_PIXEL
 from omnisight.formats.colmap import READERS, colmap_camera
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import quaternions
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.reconstructions._poses import quaternions
 from omnisight.sfm.reconstruction import Reconstruction
 
 Array = NDArray[np.float64]

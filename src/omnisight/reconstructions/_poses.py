@@ -1,9 +1,8 @@
 """Poses of the images of a reconstruction as arrays."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
 from omnisight.sfm.reconstruction import Reconstruction
 
@@ -11,13 +10,6 @@ Array = NDArray[np.float64]
 
 # Directions whose mean is shorter have no common direction.
 MIN_MEAN_LENGTH = 1e-3
-
-
-def quaternions(rotations: ArrayLike) -> Array:
-    """Return the unit quaternions (..., 4), x y z w with w >= 0, of rotations (..., 3, 3)."""
-    matrices = np.asarray(rotations, float)
-    xyzw = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat(canonical=True)
-    return xyzw.reshape(*matrices.shape[:-2], 4)
 
 
 def world_from_cameras(reconstruction: Reconstruction) -> tuple[Array, Array]:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.reconstructions._poses import marker_size, quaternions, up_direction, world_from_cameras
+from omnisight.geometry.rotation import quaternions
+from omnisight.reconstructions._poses import marker_size, up_direction, world_from_cameras
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 

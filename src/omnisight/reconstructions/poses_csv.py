@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import quaternions
 from omnisight.images import write_bytes
-from omnisight.reconstructions._poses import quaternions, world_from_cameras
+from omnisight.reconstructions._poses import world_from_cameras
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.sfm.reconstruction import Reconstruction
 

@@ -125,13 +125,6 @@ def _from_kalibr(values: dict[str, Any]) -> Board:
     if not isinstance(kind, str) or kind not in readers:
         found = "target_type is missing" if kind is None else f"target_type is {reprlib.repr(kind)}"
         raise ValueError(f"{found}: expected JSON with a target, or a target of Kalibr: {', '.join(readers)}")
-    if kind == "aprilgrid":
-        for name in [name for name in FIRST_TAG if name in values]:
-            if (first := values.pop(name)) is False or first != 0:
-                raise ValueError(
-                    f"{name} is {reprlib.repr(first)}: an aprilgrid whose first tag is not number 0 is not"
-                    " supported; use one that begins with tag 0"
-                )
     fields = _Fields(values)
     board = readers[kind](fields)
     if fields.unread:
@@ -176,6 +169,7 @@ def _aprilgrid(kalibr: _Fields) -> dict[str, Any]:
         "rows": kalibr.count("tagRows"),
         "tag": kalibr.length("tagSize"),
         "spacing": kalibr.number("tagSpacing"),
+        "first_marker": next((kalibr.take(name) for name in FIRST_TAG if name in kalibr.unread), 0),
     }
 
 

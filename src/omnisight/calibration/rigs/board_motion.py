@@ -69,7 +69,7 @@ class MotionNormal(NamedTuple):
     @property
     def steps(self) -> Array:
         """(E, 6) steps of the motions that minimize the linearized cost, everything else constant."""
-        return -np.linalg.solve(self.information, self.gradient[..., None])[..., 0]
+        return -np.asarray(np.linalg.solve(self.information, self.gradient[..., None]), float)[..., 0]
 
     def eliminated_from(self, normal: GroupedNormal) -> GroupedNormal:
         """Return normal equations of shared parameters and groups without the motions (Schur complement)."""

@@ -75,7 +75,9 @@ class PartBlocks(NamedTuple):
         jacobian, by_shared = self.jacobian[rows], self.by_shared[views]
         corner = np.einsum("vpi,vij->pj", self.cross[views], by_shared)
         through = np.swapaxes(by_shared, 1, 2)
-        normal = np.block([[jacobian.T @ jacobian, corner], [corner.T, (through @ self.local[views] @ by_shared).sum(0)]])
+        normal = np.block(
+            [[jacobian.T @ jacobian, corner], [corner.T, (through @ self.local[views] @ by_shared).sum(0)]]
+        )
         posed = np.einsum("vij,vj->i", through, self.gradient[views])
         return normal, np.concatenate([jacobian.T @ self.residuals[rows], posed])
 

@@ -167,7 +167,9 @@ def estimate_rig(
     # Motions of the board that are alike in successive images are no independent samples.
     covariance = rig_covariance(problem, state, at_least=inflation if problem.motion else 1.0)
     move = find_move(found, inflation)
-    return RigEstimate(separated, together, rigid, problem, state, covariance, pairs, tuple(tree), found, inflation, move)
+    return RigEstimate(
+        separated, together, rigid, problem, state, covariance, pairs, tuple(tree), found, inflation, move
+    )
 
 
 def _connected(

@@ -70,12 +70,10 @@ def connect_by_motion(
     return rigid
 
 
-def _solved(
-    observations: RigObservations, states: Sequence[State], i: int, j: int
-) -> Iterator[tuple[int, HandEye]]:
+def _solved(observations: RigObservations, states: Sequence[State], i: int, j: int) -> Iterator[tuple[int, HandEye]]:
     """Yield the relative poses of the cameras and boards of two parts, and the number of images that agree."""
-    frames = [observations.frame[observations.parts[k].group] for k in (i, j)]
-    _, at_a, at_b = np.intersect1d(*frames, return_indices=True)
+    first, second = (observations.frame[observations.parts[k].group] for k in (i, j))
+    _, at_a, at_b = np.intersect1d(first, second, return_indices=True)
     poses = [Poses(states[k].rotations[v], states[k].translations[v]) for k, v in ((i, at_a), (j, at_b))]
     solution = solve_hand_eye(*poses)
     if solution is None:

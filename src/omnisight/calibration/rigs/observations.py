@@ -180,9 +180,7 @@ class RigObservations:
         sets
             (B,) number of the set of each board.
         """
-        keys = [
-            [(int(self.frame[g]), sets[part.board]) for g in part.group] for part in self.parts
-        ]
+        keys = [[(int(self.frame[g]), sets[part.board]) for g in part.group] for part in self.parts]
         number = {key: k for k, key in enumerate(sorted({key for part in keys for key in part}))}
         origin = dict[int, int]()
         parts = list[RigPart]()

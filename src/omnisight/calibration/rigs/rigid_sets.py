@@ -167,7 +167,7 @@ def _pose_covariances(observations: Observations, state: State) -> Array:
     """Return the covariances (V, 6, 6) of cam_from_board due to corner noise."""
     weights = ResidualWeights.estimate(state, observations)
     normal = Bundle(observations, FreeParameters.none(state.model), weights).linearize(state)
-    return weights.sigma**2 * np.linalg.pinv(normal.local, rcond=1e-14, hermitian=True)
+    return weights.sigma**2 * np.asarray(np.linalg.pinv(normal.local, rcond=1e-14, hermitian=True), float)
 
 
 def _relation(
@@ -179,19 +179,9 @@ def _relation(
 ) -> BoardRelation:
     """Return the relative pose of two boards, and which images agree with it."""
     i, u, j, v = np.array(together, np.intp).T
-    first = Poses.of(*(Pose(states[k].rotations[n], states[k].translations[n]) for k, n in zip(i, u, strict=True)))
-    second = Poses.of(*(Pose(states[k].rotations[n], states[k].translations[n]) for k, n in zip(j, v, strict=True)))
-    relative = first.inverse() @ second
-    back, arm = np.swapaxes(first.rotation, 1, 2), so3.hat(second.translation - first.translation)
-    by_first, by_second = np.zeros((len(first), 6, 6)), np.zeros((len(first), 6, 6))
-    by_second[:, :3, :3] = by_second[:, 3:, 3:] = back
-    by_first[:, :3, :3] = by_first[:, 3:, 3:] = -back
-    by_first[:, 3:, :3] = back @ arm
-    covariance = sum(
-        jacobian @ np.array([covariances[k][n] for k, n in zip(parts, views, strict=True)]) @ np.swapaxes(jacobian, 1, 2)
-        for jacobian, parts, views in ((by_first, i, u), (by_second, j, v))
-    )
-    information = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True)
+    first, second = _posed(states, covariances, i, u), _posed(states, covariances, j, v)
+    relative = first[0].inverse() @ second[0]
+    information = np.asarray(np.linalg.pinv(_relative_covariance(*first, *second), rcond=1e-14, hermitian=True), float)
     steps = [relative.steps_from(relative.one(k)) for k in range(len(relative))]
     squares = [squared_distances(step, np.zeros(POSE_DOF), information) for step in steps]
     best = int(np.median(squares, axis=1).argmin())
@@ -200,3 +190,24 @@ def _relation(
     inflation = float(np.clip(np.median(squares) / chi2.median(POSE_DOF), 1.0, MAX_INFLATION))
     agrees = squares <= contradiction_limit(inflation)
     return BoardRelation(a, b, relative.one(best).moved(mean), j, v, agrees)
+
+
+def _posed(
+    states: Sequence[State], covariances: Sequence[Array], parts: Indices, views: Indices
+) -> tuple[Poses, Array]:
+    """Return cam_from_board and its covariance (I, 6, 6) in some views of some parts."""
+    at = list(zip(parts.tolist(), views.tolist(), strict=True))
+    poses = Poses.of(*(Pose(states[k].rotations[n], states[k].translations[n]) for k, n in at))
+    return poses, np.array([covariances[k][n] for k, n in at])
+
+
+def _relative_covariance(first: Poses, first_covariance: Array, second: Poses, second_covariance: Array) -> Array:
+    """Return the covariance (I, 6, 6) of first^-1 @ second, as steps of `Pose.moved`."""
+    back, arm = np.swapaxes(first.rotation, 1, 2), so3.hat(second.translation - first.translation)
+    by_first, by_second = np.zeros((len(first), 6, 6)), np.zeros((len(first), 6, 6))
+    by_second[:, :3, :3] = by_second[:, 3:, 3:] = back
+    by_first[:, :3, :3] = by_first[:, 3:, 3:] = -back
+    by_first[:, 3:, :3] = back @ arm
+    return by_first @ first_covariance @ np.swapaxes(by_first, 1, 2) + by_second @ second_covariance @ np.swapaxes(
+        by_second, 1, 2
+    )

@@ -99,9 +99,7 @@ class RigState:
     def of_groups(self, observations: RigObservations, kept: Bools) -> "RigState":
         """Return the state of some of the groups (G,) of observations."""
         motion = None if self.motion is None else self.motion[kept[observations.exposures[1]]]
-        return replace(
-            self, rig_from_group=self.rig_from_group[kept], velocities=self.velocities[kept], motion=motion
-        )
+        return replace(self, rig_from_group=self.rig_from_group[kept], velocities=self.velocities[kept], motion=motion)
 
     def _board(self, part: RigPart) -> Poses:
         return self.group_from_board[np.full(len(part), part.board)]

@@ -32,7 +32,7 @@ def pairs(data: RigReportData) -> Section:
     return Section(
         "pairs",
         "Pairs of cameras",
-        join(table(columns, rows, class_="numbers"), note),
+        join(table(columns, rows, class_="numbers"), note, _boards(data)),
         Guide(
             f"Simultaneous images {RULES[calibration.rule]}. Of each pair of cameras: simultaneous images in which both"
             " see a board, how many of them agree with the extrinsics, and the rms of their residuals, with outliers."
@@ -43,6 +43,17 @@ def pairs(data: RigReportData) -> Section:
         ),
         wide=True,
     )
+
+
+def _boards(data: RigReportData) -> Markup | None:
+    """Return which of several boards are rigidly connected."""
+    sets = data.calibration.board_sets
+    if sum(map(len, sets)) == 1:
+        return None
+    fixed = [f"{', '.join(names)} are fixed to each other" for names in sets if len(names) > 1]
+    alone = [names[0] for names in sets if len(names) == 1]
+    moving = [f"{', '.join(alone)} {'move' if len(alone) > 1 else 'moves'} independently"] if alone else []
+    return element("p", "Boards: ", element("bdi", "; ".join([*fixed, *moving])), ".", class_="note")
 
 
 def _row(data: RigReportData, pair: PairEvidence, *, is_weakest: bool) -> Markup:

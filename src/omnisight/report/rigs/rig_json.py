@@ -32,6 +32,8 @@ def to_dict(data: RigReportData) -> dict[str, Any]:
             }
             for pair in calibration.pairs
         ],
+        "boards": list(calibration.estimate.observations.boards),
+        "rigid_sets": calibration.board_sets,
         "images": [_view(view) for view in data.views],
         "rig": rig_to_json(data.rig),
     }

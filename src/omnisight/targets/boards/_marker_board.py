@@ -1,7 +1,7 @@
 """Boards with square markers: the layout of points and markers that the marker detector takes."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -28,6 +28,8 @@ class MarkerLayout(NamedTuple):
         OpenCV's name of the markers' dictionary.
     border : int
         Width of a marker's black border in cells.
+    first_marker : int
+        Number in the dictionary of the first marker.
     """
 
     points: Array
@@ -37,6 +39,7 @@ class MarkerLayout(NamedTuple):
     max_step: float
     dictionary: str
     border: int
+    first_marker: int
 
 
 class BoardVariant(NamedTuple):
@@ -58,9 +61,17 @@ class BoardVariant(NamedTuple):
 
 @dataclass(frozen=True)
 class MarkerBoard(Board):
-    """A board whose points are identified by markers around them, so that part of it is enough."""
+    """A board whose points are identified by markers around them, so that part of it is enough.
+
+    Attributes
+    ----------
+    first_marker : int
+        Number in the dictionary of the first marker; several boards in view at the same time need different markers.
+    """
 
     detector: ClassVar[str] = "markers"
+
+    first_marker: int = field(default=0, kw_only=True, metadata={"low": 0})
 
     @property
     @abstractmethod

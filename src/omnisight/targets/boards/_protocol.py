@@ -25,10 +25,10 @@ MAX_TEXT_LENGTH = 100
 class Board(ABC):
     """A flat calibration target; each kind is one frozen dataclass in one file of this folder.
 
-    Fields are counts, names, ratios, and lengths in metres. The metadata of a field may hold "length": True, and
-    "default": (0.75, "square") for three quarters of another field or (0.3, None) for a number. The default applies
-    to a new board that is printed; nothing is assumed of an existing one. A length of None is unknown: `points` are
-    then in squares.
+    Fields are counts, names, ratios, and lengths in metres. The metadata of a field may hold "length": True, "low", the
+    least value of a count (1 if absent), and "default": (0.75, "square") for three quarters of another field or
+    (0.3, None) for a number. The default applies to a new board that is printed; nothing is assumed of an existing one.
+    A length of None is unknown: `points` are then in squares.
 
     Attributes
     ----------
@@ -178,8 +178,9 @@ def _field_value(value: Any, target_field: Field[Any], types: tuple[type, ...], 
         if isinstance(value, bool):
             return value
     elif int in types:
-        expected = f"an integer from 1 to {MAX_COUNT}"
-        if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MAX_COUNT:
+        low = target_field.metadata.get("low", 1)
+        expected = f"an integer from {low} to {MAX_COUNT}"
+        if isinstance(value, int) and not isinstance(value, bool) and low <= value <= MAX_COUNT:
             return value
     elif float in types:
         expected = f"a number up to {MAX_COUNT}"

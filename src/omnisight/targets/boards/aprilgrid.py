@@ -60,9 +60,10 @@ class AprilGrid(MarkerBoard):
                 f"spacing is {self.spacing:g}: expected the gap between tags over a tag's side, above 0 and at most 1,"
                 " such as 0.3"
             )
-        needed, available = self.columns * self.rows, marker_count(self.dictionary)
+        needed, available = self.first_marker + self.columns * self.rows, marker_count(self.dictionary)
         if needed > available:
-            raise ValueError(f"an aprilgrid of {self} needs {needed} tags; the family 36h11 has {available}")
+            first = f" from number {self.first_marker}" if self.first_marker else ""
+            raise ValueError(f"an aprilgrid of {self}{first} needs {needed} tags; the family 36h11 has {available}")
 
     @property
     def pitch(self) -> float:
@@ -100,7 +101,9 @@ class AprilGrid(MarkerBoard):
     def layout(self) -> MarkerLayout:
         points = self.points[:, :2]
         gap = self.spacing * self.tag
-        return MarkerLayout(points, points[self.corners], self.pitch, gap, self.tag, self.dictionary, self.border)
+        return MarkerLayout(
+            points, points[self.corners], self.pitch, gap, self.tag, self.dictionary, self.border, self.first_marker
+        )
 
     @property
     def window_step(self) -> float:
@@ -129,6 +132,6 @@ class AprilGrid(MarkerBoard):
         ]
         for tag in range(self.columns * self.rows):
             row, column = divmod(tag, self.columns)
-            upright = marker_cells(self.dictionary, tag, border=self.border)[::-1, ::-1]
+            upright = marker_cells(self.dictionary, self.first_marker + tag, border=self.border)[::-1, ::-1]
             shapes += cell_shapes(upright, column * self.pitch, -row * self.pitch - self.tag, self.tag)
         return shapes

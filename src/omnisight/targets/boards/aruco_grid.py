@@ -18,8 +18,8 @@ MAX_SEPARATION_SIDES = 2.0
 class ArucoGrid(Board):
     """A grid of markers with nothing between them, as OpenCV's `cv2.aruco.GridBoard`; its points are their corners.
 
-    Markers are numbered from 0, row by row from the top left. Point `4 * marker + k` is corner k of a marker: top left,
-    top right, bottom right, bottom left, as in `GridBoard.getObjPoints`. The origin is point 0.
+    Markers are numbered from `first_marker`, row by row from the top left. Point `4 n + k` is corner k of marker n of
+    the board: top left, top right, bottom right, bottom left, as in `GridBoard.getObjPoints`. The origin is point 0.
 
     A corner of a marker is measured less accurately than a point where two squares meet: for a new board, use ChArUco
     or an AprilGrid.
@@ -32,6 +32,8 @@ class ArucoGrid(Board):
         Side of a marker with its black border, and gap between two markers, in metres.
     dictionary : str
         OpenCV's name of the markers' dictionary, such as DICT_6X6_250.
+    first_marker : int
+        Number in the dictionary of the first marker; several boards in view at the same time need different markers.
     """
 
     kind: ClassVar[str] = "aruco_grid"
@@ -40,6 +42,7 @@ class ArucoGrid(Board):
     marker: float = field(metadata={"length": True})
     separation: float = field(metadata={"length": True, "default": (0.25, "marker")})
     dictionary: str = "DICT_6X6_250"
+    first_marker: int = field(default=0, kw_only=True, metadata={"low": 0})
 
     def __post_init__(self) -> None:
         if min(self.columns, self.rows) < 1:
@@ -51,9 +54,12 @@ class ArucoGrid(Board):
                 f"markers of {self.marker * 1e3:g} mm that are {self.separation * 1e3:g} mm apart: the separation must"
                 f" be positive, and at most {MAX_SEPARATION_SIDES:g} sides of a marker"
             )
-        needed, available = self.columns * self.rows, marker_count(self.dictionary)
+        needed, available = self.first_marker + self.columns * self.rows, marker_count(self.dictionary)
         if needed > available:
-            raise ValueError(f"an aruco_grid of {self} needs {needed} markers; {self.dictionary} has {available}")
+            first = f" from number {self.first_marker}" if self.first_marker else ""
+            raise ValueError(
+                f"an aruco_grid of {self}{first} needs {needed} markers; {self.dictionary} has {available}"
+            )
 
     @property
     def pitch(self) -> float:
@@ -103,5 +109,5 @@ class ArucoGrid(Board):
         return [
             shape
             for marker, (left, top) in enumerate(self.marker_corners[:, 0].tolist())
-            for shape in cell_shapes(marker_cells(self.dictionary, marker), left, top, self.marker)
+            for shape in cell_shapes(marker_cells(self.dictionary, self.first_marker + marker), left, top, self.marker)
         ]

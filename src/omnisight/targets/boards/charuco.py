@@ -55,9 +55,10 @@ class Charuco(MarkerBoard):
                 f"the marker of a charuco must be smaller than its square, and both positive; got marker"
                 f" {self.marker * 1e3:g} mm, square {self.square * 1e3:g} mm"
             )
-        needed, available = len(self.marker_squares), marker_count(self.dictionary)
+        needed, available = self.first_marker + len(self.marker_squares), marker_count(self.dictionary)
         if needed > available:
-            raise ValueError(f"a charuco of {self} needs {needed} markers; {self.dictionary} has {available}")
+            first = f" from number {self.first_marker}" if self.first_marker else ""
+            raise ValueError(f"a charuco of {self}{first} needs {needed} markers; {self.dictionary} has {available}")
 
     @property
     def points(self) -> NDArray[np.float64]:
@@ -69,7 +70,7 @@ class Charuco(MarkerBoard):
         side, half = self.square, self.marker / 2
         centres = (np.array(self.marker_squares, np.float64) - 0.5) * side
         corners = centres[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        return MarkerLayout(self.points[:, :2], corners, side, side, side, self.dictionary, border=1)
+        return MarkerLayout(self.points[:, :2], corners, side, side, side, self.dictionary, 1, self.first_marker)
 
     @property
     def window_step(self) -> float:
@@ -103,7 +104,7 @@ class Charuco(MarkerBoard):
             if self._is_dark(i, j)
         ]
         for marker, (i, j) in enumerate(self.marker_squares):
-            cells = marker_cells(self.dictionary, marker)
+            cells = marker_cells(self.dictionary, self.first_marker + marker)
             shapes += cell_shapes(cells, (i - 1) * side + gap, (j - 1) * side + gap, self.marker)
         return shapes
 

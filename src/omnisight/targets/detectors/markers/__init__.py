@@ -36,7 +36,7 @@ def _detect_black_on_white(gray: NDArray[np.uint8], board: MarkerBoard) -> Detec
     markers = decode_markers(
         gray,
         layouts[0].dictionary,
-        max(len(layout.marker_corners) for layout in layouts),
+        range(first := layouts[0].first_marker, first + max(len(layout.marker_corners) for layout in layouts)),
         layouts[0].border,
         lambda decoded: any(
             len(select_board_markers(decoded, layout.marker_corners).ids) == len(layout.marker_corners)

@@ -32,16 +32,17 @@ class Markers(NamedTuple):
 
 
 def decode_markers(
-    gray: NDArray[np.uint8], dictionary: str, count: int, border: int, is_complete: Callable[[Markers], bool]
+    gray: NDArray[np.uint8], dictionary: str, numbers: range, border: int, is_complete: Callable[[Markers], bool]
 ) -> Markers:
-    """Decode the first `count` markers of a dictionary in an image, or in its mirror image.
+    """Decode some markers of a dictionary in an image, or in its mirror image.
 
     Parameters
     ----------
     gray : (H, W) array of uint8
     dictionary : str
         OpenCV's name.
-    count : int
+    numbers : range
+        The markers in the dictionary; the first of them is decoded as number 0.
     border : int
         Width of a marker's black border in cells.
     is_complete : callable
@@ -55,7 +56,7 @@ def decode_markers(
     # Cells are narrow and distorted: only their centres are read, on a fine grid.
     parameters.perspectiveRemovePixelPerCell = 8
     parameters.perspectiveRemoveIgnoredMarginPerCell = 0.3
-    detector = cv2.aruco.ArucoDetector(_with_mirror_images(dictionary, count), parameters)
+    detector, count = cv2.aruco.ArucoDetector(_with_mirror_images(dictionary, numbers), parameters), len(numbers)
     decoded = Markers(np.zeros(0, np.int64), np.zeros((0, 4, 2)))
     for image, scale in _scaled_images(gray):
         parameters.minMarkerPerimeterRate = _min_perimeter(image, count)
@@ -143,8 +144,8 @@ def _min_perimeter(gray: NDArray[Any], count: int) -> float:
     return max(MIN_PERIMETER, 1.2 * sorted(perimeters)[-max_squares] / max(gray.shape))
 
 
-def _with_mirror_images(name: str, count: int) -> Any:
-    """Return a dictionary of the first markers of another, followed by their mirror images.
+def _with_mirror_images(name: str, numbers: range) -> Any:
+    """Return a dictionary of some markers of another, followed by their mirror images.
 
     A camera that looks into a mirror sees those; one search for both costs hardly more than one for either.
     """
@@ -152,9 +153,9 @@ def _with_mirror_images(name: str, count: int) -> Any:
 
     original = dictionary_named(name)
     side = original.markerSize
-    bits = [cv2.aruco.Dictionary.getBitsFromByteList(original.bytesList[k : k + 1], side) for k in range(count)]
+    bits = [cv2.aruco.Dictionary.getBitsFromByteList(original.bytesList[k : k + 1], side) for k in numbers]
     mirrored = [cv2.aruco.Dictionary.getByteListFromBits(np.ascontiguousarray(b[:, ::-1])) for b in bits]
-    codes = np.concatenate([original.bytesList[:count], *mirrored])
+    codes = np.concatenate([original.bytesList[numbers.start : numbers.stop], *mirrored])
     return cv2.aruco.Dictionary(codes, side, original.maxCorrectionBits)
 
 

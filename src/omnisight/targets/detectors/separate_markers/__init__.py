@@ -42,7 +42,8 @@ def measure(gray: NDArray[Any], board: ArucoGrid, pixels: Array, steps: Array, b
     A side is where the corners at its ends are, so `steps` and `bends` are not needed.
     """
     del steps, bends
-    cells = np.stack([marker_cells(board.dictionary, marker) for marker in range(board.columns * board.rows)])
+    numbers = range(board.first_marker, board.first_marker + board.columns * board.rows)
+    cells = np.stack([marker_cells(board.dictionary, number) for number in numbers])
     return fit_marker_corners(gray, pixels.reshape(-1, 4, 2), cells, _gaps(board))
 
 
@@ -60,7 +61,7 @@ def _detect_black_on_white(gray: NDArray[np.uint8], board: ArucoGrid) -> Detecti
     markers = decode_markers(
         gray,
         board.dictionary,
-        count,
+        range(board.first_marker, board.first_marker + count),
         1,
         lambda decoded: len(select_board_markers(decoded, on_board).ids) == count,
     )
