@@ -156,6 +156,27 @@ def test_cameras_without_common_images_are_listed_with_advice():
         om.calibrate_rig(few, FISHEYE)
 
 
+def flipped(observations, *, has_markers):
+    """Return the observations in mirror images; without markers, boards are numbered from the other side."""
+    pixels, points = observations.pixels.copy(), observations.points.copy()
+    pixels[:, 0] = observations.size[0] - 1 - pixels[:, 0]
+    if not has_markers:
+        points[:, 0] = observations.extent[:, 0].sum() - points[:, 0]
+    return dataclasses.replace(observations, pixels=pixels, points=points)
+
+
+@pytest.mark.parametrize("has_markers", [False, True])
+def test_a_camera_with_mirror_images_is_named(has_markers):
+    observations = rig_scene("chain").observe(np.random.default_rng(3), outliers=0.0)
+    observations["middle"] = flipped(observations["middle"], has_markers=has_markers)
+    with pytest.raises(ValueError, match=r"^the images of middle are mirror images: .*Turn off the mirror mode"):
+        om.calibrate_rig(observations, FISHEYE)
+    two = {name: observations[name] for name in ("left", "middle")}
+    named = "middle" if has_markers else "left or middle"
+    with pytest.raises(ValueError, match=rf"^the images of {named} are mirror images"):
+        om.calibrate_rig(two, FISHEYE)
+
+
 def test_wrong_input_is_refused_with_the_value(tmp_path):
     observations = rig_scene("stereo", 6).observe(np.random.default_rng(3))
     with pytest.raises(ValueError, match=r"1 camera, and a rig has at least two"):

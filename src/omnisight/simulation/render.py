@@ -267,7 +267,7 @@ class Renderer:
             (cx, cy), radius = self._lens_extent
             light -= self.vignette * np.minimum(np.hypot(u - cx, v[:, None] - cy) / radius, 1) ** 4
         near, far = self.theta
-        if self.theta != (0.0, np.pi):
+        if self.theta != (0.0, np.pi) and light.size:
             theta = angle_from_axis(self._rays(_bounds(v), _bounds(u), 1).bearings)
             light *= np.clip((far - theta) / EDGE_RAD + 0.5, 0, 1) if far < np.pi else 1
             light *= np.clip((theta - near) / EDGE_RAD + 0.5, 0, 1) if near > 0 else 1

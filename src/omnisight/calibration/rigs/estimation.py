@@ -17,6 +17,7 @@ from omnisight.calibration.rigs.consistency import (
 )
 from omnisight.calibration.rigs.covariance import RigCovariance, rig_covariance
 from omnisight.calibration.rigs.initial_rig import InitialRig, initial_rig, relative_poses, spanning_tree
+from omnisight.calibration.rigs.mirror_images import find_mirrored_pairs, mirrored_cameras
 from omnisight.calibration.rigs.no_overlap import connect_by_motion, with_own_boards
 from omnisight.calibration.rigs.observations import AGREES, RigObservations
 from omnisight.calibration.rigs.poses import Poses
@@ -48,6 +49,8 @@ class Unconnected(ValueError):
         Views of all cameras.
     pairs
         Relative poses by pair of cameras.
+    mirrored
+        Cameras whose images are mirrored; of a pair both, if it could be either.
     """
 
     def __init__(
@@ -55,8 +58,9 @@ class Unconnected(ValueError):
         components: Sequence[Sequence[str]],
         observations: RigObservations,
         pairs: Mapping[Pair, RelativePose],
+        mirrored: Sequence[int],
     ) -> None:
-        self.components, self.observations, self.pairs = components, observations, pairs
+        self.components, self.observations, self.pairs, self.mirrored = components, observations, pairs, mirrored
         parts = "; ".join(", ".join(names) for names in components)
         super().__init__(f"no common board connects these parts of the rig: {parts}")
 
@@ -182,9 +186,12 @@ def _connected(
     rigid, warps, cameras = rigid_sets(observations, states, symmetric), free_parameters.warps, len(observations.names)
     grouped, sightings, pairs = _related(observations, states, rigid, symmetric)
     tree, components = spanning_tree(pairs, cameras)
-    if len(components) > 1:
+    mirrored = mirrored_cameras(find_mirrored_pairs(sightings))
+    if len(components) > 1 or mirrored:
         names = [[observations.names[c] for c in sorted(part)] for part in components]
-        unconnected = Unconnected(names, grouped, pairs)
+        unconnected = Unconnected(names, grouped, pairs, mirrored)
+        if mirrored:
+            raise unconnected
         if len(observations.boards) == 1:
             observations = with_own_boards(observations, components)
             count = len(observations.boards)
