@@ -129,6 +129,8 @@ def test_invalid_input(run, folder):
         ((front, front, *rest, *rig, *output), "both of camera front"),
         ((front, *rest, *rig, "-o", front), "would be overwritten"),
         ((front, *rest, *rig, "-o", folder / "top.mp4"), "an image"),
+        ((front, *rest, *rig, "-o", folder / "top.gif"), "cannot write extension '.gif'"),
+        ((front, *rest, *rig, *output, "--save-rig", folder / "rig.txt"), "rig.txt: .txt is the suffix of"),
         ((front, *rest, *rig, *output, "--ground", folder / "empty.json"), 'neither "marks"'),
         ((front, *rest, *rig, *output, "--ground", folder / "few.json"), "front has 1 marks on the ground"),
         ((front, *rest, *rig, *output, "--ground", folder / "bad.json"), "marks must be"),

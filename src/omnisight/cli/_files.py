@@ -2,6 +2,13 @@
 
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from omnisight.camera import Camera
+    from omnisight.formats import SaveResult
+    from omnisight.ray_camera import RayCamera
+    from omnisight.rig import Rig
 
 
 def must_be_writable(output: Path) -> None:
@@ -32,6 +39,24 @@ def check_camera_suffix(output: Path) -> None:
             f"{output}: the camera is written as .json; name it {json}, and convert it afterwards: omnisight convert"
             f" {json} --to NAME -o {output.name}"
         )
+
+
+def save_calibrated(
+    calibrated: "Camera | RayCamera | Rig", output: Path | None
+) -> tuple["SaveResult | None", Exception | None]:
+    """Write a calibrated camera or rig, and return what was written, and the error if it could not be.
+
+    It is written before any drawing, so that a failed drawing does not lose it; and the result is printed even if the
+    disk is full, so the error is to be raised after that.
+    """
+    from omnisight.formats import save
+
+    if output is None:
+        return None, None
+    try:
+        return save(calibrated, output), None
+    except (OSError, ValueError) as error:
+        return None, error
 
 
 def check_calibration_outputs(output: Path | None, report: Path | None, subject: str) -> list[Path]:

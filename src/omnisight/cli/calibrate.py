@@ -48,7 +48,7 @@ def calibrate(
         Print all images, tests, remarks and timings.
     """
     from omnisight.cli._calibrate_report import print_json, print_report
-    from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output
+    from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output, save_calibrated
     from omnisight.formats import save
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate import calibrate as run
@@ -72,12 +72,7 @@ def calibrate(
             written = save(interrupted.camera, output).path
             print(f"written   {written}: the best camera so far, its accuracy was not assessed", file=sys.stderr)
         raise
-    # Write the camera first, so that a failed drawing does not lose it; print the result even if the disk is full.
-    written, failure = None, None
-    try:
-        written = save(calibration.camera, output) if output is not None else None
-    except (OSError, ValueError) as error:
-        failure = error
+    written, failure = save_calibrated(calibration.camera, output)
     if json:
         print_json(calibration)
     else:

@@ -47,9 +47,8 @@ def calibrate_rig(
     verbose
         Print all reasons and timings.
     """
-    from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output
+    from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output, save_calibrated
     from omnisight.cli._rig_report import print_json, print_report
-    from omnisight.formats import save
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
     from omnisight.pipeline.calibrate_rig import calibrate_rig as run
     from omnisight.pipeline.detect import source_paths
@@ -59,7 +58,8 @@ def calibrate_rig(
         output = default_output("rig.json")
     files = check_calibration_outputs(output, report, "rig")
     paths = {name: source_paths([source]) for name, source in named_sources(cameras).items()}
-    refuse_overwrite(files, [path for found in paths.values() for path in found])
+    others = [*options.target, *options.camera_files.values(), *([options.times] if options.times else [])]
+    refuse_overwrite(files, [*(path for found in paths.values() for path in found), *others])
     if output is not None:
         check_camera_suffix(output)
     if draw is not None:
@@ -67,16 +67,11 @@ def calibrate_rig(
             drawing_paths(found, draw / name)
     with progress(quiet or json) as show:
         calibration = run(cameras, options, progress=show)
-    # Write the rig first, so that a failed drawing does not lose it; print the result even if the disk is full.
-    written, failure = None, None
-    try:
-        written = save(calibration.rig, output).path if output is not None else None
-    except (OSError, ValueError) as error:
-        failure = error
+    written, failure = save_calibrated(calibration.rig, output)
     if json:
         print_json(calibration)
     else:
-        print_report(calibration, written, verbose=verbose)
+        print_report(calibration, written and written.path, verbose=verbose)
     if failure is not None:
         raise failure
     if draw is not None:

@@ -15,7 +15,7 @@ GROUP = "Cameras"
 
 
 def convert(
-    camera: Path,
+    camera: list[Path],
     /,
     *,
     to: str,
@@ -33,7 +33,8 @@ def convert(
     Parameters
     ----------
     camera
-        A calibration file of any format.
+        A calibration file of any format; or several with the poses of cameras relative to the same IMU, such as Kalibr's
+        camchain-imucam files, which are joined to one rig.
     to
         The format to write: native, ocamcalib, opencv, kalibr, colmap ...
     model
@@ -60,11 +61,13 @@ def convert(
     from omnisight.pipeline.convert import convert as convert_file
 
     options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force, invert_extrinsics)
-    if name is None and is_rig_file(camera):
+    if len(camera) > 1 and name is not None:
+        raise ValueError(f"--name {name}: {len(camera)} files are joined to one rig: leave the name out, or convert one")
+    if len(camera) > 1 or (name is None and is_rig_file(camera[0])):
         _convert_rig(camera, options)
         return
     try:
-        result = convert_file(camera, options)
+        result = convert_file(camera[0], options)
     except ConversionError as error:
         _print_conversion(error.source, error.conversion, distance)
         raise
@@ -72,12 +75,12 @@ def convert(
     _print_written(result.written, result.convention)
 
 
-def _convert_rig(path: Path, options: "ConvertOptions") -> None:
+def _convert_rig(paths: list[Path], options: "ConvertOptions") -> None:
     from omnisight.pipeline.convert import ConversionError
     from omnisight.pipeline.convert_rig import convert_rig
 
     try:
-        result = convert_rig(path, options)
+        result = convert_rig(paths, options)
     except ConversionError as error:
         _print_conversion(error.source, error.conversion, None)
         raise

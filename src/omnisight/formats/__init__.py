@@ -3,9 +3,11 @@
 Formats are discovered by these files. The content of a file determines its format, never the name.
 """
 
+from omnisight.formats._joined_rig import load_joined_rig
 from omnisight.formats._protocol import Format, FormatError, SaveResult
 from omnisight.formats._registry import (
     format_names,
+    format_of_suffix,
     get_format,
     is_rig_file,
     load,
@@ -20,10 +22,12 @@ __all__ = [
     "FormatError",
     "SaveResult",
     "format_names",
+    "format_of_suffix",
     "get_format",
     "is_rig_file",
     "load",
     "load_all",
+    "load_joined_rig",
     "load_rig",
     "rig_format_names",
     "save",

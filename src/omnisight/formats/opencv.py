@@ -46,6 +46,8 @@ SIZE = {"imagesize", "size", "resolution"}
 OTHER_FORMATS = re.compile(r"^(?:model_type|nb_camera|cam\d+|Camera\d?\.\w+)\s*:", re.MULTILINE)
 SIZE_NOT_WRITTEN = "the image size is not known and is not written"
 KIND = {"fisheye", "fisheyemodel", "distortionmodel", "distortiontype", "cameramodel"}
+# Fields of the files of the surround-view program of Zhao Liang, which undistorts by cv2.fisheye and names no model.
+SURROUND_VIEW = {"scalexy", "shiftxy"}
 COMMENT = "# {}"
 READERS = CV2_READERS
 
@@ -70,7 +72,8 @@ def cameras_of(data: Mapping[str, Any]) -> Mapping[str, Camera]:
         raise ValueError(f"no camera matrix (camera_matrix, K ...) among {', '.join(list(data)[:20])}")
     size, size_keys = _size(data, plain)
     kinds = [key for key, name in plain.items() if name in KIND]
-    fisheye = is_fisheye(data[kinds[0]], kinds[0]) if kinds else None
+    is_surround_view = set(plain.values()) >= SURROUND_VIEW
+    fisheye = is_fisheye(data[kinds[0]], kinds[0]) if kinds else (is_surround_view or None)
     used = {*matrices.values(), *distortions.values(), *xis.values(), *size_keys, *kinds}
     extra = unknown_fields(data, used)
     cameras: dict[str, Camera] = {}

@@ -33,15 +33,20 @@ def write_image(path: str | Path, image: NDArray[Any]) -> None:
     write_bytes(path, encode_image(image, path.name))
 
 
+def check_image_suffix(path: Path) -> None:
+    """Raise `ValueError` if the extension of a path is not that of an image that can be written."""
+    if path.suffix.lower() not in WRITABLE_EXTENSIONS:
+        supported = " ".join(e[1:] for e in WRITABLE_EXTENSIONS)
+        raise ValueError(f"{path.name}: cannot write extension {path.suffix!r}. Supported: {supported}")
+
+
 def encode_image(image: NDArray[Any], name: str) -> bytes:
     """Return the bytes of an image file in the format given by the extension of a name; see `write_image`."""
     import cv2
 
     path = Path(name)
     extension = path.suffix.lower()
-    if extension not in WRITABLE_EXTENSIONS:
-        supported = " ".join(e[1:] for e in WRITABLE_EXTENSIONS)
-        raise ValueError(f"{path.name}: cannot write extension {path.suffix!r}. Supported: {supported}")
+    check_image_suffix(path)
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)) or image.size == 0:
         raise ValueError(f"expected an image (H, W), (H, W, 3) or (H, W, 4), got shape {image.shape}")
     if image.dtype.name not in ("uint8", "uint16"):

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from omnisight.formats import load_rig, save
+from omnisight.formats import format_of_suffix, load_rig, save
 from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
 from omnisight.images.output_paths import refuse_overwrite
+from omnisight.images.write import check_image_suffix
 from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, prepare_birdseye
 from omnisight.pipeline.birdseye_images import clip_writer, frame_count, is_sequence, match_cameras, moments
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
@@ -114,6 +115,10 @@ def _check_output(sources: Sequence[Path], output: Path, save_rig: Path | None, 
         raise ValueError(f"{output}: clips and folders need a folder or a video, such as {output.with_suffix('.mp4')}")
     if not several and (output.is_dir() or output.suffix.lower() in VIDEO_SUFFIXES):
         raise ValueError(f"{output}: the view of one moment is an image; name a file, such as top.png")
+    if not several:
+        check_image_suffix(output)
+    if save_rig is not None:
+        format_of_suffix(save_rig)
 
 
 def _writer(

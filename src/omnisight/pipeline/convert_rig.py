@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion
-from omnisight.formats import FormatError, SaveResult, load_rig, rig_format_names, save
+from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.central_camera import central_approximation
 from omnisight.pipeline.convert import ConversionError, ConvertOptions, convert_camera, target_format
@@ -41,13 +42,14 @@ class ConvertRigResult:
     convention: str
 
 
-def convert_rig(path: str | Path, options: ConvertOptions) -> ConvertRigResult:
+def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions) -> ConvertRigResult:
     """Write a rig in another format, its cameras in other models if the format or the options require it.
 
     Parameters
     ----------
     path
-        The file of a rig, of any format.
+        The file of a rig, of any format; or several files whose cameras have poses relative to the same IMU, which are
+        joined to one rig.
     options
         The format, the model and the accuracy; `name` does not apply.
 
@@ -58,14 +60,15 @@ def convert_rig(path: str | Path, options: ConvertOptions) -> ConvertRigResult:
     ValueError
         If the format holds no rigs, the file cannot be read or written, or a model cannot be fitted.
     """
-    path, target = Path(path), target_format(options)
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(item) for item in path]
+    path, target = paths[0], target_format(options)
     if options.format not in rig_format_names():
         raise ValueError(
             f"{target.TITLE} holds no rigs; {', '.join(rig_format_names())} do. To convert one of its cameras, specify"
             " --name"
         )
     try:
-        rig = load_rig(path)
+        rig = load_joined_rig(paths)
     except FormatError as error:
         raise FormatError(f"{error}. To convert one of its cameras, specify --name") from error
     source = rig.inverted() if options.invert_extrinsics else rig
