@@ -33,8 +33,8 @@ def convert(
     Parameters
     ----------
     camera
-        A calibration file of any format; or several with the poses of cameras relative to the same IMU, such as Kalibr's
-        camchain-imucam files, which are joined to one rig.
+        A calibration file of any format; or several with the poses of cameras relative to the same IMU, such as
+        Kalibr's camchain-imucam files, which are joined to one rig.
     to
         The format to write: native, ocamcalib, opencv, kalibr, colmap ...
     model
@@ -62,7 +62,9 @@ def convert(
 
     options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force, invert_extrinsics)
     if len(camera) > 1 and name is not None:
-        raise ValueError(f"--name {name}: {len(camera)} files are joined to one rig: leave the name out, or convert one")
+        raise ValueError(
+            f"--name {name}: {len(camera)} files are joined to one rig: leave the name out, or convert one"
+        )
     if len(camera) > 1 or (name is None and is_rig_file(camera[0])):
         _convert_rig(camera, options)
         return

@@ -29,8 +29,8 @@ def load_joined_rig(paths: Sequence[Path]) -> Rig:
     names = _distinct_names([(path, name, camera) for path, name, camera, _ in found])
     shifts = [camera.extra.get("timeshift_cam_imu") for _, _, camera, _ in found]
     offsets = [] if None in shifts else [float(shift) for shift in shifts if shift is not None]
-    sensors = {name: (_without_overlaps(camera), pose) for name, (_, _, camera, pose) in zip(names, found, strict=True)}
-    return make_rig(sensors, offsets).with_reference(0)
+    sensors = [(_without_overlaps(camera), pose) for _, _, camera, pose in found]
+    return make_rig(dict(zip(names, sensors, strict=True)), offsets).with_reference(0)
 
 
 def _cameras_of_imu(path: Path) -> list[tuple[str, Camera, Pose]]:
@@ -45,8 +45,8 @@ def _cameras_of_imu(path: Path) -> list[tuple[str, Camera, Pose]]:
     central = [camera for camera in sensors if isinstance(camera, Camera)]
     if poses is None or len(central) < len(sensors) or len(poses) < len(sensors):
         raise ValueError(
-            f"{path}: the pose of {names[0]} relative to the {IMU} is unknown, which joins the cameras of several files:"
-            " it needs T_cam_imu of every camera, as Kalibr's camchain-imucam files have"
+            f"{path}: the pose of {names[0]} relative to the {IMU} is unknown, which joins the cameras of several"
+            " files: it needs T_cam_imu of every camera, as Kalibr's camchain-imucam files have"
         )
     return list(zip(names, central, poses, strict=True))
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from omnisight.calibration.estimation_options import EstimationOptions
-from omnisight.pipeline.options import CalibrateOptions, ImageOptions
+from omnisight.pipeline.image_options import ImageOptions
+from omnisight.pipeline.options import CalibrateOptions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,9 +28,9 @@ def explain_unconnected(error: Unconnected, rule: str) -> str:
     if error.mirrored:
         mirrored = " or ".join(names[camera] for camera in error.mirrored)
         return (
-            f"the images of {mirrored} are mirror images: the poses of the boards in simultaneous images fit those of the"
-            " other cameras only if they are flipped. Turn off the mirror mode of the camera, or flip its images left to"
-            " right"
+            f"the images of {mirrored} are mirror images: the poses of the boards in simultaneous images fit those of"
+            " the other cameras only if they are flipped. Turn off the mirror mode of the camera, or flip its images"
+            " left to right"
         )
     contradicting = [pair for pair in error.pairs.values() if not is_reliable(pair)]
     advice = (
