@@ -28,8 +28,8 @@ MIN_COMMON_VIEWS = 3
 # Share of these images in which the relative pose must be the same. A board that is put elsewhere during the recording
 # is treated as moving; a few wrong poses are not.
 MIN_RIGID_SHARE = 0.7
-# Largest ratio of the squared deviations to those of corner noise that the error of the cameras explains. With cameras
-# calibrated alone from 12 images it was at most 6; a board moved by a tenth of its width exceeds 1000.
+# Largest ratio of the squared deviations to those of corner noise that the errors of cameras calibrated alone may
+# explain: five times the noise. A larger motion between two images is one of the board.
 MAX_INFLATION = 25.0
 
 
