@@ -51,6 +51,8 @@ from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
 from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
 from omnisight.pipeline.export import export as export
+from omnisight.pipeline.export_map import MapExport as MapExport
+from omnisight.pipeline.export_map import export_map as export_map
 from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptions

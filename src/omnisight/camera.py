@@ -112,7 +112,9 @@ class BaseCamera(Generic[Model]):
     def scaled(self, factor: float) -> Self:
         """Return the camera of the image resized by a factor; a pixel centre c moves to (c + 1/2) factor - 1/2."""
         size = (round(self.width * factor), round(self.height * factor))
-        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=None)
+        scale = self.model.rescaling(factor)
+        covariance = None if self.covariance is None else self.covariance * np.outer(scale, scale)
+        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)

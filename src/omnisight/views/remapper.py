@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.camera import Camera
-from omnisight.views.maps import map_scale, view_map
+from omnisight.views.maps import coverage_mask, is_periodic, map_scale, view_map
 from omnisight.views.view_cameras import MAX_SIDE_PX
 
 Image = NDArray[Any]
@@ -108,11 +108,7 @@ class Remapper:
         self.target_from_source = rotation
         self._flag = flags[interpolation]
         u, v = view_map(source, target, rotation)
-        periodic = _is_periodic(source)
-        with np.errstate(invalid="ignore"):
-            self.mask = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
-            if periodic:  # coordinates that round across the seam are valid
-                self.mask |= (u >= -1.0) & (u <= source.width) & (v >= -0.5) & (v < source.height - 0.5)
+        self.mask = coverage_mask(source, u, v)
         scale = map_scale(source, u, v, SCALE_STEP_PX)
         covered = scale[self.mask[::SCALE_STEP_PX, ::SCALE_STEP_PX] & np.isfinite(scale)]
         self.scale = (float(covered.min()), float(covered.max())) if covered.size else (1.0, 1.0)
@@ -120,7 +116,9 @@ class Remapper:
         reduction = np.log2(max(self.scale[1], 1.0))
         prefilter = antialias and interpolation != "nearest" and reduction >= MIN_PREFILTER_LEVEL
         level = self._pyramid_level(scale) if prefilter else None
-        self._padding = WRAP_COLUMNS * 2 ** (0 if level is None else int(np.ceil(level.max()))) if periodic else 0
+        self._padding = (
+            WRAP_COLUMNS * 2 ** (0 if level is None else int(np.ceil(level.max()))) if is_periodic(source) else 0
+        )
         self._levels = self._build(u, v, level)
 
     def __call__(self, image: Image) -> Image:
@@ -206,11 +204,6 @@ class Remapper:
         if isinstance(self.border, str):
             result[~self.mask] = 0
         return result.reshape(*result.shape[:2], *image.shape[2:])
-
-
-def _is_periodic(source: Camera) -> bool:
-    period = source.model.period
-    return period is not None and abs(period - source.width) < 0.5
 
 
 def is_resized(size: tuple[int, int], expected: tuple[int, int]) -> bool:
