@@ -128,10 +128,20 @@ def test_scaling_agrees_with_resizing_an_image():
     np.testing.assert_allclose(centroid, camera.scaled(0.5).project(point)[0], atol=1e-3)
 
 
-def test_scaling_drops_the_covariance_and_keeps_the_rest():
-    camera = Camera(LENS.model, LENS.size, theta_max=1.1, covariance=np.eye(4), provenance={"file": "a.json"})
+@every_model
+def test_scaling_scales_the_projection_uncertainty(camera):
+    count = len(camera.model.params)
+    root = np.random.default_rng(0).normal(size=(count, count))
+    small = dataclasses.replace(camera, covariance=root @ root.T)
+    point = direction(np.array([0.3]), 1.0)
+    derivatives = [c.model.project_with_jacobians(point)[3][0] for c in (small, small.scaled(2.5))]
+    before, after = (d @ c.covariance @ d.T for d, c in zip(derivatives, (small, small.scaled(2.5)), strict=True))
+    np.testing.assert_allclose(after, 2.5**2 * before, rtol=1e-9)
+
+
+def test_scaling_keeps_the_rest():
+    camera = Camera(LENS.model, LENS.size, theta_max=1.1, provenance={"file": "a.json"})
     scaled = camera.scaled(0.5)
-    assert scaled.covariance is None
     assert scaled.theta_max == 1.1
     assert scaled.provenance == {"file": "a.json"}
 

@@ -37,6 +37,8 @@ from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as Cali
 from omnisight.pipeline.calibration import Calibration as Calibration
 from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
+from omnisight.pipeline.compare import compare as compare
+from omnisight.pipeline.compare_options import CompareOptions as CompareOptions
 from omnisight.pipeline.compass import CompassResult as CompassResult
 from omnisight.pipeline.compass import compass as compass
 from omnisight.pipeline.compass import compass_rotation as compass_rotation
@@ -87,6 +89,7 @@ from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
 from omnisight.places import similar_pairs as similar_pairs
 from omnisight.places.panorama_rotation import CompassRotation as CompassRotation
+from omnisight.quality.camera_comparison import CameraComparison as CameraComparison
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction

@@ -15,9 +15,9 @@ CONVENTION = (
 OUTSIDE = -1.0
 SNIPPET = """\
 // Remap table {lookup}: {width} x {height} texels of two 32-bit floats (little-endian), from the upper left texel.
-// Upload it as RG32F (GL_RG, GL_FLOAT) with GL_NEAREST, and images of {source_width} x {source_height} px with their first row first,
-// with GL_LINEAR and {wrap}. view_uv is (0, 0) at the upper left corner of the view, (1, 1) at the lower right
-// one. Compiles as GLSL 1.30 and later, and as GLSL ES 3.00 (WebGL 2).
+// Upload it as RG32F (GL_RG, GL_FLOAT) with GL_NEAREST. Upload the images, of {source_width} x {source_height} px,
+// with their first row first, with GL_LINEAR and {wrap}. view_uv is (0, 0) at the upper left corner of the
+// view and (1, 1) at the lower right one. Compiles as GLSL 1.30 and later, and as GLSL ES 3.00 (WebGL 2).
 vec4 omnisight_view(sampler2D image, sampler2D lookup, vec2 view_uv) {{
     vec2 position = texture(lookup, view_uv).rg;
     // The level of detail follows from the view: derivatives of the position are undefined at its borders.
