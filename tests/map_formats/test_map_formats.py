@@ -211,7 +211,7 @@ def test_the_shader_renders_the_view_in_a_browser(camera, tmp_path, browser):
 IDEAL = {
     "sphere": (om.sphere(512), {}),
     "fisheye": (om.fisheye(400, 200), {}),
-    "perspective": (om.perspective(110, (320, 240)), {}),
+    "perspective": (om.perspective((320, 240), 110), {}),
     "equisolid": (om.fisheye(400, 200, "equisolid"), {}),
     "stereographic": (om.fisheye(400, 200, "stereographic"), {}),
     "orthographic": (om.fisheye(400, 170, "orthographic"), {}),
@@ -304,7 +304,7 @@ def test_every_format_has_a_title_and_a_convention():
 
 def test_a_view_that_the_camera_does_not_show_is_refused():
     with pytest.raises(ValueError, match="do not show any pixel of the view"):
-        RemapTable.of(om.perspective(60, (40, 30)), om.perspective(40, (40, 30)), [om.look(yaw=180)])
+        RemapTable.of(om.perspective((40, 30), 60), om.perspective((40, 30), 40), [om.look(yaw=180)])
 
 
 @pytest.mark.parametrize(

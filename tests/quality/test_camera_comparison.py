@@ -34,12 +34,14 @@ def test_the_tail_of_a_mixture_of_chi_square_variables_is_that_of_samples(weight
         assert tail == pytest.approx(probability, rel=0.2)
 
 
-def test_p_values_of_estimates_of_one_camera_are_uniform():
+def test_p_values_of_estimates_of_one_camera_are_those_of_chance():
     rng = np.random.default_rng(1)
     comparisons = [CameraComparison.of(drawn(rng), drawn(rng), columns=24) for _ in range(200)]
     p = np.sort([c.p_value for c in comparisons])
-    # The Kolmogorov-Smirnov statistic exceeds 0.115 once in a hundred times.
-    assert np.abs(p - (np.arange(200) + 0.5) / 200).max() < 0.115
+    # The Kolmogorov-Smirnov statistic exceeds 0.107 once in a hundred times. The smaller of two p-values, doubled, is
+    # uniform where it is small, and larger elsewhere.
+    assert (p - (np.arange(200) + 0.5) / 200).min() > -0.107
+    assert np.mean(p < 0.2) > 0.08
     rms = np.sqrt(np.mean([c.rms**2 for c in comparisons]))
     assert rms == pytest.approx(np.mean([c.expected_rms for c in comparisons]), rel=0.1)
     assert {c.verdict for c in comparisons} <= {"same", "different"}
@@ -48,7 +50,7 @@ def test_p_values_of_estimates_of_one_camera_are_uniform():
 
 def test_estimates_with_larger_errors_than_specified_are_different():
     rng = np.random.default_rng(2)
-    comparisons = [CameraComparison.of(drawn(rng, 12.0), FISHEYE, columns=24) for _ in range(20)]
+    comparisons = [CameraComparison.of(drawn(rng, 6.0), FISHEYE, columns=24) for _ in range(20)]
     assert sum(c.verdict == "different" for c in comparisons) >= 18
     assert "differ by more than their uncertainties" in max(comparisons, key=lambda c: c.rms).sentence
 
@@ -108,7 +110,7 @@ def test_one_uncertainty_is_enough_for_a_test():
 @pytest.mark.parametrize(
     ("b", "message"),
     [
-        (om.perspective(60, (640, 360)), "a different aspect ratio"),
+        (om.perspective((640, 360), 60), "a different aspect ratio"),
         (dataclasses.replace(FISHEYE, theta_min=1.3, theta_max=1.4), "no calibrated field of view in common"),
     ],
 )

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True)
-class CompareOptions:
+class CompareOptions(Displayed):
     """Options of `compare`.
 
     Attributes

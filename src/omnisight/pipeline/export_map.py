@@ -5,6 +5,7 @@ from os import PathLike
 from pathlib import Path
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.images import write_bytes
 from omnisight.map_formats import RemapTable, get_map_format
 from omnisight.pipeline.central_camera import CameraSource, central_camera, fit_camera
@@ -12,7 +13,7 @@ from omnisight.pipeline.view import ViewOptions, view_target
 
 
 @dataclass(frozen=True)
-class MapExport:
+class MapExport(Displayed):
     """A remap table that was written for another program.
 
     Attributes

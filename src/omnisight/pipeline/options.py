@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from omnisight.calibration.estimation_options import EstimationOptions
+from omnisight.display import Displayed
 
 if TYPE_CHECKING:
     from omnisight.targets import Board
@@ -19,7 +20,7 @@ MAX_RELATIVE_SIGMA = 0.33
 
 
 @dataclass(frozen=True, kw_only=True)
-class DetectOptions:
+class DetectOptions(Displayed):
     """Options that describe the board and how images are read.
 
     Attributes
@@ -199,7 +200,7 @@ def check_options(options: object, expected: type) -> None:
 
 
 @dataclass(frozen=True)
-class EpipolarOptions:
+class EpipolarOptions(Displayed):
     """Options of `epipolar`.
 
     Attributes
@@ -236,7 +237,7 @@ class EpipolarOptions:
 
 
 @dataclass(frozen=True)
-class StereoOptions:
+class StereoOptions(Displayed):
     """Options of `stereo`.
 
     Attributes
@@ -275,7 +276,7 @@ class StereoOptions:
 
 
 @dataclass(frozen=True)
-class ReconstructOptions:
+class ReconstructOptions(Displayed):
     """Options of `reconstruct`.
 
     Attributes

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.calibration.rotation_alignment import best_rotation
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.quality.uncertainty import Uncertainty
 
@@ -25,6 +26,9 @@ ComparisonVerdict = Literal["equal", "same", "different", "unknown"]
 MIN_COMMON = 12
 # Differences below this are those of rounding and of conversions between formats, px.
 MAX_EQUAL_PX = 0.01
+# Components of the difference that are tested one by one have at least this share of its expected variance: in smaller
+# ones, the difference of two models exceeds the uncertainty of their parameters.
+MIN_PRINCIPAL_FRACTION = 1e-3
 SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
 
 
@@ -49,7 +53,7 @@ class DifferenceMap:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraComparison:
+class CameraComparison(Displayed):
     """The difference of two cameras, and whether their uncertainties explain it.
 
     Attributes
@@ -108,7 +112,7 @@ class CameraComparison:
         common = seen & _sees(b, bearings @ rotation.T) & np.isfinite(aligned).all(0)
         if common.sum() < MIN_COMMON:
             raise ValueError(_nothing_common(names))
-        expected, p_value = _test(a, b, bearings[common], rotation, aligned[0][common])
+        expected, p_value = _test(a, b, bearings[common], rotation)
         scale = _uncertainty(a, bearings, common), _uncertainty(b, bearings @ rotation.T, common)
         return cls(
             a,
@@ -228,12 +232,13 @@ def _uncertainty(camera: Camera, bearings: Array, where: Bools) -> Array | None:
     return result
 
 
-def _test(a: Camera, b: Camera, bearings: Array, rotation: Array, distances: Array) -> tuple[float, float]:
+def _test(a: Camera, b: Camera, bearings: Array, rotation: Array) -> tuple[float, float]:
     """Return the expected rms (px) of the difference of equal cameras, and the p-value of the difference.
 
     To first order, the difference at bearing k is d_k = J_bk e_b - J_ak e_a + R_k w with the errors e of the parameters
     and a rotation w. The best rotation projects the errors onto the complement of the columns of R. The mean of |d_k|^2
-    is then a sum of chi-square variables with the eigenvalues of the covariance as weights.
+    is then a sum of chi-square variables with the eigenvalues of the covariance as weights. This test alone has little
+    power if one eigenvalue dominates, so the principal components of the difference are tested too.
     """
     factors = [
         _factor(camera, bearings @ turn.T) for camera, turn in ((a, np.eye(3)), (b, rotation)) if _is_known(camera)
@@ -241,14 +246,20 @@ def _test(a: Camera, b: Camera, bearings: Array, rotation: Array, distances: Arr
     if not factors:
         return np.nan, np.nan
     turned = bearings @ rotation.T
-    _, _, d_point, _ = b.model.project_with_jacobians(turned)
+    projected, _, d_point, _ = b.model.project_with_jacobians(turned)
+    difference = (projected - a.project(bearings)[0]).ravel()
     by_rotation = (-d_point @ so3.hat(turned)).reshape(-1, 3)
     errors = np.concatenate(factors, axis=1)
-    use = np.isfinite(errors).all(1) & np.isfinite(by_rotation).all(1)
-    errors, by_rotation = errors[use], by_rotation[use]
+    use = np.isfinite(errors).all(1) & np.isfinite(by_rotation).all(1) & np.isfinite(difference)
+    errors, by_rotation, difference = errors[use], by_rotation[use], difference[use]
     errors = errors - by_rotation @ np.linalg.lstsq(by_rotation, errors, rcond=None)[0]
-    weights = np.linalg.eigvalsh(errors.T @ errors) / (len(errors) / 2)
-    return float(np.sqrt(weights.sum())), chi_square_mixture_tail(float(np.mean(distances**2)), weights)
+    modes, sizes, _ = np.linalg.svd(errors, full_matrices=False)
+    weights = sizes**2 / (len(errors) / 2)
+    of_mean = chi_square_mixture_tail(float((difference**2).sum() / (len(errors) / 2)), weights)
+    principal = weights > MIN_PRINCIPAL_FRACTION * weights.sum()
+    components = (difference @ modes)[principal] / sizes[principal]
+    of_components = chi_square_tail(float((components**2).sum()), len(components))
+    return float(np.sqrt(weights.sum())), min(1.0, 2 * min(of_mean, of_components))  # Bonferroni
 
 
 def _is_known(camera: Camera) -> bool:
@@ -263,14 +274,20 @@ def _factor(camera: Camera, bearings: Array) -> Array:
     return (d_params @ (vectors * np.sqrt(np.maximum(values, 0.0)))).reshape(2 * len(bearings), -1)
 
 
+def chi_square_tail(value: float, degrees_of_freedom: float) -> float:
+    """Return the probability that a chi-square variable exceeds a value."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(degrees_of_freedom, max(value, 0.0)))
+
+
 def chi_square_mixture_tail(value: float, weights: Array) -> float:
     """Return the probability that a weighted sum of chi-square variables of one degree of freedom exceeds a value.
 
     Pearson's approximation by a chi-square variable with the same first three moments (Imhof, Computing the
     distribution of quadratic forms in normal variables, Biometrika 48, 1961, sec. 4).
     """
-    from scipy.stats import chi2
-
     c1, c2, c3 = (float((weights**k).sum()) for k in (1, 2, 3))
     degrees_of_freedom = c2**3 / c3**2
-    return float(chi2.sf((value - c1) * np.sqrt(degrees_of_freedom / c2) + degrees_of_freedom, degrees_of_freedom))
+    scaled = (value - c1) * np.sqrt(degrees_of_freedom / c2) + degrees_of_freedom
+    return chi_square_tail(float(scaled), degrees_of_freedom)

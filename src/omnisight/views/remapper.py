@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.array_kinds import like, to_numpy
 from omnisight.camera import Camera
 from omnisight.views.maps import coverage_mask, is_periodic, map_scale, view_map
 from omnisight.views.view_cameras import MAX_SIDE_PX
@@ -39,7 +40,8 @@ def remap(
     Parameters
     ----------
     image
-        (H, W) or (H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
+        (H, W) or (H, W, 1 to 4), or a batch of images (N, H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
+        Arrays of other libraries, such as PyTorch tensors, are answered in their kind, without gradients.
     source, target
         The camera of the image and the camera of the view.
     target_from_source
@@ -121,8 +123,23 @@ class Remapper:
         )
         self._levels = self._build(u, v, level)
 
+    def __repr__(self) -> str:
+        """Return the sizes of both images."""
+        return f"Remapper({self.source.width}x{self.source.height} to {self.target.width}x{self.target.height})"
+
     def __call__(self, image: Image) -> Image:
-        """Remap an image of the source; see `remap`."""
+        """Remap an image of the source, or a batch; see `remap`."""
+        array: Image = to_numpy(image)
+        if array.ndim != 4:
+            return like(image, self._remap(array))
+        shape = (len(array), self.target.height, self.target.width, array.shape[-1])
+        views = np.empty(shape, array.dtype)
+        for k, single in enumerate(array):
+            views[k] = self._remap(single)
+        return like(image, views)
+
+    def _remap(self, image: Image) -> Image:
+        """Remap one image."""
         import cv2
 
         padded = self._check(image)
@@ -183,7 +200,9 @@ class Remapper:
 
     def _check(self, image: Image) -> Image:
         if image.ndim not in (2, 3) or (image.ndim == 3 and not 1 <= image.shape[2] <= 4):
-            raise ValueError(f"image must be (H, W) or (H, W, 1 to 4), got shape {image.shape}")
+            raise ValueError(
+                f"image must be (H, W), (H, W, 1 to 4) or a batch (N, H, W, 1 to 4), got shape {image.shape}"
+            )
         if image.dtype.name not in ("uint8", "uint16", "float32", "float64"):
             raise ValueError(f"image must be uint8, uint16, float32 or float64, got {image.dtype}")
         height, width = image.shape[:2]
