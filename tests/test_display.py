@@ -74,7 +74,7 @@ def test_texts_of_cameras_poses_and_rigs():
     pose = om.Pose(om.look(yaw=20), np.array([0.1, 0.2, 0.3]))
     assert repr(pose) == "Pose(rotation=[0, -20, 0]°, translation=[0.1, 0.2, 0.3])"
     assert repr(om.Rig((CAMERA,), (om.Pose(),), ("front",))) == (
-        "Rig(1 cameras\n    front: kannala_brandt, 640x480, at (0, 0, 0) m)"
+        "Rig(1 camera\n    front: kannala_brandt, 640x480, at (0, 0, 0) m)"
     )
 
 

@@ -89,6 +89,12 @@ from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
 from omnisight.places import similar_pairs as similar_pairs
 from omnisight.places.panorama_rotation import CompassRotation as CompassRotation
+from omnisight.plots import plot_cameras as plot_cameras
+from omnisight.plots import plot_coverage as plot_coverage
+from omnisight.plots import plot_difference as plot_difference
+from omnisight.plots import plot_profile as plot_profile
+from omnisight.plots import plot_residuals as plot_residuals
+from omnisight.plots import plot_uncertainty as plot_uncertainty
 from omnisight.quality.camera_comparison import CameraComparison as CameraComparison
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions

@@ -100,11 +100,12 @@ class Rig(Displayed):
         shown = zip(self.names[:MAX_SHOWN], self.cameras, self.sensor_from_rig, strict=False)
         lines = [
             f"{name}: {camera.model.name}, {camera.width}x{camera.height}, at"
-            f" ({', '.join(f'{x:.4g}' for x in pose.inverse().translation + 0.0)}) {self.unit}"
+            f" ({', '.join(f'{x:.4g}' for x in np.round(pose.inverse().translation, 9) + 0.0)}) {self.unit}"
             for name, camera, pose in shown
         ]
         more = [f"... {len(self) - MAX_SHOWN} more"] if len(self) > MAX_SHOWN else []
-        return f"Rig({len(self)} cameras\n    " + "\n    ".join([*lines, *more]) + ")"
+        count = f"{len(self)} camera{'s' if len(self) > 1 else ''}"
+        return f"Rig({count}\n    " + "\n    ".join([*lines, *more]) + ")"
 
     def __hash__(self) -> int:
         return hash((self.cameras, self.sensor_from_rig, self.names))

@@ -1,6 +1,5 @@
 """Plots of cameras in space."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,13 @@ Array = NDArray[np.float64]
 # Length of the axes of a camera as a fraction of the extent of the scene.
 AXIS_FRACTION = 0.12
 AXIS_COLORS = ("C3", "C2", "C0")
-MAX_POINTS = 5000
+MAX_POINTS, MAX_LABELS = 5000, 20
 
 
 def plot_cameras(scene: Camera | RayCamera | Rig | Calibration | Reconstruction) -> Any:
     """Plot cameras in 3-D: x right (red), y down (green), z forward (blue) of each.
 
-    Of a calibration with the boards of all images, of a reconstruction with its points.
+    The boards of all images of a calibration and the points of a reconstruction are drawn too.
 
     Parameters
     ----------
@@ -36,7 +35,7 @@ def plot_cameras(scene: Camera | RayCamera | Rig | Calibration | Reconstruction)
     -------
     A figure of matplotlib.
     """
-    poses = dict(_poses(scene))
+    poses = _poses(scene)
     points = _points(scene)
     centres = np.array([pose.translation for pose in poses.values()])
     everything = np.concatenate([centres, *points])
@@ -50,7 +49,8 @@ def plot_cameras(scene: Camera | RayCamera | Rig | Calibration | Reconstruction)
         for k, color in enumerate(AXIS_COLORS):
             ends = np.stack([pose.translation, pose.translation + AXIS_FRACTION * extent * pose.rotation[:, k]])
             axes.plot(*_upright(ends), color=color)
-        axes.text(*_upright(pose.translation), name)
+        if len(poses) <= MAX_LABELS:
+            axes.text(*_upright(pose.translation), name)
     centre = _upright(middle)
     axes.set(**{f"{axis}lim": (c - extent, c + extent) for axis, c in zip("xyz", centre, strict=True)})
     axes.set_box_aspect((1, 1, 1))
@@ -58,18 +58,13 @@ def plot_cameras(scene: Camera | RayCamera | Rig | Calibration | Reconstruction)
     return figure
 
 
-def _poses(scene: Any) -> Iterator[tuple[str, Pose]]:
-    """Return the names and the poses world_from_cam of the cameras of a scene."""
+def _poses(scene: Any) -> dict[str, Pose]:
+    """Return the poses world_from_cam of the cameras of a scene by name."""
     if isinstance(scene, Rig):
-        yield from ((name, pose.inverse()) for name, pose in zip(scene.names, scene.sensor_from_rig, strict=True))
-    elif isinstance(scene, Reconstruction):
-        yield from (("", scene.world_from_cam(i)) for i in range(0)) if not len(scene) else _image_poses(scene)
-    else:
-        yield "camera", Pose()
-
-
-def _image_poses(scene: Reconstruction) -> Iterator[tuple[str, Pose]]:
-    yield from ((name, scene.world_from_cam(i)) for i, name in enumerate(scene.names))
+        return {name: pose.inverse() for name, pose in zip(scene.names, scene.sensor_from_rig, strict=True)}
+    if isinstance(scene, Reconstruction):
+        return {name: scene.world_from_cam(i) for i, name in enumerate(scene.names)}
+    return {"camera": Pose()}
 
 
 def _points(scene: Any) -> list[Array]:
@@ -81,7 +76,8 @@ def _points(scene: Any) -> list[Array]:
         return []
     (x0, y0), (x1, y1) = scene.observations.extent
     outline = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0], [x0, y0, 0]], float)
-    return [pose @ outline for pose in scene.state.cam_from_board]
+    state = scene.state
+    return [outline @ turn.T + shift for turn, shift in zip(state.rotations, state.translations, strict=True)]
 
 
 def _upright(points: Array) -> Array:

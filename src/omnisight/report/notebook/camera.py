@@ -15,7 +15,8 @@ def html(camera: Camera) -> str:
 
 def figures(camera: Camera) -> dict[str, str]:
     """Return the figures of a camera by name."""
-    sides = [f"{angle:.1f}°" if np.isfinite(angle) else "unknown" for angle in camera.fov]
+    ends = "beyond the model" if all(camera.size) else "unknown"
+    sides = [f"{angle:.1f}°" if np.isfinite(angle) else ends for angle in camera.fov]
     calibrated = camera.theta_max
     return {
         "model": camera.model.name,
