@@ -13,7 +13,7 @@ from omnisight.extensions import names_in
 
 HTML_PACKAGE = "omnisight.report.notebook"
 # Longest text of a value, and most items of a sequence that are shown.
-MAX_VALUE_CHARS, MAX_ITEMS = 90, 4
+MAX_VALUE_CHARS, MAX_ITEMS = 100, 4
 MAX_LINE_CHARS, MAX_LINES = 100, 5
 
 
