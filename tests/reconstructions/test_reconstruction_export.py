@@ -126,7 +126,7 @@ def test_the_command_writes_the_files_and_prints_where(tmp_path, capsys):
     [
         (
             ("model", "--to", "obj"),
-            "unknown format 'obj'; of a view: ffmpeg, glsl, opencv-map, stmap, v360; of a reconstruction: colmap",
+            "unknown format 'obj'; there are: ffmpeg",
         ),
         (("none", "--to", "ply"), "no such folder"),
     ],

@@ -1,11 +1,11 @@
 """Calibrations with their reports, and a browser that opens them."""
 
 import pytest
-from reporting import COMMAND, NAMES, PUPIL, UNUSED_NAMES, calibrate_detections, report_data, simulate_detections, write
 
 from omnisight.optics.models.axial import Axial
 from omnisight.report import ReportOptions, write_report
 from omnisight.simulation import fisheye_setup
+from reporting import COMMAND, NAMES, PUPIL, UNUSED_NAMES, calibrate_detections, report_data, simulate_detections, write
 
 # A message about the time of a screenshot.
 SLOW_GL = "GL Driver Message (OpenGL, Performance"

@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.compare_options import CompareOptions
 
+GROUP = "Calibration"
+
 
 def compare(
     a: Path,

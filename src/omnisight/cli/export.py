@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._size import parse_range, parse_size
 
-GROUP = "Geometry"
+GROUP = "Views"
 
 # A range usually starts with a minus sign.
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
@@ -90,14 +90,13 @@ def export(
     json
         Print one JSON object and nothing else.
     """
+    from omnisight.extensions import unknown_name
     from omnisight.map_formats import map_format_names
     from omnisight.reconstructions import reconstruction_format_names
 
     views, models = map_format_names(), (*reconstruction_format_names(), "viewer")
     if to not in (*views, *models):
-        raise ValueError(
-            f"unknown format {to!r}; of a view: {', '.join(views)}; of a reconstruction: {', '.join(models)}"
-        )
+        raise ValueError(unknown_name("format", to, (*views, *models)))
     if to in models:
         if source.is_file() and source.suffix != ".npz":
             raise ValueError(

@@ -2,7 +2,7 @@
 
 from typing import cast
 
-from omnisight.extensions import module_in, names_in
+from omnisight.extensions import module_in, names_in, unknown_name
 from omnisight.map_formats._protocol import MapFormat
 
 PACKAGE = "omnisight.map_formats"
@@ -16,5 +16,5 @@ def map_format_names() -> tuple[str, ...]:
 def get_map_format(name: str) -> MapFormat:
     """Return the format of this name; raise ValueError with the known names if there is none."""
     if name not in map_format_names():
-        raise ValueError(f"unknown format of remap tables {name!r}; there are: {', '.join(map_format_names())}")
+        raise ValueError(unknown_name("format of remap tables", name, map_format_names()))
     return cast(MapFormat, module_in(PACKAGE, name.replace("-", "_"), "format of remap tables"))
