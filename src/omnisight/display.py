@@ -1,4 +1,7 @@
-"""Short texts and HTML of results, for the interactive prompt and notebooks."""
+"""Short texts and HTML of results, for the interactive prompt and notebooks.
+
+The options of commands are such dataclasses, so this module imports nothing heavy.
+"""
 
 import dataclasses
 import importlib
@@ -6,8 +9,6 @@ import re
 import textwrap
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from omnisight.extensions import names_in
 
@@ -62,7 +63,7 @@ def _is_default(field: dataclasses.Field[Any], value: Any) -> bool:
     if field.default_factory is not dataclasses.MISSING:
         default = field.default_factory()
     current = getattr(value, field.name)
-    if default is dataclasses.MISSING or isinstance(current, np.ndarray):
+    if default is dataclasses.MISSING or hasattr(current, "dtype"):
         return False
     try:
         return bool(type(current) is type(default) and current == default)
@@ -72,7 +73,7 @@ def _is_default(field: dataclasses.Field[Any], value: Any) -> bool:
 
 def _short(value: Any) -> str:
     """Return the text of a value: arrays by their shape, long collections by their length."""
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "dtype") and hasattr(value, "shape"):
         return f"<{' x '.join(map(str, value.shape)) or 'scalar'} {value.dtype}>"
     if isinstance(value, float):
         return f"{value:.6g}"
