@@ -32,9 +32,10 @@ def to_numpy(array: Any) -> Any:
 def like(array: Any, *results: NDArray[Any]) -> Any:
     """Return results as arrays of the library, the device and the precision of an array; NumPy's as they are."""
     if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack__"):
-        return results if len(results) > 1 else results[0]
-    converted = tuple(_like(array, result) for result in results)
-    return converted if len(converted) > 1 else converted[0]
+        first, *others = results
+    else:
+        first, *others = (_like(array, result) for result in results)
+    return (first, *others) if others else first
 
 
 def _like(array: Any, result: NDArray[Any]) -> Any:

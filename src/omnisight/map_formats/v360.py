@@ -62,13 +62,14 @@ PROJECTIONS = {
 def convert(table: RemapTable, output: Path) -> MapFiles:
     """Return the filter as a text file, and the command."""
     file = with_suffix(output, (".txt",))
-    if len(table.rotations) > 1:
+    rotation, *others = table.rotations
+    if others:
         raise ValueError(f"v360 has no cross of six faces: {REMEDY}")
     _check_circle(table)
     options = {
         "input": _projection(table.source, "i", "the camera"),
         "output": _projection(table.target, "", "the view"),
-        "direction": _direction(table.rotations[0].T),
+        "direction": _direction(rotation.T),
         "size": f"w={table.target.width}:h={table.target.height}:interp={INTERPOLATION[table.interpolation]}",
     }
     text = f"v360=input={options['input']}:output={options['output']}:{options['direction']}:{options['size']}"

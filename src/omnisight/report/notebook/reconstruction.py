@@ -20,6 +20,7 @@ def html(reconstruction: Reconstruction) -> str:
     poses = {name: reconstruction.world_from_cam(i) for i, name in enumerate(reconstruction.names)}
     up = up_direction(reconstruction)
     # Any two directions across the vertical span the plan.
-    right = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    right = right / np.linalg.norm(right)
-    return summary("Reconstruction", figures, plan(poses, unit, (right, np.cross(up, right))) if poses else None)
+    right = np.asarray(np.cross(up, np.eye(3)[np.argmin(np.abs(up))]), float)
+    right /= np.linalg.norm(right)
+    forward = np.asarray(np.cross(up, right), float)
+    return summary("Reconstruction", figures, plan(poses, unit, (right, forward)) if poses else None)
