@@ -12,7 +12,7 @@ from omnisight.views.maps import view_map
 def run() -> list[Race]:
     lens = om.model_class("mei")(478.0, 476.0, 512.0, 384.0, 1.07, *map(float, MEI))
     source = om.Camera(lens, (1024, 768))
-    flat = om.perspective(90, (1920, 1080))
+    flat = om.perspective((1920, 1080), 90)
     new_k = np.array([[flat.model.fx, 0, flat.model.cx], [0, flat.model.fy, flat.model.cy], [0, 0, 1]])
 
     def theirs() -> object:
@@ -38,7 +38,7 @@ def run() -> list[Race]:
     wide = om.Camera(
         om.model_class("kannala_brandt")(1300.0, 1300.0, 1919.5, 1079.5, 0.01, 0.0, 0.0, 0.0), (3840, 2160)
     )
-    view = om.perspective(75, (1920, 1080))
+    view = om.perspective((1920, 1080), 75)
     remapper = om.Remapper(wide, view, antialias=False)
     u, v = view_map(wide, view, np.eye(3))
     first, second = cv2.convertMaps(u, v, cv2.CV_16SC2)

@@ -242,8 +242,8 @@ def view_images() -> dict[str, bytes]:
     level, upright = om.look(pitch=8), om.look(up="back")
     drawn: dict[str, Any] = {"fisheye_image": room, "mirror_image": mirror_room}
     for name, target in {
-        "perspective": om.perspective(100, (640, 400)),
-        "panini": om.panini(165, (640, 360)),
+        "perspective": om.perspective((640, 400), 100),
+        "panini": om.panini((640, 360), 165),
         "sphere": om.sphere(720),
         "fisheye": om.fisheye(400, 180, "equisolid"),
     }.items():

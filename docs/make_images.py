@@ -45,7 +45,7 @@ def hero() -> np.ndarray:
     def view(target: om.Camera, yaw: float = 0, pitch: float = 0) -> np.ndarray:
         return om.remap(image, setup.camera, target, om.look(yaw, pitch), interpolation="bicubic")
 
-    top = beside(view(om.perspective(70, (470, 300)), -33, -10), view(om.perspective(66, (470, 300)), 42, 2))
+    top = beside(view(om.perspective((470, 300), 70), -33, -10), view(om.perspective((470, 300), 66), 42, 2))
     wide = view(om.cylinder(top.shape[1], elevation=(-32, 28), azimuth=(-92, 92)))
     views = below(top, wide)
     whole = om.remap(image, setup.camera, om.fisheye(len(views), 191), interpolation="bicubic")

@@ -14,9 +14,9 @@ om.write_image(folder / "image.jpg", image)
 
 # The camera of each view, and its direction in degrees (yaw right, pitch up).
 views = {
-    "ahead": (om.perspective(100, (960, 640)), om.look()),
-    "window": (om.perspective(70, (960, 640)), om.look(yaw=50, pitch=5)),
-    "panini": (om.panini(165, (1200, 600)), om.look()),
+    "ahead": (om.perspective((960, 640), 100), om.look()),
+    "window": (om.perspective((960, 640), 70), om.look(yaw=50, pitch=5)),
+    "panini": (om.panini((1200, 600), 165), om.look()),
     "cylinder": (om.cylinder(1200, elevation=(-45, 45), azimuth=(-90, 90)), om.look()),
     "sphere": (om.sphere(1600), om.look()),
     "ideal_fisheye": (om.fisheye(720, 180, "equisolid"), om.look()),

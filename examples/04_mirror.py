@@ -21,7 +21,7 @@ around = om.remap(image, camera, om.cylinder(1800, elevation=(-45, 18)), om.look
 om.write_image(folder / "cylinder.jpg", around)
 for name, yaw in (("front", 0), ("right", 90), ("back", 180), ("left", -90)):
     rotation = om.look(yaw, -10, up="back", flip=flip)
-    om.write_image(folder / f"{name}.jpg", om.remap(image, camera, om.perspective(75, (640, 400)), rotation))
+    om.write_image(folder / f"{name}.jpg", om.remap(image, camera, om.perspective((640, 400), 75), rotation))
 planet = om.remap(image, camera, om.planet(720, 215), om.look(pitch=-90, up="back", flip=flip))
 om.write_image(folder / "planet.jpg", planet)
 print(f"a cylinder, four views and a planet written to {folder}")

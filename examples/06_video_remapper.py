@@ -18,7 +18,7 @@ board = setup.boards(1)
 frames = [renderer(boards, np.random.default_rng(i)).image for i, boards in enumerate(([], board))]
 
 start = time.perf_counter()
-remapper = om.Remapper(setup.camera, om.perspective(100, (1280, 720)))
+remapper = om.Remapper(setup.camera, om.perspective((1280, 720), 100))
 print(f"map: {1000 * (time.perf_counter() - start):.0f} ms")
 print(f"a view pixel spans {remapper.scale[0]:.2f} to {remapper.scale[1]:.2f} frame pixels")
 print(f"the frame covers {remapper.mask.mean():.0%} of the view")

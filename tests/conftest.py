@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from browser import find_browser
 from compiling import STEPS, compile_step
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -64,3 +65,20 @@ def load_text(tmp_path):
         return load(tmp_path / "file")
 
     return camera
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Return a browser; skip the test if there is none."""
+    path = find_browser()
+    if path is None:
+        pytest.skip("needs a browser: Chromium or Chrome on the path, or OMNISIGHT_BROWSER=/path/to/one")
+    from playwright.sync_api import sync_playwright
+
+    quiet = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
+    with sync_playwright() as playwright:
+        # WebGL runs on the processor.
+        software = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        browser = playwright.chromium.launch(executable_path=path, args=[*quiet, "--disable-sync", *software])
+        yield browser
+        browser.close()

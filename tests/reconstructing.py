@@ -28,7 +28,7 @@ CAMERAS = {
     "equirectangular": lambda: sphere(640),
     "fisheye": fisheye_camera,
     "narrow_fisheye": lambda: fisheye_camera(80.0),
-    "pinhole": lambda: perspective(80.0, (640, 480)),
+    "pinhole": lambda: perspective((640, 480), 80.0),
 }
 
 

@@ -128,10 +128,20 @@ def test_scaling_agrees_with_resizing_an_image():
     np.testing.assert_allclose(centroid, camera.scaled(0.5).project(point)[0], atol=1e-3)
 
 
-def test_scaling_drops_the_covariance_and_keeps_the_rest():
-    camera = Camera(LENS.model, LENS.size, theta_max=1.1, covariance=np.eye(4), provenance={"file": "a.json"})
+@every_model
+def test_scaling_scales_the_projection_uncertainty(camera):
+    count = len(camera.model.params)
+    root = np.random.default_rng(0).normal(size=(count, count))
+    small = dataclasses.replace(camera, covariance=root @ root.T)
+    point = direction(np.array([0.3]), 1.0)
+    derivatives = [c.model.project_with_jacobians(point)[3][0] for c in (small, small.scaled(2.5))]
+    before, after = (d @ c.covariance @ d.T for d, c in zip(derivatives, (small, small.scaled(2.5)), strict=True))
+    np.testing.assert_allclose(after, 2.5**2 * before, rtol=1e-9)
+
+
+def test_scaling_keeps_the_rest():
+    camera = Camera(LENS.model, LENS.size, theta_max=1.1, provenance={"file": "a.json"})
     scaled = camera.scaled(0.5)
-    assert scaled.covariance is None
     assert scaled.theta_max == 1.1
     assert scaled.provenance == {"file": "a.json"}
 
@@ -155,3 +165,38 @@ def test_samples_are_limited_to_the_given_or_calibrated_angle():
     assert 0.85 < calibrated.angle_of(calibrated.samples()[1]).max() <= 0.9
     assert 0.45 < calibrated.angle_of(calibrated.samples(0.5)[1]).max() <= 0.5
     assert len(LENS.samples(count=11)[0]) == 121
+
+
+# -- field of view and camera matrix ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fov", [20, 90, 140])
+def test_the_field_of_view_of_a_perspective_camera_is_that_it_was_made_for(fov):
+    camera = om.perspective((640, 480), fov)
+    half = np.tan(np.radians(fov / 2))
+    vertical, diagonal = (2 * np.degrees(np.arctan(half * ratio)) for ratio in (480 / 640, 800 / 640))
+    assert camera.fov == pytest.approx((fov, vertical, diagonal))
+    assert camera.fov.horizontal == camera.fov[0]
+
+
+def test_the_field_of_view_of_a_fisheye_and_a_sphere_exceeds_180_degrees():
+    assert om.fisheye(500, 220).fov[:2] == pytest.approx((220, 220))
+    assert om.sphere(512).fov[:2] == pytest.approx((360, 180))
+    assert np.isnan(om.fisheye(500, 360).fov.diagonal)  # the corners are outside the image circle
+    assert np.isnan(Camera(LENS.model, (0, 0)).fov).all()
+
+
+@every_model
+def test_the_camera_matrix_projects_points_near_the_axis(camera):
+    points = np.array([[0.0, 0.0], [1e-4, 0.0], [0.0, -2e-4], [1e-4, 1e-4]])
+    near = np.column_stack([points, np.ones(4)])
+    expected = (near @ camera.K.T)[:, :2]
+    np.testing.assert_allclose(camera.project(near)[0], expected, atol=2e-4)
+    assert camera.K[2].tolist() == [0, 0, 1]
+    assert camera.focal == pytest.approx(np.linalg.norm(camera.K[:2, :2], axis=0).mean())
+
+
+def test_the_camera_matrix_of_a_pinhole_camera_is_its_own():
+    camera = Camera(Pinhole(fx=300.0, fy=301.0, cx=160.0, cy=119.5), (320, 240))
+    assert camera.K.tolist() == [[300, 0, 160], [0, 301, 119.5], [0, 0, 1]]
+    assert camera.focal == 300.5

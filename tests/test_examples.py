@@ -24,6 +24,7 @@ EXPECTED = {
         {"pair.json", "pair.jpg", "pair-back.jpg", "ring.json", "ring.jpg", "ring-cam4.jpg"},
         "cover 100.0 % of",
     ),
+    "10_notebook": ({"map.npy", "camera.html"}, "the cameras are the same within their uncertainties"),
     "09_surround": ({"car.json", "front.jpg", "right.jpg", "back.jpg", "left.jpg", "above.jpg"}, "98 % of the ground"),
 }
 

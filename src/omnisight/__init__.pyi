@@ -37,6 +37,8 @@ from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as Cali
 from omnisight.pipeline.calibration import Calibration as Calibration
 from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
+from omnisight.pipeline.compare import compare as compare
+from omnisight.pipeline.compare_options import CompareOptions as CompareOptions
 from omnisight.pipeline.compass import CompassResult as CompassResult
 from omnisight.pipeline.compass import compass as compass
 from omnisight.pipeline.compass import compass_rotation as compass_rotation
@@ -51,6 +53,8 @@ from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
 from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
 from omnisight.pipeline.export import export as export
+from omnisight.pipeline.export_map import MapExport as MapExport
+from omnisight.pipeline.export_map import export_map as export_map
 from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptions
@@ -85,6 +89,13 @@ from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
 from omnisight.places import similar_pairs as similar_pairs
 from omnisight.places.panorama_rotation import CompassRotation as CompassRotation
+from omnisight.plots import plot_cameras as plot_cameras
+from omnisight.plots import plot_coverage as plot_coverage
+from omnisight.plots import plot_difference as plot_difference
+from omnisight.plots import plot_profile as plot_profile
+from omnisight.plots import plot_residuals as plot_residuals
+from omnisight.plots import plot_uncertainty as plot_uncertainty
+from omnisight.quality.camera_comparison import CameraComparison as CameraComparison
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction

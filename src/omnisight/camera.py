@@ -3,11 +3,13 @@
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.array_kinds import like, to_numpy
+from omnisight.display import Displayed
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, Projector
@@ -19,8 +21,22 @@ Model = TypeVar("Model", bound=Projector, covariant=True)
 REFERENCE_SIZE_PX = 1000
 
 
+class FieldOfView(NamedTuple):
+    """Field of view of an image, degrees; NaN beyond the domain of the camera model, or without an image size.
+
+    Attributes
+    ----------
+    horizontal, vertical, diagonal
+        Angle between the left and the right edge, the upper and the lower edge, and two opposite corners.
+    """
+
+    horizontal: float
+    vertical: float
+    diagonal: float
+
+
 @dataclass(frozen=True, eq=False)
-class BaseCamera(Generic[Model]):
+class BaseCamera(Displayed, Generic[Model]):
     """The fields and methods that central and non-central cameras share.
 
     Cameras are equal if they are of one class and all fields are equal.
@@ -74,6 +90,15 @@ class BaseCamera(Generic[Model]):
     def __hash__(self) -> int:
         return hash((type(self), self.model, self.size))
 
+    def __repr__(self) -> str:
+        """Summarize the camera in one line."""
+        parts = [self.model.name, f"{self.width}x{self.height}" if all(self.size) else "size unknown"]
+        if self.theta_max is not None:
+            parts.append(f"calibrated to {np.degrees(self.theta_max):.0f}° off-axis")
+        if isinstance(rms := self.calibration.get("rms"), float):
+            parts.append(f"rms {rms:.2g} px")
+        return f"{type(self).__name__}({', '.join(parts)})"
+
     @property
     def width(self) -> int:
         """Pixels per row."""
@@ -102,8 +127,11 @@ class BaseCamera(Generic[Model]):
             return (angle >= self.theta_min) & (angle <= (np.pi if self.theta_max is None else self.theta_max))
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Project points (..., 3) of the camera frame to pixels (..., 2) and their validity."""
-        return self.model.project(points)
+        """Project points (..., 3) of the camera frame to pixels (..., 2) and their validity.
+
+        Arrays of other libraries, such as PyTorch tensors, are answered in their kind, without gradients.
+        """
+        return like(points, *self.model.project(to_numpy(points)))
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Return the rays (...) of pixels (..., 2) in the camera frame."""
@@ -112,7 +140,9 @@ class BaseCamera(Generic[Model]):
     def scaled(self, factor: float) -> Self:
         """Return the camera of the image resized by a factor; a pixel centre c moves to (c + 1/2) factor - 1/2."""
         size = (round(self.width * factor), round(self.height * factor))
-        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=None)
+        scale = self.model.rescaling(factor)
+        covariance = None if self.covariance is None else self.covariance * np.outer(scale, scale)
+        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +154,38 @@ class Camera(BaseCamera[CameraModel]):
     """
 
     def unproject(self, pixels: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the bearings (..., 3) of pixels (..., 2) and their validity; see `CameraModel.unproject`."""
-        return self.model.unproject(pixels)
+        """Return the bearings (..., 3) of pixels (..., 2) and their validity; see `CameraModel.unproject`.
+
+        Arrays of other libraries, such as PyTorch tensors, are answered in their kind, without gradients.
+        """
+        return like(pixels, *self.model.unproject(to_numpy(pixels)))
+
+    @property
+    def fov(self) -> "FieldOfView":
+        """Field of view in degrees, as in `perspective`: horizontal, vertical and diagonal.
+
+        The angles between opposite edges and corners of the image, through the pixel of the axis.
+        """
+        (u0, v0), right, bottom = (
+            self.model.project_numpy(np.array([[0.0, 0.0, 1.0]]))[0][0],
+            self.width - 0.5,
+            self.height - 0.5,
+        )
+        ends = [[(-0.5, v0), (right, v0)], [(u0, -0.5), (u0, bottom)], [(-0.5, -0.5), (right, bottom)]]
+        bearings, _ = self.model.unproject_numpy(np.reshape(ends, (6, 2)))
+        angles = angle_from_axis(bearings).reshape(3, 2).sum(1) if all(self.size) else np.full(3, np.nan)
+        return FieldOfView(*np.degrees(angles).tolist())
+
+    @property
+    def K(self) -> Array:
+        """Camera matrix (3, 3) of the pinhole camera with the same image near the axis."""
+        centre, _, d_point, _ = self.model.project_with_jacobians([0.0, 0.0, 1.0])
+        return np.vstack([np.column_stack([d_point[:, :2], centre]), [0.0, 0.0, 1.0]])
+
+    @property
+    def focal(self) -> float:
+        """Focal length on the axis: px per radian, the mean of both directions."""
+        return float(np.mean(np.linalg.norm(self.K[:2, :2], axis=0)))
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Return the rays (...) of pixels (..., 2) in the camera frame; all start at the camera centre."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.rotation import hat
@@ -19,6 +20,7 @@ from omnisight.rig_overlap import overlap, sees
 Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
 
+MAX_SHOWN = 3  # cameras in the text of a rig
 ROUNDING = 1e-12  # of the matrix of an identity that a program inverted and wrote
 
 
@@ -38,7 +40,7 @@ class RelativePose(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class Rig(Displayed):
     """Cameras, central or not, with their poses on one rigid body.
 
     Attributes
@@ -92,6 +94,18 @@ class Rig:
         """Make a rig from a mapping of name to camera and `sensor_from_rig`."""
         cameras, poses = tuple(c for c, _ in sensors.values()), tuple(pose for _, pose in sensors.values())
         return cls(cameras, poses, tuple(sensors))
+
+    def __repr__(self) -> str:
+        """Summarize the rig, with one camera per line."""
+        shown = zip(self.names[:MAX_SHOWN], self.cameras, self.sensor_from_rig, strict=False)
+        lines = [
+            f"{name}: {camera.model.name}, {camera.width}x{camera.height}, at"
+            f" ({', '.join(f'{x:.4g}' for x in np.round(pose.inverse().translation, 9) + 0.0)}) {self.unit}"
+            for name, camera, pose in shown
+        ]
+        more = [f"... {len(self) - MAX_SHOWN} more"] if len(self) > MAX_SHOWN else []
+        count = f"{len(self)} camera{'s' if len(self) > 1 else ''}"
+        return f"Rig({count}\n    " + "\n    ".join([*lines, *more]) + ")"
 
     def __hash__(self) -> int:
         return hash((self.cameras, self.sensor_from_rig, self.names))

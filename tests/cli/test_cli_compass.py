@@ -95,7 +95,7 @@ def test_invalid_input_is_refused(refuses, folders, tmp_path):
     assert "missing.json" in refuses("compass", images, "--camera", tmp_path / "missing.json")
     om.write_image(tmp_path / "photo.png", np.zeros((48, 64), np.uint8))
     assert "specify the camera of raw images (--camera)" in refuses("compass", tmp_path / "photo.png")
-    om.save(om.perspective(90, (64, 48)), tmp_path / "camera.json")
+    om.save(om.perspective((64, 48), 90), tmp_path / "camera.json")
     message = refuses("compass", tmp_path / "photo.png", "--camera", tmp_path / "camera.json")
     assert "does not see 360° around the vertical" in message
     assert "--up front" in message

@@ -92,7 +92,7 @@ def test_kitti_poses_are_relative_to_the_first_image(exported):
 
 
 def test_kitti_projection_matrices_of_a_stereo_rig(run, tmp_path):
-    lens, right = om.perspective(90, (48, 48)), om.Pose(translation=np.array((-0.5, 0.0, 0.0)))
+    lens, right = om.perspective((48, 48), 90), om.Pose(translation=np.array((-0.5, 0.0, 0.0)))
     file = save(Rig.from_sensors({"left": (lens, om.Pose()), "right": (lens, right)}), tmp_path / "rig.json").path
     arguments = ("simulate", "lines", "--camera", file, "--rays", 1, "--frames", 1, "-o", tmp_path / "out")
     assert run(*arguments, "--export", "kitti")[0] == 0

@@ -52,7 +52,7 @@ def test_every_view_type_is_written_and_reported(run, photo, camera_file, tmp_pa
 def test_perspective_view_straightens_the_board(run, shots, camera_file, tmp_path):
     out = tmp_path / "straight.png"
     run("view", shots / "1.png", "--camera", camera_file, "--fov", "100", "--size", "800x800", "-o", out)
-    pinhole = omnisight.perspective(100, (800, 800))
+    pinhole = omnisight.perspective((800, 800), 100)
     turn, position = pose(BOARD, *POSES[0])
     corners, _ = pinhole.project(BOARD.points @ turn.T + position)
     found = omnisight.targets.detect_checkerboard(read_image(out), BOARD)

@@ -204,7 +204,7 @@ def test_wrong_sizes_and_options_are_reported():
     with pytest.raises(ValueError, match="image is 120x100 px, but the camera 560x560"):
         detect_features(image, FISHEYE)
     with pytest.raises(ValueError, match="mask is 100x120 px, but the camera 120x100"):
-        detect_features(image, om.perspective(60, (120, 100)), mask=image.T)
+        detect_features(image, om.perspective((120, 100), 60), mask=image.T)
     with pytest.raises(ValueError, match="kind must be one of sift, orb"):
         FeatureOptions("surf")
     with pytest.raises(ValueError, match="surface must be 'views' or 'image'"):

@@ -17,7 +17,7 @@ FISHEYE = dataclasses.replace(om.fisheye(560, 190), theta_max=np.radians(90))
 MIRROR = om.Camera(
     Unified(-155.0, 155.0, 299.5, 299.5, xi=0.97), (600, 600), theta_min=np.radians(20), theta_max=np.radians(105)
 )
-PERSPECTIVE = om.perspective(60, (480, 360))
+PERSPECTIVE = om.perspective((480, 360), 60)
 CAMERAS = {"sphere": SPHERE, "fisheye": FISHEYE, "mirror": MIRROR, "perspective": PERSPECTIVE}
 
 

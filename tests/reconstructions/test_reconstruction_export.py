@@ -124,7 +124,10 @@ def test_the_command_writes_the_files_and_prints_where(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("model", "--to", "obj"), "unknown format of reconstructions 'obj'; there are: colmap"),
+        (
+            ("model", "--to", "obj"),
+            "unknown format 'obj'; there are: ffmpeg",
+        ),
         (("none", "--to", "ply"), "no such folder"),
     ],
 )

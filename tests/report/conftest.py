@@ -1,12 +1,11 @@
 """Calibrations with their reports, and a browser that opens them."""
 
 import pytest
-from reporting import COMMAND, NAMES, PUPIL, UNUSED_NAMES, calibrate_detections, report_data, simulate_detections, write
 
-from browser import find_browser
 from omnisight.optics.models.axial import Axial
 from omnisight.report import ReportOptions, write_report
 from omnisight.simulation import fisheye_setup
+from reporting import COMMAND, NAMES, PUPIL, UNUSED_NAMES, calibrate_detections, report_data, simulate_detections, write
 
 # A message about the time of a screenshot.
 SLOW_GL = "GL Driver Message (OpenGL, Performance"
@@ -37,23 +36,6 @@ def report(central, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     write_report(central.calibration, path, ReportOptions(COMMAND))
     return path
-
-
-@pytest.fixture(scope="session")
-def browser():
-    """Return a browser; skip the test if there is none."""
-    path = find_browser()
-    if path is None:
-        pytest.skip("needs a browser: Chromium or Chrome on the path, or OMNISIGHT_BROWSER=/path/to/one")
-    from playwright.sync_api import sync_playwright
-
-    quiet = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update"]
-    with sync_playwright() as playwright:
-        # WebGL runs on the processor.
-        software = ["--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        browser = playwright.chromium.launch(executable_path=path, args=[*quiet, "--disable-sync", *software])
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -8,6 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+from omnisight.camera import Camera
+from omnisight.images import write_image
+from omnisight.models import model_class
+from omnisight.report.axes import nice_floor, nice_ticks
+from omnisight.report.html import Markup, element
+from omnisight.report.number_format import format_with_sigma
+from omnisight.report.page import render_page
+from omnisight.report.report_data import radial_directions
+from omnisight.report.sections.images import MAX_IMAGES, embedded_width
+from omnisight.report.sections.residuals import Abscissa
+from omnisight.targets import Checkerboard, detect_boards
 from reporting import (
     NAMES,
     UNUSED_NAMES,
@@ -21,18 +33,6 @@ from reporting import (
     with_quality,
     write,
 )
-
-from omnisight.camera import Camera
-from omnisight.images import write_image
-from omnisight.models import model_class
-from omnisight.report.axes import nice_floor, nice_ticks
-from omnisight.report.html import Markup, element
-from omnisight.report.number_format import format_with_sigma
-from omnisight.report.page import render_page
-from omnisight.report.report_data import radial_directions
-from omnisight.report.sections.images import MAX_IMAGES, embedded_width
-from omnisight.report.sections.residuals import Abscissa
-from omnisight.targets import Checkerboard, detect_boards
 
 
 def test_embedded_json_contains_the_calibration(report, central):

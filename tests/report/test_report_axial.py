@@ -6,6 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+from noncentral import SIZE, off_focus
+from omnisight.formats import load, save
+from omnisight.optics.models.axial import Axial
+from omnisight.quality.central_limit import central_limit
+from omnisight.ray_camera import RayCamera
+from omnisight.report.number_format import format_with_sigma
+from omnisight.report.page import render_page
+from omnisight.report.sections.images import residual_scale
+from omnisight.simulation import fisheye_setup
 from reporting import (
     NAMES,
     PUPIL,
@@ -18,16 +28,6 @@ from reporting import (
     with_observations,
     with_quality,
 )
-
-from noncentral import SIZE, off_focus
-from omnisight.formats import load, save
-from omnisight.optics.models.axial import Axial
-from omnisight.quality.central_limit import central_limit
-from omnisight.ray_camera import RayCamera
-from omnisight.report.number_format import format_with_sigma
-from omnisight.report.page import render_page
-from omnisight.report.sections.images import residual_scale
-from omnisight.simulation import fisheye_setup
 
 
 @pytest.fixture(scope="module")

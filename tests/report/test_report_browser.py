@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reporting import COMMAND, NAMES, UNUSED_NAMES, with_observations, write
 
 from omnisight.formats import format_names, get_format, load
 from omnisight.report import ReportOptions
+from reporting import COMMAND, NAMES, UNUSED_NAMES, with_observations, write
 
 # The sections in the order of the page; an axial camera has one more between them.
 FIRST = "images coverage profile"

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from reporting import section, with_quality
 
 from omnisight.report.page import render_page
+from reporting import section, with_quality
 
 
 @pytest.fixture(scope="module")

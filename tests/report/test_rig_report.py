@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.rig_scenes import SCENES, scene
-from reporting import contains_nan, embedded_json, section
 
 import omnisight as om
 from omnisight.formats import load_rig, rig_format_names
@@ -20,6 +19,7 @@ from omnisight.report.rigs.page import render_rig_page
 from omnisight.report.rigs.rig_report_data import RigReportData
 from omnisight.report.rigs.scene import edge_bearings
 from omnisight.simulation.example_rigs import back_to_back
+from reporting import contains_nan, embedded_json, section
 
 COMMAND = ["omnisight", "calibrate-rig", "left images/*.png", "right", "--square", "30mm"]
 SECTIONS = ("rig", "cameras", "pairs", "fields-of-view", "pose-uncertainty", "residuals", "downloads")

@@ -90,7 +90,7 @@ def test_a_prior_holds_what_the_images_do_not_determine():
     assert np.sqrt(cameras[-1, -1]) == pytest.approx(1e-7, rel=0.05)
 
 
-@pytest.mark.parametrize("camera", [TRUE, om.perspective(70, (600, 400)), om.sphere(640)], ids=lambda c: c.model.name)
+@pytest.mark.parametrize("camera", [TRUE, om.perspective((600, 400), 70), om.sphere(640)], ids=lambda c: c.model.name)
 def test_the_basis_of_a_camera_scales_its_image(camera):
     basis = scaling_basis(camera)
     if camera.model.name == "equirectangular":  # always 360 degrees wide

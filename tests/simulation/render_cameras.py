@@ -37,7 +37,7 @@ class SideBySidePinholes:
     """Two pinholes in one image: the left half has the left viewpoint."""
 
     def __init__(self, size=(160, 120), base=0.2):
-        self.size, self.half, self.base = size, om.perspective(70, (size[0] // 2, size[1])), base
+        self.size, self.half, self.base = size, om.perspective((size[0] // 2, size[1]), 70), base
 
     def _eye(self, side):
         return np.array((self.base * (side - 0.5), 0, 0))
@@ -55,7 +55,7 @@ class SideBySidePinholes:
 
 
 CAMERAS = {
-    "pinhole": om.perspective(80, (120, 90)),
+    "pinhole": om.perspective((120, 90), 80),
     "fisheye": om.fisheye(110, 200),
     "sphere": om.sphere(128),
     "axial": AxialShift(om.fisheye(100, 170)),

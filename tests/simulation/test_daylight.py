@@ -31,7 +31,7 @@ def yard():
 
 
 def light(scene, camera=None):
-    return Renderer(camera or om.perspective(90, (32, 32)), om.Pose(), scene, samples=1, vignette=0).light()
+    return Renderer(camera or om.perspective((32, 32), 90), om.Pose(), scene, samples=1, vignette=0).light()
 
 
 def elevation(hours, latitude=47.0):
@@ -86,7 +86,7 @@ def test_fog_attenuates_light_exponentially_with_the_distance():
     clear = Scene(yard().solids, sun=(SUN, 0.0), spacing=0.5)
     fog = Fog(0.1, (0.5, 0.6, 0.7), 100.0)
     foggy = Scene(yard().solids, sun=(SUN, 0.0), spacing=0.5, fog=fog)
-    camera = om.perspective(90, (32, 32))
+    camera = om.perspective((32, 32), 90)
     depth = Renderer(camera, om.Pose(), clear).truth().depth
     seen = ~np.isnan(depth)
     assert 0.4 < seen.mean() < 1

@@ -11,7 +11,7 @@ from omnisight.simulation.motion_blur import MAX_POSES, blur_length, blurred_exp
 from omnisight.simulation.texture import Texture
 from omnisight.simulation.trajectory import Trajectory
 
-CAMERA = om.perspective(90, (64, 48))
+CAMERA = om.perspective((64, 48), 90)
 
 
 def wall():

@@ -8,7 +8,7 @@ import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.simulation import Renderer, Scene, box, cylinder, ellipsoid, rectangle, roof
 
-CAMERA = om.perspective(80, (48, 32))
+CAMERA = om.perspective((48, 32), 80)
 
 
 @pytest.fixture(scope="module")

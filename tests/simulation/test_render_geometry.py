@@ -100,7 +100,7 @@ def test_normals_are_unit_vectors_towards_the_camera(any_camera):
 
 def test_normals_match_the_surface():
     """Compared with differences of neighbouring points on the ellipsoid."""
-    camera = om.perspective(30, (200, 200))
+    camera = om.perspective((200, 200), 30)
     scene = Scene((ellipsoid((0, 0, 3), (0.5, 0.4, 0.6), GRAY, "ellipsoid"),))
     found = Renderer(camera, om.Pose(), scene).truth()
     middle = (slice(80, 120), slice(80, 120))
@@ -218,7 +218,7 @@ def test_rolling_shutter_of_a_still_camera_equals_a_global_shutter():
 def test_each_row_of_a_rolling_shutter_has_its_own_pose():
     from omnisight.simulation.preset_motion import preset_trajectory
 
-    camera, scene = om.perspective(70, (80, 60)), still_life()
+    camera, scene = om.perspective((80, 60), 70), still_life()
     motion = preset_trajectory("line", ((-0.1, -0.1, -0.8), (0.1, 0.1, 0.8)))
     rows = motion.row_poses(1.0, 60, 0.4)
     rolling = Renderer(camera, rows, scene)
@@ -234,7 +234,7 @@ def test_each_row_of_a_rolling_shutter_has_its_own_pose():
 
 def test_wrong_number_of_row_poses_is_rejected():
     with pytest.raises(ValueError, match="12 rows needs as many poses, got 3"):
-        Renderer(om.perspective(60, (16, 12)), [om.Pose()] * 3, still_life())
+        Renderer(om.perspective((16, 12), 60), [om.Pose()] * 3, still_life())
 
 
 def test_nan_rays_hit_nothing():

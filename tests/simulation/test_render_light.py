@@ -39,7 +39,7 @@ def test_texture_filtering_preserves_the_mean_light(any_camera):
     squares = np.indices((512, 512)).sum(0) % 2
     texture = Texture(np.repeat((squares * 255).astype(np.uint8)[..., None], 3, -1))
     shell = box((-3, -3, -3), (3, 3, 3), texture, "shell", inside=True, glow=1.0)
-    light = Renderer(om.perspective(60, (80, 60)), POSE, Scene((shell,)), vignette=0).light()
+    light = Renderer(om.perspective((80, 60), 60), POSE, Scene((shell,)), vignette=0).light()
     assert abs(light.mean() - 0.5) < 0.01
     assert light.std() < 0.06
 
@@ -49,7 +49,7 @@ def test_bricks_at_four_rays_match_many_rays(distance, most):
     """Moire is the difference from 144 rays per pixel, relative to the contrast; courses are 1 to 5 px high."""
     wall = Texture(materials.bricks(np.random.default_rng(0), 20, 10, (158, 92, 72), 150))
     scene = Scene((box((-10, -5, distance), (10, 5, distance + 0.1), wall, "wall", glow=1.0),))
-    camera, pose = om.perspective(20, (120, 100)), om.Pose(om.look(yaw=3).T, np.zeros(3))
+    camera, pose = om.perspective((120, 100), 20), om.Pose(om.look(yaw=3).T, np.zeros(3))
     few, many = (
         Renderer(camera, pose, scene, samples=n, vignette=0).light()[15:85, :, 1].astype(float) for n in (2, 12)
     )
@@ -75,14 +75,14 @@ def test_repeated_texture_renders_as_its_copies():
     images = []
     for texture in (Texture(tile, (4, 2)), Texture(np.tile(tile, (2, 4, 1)))):
         scene = Scene((box((-2, -1, 3), (2, 1, 3.1), texture, "wall", glow=1.0),))
-        images.append(Renderer(om.perspective(60, (120, 90)), om.Pose(), scene, vignette=0).light())
+        images.append(Renderer(om.perspective((120, 90), 60), om.Pose(), scene, vignette=0).light())
     np.testing.assert_allclose(images[0], images[1], atol=2e-2)
 
 
 def test_exposure_doubles_the_light_per_stop():
     shell = box((-3, -3, -3), (3, 3, 3), GRAY, "shell", inside=True, glow=1.0)
     images = [
-        render(om.perspective(60, (20, 16)), scene=Scene((shell,)), vignette=0, noise=0, exposure=e).image
+        render(om.perspective((20, 16), 60), scene=Scene((shell,)), vignette=0, noise=0, exposure=e).image
         for e in (0, 1)
     ]
     assert (images[0] == 119).all()
@@ -127,7 +127,7 @@ def gray_light(camera, **options):
     return Renderer(camera, om.Pose(), Scene((shell,)), **options).light()[..., 0] / LINEAR[119]
 
 
-@pytest.mark.parametrize("camera", [om.perspective(90, (161, 121)), om.fisheye(161, 180), om.perspective(30, (90, 90))])
+@pytest.mark.parametrize("camera", [om.perspective((161, 121), 90), om.fisheye(161, 180), om.perspective((90, 90), 30)])
 def test_every_lens_loses_the_same_share_of_light_at_the_edge_of_its_image(camera):
     light = gray_light(camera, vignette=0.4, samples=1)
     seen = light > 0
@@ -172,7 +172,7 @@ def test_vignette_darkens_only_the_edge():
 
 
 def test_jpeg_is_similar_but_not_identical():
-    camera, scene = om.perspective(70, (160, 120)), still_life()
+    camera, scene = om.perspective((160, 120), 70), still_life()
     plain, packed = (render(camera, scene=scene, noise=0, jpeg=q).image for q in (None, 60))
     assert plain.shape == packed.shape
     assert 0 < np.abs(plain.astype(int) - packed).max() < 60

@@ -55,7 +55,7 @@ def test_corners_match_the_detector(setup):
 
 def test_pinhole_corners_are_sharp():
     """A board that fills the image: what is left is the detector's own, with the place of an edge in its pixel."""
-    camera = om.perspective(60, (480, 360))
+    camera = om.perspective((480, 360), 60)
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.45))))
     rendered = render(camera, [board], scene=PLAIN, samples=3, noise=0, vignette=0)
     found = detect_checkerboard(to_gray8(rendered.image), DEMO_BOARD)
@@ -78,19 +78,19 @@ def test_every_board_type_can_be_rendered(kind, fields):
     left, top, right, bottom = board.extent
     middle = np.array(((left + right) / 2, (top + bottom) / 2, 0))
     pose = om.Pose(om.look(12, 8).T, np.array((0, 0, 0.6)) - om.look(12, 8).T @ middle)
-    rendered = render(om.perspective(70, (640, 480)), [BoardInScene(board, pose)], scene=PLAIN, noise=0.5)
+    rendered = render(om.perspective((640, 480), 70), [BoardInScene(board, pose)], scene=PLAIN, noise=0.5)
     found = detect(to_gray8(rendered.image), board)[0]
     assert len(found) == board.size
     true = rendered.corners[0]
     if kind == "circles":
-        true = true + board.measurement_offset(lambda x: om.perspective(70, (640, 480)).project(pose @ x)[0])
+        true = true + board.measurement_offset(lambda x: om.perspective((640, 480), 70).project(pose @ x)[0])
     errors = np.linalg.norm(found.pixels - true[found.ids], axis=1)
     assert np.sqrt((errors**2).mean()) < 0.05
 
 
 def test_board_without_square_size_has_unit_squares():
     board = BoardInScene(Checkerboard(6, 5), om.Pose(translation=np.array((-2.5, -2.0, 8.0))))
-    rendered = render(om.perspective(60, (320, 240)), [board], scene=Scene(()), noise=0)
+    rendered = render(om.perspective((320, 240), 60), [board], scene=Scene(()), noise=0)
     found = detect_checkerboard(to_gray8(rendered.image), board.board)
     assert found is not None
     assert np.abs(found.pixels - rendered.corners[0][found.ids]).max() < 0.05
@@ -98,7 +98,7 @@ def test_board_without_square_size_has_unit_squares():
 
 def test_back_of_a_board_is_white():
     turned = om.Pose(om.look(180).T, np.array((0.14, -0.08, 0.5)))
-    image = render(om.perspective(40, (160, 120)), [BoardInScene(DEMO_BOARD, turned)], scene=PLAIN, noise=0).image
+    image = render(om.perspective((160, 120), 40), [BoardInScene(DEMO_BOARD, turned)], scene=PLAIN, noise=0).image
     assert image[40:80, 60:100].std() < 4
     assert image[40:80, 60:100].min() > 150
 
@@ -143,7 +143,7 @@ def test_calibrated_mirror_camera_unrolls_the_room_correctly():
 
 
 def test_nearer_board_occludes_a_farther_one():
-    camera = om.perspective(60, (240, 180))
+    camera = om.perspective((240, 180), 60)
     boards = [BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, z)))) for z in (0.5, 1.0)]
     alone = render(camera, boards[:1], noise=0, scene=PLAIN).image
     for order in (boards, boards[::-1]):
@@ -161,7 +161,7 @@ def test_solid_in_front_of_a_board_occludes_it():
     pillar = box((-0.03, -1, 0.3), (0.03, 1, 0.35), Texture.plain((20, 90, 20)), "pillar", glow=1.0)
     scene = Scene((*PLAIN.solids, pillar))
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.5))))
-    image = render(om.perspective(60, (240, 180)), [board], scene=scene, noise=0, vignette=0).image
+    image = render(om.perspective((240, 180), 60), [board], scene=scene, noise=0, vignette=0).image
     assert (image[90, 120] == (20, 90, 20)).all()
     assert image[90, 80:100].std() > 20
 
@@ -185,7 +185,7 @@ def test_board_poses_cover_the_field_and_are_tilted(setup, seed):
 
 def test_too_large_board_is_rejected():
     with pytest.raises(ValueError, match="increase its distance"):
-        board_poses(om.perspective(30, (160, 120)), DEMO_BOARD, 1, distance=(0.3, 0.4))
+        board_poses(om.perspective((160, 120), 30), DEMO_BOARD, 1, distance=(0.3, 0.4))
 
 
 def test_boards_of_the_scene_are_detected_at_their_positions():
@@ -193,7 +193,7 @@ def test_boards_of_the_scene_are_detected_at_their_positions():
     scene = scene_named("boards")
     kinds = {name.split()[0] for name in scene.names}
     assert kinds == {"hall", "checkerboard", "aprilgrid", "charuco", "circles"}
-    image = render(om.perspective(60, (640, 480)), scene=scene, noise=0.5).image
+    image = render(om.perspective((640, 480), 60), scene=scene, noise=0.5).image
     assert detect_checkerboard(to_gray8(image), Checkerboard(9, 6, 0.06)) is not None
 
 
@@ -201,7 +201,7 @@ def test_corners_under_a_rolling_shutter_match_the_ground_truth():
     """The scene point at the pixel of a corner is that corner, with one camera pose per row."""
     from omnisight.simulation.preset_motion import preset_trajectory
 
-    camera = om.perspective(70, (320, 240))
+    camera = om.perspective((320, 240), 70)
     rows = preset_trajectory("line", ((-1.5, -0.1, -0.1), (1.5, 0.1, 0.1))).row_poses(1.5, 240, 0.2)
     rows = [om.Pose(translation=pose.translation) for pose in rows]  # sideways
     board = BoardInScene(DEMO_BOARD, om.Pose(translation=np.array((-0.14, -0.08, 0.8))))

@@ -50,7 +50,7 @@ def test_moving_objects_are_where_a_newly_built_scene_has_them(time):
 
 
 def test_moving_objects_have_light_textures_and_shadows():
-    scene, camera = yard(0), om.perspective(90, (96, 64))
+    scene, camera = yard(0), om.perspective((96, 64), 90)
     moments = [Renderer(camera, om.Pose(), scene.at(time), vignette=0, samples=1) for time in (0.5, 3.5)]
     lights, moving = [], []
     for renderer in moments:

@@ -13,7 +13,7 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models.unified import Unified
 
 CAMERAS = {
-    "perspective": om.perspective(70, (640, 480)),
+    "perspective": om.perspective((640, 480), 70),
     "fisheye": dataclasses.replace(om.fisheye(700, 220), theta_max=np.radians(100)),
     # A negative fx exchanges left and right, as behind a mirror.
     "mirror": om.Camera(

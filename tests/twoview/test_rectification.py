@@ -90,7 +90,7 @@ def test_rectified_frames_have_x_along_the_baseline_and_look_between_the_cameras
 
 
 def test_common_field_of_view_decides_size_and_resolution():
-    camera = om.perspective(60, (300, 200))
+    camera = om.perspective((300, 200), 60)
     view = om.rectify((camera, camera), POSES["sideways"], 1.0).camera
     whole = om.rectify((SPHERE, SPHERE), POSES["sideways"], 1.0)
     assert whole.is_periodic
@@ -136,7 +136,7 @@ def test_unusable_geometry_is_refused(pose, min_distance, message):
 
 
 def test_cameras_that_see_nothing_in_common_are_refused():
-    camera = om.perspective(60, (300, 200))
+    camera = om.perspective((300, 200), 60)
     with pytest.raises(ValueError, match="see no common direction"):
         om.rectify((camera, camera), om.Pose(so3.exp([0.0, np.pi, 0.0]), np.array([0.2, 0.0, 0.0])), 1.0)
 

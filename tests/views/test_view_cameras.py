@@ -11,15 +11,15 @@ def test_too_wide_perspective_is_rejected_with_alternatives(fov):
     with pytest.raises(
         ValueError, match=r"perspective view cannot show .* only up to 150: use cylinder, panini, sphere"
     ):
-        om.perspective(fov)
+        om.perspective(fov=fov)
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: om.panini(360), "Panini view of distance 1 cannot show 360 degrees, only up to 353"),
-        (lambda: om.panini(190, distance=0.0), "distance 0 cannot show 190 degrees, only up to 176"),
-        (lambda: om.panini(np.nan), "Panini view .* cannot show nan degrees"),
+        (lambda: om.panini(fov=360), "Panini view of distance 1 cannot show 360 degrees, only up to 353"),
+        (lambda: om.panini(fov=190, distance=0.0), "distance 0 cannot show 190 degrees, only up to 176"),
+        (lambda: om.panini(fov=np.nan), "Panini view .* cannot show nan degrees"),
         (lambda: om.fisheye(100, 361), "equidistant fisheye cannot show 361 degrees, only up to 360"),
         (lambda: om.fisheye(100, 200, "orthographic"), "orthographic fisheye cannot show 200 degrees, only up to 180"),
         (lambda: om.fisheye(100, 0), "cannot show 0 degrees"),
@@ -35,7 +35,7 @@ def test_too_wide_perspective_is_rejected_with_alternatives(fov):
         (lambda: om.sphere(100, (-90, 90), (-200, 10)), "azimuth must be .* within -180 to 180"),
         (lambda: om.sphere(0), "must be from 1 to 32767 px, got 0"),
         (lambda: om.sphere(70000), "from 1 to 32767 px"),
-        (lambda: om.perspective(90, (40000, 10)), "from 1 to 32767 px, got 40000 x 10"),
+        (lambda: om.perspective((40000, 10), 90), "from 1 to 32767 px, got 40000 x 10"),
         (lambda: om.cube_face(-3), "from 1 to 32767 px"),
         (lambda: om.look(up="bottom"), "up must be one of top, back, front, got 'bottom'"),
     ],
@@ -48,8 +48,8 @@ def test_impossible_views_are_rejected_with_their_limit(make, message):
 @pytest.mark.parametrize(
     ("target", "half"),
     [
-        (om.perspective(110, (301, 201)), 55),
-        (om.panini(170, (301, 201)), 85),
+        (om.perspective((301, 201), 110), 55),
+        (om.panini((301, 201), 170), 85),
         (om.fisheye(301, 220), 110),
         (om.fisheye(301, 150, "equisolid"), 75),
         (om.fisheye(301, 150, "stereographic"), 75),

@@ -21,7 +21,7 @@ DTYPES = [np.uint8, np.uint16, np.float32, np.float64]
 @pytest.mark.parametrize("channels", [(), (1,), (2,), (3,), (4,)])
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_remap_keeps_the_type_and_constant_values(dtype, channels, interpolation, shrink):
-    target = om.perspective(70, (24, 20) if shrink else (120, 100))
+    target = om.perspective((24, 20) if shrink else (120, 100), 70)
     value = {"u": np.iinfo(dtype).max - 3 if np.dtype(dtype).kind == "u" else 0, "f": 0.7}[np.dtype(dtype).kind]
     image = np.full((FISHEYE.height, FISHEYE.width, *channels), value, dtype)
     before = image.copy()
@@ -36,14 +36,14 @@ def test_remap_keeps_the_type_and_constant_values(dtype, channels, interpolation
 @pytest.mark.parametrize("view", [np.s_[::-1], np.s_[:, ::-1], np.s_[:, :, ::-1], np.s_[..., :1]])
 def test_any_memory_layout_is_accepted(view):
     image = np.random.default_rng(0).integers(0, 256, (360, 400, 3), np.uint8)[view]
-    target = om.perspective(70, (60, 40))
+    target = om.perspective((60, 40), 70)
     assert np.array_equal(om.remap(image, FISHEYE, target), om.remap(image.copy(), FISHEYE, target))
 
 
 @pytest.mark.parametrize(
     ("image", "message"),
     [
-        (np.zeros((360, 400, 5), np.uint8), r"\(H, W\) or \(H, W, 1 to 4\), got shape \(360, 400, 5\)"),
+        (np.zeros((360, 400, 5), np.uint8), r"\(H, W\), \(H, W, 1 to 4\) or a batch .*, got shape \(360, 400, 5\)"),
         (np.zeros((400,), np.uint8), r"got shape \(400,\)"),
         (np.zeros((360, 400), np.int32), "uint8, uint16, float32 or float64, got int32"),
         (np.zeros((360, 400), bool), "got bool"),
@@ -78,7 +78,7 @@ def test_camera_without_a_size_is_rejected():
 @pytest.mark.parametrize("factor", [0.5, 2.0, 0.37])
 def test_scaled_camera_fits_a_resized_image(factor):
     scaled = FISHEYE.scaled(factor)
-    target, turn = om.perspective(80, (80, 60)), om.look(yaw=15)
+    target, turn = om.perspective((80, 60), 80), om.look(yaw=15)
     first, second = (om.remap(image_of(of), of, target, turn, interpolation="bicubic") for of in (FISHEYE, scaled))
     assert np.abs(first - second).max() < 0.01
 
@@ -99,8 +99,8 @@ def test_uncovered_pixels_have_the_border_value():
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 @pytest.mark.parametrize("border", ["edge", "reflect"])
 def test_extrapolated_border_is_not_darker_at_the_edge(border, interpolation):
-    source = om.perspective(80, (100, 80))
-    target, turn = om.perspective(120, (150, 120)), om.look(yaw=10.3, pitch=4.1)
+    source = om.perspective((100, 80), 80)
+    target, turn = om.perspective((150, 120), 120), om.look(yaw=10.3, pitch=4.1)
     remapper = om.Remapper(source, target, turn, interpolation=interpolation, border=border)
     view = remapper(np.full((80, 100), 150, np.uint8))
     assert (view[remapper.mask] == 150).all()
@@ -127,7 +127,7 @@ def test_unknown_options_are_rejected(options, message):
 
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic", "lanczos"])
 def test_fine_pattern_is_antialiased_without_moire(interpolation):
-    source, target = om.perspective(90, (808, 808)), om.perspective(90, (101, 101))
+    source, target = om.perspective((808, 808), 90), om.perspective((101, 101), 90)
     columns, rows = np.arange(808)[None], np.arange(808)[:, None]
     image = np.where((columns // 3 + rows // 3) % 2 == 0, 255, 0).astype(np.uint8)
     inner = np.s_[4:-4, 4:-4]
@@ -143,9 +143,9 @@ def test_fine_pattern_is_antialiased_without_moire(interpolation):
 
 @pytest.mark.parametrize("factor", [1.3, 2, 3, 5, 11])
 def test_reduced_view_has_no_offset(factor):
-    source = om.perspective(90, (660, 660))
+    source = om.perspective((660, 660), 90)
     side = round(660 / factor)
-    target = om.perspective(90, (side, side))
+    target = om.perspective((side, side), 90)
     view = om.remap(image_of(source), source, target)
     assert np.abs(view - image_of(target))[2:-2, 2:-2].max() < 0.004
 
@@ -153,7 +153,7 @@ def test_reduced_view_has_no_offset(factor):
 def test_only_reduced_areas_are_averaged():
     # A wide perspective of a fisheye: its middle is enlarged, its rim is not.
     noise = np.random.default_rng(0).integers(0, 256, (360, 400), np.uint8)
-    target = om.perspective(60, (600, 400))
+    target = om.perspective((600, 400), 60)
     assert np.array_equal(om.remap(noise, FISHEYE, target), om.remap(noise, FISHEYE, target, antialias=False))
 
 
@@ -161,7 +161,7 @@ def test_only_reduced_areas_are_averaged():
 
 
 def test_remapper_is_reusable():
-    target, turn = om.perspective(100, (90, 60)), om.look(yaw=30)
+    target, turn = om.perspective((90, 60), 100), om.look(yaw=30)
     remapper = om.Remapper(FISHEYE, target, turn, interpolation="bicubic")
     rng = np.random.default_rng(0)
     for dtype, channels in itertools.product((np.uint8, np.uint16, np.float32), ((), (3,), (4,))):
@@ -172,7 +172,7 @@ def test_remapper_is_reusable():
 
 
 def test_view_map_has_source_pixels_or_nan():
-    target, turn = om.perspective(100, (90, 60)), om.look(yaw=90)
+    target, turn = om.perspective((90, 60), 100), om.look(yaw=90)
     u, v = view_map(FISHEYE, target, turn)
     bearings, _ = target.unproject(grid(target.size))
     pixels, valid = FISHEYE.project(bearings @ turn)
@@ -182,20 +182,20 @@ def test_view_map_has_source_pixels_or_nan():
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
 def test_magnification_is_the_size_of_a_source_pixel(factor):
-    source = om.perspective(90, (200, 160))
-    remapper = om.Remapper(source, om.perspective(90, (round(200 * factor), round(160 * factor))))
+    source = om.perspective((200, 160), 90)
+    remapper = om.Remapper(source, om.perspective((round(200 * factor), round(160 * factor)), 90))
     assert magnification(remapper) == pytest.approx((factor, factor), rel=0.02)
     assert remapper.scale == pytest.approx((1 / factor, 1 / factor), rel=0.02)
 
 
 def test_perspective_of_a_fisheye_is_stretched_at_its_edge():
-    centre, rim = magnification(om.Remapper(FISHEYE, om.perspective(140, (400, 400))))
+    centre, rim = magnification(om.Remapper(FISHEYE, om.perspective((400, 400), 140)))
     assert rim > 2 * centre
 
 
 def test_visible_fraction_of_the_source():
-    source = om.perspective(90, (200, 200))
-    half = om.perspective(2 * np.degrees(np.arctan(0.5)), (100, 100))
+    source = om.perspective((200, 200), 90)
+    half = om.perspective((100, 100), 2 * np.degrees(np.arctan(0.5)))
     assert visible_fraction(source, source, np.eye(3)) == pytest.approx(1, abs=0.02)
     assert visible_fraction(source, half, np.eye(3)) == pytest.approx(0.25, abs=0.01)
     assert visible_fraction(source, half, om.look(yaw=180)) == 0

@@ -11,7 +11,7 @@ from omnisight.views.cube import CUBE_FACES, cube_rotation
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
-@pytest.mark.parametrize("source", [FISHEYE, MIRROR, SPHERE, om.perspective(80, (200, 150))])
+@pytest.mark.parametrize("source", [FISHEYE, MIRROR, SPHERE, om.perspective((200, 150), 80)])
 def test_remap_to_the_same_camera_is_the_identity(source, interpolation):
     noise = np.random.default_rng(0).integers(0, 256, (source.height, source.width, 3), np.uint8)
     remapper = om.Remapper(source, source, interpolation=interpolation)
@@ -69,13 +69,13 @@ def test_seam_of_a_reduced_360_image_is_invisible(width):
     ],
 )
 def test_view_has_the_requested_direction(source, angles, place):
-    target, turn = om.perspective(60, (121, 91)), om.look(**angles)
+    target, turn = om.perspective((121, 91), 60), om.look(**angles)
     view = om.remap(image_of(source, spot(*place, 0.1)), source, target, turn, interpolation="lanczos")
     assert brightest(view) == (60, 45)
 
 
 def test_yaw_of_90_degrees_centres_the_right_of_a_360_image():
-    view = om.remap(image_of(SPHERE, spot(90, 0)), SPHERE, om.perspective(90, (101, 101)), om.look(yaw=90))
+    view = om.remap(image_of(SPHERE, spot(90, 0)), SPHERE, om.perspective((101, 101), 90), om.look(yaw=90))
     assert brightest(view) == (50, 50)
 
 
@@ -92,7 +92,7 @@ def test_yaw_of_90_degrees_centres_the_right_of_a_360_image():
     ],
 )
 def test_positive_yaw_is_right_and_positive_pitch_is_up(angles, place, side):
-    view = om.remap(image_of(SPHERE, spot(*place)), SPHERE, om.perspective(90, (101, 101)), om.look(**angles))
+    view = om.remap(image_of(SPHERE, spot(*place)), SPHERE, om.perspective((101, 101), 90), om.look(**angles))
     column, row = brightest(view)
     off = round(50 * np.tan(np.radians(20)))
     at = {"right": (50 + off, 50), "left": (50 - off, 50), "above": (50, 50 - off), "below": (50, 50 + off)}[side]
@@ -111,8 +111,8 @@ def test_axis_of_a_camera_looking_down_or_up_is_at_the_edge_of_a_panorama(up, ax
 # -- against direct evaluation -----------------------------------------------------------------------------------
 
 VIEWS = {
-    "perspective": (om.perspective(100, (240, 160)), om.look(yaw=25, pitch=-15, roll=10)),
-    "panini": (om.panini(140, (240, 140)), om.look(yaw=-10)),
+    "perspective": (om.perspective((240, 160), 100), om.look(yaw=25, pitch=-15, roll=10)),
+    "panini": (om.panini((240, 140), 140), om.look(yaw=-10)),
     "cylinder": (om.cylinder(300, (-30, 30), (-60, 60)), om.look(pitch=5)),
     "mercator": (om.mercator(300, (-40, 40), (-60, 60)), om.look()),
     "sphere": (om.sphere(300, (-40, 40), (-60, 60)), om.look(roll=-20)),
@@ -149,8 +149,8 @@ def test_mask_marks_covered_pixels(name):
 
 
 def test_view_is_empty_outside_the_domain_of_the_source():
-    front = om.perspective(90, (60, 40))
-    back = om.Remapper(front, om.perspective(60, (50, 50)), om.look(yaw=180), border=7.0)
+    front = om.perspective((60, 40), 90)
+    back = om.Remapper(front, om.perspective((50, 50), 60), om.look(yaw=180), border=7.0)
     assert not back.mask.any()
     assert (back(np.ones((40, 60), np.uint8)) == 7).all()
 

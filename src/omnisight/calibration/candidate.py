@@ -12,6 +12,7 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import has_pose_outlier, reresect
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.models import CameraModel
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.schur import GroupedNormal
@@ -35,7 +36,7 @@ FOLD_DAMPING = 1e-12
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Candidate(Displayed):
     """A camera model fitted to observations.
 
     Attributes

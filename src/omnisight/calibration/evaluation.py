@@ -17,6 +17,7 @@ from omnisight.calibration.resection import resect
 from omnisight.calibration.residual_weights import OUTLIER_SIGMA, ResidualWeights
 from omnisight.calibration.state import State, identity_whitening
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optim.loss import robust_sigma
 from omnisight.ray_camera import RayCamera
@@ -79,7 +80,7 @@ class Ring:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Displayed):
     """Residuals of a camera on images it was not calibrated on.
 
     Attributes

@@ -302,7 +302,7 @@ def _detect_in_views(gray: Bytes, camera: Camera, board: Board) -> Detection | N
 def _perspective_views(camera: Camera) -> Iterator[tuple[Camera, Array]]:
     """Yield perspective cameras and their rotations that cover the field of view."""
     reach = np.degrees(camera.image_theta_max())
-    target = perspective(VIEW_FOV_DEG, (VIEW_SIZE_PX, VIEW_SIZE_PX))
+    target = perspective((VIEW_SIZE_PX, VIEW_SIZE_PX), VIEW_FOV_DEG)
     for angle, count in VIEW_DIRECTIONS:
         if angle - VIEW_FOV_DEG / 2 > reach:
             return

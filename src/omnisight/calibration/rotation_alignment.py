@@ -27,6 +27,19 @@ def rotation_aligned_difference(model: Projector, points: Array, pixels: Array) 
     -------
     (N, 2), NaN where the model has no pixel.
     """
+    return model.project_with_jacobians(points @ best_rotation(model, points, pixels).T)[0] - pixels
+
+
+def best_rotation(model: Projector, points: Array, pixels: Array, initial: Array | None = None) -> Array:
+    """Return the rotation (3, 3) of points (N, 3) with which a camera projects them nearest to their pixels (N, 2).
+
+    Parameters
+    ----------
+    model, points, pixels
+        As in `rotation_aligned_difference`.
+    initial
+        (3, 3) rotation from which the search starts; the identity by default.
+    """
 
     def difference(rotation: Array) -> tuple[Array, Array]:
         rotated = points @ rotation.T
@@ -41,5 +54,5 @@ def rotation_aligned_difference(model: Projector, points: Array, pixels: Array) 
             -1, 3
         )
 
-    best = gauss_newton(linearize, np.eye(3), retract=lambda rotation, step: so3.exp(step) @ rotation)
-    return difference(best.state)[0]
+    start = np.eye(3) if initial is None else initial
+    return gauss_newton(linearize, start, retract=lambda rotation, step: so3.exp(step) @ rotation).state

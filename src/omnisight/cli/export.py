@@ -1,43 +1,147 @@
 """omnisight export."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-GROUP = "Geometry"
+from omnisight.cli._size import parse_range, parse_size
+
+GROUP = "Views"
+
+# A range usually starts with a minus sign.
+Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
 
 def export(
-    model: Path,
+    source: Path,
     /,
     *,
     to: str,
     output: Annotated[Path, Parameter(alias="-o")],
     images: Path | None = None,
-    size: int | None = None,
+    size: str | None = None,
+    view: Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"] | None = None,
+    fov: float | None = None,
+    yaw: float = 0.0,
+    pitch: float | None = None,
+    roll: float = 0.0,
+    up: Literal["top", "back", "front"] | None = None,
+    flip: bool = False,
+    elevation: Angles = None,
+    azimuth: Angles = None,
+    projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant",
+    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
+    image_size: str | None = None,
+    name: str | None = None,
+    distance: str | None = None,
     json: bool = False,
 ) -> None:
-    """Write a reconstruction for another program: COLMAP, nerfstudio, Gaussian splatting, Blender ...
+    """Write a view of a camera, or a reconstruction, for another program.
+
+    Of a camera file, the remap table of a view: OpenCV, FFmpeg, Nuke, Fusion, Blender, OpenGL. The options from --view
+    to --distance are those of `omnisight view`. Of a reconstruction: COLMAP, nerfstudio, Gaussian splatting, Blender.
 
     Parameters
     ----------
-    model
-        A folder that `omnisight reconstruct` wrote.
+    source
+        A calibration file of any format, or a folder that `omnisight reconstruct` wrote.
     to
-        The format to write: colmap, colmap_binary, glb, native, nerfstudio, ply, poses_csv; splat, which turns the
-        images into perspective views; or viewer, an HTML page.
+        The format. Of a view: opencv-map, ffmpeg, stmap, glsl or v360. Of a reconstruction: colmap, colmap_binary, glb,
+        native, nerfstudio, ply, poses_csv; splat, which turns the images into perspective views; or viewer, an HTML
+        page.
     output
-        The folder of the files.
+        The file of the remap table, with or without its extension; or the folder of the reconstruction.
     images
         The folder of the images, for splat and viewer.
     size
-        The width of a view of 90 degrees for splat, px. By default the resolution of the image is kept.
+        WIDTHxHEIGHT of the view, px. For splat, the width of a view of 90 degrees; by default the resolution of the
+        image is kept.
+    view
+        Type of the view: perspective by default, and a cylinder for a mirror camera.
+    fov
+        Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
+        (180).
+    yaw
+        View direction, positive right.
+    pitch
+        View direction, positive up; 0 by default, and -90 for a planet.
+    roll
+        Rotation about the view direction, positive clockwise.
+    up
+        Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
+        front, for one that looks up. By default back for a mirror camera, top for others.
+    flip
+        Exchange left and right, for a camera that looks into one mirror.
+    elevation
+        Vertical field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
+    azimuth
+        Horizontal field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
+    projection
+        Projection of a fisheye.
+    interpolation
+        Interpolation between image pixels, if the program offers it.
+    image_size
+        WIDTHxHEIGHT of the images, if they were resized after the calibration.
+    name
+        Name of the camera in a file of several, such as a rig.
+    distance
+        Scene distance with its unit (2m, or inf), for a non-central camera.
     json
         Print one JSON object and nothing else.
     """
-    from json import dumps
+    from omnisight.extensions import unknown_name
+    from omnisight.map_formats import map_format_names
+    from omnisight.reconstructions import reconstruction_format_names
 
+    views, models = map_format_names(), (*reconstruction_format_names(), "viewer")
+    if to not in (*views, *models):
+        raise ValueError(unknown_name("format", to, (*views, *models)))
+    if to in models:
+        if source.is_file() and source.suffix != ".npz":
+            raise ValueError(
+                f"{source}: is a file, and {to} is a format of reconstructions: specify the folder of one, or a format"
+                f" of views: {', '.join(views)}"
+            )
+        _export_reconstruction(source, to, output, images, parse_size(size)[0] if size else None, json)
+        return
+    if source.is_dir():
+        raise ValueError(
+            f"{source}: is a folder, and {to} is a format of views: specify a camera file, or a format of"
+            f" reconstructions: {', '.join(models)}"
+        )
+    from omnisight.pipeline.export_map import export_map
+    from omnisight.pipeline.view import ViewOptions
+
+    options = ViewOptions(
+        to=view,
+        fov=fov,
+        yaw=yaw,
+        pitch=pitch,
+        roll=roll,
+        up=up,
+        flip=flip,
+        size=parse_size(size) if size else None,
+        elevation=parse_range(elevation, "--elevation") if elevation else None,
+        azimuth=parse_range(azimuth, "--azimuth") if azimuth else None,
+        projection=projection,
+        interpolation=interpolation,
+        name=name,
+        distance=distance,
+    )
+    result = export_map(
+        source, output, to, options, image_size=parse_size(image_size, "--image-size") if image_size else None
+    )
+    from omnisight.cli._export_report import print_map, print_map_json
+
+    (print_map_json if json else print_map)(result)
+
+
+def _export_reconstruction(
+    model: Path, to: str, output: Path, images: Path | None, size: int | None, as_json: bool
+) -> None:
+    """Write a reconstruction and print the files."""
+    from omnisight.cli._export_report import print_files
     from omnisight.pipeline.export import export as run
     from omnisight.reconstructions import ExportOptions, get_reconstruction_format
 
@@ -47,12 +151,12 @@ def export(
         chosen = get_reconstruction_format(to)
         title, convention = chosen.TITLE, chosen.CONVENTION
         files = run(model, output, ExportOptions(to, images, size))
-    if json:
+    if as_json:
+        from json import dumps
+
         print(dumps({"format": to, "files": [str(file) for file in files]}))
         return
-    print(f"format      {title}")
-    print(f"convention  {convention}")
-    print(f"written     {output}; files: {len(files)}, {sum(file.stat().st_size for file in files) / 1e6:.3g} MB")
+    print_files(title, convention, output, files)
 
 
 def _write_viewer(model: Path, output: Path, images: Path | None) -> tuple[Path, ...]:

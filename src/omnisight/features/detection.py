@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.features.detection_views import DetectionView, pixel_grid, tangent_views, valid_region, whole_image
 from omnisight.features.detectors import DETECTORS, Detector
 from omnisight.features.keypoints import Keypoints, concatenate
@@ -20,7 +21,7 @@ WHITE_QUANTILE = 0.995
 
 
 @dataclass(frozen=True)
-class FeatureOptions:
+class FeatureOptions(Displayed):
     """How keypoints are detected.
 
     Attributes

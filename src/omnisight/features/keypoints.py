@@ -6,11 +6,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Keypoints:
+class Keypoints(Displayed):
     """Keypoints of an image, the strongest first.
 
     `keypoints[indices]` selects some of them, for example those of matches.

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.features.keypoints import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import hat
@@ -28,7 +29,7 @@ MAX_DISTANCE, MAX_BIT_SHARE = 0.7, 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Matches:
+class Matches(Displayed):
     """Matches between the keypoints of two images.
 
     Attributes

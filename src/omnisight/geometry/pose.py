@@ -6,13 +6,14 @@ from typing import Self, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(Displayed):
     """A rigid motion b_from_a.
 
     Attributes
@@ -30,6 +31,14 @@ class Pose:
         if not isinstance(other, Pose):
             return NotImplemented
         return np.array_equal(self.rotation, other.rotation) and np.array_equal(self.translation, other.translation)
+
+    def __repr__(self) -> str:
+        """Return the rotation vector in degrees and the translation."""
+        turn, shift = (
+            "[" + ", ".join(f"{value:.6g}" for value in np.round(vector, 9) + 0.0) + "]"
+            for vector in (np.degrees(so3.log(self.rotation)), np.asarray(self.translation, float))
+        )
+        return f"Pose(rotation={turn}°, translation={shift})"
 
     def __hash__(self) -> int:
         return hash((*np.ravel(self.rotation).tolist(), *np.ravel(self.translation).tolist()))

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
@@ -32,7 +33,7 @@ SKIPPED = 8
 
 
 @dataclass(frozen=True, eq=False)
-class VisualMap:
+class VisualMap(Displayed):
     """A reconstruction with the descriptors of its observations.
 
     Attributes
@@ -85,7 +86,7 @@ class VisualMap:
 
 
 @dataclass(frozen=True, eq=False)
-class LocalizedImage:
+class LocalizedImage(Displayed):
     """The pose of an image in a map; false if it is unknown.
 
     Attributes

@@ -8,12 +8,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.models._parameter import Parameter, finite
 
 Array = NDArray[np.float64]
 
 
-class Parameterized:
+class Parameterized(Displayed):
     """Base of frozen dataclasses whose fields, in order, are parameters of one flat vector.
 
     A field is a number, a tuple of numbers, a `Parameterized` part, or a tuple of such parts. Parameters of a part keep
@@ -25,6 +26,7 @@ class Parameterized:
 
     def __init_subclass__(cls) -> None:
         """Name the class after its file."""
+        super().__init_subclass__()
         cls.name = cls.__module__.rpartition(".")[2]
 
     @cached_property

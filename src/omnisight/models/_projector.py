@@ -114,13 +114,15 @@ class Projector(Parameterized):
 
     def rescaled(self, factor: float) -> Self:
         """Return the model of the image resized by a factor; a pixel centre c moves to (c + 1/2) factor - 1/2."""
-        params = self.params.copy()
+        centre = np.array([0.5 if name in ("cx", "cy") else 0.0 for name in self.param_names])
+        return self.with_params((self.params + centre) * self.rescaling(factor) - centre)
+
+    def rescaling(self, factor: float) -> Array:
+        """Return the derivatives (P,) of the parameters of `rescaled` by those of this model."""
+        factors = np.ones(len(self.parameters))
         for i, parameter in enumerate(self.parameters):
-            name = parameter.name
-            if name in ("cx", "cy"):
-                params[i] = (params[i] + 0.5) * factor - 0.5
-            elif parameter.unit == "px":
-                params[i] *= factor
-            elif name[0] == "a" and name[1:].isdigit():  # f(r) = a0 + a2 r^2 ... with r in pixels
-                params[i] *= factor ** (1 - int(name[1:]))
-        return self.with_params(params)
+            if parameter.unit == "px":
+                factors[i] = factor
+            elif parameter.name[0] == "a" and parameter.name[1:].isdigit():  # f(r) = a0 + a2 r^2 ... with r in pixels
+                factors[i] = factor ** (1 - int(parameter.name[1:]))
+        return factors

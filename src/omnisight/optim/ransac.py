@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RansacOptions:
+class RansacOptions(Displayed):
     """Options of the random search.
 
     Attributes

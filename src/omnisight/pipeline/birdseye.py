@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.ground_calibration import GroundCalibration, GroundMarks, length_errors
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.features.detection import illuminated_region
 from omnisight.formats import load_rig
 from omnisight.images import read_image
@@ -87,7 +88,7 @@ class BirdseyeRenderer:
 
 
 @dataclass(frozen=True, eq=False)
-class BirdseyeResult:
+class BirdseyeResult(Displayed):
     """A bird's-eye view and how it was made.
 
     Attributes

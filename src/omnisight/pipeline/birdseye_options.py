@@ -6,9 +6,11 @@ This module imports nothing heavy, because the command line imports it for its h
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True, kw_only=True)
-class BirdseyeOptions:
+class BirdseyeOptions(Displayed):
     """Options of `birdseye`. Lengths have a unit: 1cm, 4m.
 
     Attributes

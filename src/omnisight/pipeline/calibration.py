@@ -15,6 +15,7 @@ from omnisight.calibration.pose_covariance import pose_covariances
 from omnisight.calibration.redetection import RedetectionStats
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.quality.report import QualityReport
 from omnisight.quality.verdict import Verdict
 from omnisight.ray_camera import RayCamera
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Displayed):
     """A calibrated camera, and what it is based on.
 
     Attributes

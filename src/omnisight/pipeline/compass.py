@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from omnisight.display import Displayed
 from omnisight.pipeline.central_camera import CameraSource
 from omnisight.pipeline.compass_images import CompassImage, NamedImage, PanoramaReader, named_images
 from omnisight.pipeline.compass_options import CompassOptions
@@ -40,7 +41,7 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class CompassResult:
+class CompassResult(Displayed):
     """Headings of images; false if there are none.
 
     Attributes

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True)
-class CompassOptions:
+class CompassOptions(Displayed):
     """Options of `compass`.
 
     Attributes

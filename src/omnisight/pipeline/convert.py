@@ -6,6 +6,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion, convert_model, max_convertible_theta, rank_conversions
+from omnisight.display import Displayed
 from omnisight.formats import Format, SaveResult, get_format, save
 from omnisight.models import model_names
 from omnisight.pipeline.central_camera import central_camera
@@ -14,7 +15,7 @@ MAX_SUGGESTIONS = 3  # models in an error message
 
 
 @dataclass(frozen=True)
-class ConvertOptions:
+class ConvertOptions(Displayed):
     """Options of `convert`.
 
     Attributes

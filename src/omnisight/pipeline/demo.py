@@ -103,8 +103,8 @@ def _render(name: str, setup: CameraSetup, folder: Path, report: Progress) -> tu
 
 def _fisheye_views() -> dict[str, View]:
     return {
-        "perspective": (om.perspective(100, (1280, 800)), om.look()),
-        "panini": (om.panini(165, (1280, 640)), om.look()),
+        "perspective": (om.perspective((1280, 800), 100), om.look()),
+        "panini": (om.panini((1280, 640), 165), om.look()),
         "sphere": (om.sphere(1600), om.look()),
     }
 

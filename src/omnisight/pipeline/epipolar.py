@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.features import FeatureOptions, Keypoints, Matches, detect_features, match_features
 from omnisight.geometry.pose import Pose
 from omnisight.images import read_mask
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class EpipolarResult:
+class EpipolarResult(Displayed):
     """The epipolar geometry of two images; false if none was found.
 
     Attributes

@@ -6,12 +6,14 @@ This module imports nothing heavy, because the command line imports it for its h
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from omnisight.display import Displayed
+
 if TYPE_CHECKING:
     from omnisight.targets import Board
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageOptions:
+class ImageOptions(Displayed):
     """Options that describe a checkerboard and how images are read.
 
     Attributes

@@ -15,7 +15,6 @@ Array = NDArray[np.float64]
 
 PROFILE_ANGLES, PROFILE_AZIMUTHS = 400, 24  # samples of r(theta)
 MAX_PROFILE_THETA_RAD = 0.999 * np.pi  # opposite to the axis the azimuth is undefined
-FOCAL_STEP_RAD = 1e-4  # for the derivative of r(theta) on the axis
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def describe_camera(camera: Camera | RayCamera) -> CameraDescription:
         model_title=(type(camera.model).__doc__ or "").strip().splitlines()[0],
         parameters=_parameters(camera),
         profile=profile,
-        field_deg=None if central is None or profile is None else _fields_of_view(central, profile),
+        field_deg=None if central is None or profile is None else _fields_of_view(central),
         pupil_shift=_pupil_shift(camera),
     )
 
@@ -151,10 +150,10 @@ def radial_profile(camera: Camera) -> RadialProfile:
     in_any_azimuth = np.isfinite(distance).any(1)
     count = int(np.argmin(np.append(in_any_azimuth, False)))
     radius = np.nanmean(distance[:count], axis=1) if count else np.zeros(0)
-    near, _ = camera.project([[FOCAL_STEP_RAD, 0.0, 1.0], [0.0, FOCAL_STEP_RAD, 1.0]])
-    focal = float(np.mean(np.linalg.norm(near - centre, axis=1)) / FOCAL_STEP_RAD)
     calibrated = None if camera.theta_max is None else float(np.degrees(camera.theta_max))
-    return RadialProfile(np.degrees(theta[:count]), radius, focal, (float(centre[0]), float(centre[1])), calibrated)
+    return RadialProfile(
+        np.degrees(theta[:count]), radius, camera.focal, (float(centre[0]), float(centre[1])), calibrated
+    )
 
 
 def _central_part(camera: Camera | RayCamera) -> Camera | None:
@@ -182,21 +181,12 @@ def _parameters(camera: Camera | RayCamera) -> tuple[ParameterValue, ...]:
     )
 
 
-def _fields_of_view(camera: Camera, profile: RadialProfile) -> tuple[float | None, float | None, float | None] | None:
-    """Return the angles (degrees) between opposite edges and corners of the image through the principal point."""
+def _fields_of_view(camera: Camera) -> tuple[float | None, float | None, float | None] | None:
+    """Return the horizontal, vertical and diagonal field of view (degrees), None where the model ends."""
     if not camera.width:
         return None
-    (u0, v0), right, bottom = profile.centre, camera.width - 0.5, camera.height - 0.5
-
-    def angle(a: tuple[float, float], b: tuple[float, float]) -> float | None:
-        total = float(np.degrees(camera.angle_of(np.array([a, b]))).sum())
-        return total if np.isfinite(total) else None
-
-    return (
-        angle((-0.5, v0), (right, v0)),
-        angle((u0, -0.5), (u0, bottom)),
-        angle((-0.5, -0.5), (right, bottom)),
-    )
+    horizontal, vertical, diagonal = (angle if np.isfinite(angle) else None for angle in camera.fov)
+    return horizontal, vertical, diagonal
 
 
 def _pupil_shift(camera: Camera | RayCamera) -> float | None:

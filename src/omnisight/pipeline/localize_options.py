@@ -6,9 +6,11 @@ This module imports nothing heavy, because the command line imports it for its h
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True)
-class LocalizeOptions:
+class LocalizeOptions(Displayed):
     """Options of `localize`.
 
     Attributes

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.formats import load_rig
 from omnisight.images.mask import read_mask
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
@@ -33,7 +34,7 @@ MAX_RESIDUAL = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class OdometryResult:
+class OdometryResult(Displayed):
     """The trajectory of a sequence; false if there is none.
 
     Attributes

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from omnisight.calibration.estimation_options import EstimationOptions
+from omnisight.display import Displayed
 from omnisight.pipeline.image_options import ImageOptions
 
 if TYPE_CHECKING:
@@ -169,7 +170,7 @@ def check_options(options: object, expected: type) -> None:
 
 
 @dataclass(frozen=True)
-class EpipolarOptions:
+class EpipolarOptions(Displayed):
     """Options of `epipolar`.
 
     Attributes
@@ -206,7 +207,7 @@ class EpipolarOptions:
 
 
 @dataclass(frozen=True)
-class StereoOptions:
+class StereoOptions(Displayed):
     """Options of `stereo`.
 
     Attributes
@@ -245,7 +246,7 @@ class StereoOptions:
 
 
 @dataclass(frozen=True)
-class ReconstructOptions:
+class ReconstructOptions(Displayed):
     """Options of `reconstruct`.
 
     Attributes

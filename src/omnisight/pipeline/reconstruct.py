@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources, RigSource
@@ -50,7 +51,7 @@ MAPPERS: dict[str, Mapper] = {"colmap": "incremental", "colmap-global": "global"
 
 
 @dataclass(frozen=True, eq=False)
-class ReconstructionResult:
+class ReconstructionResult(Displayed):
     """The models of a set of images; false if there is none.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.estimation import RigEstimate
+from omnisight.display import Displayed
 from omnisight.pipeline.calibration import Calibration
 from omnisight.pipeline.rig_cameras import RigCamera
 from omnisight.quality.rig_checks import PairEvidence, RigEvidence, rig_verdict
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class RigCalibration:
+class RigCalibration(Displayed):
     """A calibrated rig, and what it is based on.
 
     Attributes

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from omnisight.display import Displayed
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation.daylight import Weather
 from omnisight.simulation.exports import get_export
@@ -49,7 +50,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class SimulateOptions:
+class SimulateOptions(Displayed):
     """Options of `simulate`.
 
     Attributes

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.features import detect_features, match_features
 from omnisight.features.detection import illuminated_region
 from omnisight.geometry import rotation as so3
@@ -88,7 +89,7 @@ class RigCheck(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class StereoResult:
+class StereoResult(Displayed):
     """Distances from a stereo pair; false if there are none.
 
     Attributes

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.rotation import look
 from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.stitch_files import check_output, sequence_writer
@@ -37,7 +38,7 @@ MAX_SEAM_DISPARITY_DEG = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class StitchResult:
+class StitchResult(Displayed):
     """A stitched sphere and its measures.
 
     Attributes

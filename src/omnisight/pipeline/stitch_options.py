@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True)
-class StitchOptions:
+class StitchOptions(Displayed):
     """Options of `stitch`.
 
     Attributes

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.formats import save
 from omnisight.geometry.rotation import look
 from omnisight.images import collect_images, read_image, write_image
@@ -46,7 +47,7 @@ HATCH_PERIOD_PX, HATCH_LINE_PX = 16, 2
 
 
 @dataclass(frozen=True)
-class ViewOptions:
+class ViewOptions(Displayed):
     """Options of `view`. Angles are in degrees: +yaw right, +pitch up, +roll clockwise as seen.
 
     Attributes
@@ -280,9 +281,9 @@ def view_target(options: ViewOptions) -> tuple[Camera, list[Array]]:
         return PANORAMAS[to](size[0] if size else 2048, **given), [rotation]
     match to:
         case "perspective":
-            return perspective(fov, size or (1280, 720)), [rotation]
+            return perspective(size or (1280, 720), fov), [rotation]
         case "panini":
-            return panini(fov, size or (1280, 720)), [rotation]
+            return panini(size or (1280, 720), fov), [rotation]
         case "planet":
             return planet(side, fov), [rotation]
         case "fisheye":

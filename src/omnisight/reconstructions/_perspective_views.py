@@ -76,7 +76,7 @@ def perspective_views(camera: Camera, field: ImageField | None, size: int | None
         model = Pinhole(side / 2, side / 2, (width - 1) / 2, (height - 1) / 2)
         targets = {"front": (Camera(model, (width, height)), np.eye(3))}
     else:
-        face = perspective(90.0, (side, side))
+        face = perspective(side, 90.0)
         targets = {name: (face, look(yaw, pitch)) for name, (yaw, pitch) in CUBE_FACES.items()}
     views = [_view(name, camera, target, rotation, field) for name, (target, rotation) in targets.items()]
     views = [view for view in views if view.mask.mean() >= MIN_COVERED_FRACTION]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from omnisight.display import Displayed
 from omnisight.sfm.reconstruction import Reconstruction
 
 # The path of a file relative to the output folder, with "/", and its content.
@@ -12,7 +13,7 @@ OutputFile = tuple[str, bytes]
 
 
 @dataclass(frozen=True)
-class ExportOptions:
+class ExportOptions(Displayed):
     """Options of `export`.
 
     Attributes

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from omnisight.report.axes import path_data
 from omnisight.report.html import Markup, element, join
@@ -69,7 +70,13 @@ class LogColorScale:
         return [self.low, *inside, self.high]
 
 
+def viridis(fractions: ArrayLike) -> NDArray[np.uint8]:
+    """Return the RGB colors (..., 3) of fractions (...) from 0, dark blue, to 1, yellow; NaN counts as 0."""
+    position = np.clip(np.nan_to_num(np.asarray(fractions, float)), 0, 1) * (len(VIRIDIS) - 1)
+    channels = [np.interp(position, np.arange(len(VIRIDIS)), VIRIDIS[:, k]) for k in range(3)]
+    return np.rint(np.stack(channels, -1)).astype(np.uint8)
+
+
 def _color(fraction: float) -> str:
-    position = fraction * (len(VIRIDIS) - 1)
-    red, green, blue = (round(float(np.interp(position, np.arange(len(VIRIDIS)), VIRIDIS[:, k]))) for k in range(3))
+    red, green, blue = viridis(fraction).tolist()
     return f"#{red:02x}{green:02x}{blue:02x}"

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
 
@@ -65,7 +66,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Reconstruction:
+class Reconstruction(Displayed):
     """Poses of images and points in one world frame.
 
     A frame is what the sensors of a rig see at one time. Independent cameras are the sensors of a rig whose poses are
@@ -107,6 +108,15 @@ class Reconstruction:
     observations: Observations
     has_scale: bool = False
     origin: tuple[float, float, float] | None = None
+
+    def __repr__(self) -> str:
+        """Summarize the reconstruction in one line."""
+        unit = "metric" if self.has_scale else "scale unknown"
+        cameras = f"{len(self.rig)} camera{'s' if len(self.rig) > 1 else ''}"
+        return (
+            f"Reconstruction({len(self)} images of {cameras}, {len(self.points)} points, {len(self.observations)}"
+            f" observations, {unit})"
+        )
 
     def __len__(self) -> int:
         """Return the number of images."""

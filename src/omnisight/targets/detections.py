@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.images import ImageField
 from omnisight.targets.boards import Board
 from omnisight.targets.point_target import PointTarget
 
 
 @dataclass(frozen=True, eq=False)
-class Detection:
+class Detection(Displayed):
     """Board points detected in one image; a part of a board is a detection too.
 
     Attributes
@@ -108,7 +109,7 @@ class ImageDetection:
 
 
 @dataclass(frozen=True)
-class Detections:
+class Detections(Displayed):
     """Detections in a set of images.
 
     Attributes

@@ -9,6 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.images import ImageField
 from omnisight.targets.detections import Detections, ImageDetection
 from omnisight.targets.observation_checks import check_inside, check_lists, checked_size, checked_view
@@ -41,7 +42,7 @@ class ObservedImage(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Observations:
+class Observations(Displayed):
     """Board points and the pixels at which they were observed, of all views of one camera.
 
     A view is one board in one image.

@@ -1,20 +1,30 @@
 """Absolute pose of a camera from bearings of known points, some of which are wrong (resection)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rays import Rays
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import estimate_robustly
+from omnisight.ray_camera import RayCamera
 from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, isotropic_variance, tangent_covariances, unit_bearings
 
 Array = NDArray[np.float64]
 
+# Step of the central differences of bearings, px.
+SLOPE_STEP_PX = 0.01
+# Estimates for a non-central camera, each of which divides the error by about distance / pupil shift, and the change of
+# the pose, relative to the distance, at which they end.
+MAX_RAY_ITERATIONS, RAY_TOLERANCE = 10, 1e-7
+
 
 @dataclass(frozen=True, eq=False)
-class AbsolutePose:
+class AbsolutePose(Displayed):
     """The estimated pose of a camera; false if none was found.
 
     Attributes
@@ -50,42 +60,72 @@ class AbsolutePose:
 
 def resect(
     points: ArrayLike,
-    bearings: ArrayLike,
+    observed: ArrayLike,
     covariance: ArrayLike | None = None,
     sigma_deg: ArrayLike | None = None,
     options: RansacOptions = RansacOptions(),
+    *,
+    camera: Camera | RayCamera | None = None,
 ) -> AbsolutePose:
-    """Estimate the pose of a camera from bearings of known points.
+    """Estimate the pose of a camera from known points, such as those of an object, and where it sees them.
 
     LO-RANSAC with a P3P solver finds the inliers; the pose is then the maximum-likelihood estimate under a mixture of
-    Gaussian noise and outliers. Bearings may have any direction, also behind the camera.
+    Gaussian noise and outliers. Points may have any direction, also behind the camera. For a non-central camera, the
+    estimate is repeated with the bearings of the points from the camera origin until the pose does not change.
 
     Parameters
     ----------
     points
-        (N, 3) points in the world frame.
-    bearings
-        (N, 3) their directions in the camera frame.
+        (N, 3) points in the world frame, or in that of the object; for a non-central camera in its unit.
+    observed
+        (N, 2) their pixels, with `camera`; without, (N, 3) their directions in the camera frame. Pixels outside the
+        domain of the camera model are outliers.
     covariance
-        (N, 3, 3) covariances of the bearings, square radians.
+        Of the pixels (N, 2, 2) or (2, 2), px^2; or of the bearings (N, 3, 3), square radians.
     sigma_deg
         Standard deviation of the bearings, degrees, one or (N,), in place of covariances. Without both, the noise is
-        assumed to be isotropic and equal, and is estimated.
+        assumed to be isotropic and equal, of pixels or of bearings, and is estimated.
     options
         Options of the search, with the seed.
+    camera
+        The camera of the pixels.
 
     Raises
     ------
     ValueError
-        If arrays have the wrong shape or do not hold directions, finite points and covariances.
+        If arrays have the wrong shape or do not hold pixels, directions, finite points and covariances.
     """
+    if camera is None:
+        x, b, cov = _checked(points, observed, covariance, sigma_deg)
+        return _estimate(x, b, cov, covariance is not None or sigma_deg is not None, options)
+    if sigma_deg is not None:
+        raise ValueError("sigma_deg is for bearings: give the covariance of the pixels, px^2")
+    x, rays, cov = _rays_of_pixels(points, observed, covariance, camera)
+    use, seen = np.flatnonzero(rays.valid), rays.bearings
+    found = _estimate(x[use], seen[use], cov[use], covariance is not None, options)
+    for _ in range(0 if isinstance(camera, Camera) else MAX_RAY_ITERATIONS):
+        if found.cam_from_world is None:
+            break
+        before = found.cam_from_world
+        distance = np.linalg.norm(before @ x - rays.origins, axis=1, keepdims=True)
+        seen = rays.origins + distance * rays.bearings
+        found = _estimate(x[use], seen[use], cov[use], covariance is not None, options)
+        if found.cam_from_world is not None and _is_same(before, found.cam_from_world):
+            break
+    inliers = np.zeros(len(x), np.bool_)
+    inliers[use] = found.inliers
+    return replace(found, inliers=inliers)
+
+
+def _estimate(x: Array, bearings: Array, cov: Array, is_scale_known: bool, options: RansacOptions) -> AbsolutePose:
+    """Estimate the pose from points (N, 3), bearings (N, 3) of any length, and covariances (N, 3, 3)."""
     from omnisight.twoview._absolute_pose_kernel import AbsolutePoseProblem
 
-    x, b, cov = _checked(points, bearings, covariance, sigma_deg)
+    b = bearings / np.linalg.norm(bearings, axis=1, keepdims=True)
     variance = isotropic_variance(cov)
     found = estimate_robustly(
         lambda scale: AbsolutePoseProblem(x, b, scale**2 * cov, scale**2 * variance),
-        is_scale_known=covariance is not None or sigma_deg is not None,
+        is_scale_known=is_scale_known,
         options=options,
     )
     sigma = float(np.degrees(np.sqrt(variance.mean()))) if len(b) else float("nan")
@@ -94,6 +134,40 @@ def resect(
         pose, covariance_of_step = Pose.of_matrix(found.model), found.covariance
     search = found.score, found.iterations, found.reason
     return AbsolutePose(pose, covariance_of_step, found.inliers, found.scale * sigma, *search)
+
+
+def _rays_of_pixels(
+    points: ArrayLike, pixels: ArrayLike, covariance: ArrayLike | None, camera: Camera | RayCamera
+) -> tuple[Array, Rays, Array]:
+    """Check the arrays; return points, the rays of the pixels, and the covariances (N, 3, 3) of their bearings."""
+    x, p = np.array(points, float), np.array(pixels, float)
+    if x.ndim != 2 or x.shape[1] != 3 or p.shape != (len(x), 2):
+        raise ValueError(f"needs points (N, 3) and pixels (N, 2), got shapes {x.shape} and {p.shape}")
+    if not np.isfinite(x).all():
+        raise ValueError(f"points[{np.flatnonzero(~np.isfinite(x).all(axis=1))[0]}] is not finite")
+    given = np.eye(2) if covariance is None else np.asarray(covariance, float)
+    if given.shape not in ((2, 2), (len(x), 2, 2)):
+        raise ValueError(f"the covariance of pixels must be ({len(x)}, 2, 2) or (2, 2), got shape {given.shape}")
+    if not (np.isfinite(given).all() and (np.linalg.eigvalsh(given) > 0).all()):
+        raise ValueError("a covariance of the pixels is not positive definite")
+    rays = camera.rays(p)
+    d_pixel = np.stack([_bearing_slope(camera, p, axis) for axis in np.eye(2)], -1)
+    known = rays.valid & np.isfinite(d_pixel).all((1, 2))
+    d_pixel = np.where(known[:, None, None], d_pixel, 0.0)
+    return x, rays._replace(valid=known), d_pixel @ given @ np.swapaxes(d_pixel, 1, 2)
+
+
+def _bearing_slope(camera: Camera | RayCamera, pixels: Array, axis: Array) -> Array:
+    """Return the derivative (N, 3) of the bearings of pixels along an axis, by central differences."""
+    after, before = (camera.rays(pixels + sign * SLOPE_STEP_PX * axis).bearings for sign in (1, -1))
+    return (after - before) / (2 * SLOPE_STEP_PX)
+
+
+def _is_same(a: Pose, b: Pose) -> bool:
+    """Return whether two poses differ by less than the accuracy of the iteration."""
+    shift = np.linalg.norm(a.translation - b.translation)
+    size = max(float(np.linalg.norm(b.translation)), 1e-12)
+    return bool(shift < RAY_TOLERANCE * size and np.abs(a.rotation - b.rotation).max() < RAY_TOLERANCE)
 
 
 def _checked(

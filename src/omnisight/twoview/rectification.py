@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.models.cassini import Cassini
 from omnisight.views.maps import extrapolation_mask, resolution
@@ -27,7 +28,7 @@ MIN_SINE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Rectification:
+class Rectification(Displayed):
     """The rectified images of two cameras.
 
     The baseline is the x axis of both rectified frames. The column of a direction is its angle from the baseline, the

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry import sphere
 from omnisight.geometry.pose import Pose
@@ -21,7 +22,7 @@ MAX_RESIDUAL_SIGMA = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class RelativePose:
+class RelativePose(Displayed):
     """The estimated relative pose of two cameras; false if none was found.
 
     Attributes

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.twoview.bearing_pairs import INITIAL_SIGMA_DEG, tangent_covariances
 
@@ -16,7 +17,7 @@ MIN_PARALLAX_SIGMA = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Triangulation:
+class Triangulation(Displayed):
     """Triangulated points.
 
     Attributes

@@ -29,6 +29,21 @@ def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple
     return u, v
 
 
+def is_periodic(source: Camera) -> bool:
+    """Return whether the left and the right edge of the images of a camera adjoin (360 degrees)."""
+    period = source.model.period
+    return period is not None and abs(period - source.width) < 0.5
+
+
+def coverage_mask(source: Camera, u: Floats, v: Floats) -> NDArray[np.bool_]:
+    """Return which source pixels (u, v) of a `view_map`, each (H, W), are in the image of the source."""
+    with np.errstate(invalid="ignore"):
+        mask = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
+        if is_periodic(source):  # coordinates that round across the seam are valid
+            mask |= (u >= -1.0) & (u <= source.width) & (v >= -0.5) & (v < source.height - 0.5)
+    return mask
+
+
 def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array) -> NDArray[np.bool_]:
     """Return which target pixels (H, W) are outside the calibrated field of view of the source; see `view_map`."""
     mask = np.zeros((target.height, target.width), np.bool_)

@@ -6,8 +6,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.array_kinds import like, to_numpy
 from omnisight.camera import Camera
-from omnisight.views.maps import map_scale, view_map
+from omnisight.views.maps import coverage_mask, is_periodic, map_scale, view_map
 from omnisight.views.view_cameras import MAX_SIDE_PX
 
 Image = NDArray[Any]
@@ -39,7 +40,8 @@ def remap(
     Parameters
     ----------
     image
-        (H, W) or (H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
+        (H, W) or (H, W, 1 to 4), or a batch of images (N, H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
+        Arrays of other libraries, such as PyTorch tensors, are answered in their kind, without gradients.
     source, target
         The camera of the image and the camera of the view.
     target_from_source
@@ -108,11 +110,7 @@ class Remapper:
         self.target_from_source = rotation
         self._flag = flags[interpolation]
         u, v = view_map(source, target, rotation)
-        periodic = _is_periodic(source)
-        with np.errstate(invalid="ignore"):
-            self.mask = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
-            if periodic:  # coordinates that round across the seam are valid
-                self.mask |= (u >= -1.0) & (u <= source.width) & (v >= -0.5) & (v < source.height - 0.5)
+        self.mask = coverage_mask(source, u, v)
         scale = map_scale(source, u, v, SCALE_STEP_PX)
         covered = scale[self.mask[::SCALE_STEP_PX, ::SCALE_STEP_PX] & np.isfinite(scale)]
         self.scale = (float(covered.min()), float(covered.max())) if covered.size else (1.0, 1.0)
@@ -120,11 +118,28 @@ class Remapper:
         reduction = np.log2(max(self.scale[1], 1.0))
         prefilter = antialias and interpolation != "nearest" and reduction >= MIN_PREFILTER_LEVEL
         level = self._pyramid_level(scale) if prefilter else None
-        self._padding = WRAP_COLUMNS * 2 ** (0 if level is None else int(np.ceil(level.max()))) if periodic else 0
+        self._padding = (
+            WRAP_COLUMNS * 2 ** (0 if level is None else int(np.ceil(level.max()))) if is_periodic(source) else 0
+        )
         self._levels = self._build(u, v, level)
 
+    def __repr__(self) -> str:
+        """Return the sizes of both images."""
+        return f"Remapper({self.source.width}x{self.source.height} to {self.target.width}x{self.target.height})"
+
     def __call__(self, image: Image) -> Image:
-        """Remap an image of the source; see `remap`."""
+        """Remap an image of the source, or a batch; see `remap`."""
+        array: Image = to_numpy(image)
+        if array.ndim != 4:
+            return like(image, self._remap(array))
+        shape = (len(array), self.target.height, self.target.width, array.shape[-1])
+        views = np.empty(shape, array.dtype)
+        for k, single in enumerate(array):
+            views[k] = self._remap(single)
+        return like(image, views)
+
+    def _remap(self, image: Image) -> Image:
+        """Remap one image."""
         import cv2
 
         padded = self._check(image)
@@ -185,7 +200,9 @@ class Remapper:
 
     def _check(self, image: Image) -> Image:
         if image.ndim not in (2, 3) or (image.ndim == 3 and not 1 <= image.shape[2] <= 4):
-            raise ValueError(f"image must be (H, W) or (H, W, 1 to 4), got shape {image.shape}")
+            raise ValueError(
+                f"image must be (H, W), (H, W, 1 to 4) or a batch (N, H, W, 1 to 4), got shape {image.shape}"
+            )
         if image.dtype.name not in ("uint8", "uint16", "float32", "float64"):
             raise ValueError(f"image must be uint8, uint16, float32 or float64, got {image.dtype}")
         height, width = image.shape[:2]
@@ -206,11 +223,6 @@ class Remapper:
         if isinstance(self.border, str):
             result[~self.mask] = 0
         return result.reshape(*result.shape[:2], *image.shape[2:])
-
-
-def _is_periodic(source: Camera) -> bool:
-    period = source.model.period
-    return period is not None and abs(period - source.width) < 0.5
 
 
 def is_resized(size: tuple[int, int], expected: tuple[int, int]) -> bool:

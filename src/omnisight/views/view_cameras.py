@@ -17,6 +17,7 @@ from omnisight.models.pinhole import Pinhole
 from omnisight.models.stereographic import Stereographic
 
 Range = tuple[float, float]
+Size = int | tuple[int, int]
 FisheyeProjection = Literal["equidistant", "equisolid", "stereographic", "orthographic"]
 
 # A wider perspective view is stretched beyond use at its sides.
@@ -32,15 +33,15 @@ FISHEYE_MODELS = {
 }
 
 
-def perspective(fov: float = 90.0, size: tuple[int, int] = (1280, 720)) -> Camera:
+def perspective(size: Size = (1280, 720), fov: float = 90.0) -> Camera:
     """Return a pinhole camera: straight lines stay straight.
 
     Parameters
     ----------
+    size
+        (width, height), px; one number for a square.
     fov
         Horizontal field of view, degrees, at most 150.
-    size
-        (width, height), px.
 
     Raises
     ------
@@ -96,15 +97,15 @@ def cube_face(size: int = 1024) -> Camera:
     return Camera(Pinhole(size / 2, size / 2, (size - 1) / 2, (size - 1) / 2), (size, size))
 
 
-def panini(fov: float = 150.0, size: tuple[int, int] = (1280, 720), distance: float = 1.0) -> Camera:
+def panini(size: Size = (1280, 720), fov: float = 150.0, distance: float = 1.0) -> Camera:
     """Return a Panini view: wide, with straight vertical lines and little stretching at the sides.
 
     Parameters
     ----------
+    size
+        (width, height), px; one number for a square.
     fov
         Horizontal field of view, degrees.
-    size
-        (width, height), px.
     distance
         0 is the perspective projection, 1 the classic Panini projection.
 
@@ -125,13 +126,13 @@ def panini(fov: float = 150.0, size: tuple[int, int] = (1280, 720), distance: fl
     return Camera(Panini(focal, focal, (width - 1) / 2, (height - 1) / 2, distance), (width, height))
 
 
-def fisheye(size: int = 1024, fov: float = 180.0, projection: FisheyeProjection = "equidistant") -> Camera:
-    """Return an ideal fisheye camera whose image circle fills the square image.
+def fisheye(size: Size = 1024, fov: float = 180.0, projection: FisheyeProjection = "equidistant") -> Camera:
+    """Return an ideal fisheye camera whose image circle has the diameter of the shorter side.
 
     Parameters
     ----------
     size
-        Width and height, px.
+        (width, height), px; one number for a square.
     fov
         Field of view across the image circle, degrees.
     projection
@@ -142,7 +143,7 @@ def fisheye(size: int = 1024, fov: float = 180.0, projection: FisheyeProjection 
     ValueError
         If the projection is unknown or cannot show the field of view.
     """
-    size, _ = _checked_size((size, size))
+    width, height = _checked_size(size)
     if projection not in FISHEYE_MODELS:
         raise ValueError(unknown_name("fisheye projection", projection, FISHEYE_MODELS))
     widest = 180.0 if projection == "orthographic" else 359.0 if projection == "stereographic" else 360.0
@@ -155,11 +156,11 @@ def fisheye(size: int = 1024, fov: float = 180.0, projection: FisheyeProjection 
         "stereographic": 2 * np.tan(half / 2),
         "orthographic": np.sin(half),
     }[projection]
-    focal, centre = float(size / 2 / radius), (size - 1) / 2
-    return Camera(FISHEYE_MODELS[projection](focal, focal, centre, centre), (size, size))
+    focal = float(min(width, height) / 2 / radius)
+    return Camera(FISHEYE_MODELS[projection](focal, focal, (width - 1) / 2, (height - 1) / 2), (width, height))
 
 
-def planet(size: int = 1024, fov: float = 260.0) -> Camera:
+def planet(size: Size = 1024, fov: float = 260.0) -> Camera:
     """Return a "little planet" camera: a stereographic fisheye to be pointed down (pitch -90)."""
     return fisheye(size, fov, "stereographic")
 
@@ -191,8 +192,12 @@ def _unrolled(
     return cls(focal, fy, -0.5 - np.radians(left) * focal, -0.5 - top * fy), (width, height)
 
 
-def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    width, height = (int(s) for s in size)
+def _checked_size(size: Size) -> tuple[int, int]:
+    """Return (width, height) of a size in px; raise ValueError if it is none."""
+    try:
+        width, height = (int(s) for s in np.broadcast_to(size, 2))
+    except (TypeError, ValueError):
+        raise ValueError(f"size must be (width, height) in px, or one number for a square, got {size!r}") from None
     if not (0 < width <= MAX_SIDE_PX and 0 < height <= MAX_SIDE_PX):
-        raise ValueError(f"width and height of a view must be from 1 to {MAX_SIDE_PX} px, got {size[0]} x {size[1]}")
+        raise ValueError(f"width and height of a view must be from 1 to {MAX_SIDE_PX} px, got {width} x {height}")
     return width, height

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions:
+class MotionOptions(Displayed):
     """How motion is estimated.
 
     Attributes

@@ -19,6 +19,7 @@ from omnisight.calibration.lines.uncertainty import (
     update_with_border_centre,
     widen_by_split_half_test,
 )
+from omnisight.display import Displayed
 from omnisight.models import CameraModel, model_class
 
 # Alternations of line selection and refinement: selection is stable after five; without selection, two converge.
@@ -32,7 +33,7 @@ Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class LineEstimationOptions:
+class LineEstimationOptions(Displayed):
     """Options of the estimation from lines.
 
     Attributes

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.lines.arc_detection import deduplicate_static_arcs, detect_arcs
 from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.polyline_file import read_polylines
+from omnisight.display import Displayed
 from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class LineObservations:
+class LineObservations(Displayed):
     """Arcs in the images of one camera.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.calibration.lines.line_conics import fit_circle
+from omnisight.display import Displayed
 
 Array = NDArray[np.float64]
 
@@ -18,7 +19,7 @@ MIN_CHAIN_PIXELS = 3
 
 
 @dataclass(frozen=True)
-class PixelChains:
+class PixelChains(Displayed):
     """Pixels along the images of lines, concatenated.
 
     Attributes

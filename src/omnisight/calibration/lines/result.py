@@ -13,6 +13,7 @@ from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.plumb_line import PlumbLineState
 from omnisight.calibration.lines.uncertainty import LinesUncertainty, bearing_sigma
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 
 Array = NDArray[np.float64]
@@ -28,7 +29,7 @@ WARN_LINES, WARN_INLIER_SHARE = 6, 0.3
 
 
 @dataclass(frozen=True)
-class LinesCalibration:
+class LinesCalibration(Displayed):
     """A camera calibrated from images of straight lines.
 
     Attributes

@@ -1,12 +1,10 @@
 """Drawings of a stereo pair: the rectified images, and distances in colours."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.pipeline.stereo import StereoResult
-from omnisight.report.color_scale import VIRIDIS
+from omnisight.report.color_scale import viridis
 from omnisight.report.drawings.canvas import WHITE, ImageCanvas, write_text
 
 # Largest height of a rectified image and width of both.
@@ -59,7 +57,7 @@ def draw_distances(result: StereoResult) -> NDArray[np.uint8]:
     low, _, high = result.quantiles
     with np.errstate(invalid="ignore"):
         nearness = 1 - np.log(result.distance / low) / np.log(max(high / low, 1.001))
-    drawn = _viridis(nearness)
+    drawn = viridis(nearness)
     drawn[~result.known] = 0
     height, width = drawn.shape[:2]
     page = np.full((height + MARGIN_PX, width, 3), BACKGROUND, np.uint8)
@@ -67,14 +65,7 @@ def draw_distances(result: StereoResult) -> NDArray[np.uint8]:
     labels = (f"{low:.3g}", f"{high:.3g}")
     left, right = (GAP_PX + 11 * len(labels[0]), width - GAP_PX - 11 * len(labels[1]))
     top = height + (MARGIN_PX - BAR_PX) // 2
-    page[top : top + BAR_PX, left:right] = _viridis(np.linspace(1, 0, max(right - left, 1)))[: right - left]
+    page[top : top + BAR_PX, left:right] = viridis(np.linspace(1, 0, max(right - left, 1)))[: right - left]
     for label, position in zip(labels, (GAP_PX // 2, right + GAP_PX // 2), strict=True):
         write_text(page, label, (position, top + BAR_PX - 4), TEXT_PX, WHITE)
     return page
-
-
-def _viridis(fraction: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return the colours (..., 3) of fractions (...) from 0, dark blue, to 1, yellow."""
-    position = np.clip(np.nan_to_num(fraction), 0, 1) * (len(VIRIDIS) - 1)
-    channels = [np.interp(position, np.arange(len(VIRIDIS)), VIRIDIS[:, k]) for k in range(3)]
-    return np.rint(np.stack(channels, -1)).astype(np.uint8)

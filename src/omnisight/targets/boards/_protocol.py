@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.targets.length import format_length, parse_length
 from omnisight.targets.printing.drawing import Shape
 
@@ -22,7 +23,7 @@ MAX_TEXT_LENGTH = 100
 
 
 @dataclass(frozen=True)
-class Board(ABC):
+class Board(Displayed, ABC):
     """A flat calibration target; each kind is one frozen dataclass in one file of this folder.
 
     Fields are counts, names, ratios, and lengths in metres. The metadata of a field may hold "length": True, "low", the

@@ -1,0 +1,69 @@
+"""Comparison of two cameras: the counterpart of `omnisight compare`."""
+
+import dataclasses
+import math
+from os import PathLike
+from pathlib import Path
+
+from omnisight.camera import Camera
+from omnisight.formats import load
+from omnisight.pipeline.camera_sources import AnyCameraSource
+from omnisight.pipeline.central_camera import central_approximation, fit_camera
+from omnisight.pipeline.compare_options import CompareOptions
+from omnisight.quality.camera_comparison import CameraComparison
+from omnisight.ray_camera import RayCamera
+
+
+def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = CompareOptions()) -> CameraComparison:
+    """Compare two cameras over their common calibrated field of view.
+
+    Poses estimated with a camera absorb rotations of its frame. The difference after the best rotation is therefore the
+    one to judge. It is tested against the covariances of both cameras, as independent calibrations have them; two
+    calibrations from the same images differ less.
+
+    Parameters
+    ----------
+    a, b
+        Cameras, or calibration files of any format. If the images of b are larger or smaller than those of a, with the
+        same aspect ratio, b is scaled.
+    options
+        Names in files of several cameras, the distance for non-central cameras, and the grid.
+
+    Returns
+    -------
+    comparison
+        Maps of the difference and of both uncertainties, the p-value and the verdict.
+
+    Raises
+    ------
+    ValueError
+        If the aspect ratios differ, the cameras have no field of view in common, or a file cannot be read.
+    """
+    names = _names(a, b)
+    first = _central(a, options.name, options, names[0])
+    second = _central(b, options.other_name, options, names[1])
+    if not all(first.size):
+        first = dataclasses.replace(first, size=second.size)
+    if not all(first.size):
+        raise ValueError(f"{names[0]} and {names[1]}: have no image size; add it to a file")
+    second = fit_camera(second, first.size, f"{names[1]} is compared with {names[0]}", scale=True)
+    return CameraComparison.of(first, second, names, columns=options.columns)
+
+
+def _central(source: AnyCameraSource, name: str | None, options: CompareOptions, label: str) -> Camera:
+    """Return a central camera that is calibrated up to the largest angle to compare."""
+    camera = source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
+    distance = options.distance if isinstance(camera, RayCamera) else None
+    central = central_approximation(camera, distance, label)
+    if options.max_theta is None:
+        return central
+    return dataclasses.replace(central, theta_max=min(central.theta_max or math.pi, math.radians(options.max_theta)))
+
+
+def _names(a: AnyCameraSource, b: AnyCameraSource) -> tuple[str, str]:
+    """Return the names of two files, with their folders if the names are equal, or "a" and "b"."""
+    paths = [Path(source) if isinstance(source, str | PathLike) else None for source in (a, b)]
+    names = [path.name if path else default for path, default in zip(paths, "ab", strict=True)]
+    if names[0] == names[1]:
+        names = [str(path) for path in paths]
+    return names[0], names[1]

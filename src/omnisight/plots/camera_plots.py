@@ -1,0 +1,75 @@
+"""Plots of one camera: its radial profile and its projection uncertainty."""
+
+from typing import Any
+
+import numpy as np
+
+from omnisight.camera import Camera
+from omnisight.pipeline.inspect import radial_profile
+from omnisight.plots._figure import new_axes, new_figure
+from omnisight.quality.uncertainty import UncertaintyMap
+
+
+def plot_profile(camera: Camera) -> Any:
+    """Plot the distance from the principal point (px) over the angle from the axis (degrees).
+
+    The part beyond the calibrated field of view is dashed. The equidistant lens of the same focal length is gray.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+
+    Returns
+    -------
+    A figure of matplotlib.
+    """
+    profile = radial_profile(camera)
+    figure, axes = new_axes()
+    calibrated = profile.theta_deg <= (180.0 if profile.calibrated_deg is None else profile.calibrated_deg)
+    axes.plot(profile.theta_deg, profile.focal * np.radians(profile.theta_deg), color="0.6", label="equidistant")
+    axes.plot(profile.theta_deg, profile.radius, "--", color="C0", label="extrapolated")
+    axes.plot(profile.theta_deg[calibrated], profile.radius[calibrated], color="C0", label="calibrated")
+    axes.set(xlabel="angle off-axis, degrees", ylabel="radius, px", title=camera.model.name)
+    axes.legend()
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def plot_uncertainty(camera: Camera) -> Any:
+    """Plot the projection uncertainty (1 sigma) over the field of view, in px and in degrees.
+
+    The radius is the angle from the axis in degrees, and the azimuth that of the image. The dashed circle is the end of
+    the calibrated field of view.
+
+    Parameters
+    ----------
+    camera
+        A camera with a covariance.
+
+    Returns
+    -------
+    A figure of matplotlib.
+
+    Raises
+    ------
+    ValueError
+        If the camera has no covariance.
+    """
+    result = UncertaintyMap.of(camera)
+    figure = new_figure(width=9.0)
+    phi = np.append(result.phi, 2 * np.pi)
+    inside = result.visible & np.isfinite(result.pixels)
+    for k, (values, unit) in enumerate(((result.pixels, "px"), (np.degrees(result.angles), "degrees"))):
+        axes = figure.add_subplot(1, 2, k + 1, projection="polar")
+        axes.set_theta_direction(-1)  # the azimuth increases downwards, like rows
+        shown = np.where(inside, values, np.nan)
+        limit = np.nanmax(np.where(result.calibrated[:, None], shown, np.nan))
+        closed = np.column_stack([shown, shown[:, :1]])
+        mesh = axes.pcolormesh(phi, np.degrees(result.theta), closed, shading="gouraud", vmin=0, vmax=limit)
+        if camera.theta_max is not None:
+            axes.plot(np.linspace(0, 2 * np.pi, 100), np.full(100, np.degrees(camera.theta_max)), "w--", linewidth=1)
+        axes.set_title(f"projection uncertainty, {unit} (1σ)")
+        axes.set_xticks(np.radians([0, 90, 180, 270]), ["right", "bottom", "left", "top"])
+        figure.colorbar(mesh, ax=axes, shrink=0.8, extend="max")
+    return figure

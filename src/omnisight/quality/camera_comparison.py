@@ -1,0 +1,293 @@
+"""Difference of two cameras over their common calibrated field of view, beside the uncertainty of each.
+
+The difference after the best rotation is that of mrcal-show-projection-diff at infinity (Kogan, mrcal, 2020-2024); here
+the mean square difference is also tested against what the covariances of both cameras predict.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
+from omnisight.calibration.rotation_alignment import best_rotation
+from omnisight.camera import Camera
+from omnisight.display import Displayed
+from omnisight.geometry import rotation as so3
+from omnisight.quality.uncertainty import Uncertainty
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+ComparisonVerdict = Literal["equal", "same", "different", "unknown"]
+
+# Fewest directions that both cameras see: a rotation and some redundancy.
+MIN_COMMON = 12
+# Differences below this are those of rounding and of conversions between formats, px.
+MAX_EQUAL_PX = 0.01
+# Components of the difference that are tested one by one have at least this share of its expected variance: in smaller
+# ones, the difference of two models exceeds the uncertainty of their parameters.
+MIN_PRINCIPAL_FRACTION = 1e-3
+SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
+
+
+@dataclass(frozen=True, eq=False)
+class DifferenceMap:
+    """Difference of two cameras on a grid of pixels of the first one.
+
+    Attributes
+    ----------
+    pixels
+        (R, C) distance of the pixels of a direction in both cameras, px of the first one.
+    angles
+        (R, C) angle between the bearings of a pixel in both cameras, radians.
+    """
+
+    pixels: Array
+    angles: Array
+
+    def rms(self, common: Bools) -> float:
+        """Return the root mean square distance (px) over some of the pixels."""
+        return float(np.sqrt(np.mean(self.pixels[common] ** 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraComparison(Displayed):
+    """The difference of two cameras, and whether their uncertainties explain it.
+
+    Attributes
+    ----------
+    a, b
+        The cameras; b is scaled to the image size of a.
+    names
+        Their names.
+    u, v
+        (C,) and (R,) columns and rows of the grid of pixels of a.
+    rotation
+        (3, 3) best rotation b_from_a between the frames.
+    aligned, fixed
+        The difference after the best rotation, and with equal frames.
+    common
+        (R, C) whether the pixel is in the calibrated field of view of both cameras.
+    uncertainties
+        For a and b, the (R, C) projection uncertainty (px of a, 1 sigma) after the best rotation; None if unknown.
+    expected_rms
+        Root mean square of `aligned` that the uncertainties predict for equal cameras, px; NaN if unknown.
+    p_value
+        Probability of at least the difference `aligned` if the cameras are equal and were calibrated from different
+        images; NaN if no uncertainty is known.
+    """
+
+    a: Camera
+    b: Camera
+    names: tuple[str, str]
+    u: Array
+    v: Array
+    rotation: Array
+    aligned: DifferenceMap
+    fixed: DifferenceMap
+    common: Bools
+    uncertainties: tuple[Array | None, Array | None]
+    expected_rms: float
+    p_value: float
+
+    @classmethod
+    def of(cls, a: Camera, b: Camera, names: tuple[str, str] = ("a", "b"), *, columns: int = 64) -> Self:
+        """Compare two cameras of images of one size on a grid of so many columns.
+
+        Raises
+        ------
+        ValueError
+            If they have hardly any direction in common.
+        """
+        u = np.linspace(0, a.width - 1, columns)
+        v = np.linspace(0, a.height - 1, max(2, round(columns * a.height / a.width)))
+        pixels = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
+        bearings, valid = a.unproject(pixels)
+        seen = valid & a.calibrated(bearings)
+        rotation = _common_rotation(b, bearings[seen], pixels[seen], names)
+        shape = len(v), len(u)
+        aligned, fixed = (_difference(b, bearings @ turn.T, pixels) for turn in (rotation, np.eye(3)))
+        common = seen & _sees(b, bearings @ rotation.T) & np.isfinite(aligned).all(0)
+        if common.sum() < MIN_COMMON:
+            raise ValueError(_nothing_common(names))
+        expected, p_value = _test(a, b, bearings[common], rotation)
+        scale = _uncertainty(a, bearings, common), _uncertainty(b, bearings @ rotation.T, common)
+        return cls(
+            a,
+            b,
+            names,
+            u,
+            v,
+            rotation,
+            DifferenceMap(aligned[0].reshape(shape), aligned[1].reshape(shape)),
+            DifferenceMap(fixed[0].reshape(shape), fixed[1].reshape(shape)),
+            common.reshape(shape),
+            (
+                None if scale[0] is None else scale[0].reshape(shape),
+                None if scale[1] is None else scale[1].reshape(shape),
+            ),
+            expected,
+            p_value,
+        )
+
+    @property
+    def rms(self) -> float:
+        """Root mean square difference after the best rotation over the common calibrated field of view, px."""
+        return self.aligned.rms(self.common)
+
+    @cached_property
+    def worst(self) -> tuple[int, int]:
+        """Row and column of the grid where the difference after the best rotation is largest."""
+        values = np.where(self.common, self.aligned.pixels, -np.inf)
+        row, column = np.unravel_index(np.argmax(values), values.shape)
+        return int(row), int(column)
+
+    @property
+    def verdict(self) -> ComparisonVerdict:
+        """Whether the cameras are equal, the same within their uncertainties, different, or it is unknown."""
+        if self.aligned.pixels[self.worst] < MAX_EQUAL_PX:
+            return "equal"
+        if not np.isfinite(self.p_value):
+            return "unknown"
+        return "same" if self.p_value >= CLAIM_SIGNIFICANCE else "different"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in one sentence, with its figures."""
+        known = [name for name, map in zip(self.names, self.uncertainties, strict=True) if map is not None]
+        of = "their uncertainties" if len(known) == 2 else f"the uncertainty of {known[0]}" if known else ""
+        difference = f"{self.rms:.2g} px rms"
+        if self.expected_rms > 0:
+            probability = f"p = {self.p_value:.2g}" if self.p_value >= 1e-6 else "p < 1e-6"
+            difference += f", {self.expected_rms:.2g} px expected, {probability}"
+        match self.verdict:
+            case "equal":
+                return f"the cameras are equal to within {MAX_EQUAL_PX:g} px"
+            case "same":
+                return f"the cameras are the same within {of}: {difference}"
+            case "different":
+                return f"the cameras differ by more than {of}: {difference}"
+            case _:
+                return f"the cameras differ by {difference}; their files have no uncertainty to compare it with"
+
+    @property
+    def worst_place(self) -> str:
+        """Where the largest difference is, in words."""
+        row, column = self.worst
+        pixel = np.array([self.u[column], self.v[row]])
+        theta = np.degrees(self.a.angle_of(pixel))
+        offset = pixel - self.a.project([0.0, 0.0, 1.0])[0]
+        side = SIDES[round(float(np.arctan2(offset[1], offset[0])) / (np.pi / 4)) % 8]
+        return f"{theta:.0f}° off-axis at the {side}, pixel ({pixel[0]:.0f}, {pixel[1]:.0f})"
+
+    @property
+    def common_theta_max(self) -> float:
+        """Angle from the axis of a (radians) up to which the common calibrated field of view extends."""
+        pixels = np.stack(np.meshgrid(self.u, self.v), -1)[self.common]
+        return float(np.nanmax(self.a.angle_of(pixels)))
+
+
+def _sees(camera: Camera, bearings: Array) -> Bools:
+    """Return which bearings (N, 3) are in the image and in the calibrated field of view."""
+    pixels, valid = camera.project(bearings)
+    return valid & camera.in_image(pixels) & camera.calibrated(bearings)
+
+
+def _common_rotation(b: Camera, bearings: Array, pixels: Array, names: tuple[str, str]) -> Array:
+    """Return the best rotation b_from_a for bearings (N, 3) and pixels (N, 2) of a, over what both cameras see."""
+    others, valid = b.unproject(pixels)
+    if valid.sum() < MIN_COMMON:
+        raise ValueError(_nothing_common(names))
+    # Equal pixels have nearly equal bearings up to the rotation (Kabsch 1976), whatever its angle.
+    rotation = so3.nearest(others[valid].T @ bearings[valid])
+    for _ in range(2):  # the common field of view depends on the rotation
+        use = _sees(b, bearings @ rotation.T)
+        if use.sum() < MIN_COMMON:
+            raise ValueError(_nothing_common(names))
+        rotation = best_rotation(b.model, bearings[use], pixels[use], rotation)
+    return rotation
+
+
+def _nothing_common(names: tuple[str, str]) -> str:
+    return f"{names[0]} and {names[1]} have no calibrated field of view in common: are they of the same camera?"
+
+
+def _difference(b: Camera, bearings: Array, pixels: Array) -> Array:
+    """Return the distance (px) of the pixels of bearings, and the angle (radians) of the bearings of pixels, (2, N)."""
+    projected, _ = b.project(bearings)
+    others, _ = b.unproject(pixels)
+    across = np.linalg.norm(np.cross(bearings, others), axis=1)
+    return np.stack([np.linalg.norm(projected - pixels, axis=1), np.arctan2(across, (bearings * others).sum(1))])
+
+
+def _uncertainty(camera: Camera, bearings: Array, where: Bools) -> Array | None:
+    """Return the projection uncertainty (N,) of bearings (N, 3), px, NaN outside `where`; None if it is unknown."""
+    if camera.covariance is None:
+        return None
+    result = np.full(len(bearings), np.nan)
+    covariance = Uncertainty.of(camera).projection(bearings[where])
+    result[where] = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    return result
+
+
+def _test(a: Camera, b: Camera, bearings: Array, rotation: Array) -> tuple[float, float]:
+    """Return the expected rms (px) of the difference of equal cameras, and the p-value of the difference.
+
+    To first order, the difference at bearing k is d_k = J_bk e_b - J_ak e_a + R_k w with the errors e of the parameters
+    and a rotation w. The best rotation projects the errors onto the complement of the columns of R. The mean of |d_k|^2
+    is then a sum of chi-square variables with the eigenvalues of the covariance as weights. This test alone has little
+    power if one eigenvalue dominates, so the principal components of the difference are tested too.
+    """
+    factors = [
+        _factor(camera, bearings @ turn.T) for camera, turn in ((a, np.eye(3)), (b, rotation)) if _is_known(camera)
+    ]
+    if not factors:
+        return np.nan, np.nan
+    turned = bearings @ rotation.T
+    projected, _, d_point, _ = b.model.project_with_jacobians(turned)
+    difference = (projected - a.project(bearings)[0]).ravel()
+    by_rotation = (-d_point @ so3.hat(turned)).reshape(-1, 3)
+    errors = np.concatenate(factors, axis=1)
+    use = np.isfinite(errors).all(1) & np.isfinite(by_rotation).all(1) & np.isfinite(difference)
+    errors, by_rotation, difference = errors[use], by_rotation[use], difference[use]
+    errors = errors - by_rotation @ np.linalg.lstsq(by_rotation, errors, rcond=None)[0]
+    modes, sizes, _ = np.linalg.svd(errors, full_matrices=False)
+    weights = sizes**2 / (len(errors) / 2)
+    of_mean = chi_square_mixture_tail(float((difference**2).sum() / (len(errors) / 2)), weights)
+    principal = weights > MIN_PRINCIPAL_FRACTION * weights.sum()
+    components = (difference @ modes)[principal] / sizes[principal]
+    of_components = chi_square_tail(float((components**2).sum()), len(components))
+    return float(np.sqrt(weights.sum())), min(1.0, 2 * min(of_mean, of_components))  # Bonferroni
+
+
+def _is_known(camera: Camera) -> bool:
+    return camera.covariance is not None and bool(np.any(camera.covariance))
+
+
+def _factor(camera: Camera, bearings: Array) -> Array:
+    """Return a factor F (2 N, P) of the covariance F F^T of the pixels of bearings (N, 3), with a fixed frame."""
+    assert camera.covariance is not None
+    _, _, _, d_params = camera.model.project_with_jacobians(bearings)
+    values, vectors = np.linalg.eigh(camera.covariance)
+    return (d_params @ (vectors * np.sqrt(np.maximum(values, 0.0)))).reshape(2 * len(bearings), -1)
+
+
+def chi_square_tail(value: float, degrees_of_freedom: float) -> float:
+    """Return the probability that a chi-square variable exceeds a value."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(degrees_of_freedom, max(value, 0.0)))
+
+
+def chi_square_mixture_tail(value: float, weights: Array) -> float:
+    """Return the probability that a weighted sum of chi-square variables of one degree of freedom exceeds a value.
+
+    Pearson's approximation by a chi-square variable with the same first three moments (Imhof, Computing the
+    distribution of quadratic forms in normal variables, Biometrika 48, 1961, sec. 4).
+    """
+    c1, c2, c3 = (float((weights**k).sum()) for k in (1, 2, 3))
+    degrees_of_freedom = c2**3 / c3**2
+    scaled = (value - c1) * np.sqrt(degrees_of_freedom / c2) + degrees_of_freedom
+    return chi_square_tail(float(scaled), degrees_of_freedom)

@@ -1,0 +1,111 @@
+"""Plots for notebooks."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.models import model_class
+from reporting import NAMES, UNUSED_NAMES, calibrate_detections, simulate_detections
+
+matplotlib = pytest.importorskip("matplotlib")
+LENS = model_class("kannala_brandt")(200.0, 199.0, 321.0, 242.0, 0.02, -0.01, 0.003, -0.001)
+CAMERA = om.Camera(LENS, (640, 480), theta_max=1.2, covariance=1e-4 * np.eye(8))
+
+
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory):
+    detections = simulate_detections(tmp_path_factory.mktemp("images"))
+    return calibrate_detections(detections, [*NAMES, *UNUSED_NAMES], model="kannala_brandt")
+
+
+def drawn(figure):
+    """Return the pixels of a figure; check that it is one and not blank."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    assert isinstance(figure, Figure)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+    assert pixels[..., :3].std() > 10
+    return pixels
+
+
+def test_the_profile_is_that_of_the_camera():
+    figure = om.plot_profile(om.perspective((640, 480), 90))
+    drawn(figure)
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].lines}
+    theta, radius = lines["calibrated"].T
+    assert len(theta) > 100
+    np.testing.assert_allclose(radius, 320 * np.tan(np.radians(theta)), rtol=1e-6)
+
+
+def test_the_profile_ends_where_the_calibration_does():
+    lines = {line.get_label(): line.get_xydata() for line in om.plot_profile(CAMERA).axes[0].lines}
+    assert lines["calibrated"][-1, 0] == pytest.approx(np.degrees(1.2), abs=0.5)
+    assert lines["extrapolated"][-1, 0] > 80
+
+
+def test_the_uncertainty_needs_a_covariance():
+    drawn(om.plot_uncertainty(CAMERA))
+    with pytest.raises(ValueError, match="the camera has no covariance"):
+        om.plot_uncertainty(om.perspective())
+
+
+def test_residuals_and_coverage_have_all_corners(calibration):
+    count = len(calibration.observations.pixels)
+    figure = om.plot_residuals(calibration)
+    drawn(figure)
+    arrows = [collection for collection in figure.axes[0].collections if hasattr(collection, "U")]
+    assert sum(arrow.N for arrow in arrows) == count
+    figure = om.plot_coverage(calibration)
+    drawn(figure)
+    points = [line for line in figure.axes[0].lines if line.get_marker() == "."]
+    assert sum(len(line.get_xdata()) for line in points) == count
+    assert len(points) == len(calibration.observations)
+
+
+def test_the_difference_is_drawn_beside_the_uncertainties():
+    other = om.Camera(LENS.with_params(LENS.params * 1.001), (640, 480), theta_max=1.1)
+    figure = om.plot_difference(om.compare(CAMERA, other))
+    drawn(figure)
+    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert titles == ["difference after the best rotation", "uncertainty of a (1σ)"]
+
+
+def test_cameras_are_drawn_in_space(calibration):
+    rig = om.Rig((CAMERA, CAMERA), (om.Pose(), om.Pose(translation=np.array([-0.2, 0, 0]))), ("left", "right"))
+    figure = om.plot_cameras(rig)
+    drawn(figure)
+    assert [text.get_text() for text in figure.axes[0].texts] == ["left", "right"]
+    drawn(om.plot_cameras(CAMERA))
+    boards = om.plot_cameras(calibration)
+    drawn(boards)
+    assert len(boards.axes[0].lines) == len(calibration.observations) + 3
+
+
+def test_figures_are_not_shown_twice_in_a_notebook():
+    import matplotlib.pyplot as plt
+
+    om.plot_profile(CAMERA)
+    assert plt.get_fignums() == []
+
+
+def test_without_matplotlib_the_message_names_the_extra():
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; import omnisight as om\n"
+        "try:\n    om.plot_profile(om.perspective())\n"
+        "except ImportError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "plots need matplotlib: pip install 'omnisight[plot]'"
+
+
+def test_a_calibration_is_shown_with_its_verdict(calibration):
+    page = calibration._repr_html_()
+    assert str(calibration.verdict) in page
+    assert "<img" in page
+    assert f"{calibration.rms:.3f} px" in page

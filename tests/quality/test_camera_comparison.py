@@ -1,0 +1,149 @@
+"""Comparison of two cameras: the difference, the test against their uncertainties, the command."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight import cli
+from omnisight.images import read_image
+from omnisight.models import model_class
+from omnisight.quality.camera_comparison import CameraComparison, chi_square_mixture_tail
+
+LENS = model_class("kannala_brandt")(200.0, 199.0, 321.0, 242.0, 0.02, -0.01, 0.003, -0.001)
+# Standard deviations like those of a calibration, with correlations.
+ROOT = np.diag([0.2, 0.2, 0.3, 0.3, 2e-3, 3e-3, 2e-3, 5e-4]) @ (np.eye(8) + 0.2)
+FISHEYE = om.Camera(LENS, (640, 480), theta_max=1.2, covariance=ROOT @ ROOT.T)
+
+
+def drawn(rng, size=1.0):
+    """Return an estimate of the camera with errors from its covariance."""
+    return dataclasses.replace(FISHEYE, model=LENS.with_params(LENS.params + size * ROOT @ rng.normal(size=8)))
+
+
+@pytest.mark.parametrize("weights", [[1.0], [1.0, 1.0, 1.0], [1.0, 0.3, 0.1, 0.01]])
+def test_the_tail_of_a_mixture_of_chi_square_variables_is_that_of_samples(weights):
+    rng = np.random.default_rng(0)
+    samples = (rng.normal(size=(400_000, len(weights))) ** 2) @ weights
+    for probability in (0.5, 0.1, 0.01, 0.003):
+        value = np.quantile(samples, 1 - probability)
+        tail = chi_square_mixture_tail(float(value), np.array(weights))
+        assert tail == pytest.approx(probability, rel=0.2)
+
+
+def test_p_values_of_estimates_of_one_camera_are_those_of_chance():
+    rng = np.random.default_rng(1)
+    comparisons = [CameraComparison.of(drawn(rng), drawn(rng), columns=24) for _ in range(200)]
+    p = np.sort([c.p_value for c in comparisons])
+    # The Kolmogorov-Smirnov statistic exceeds 0.107 once in a hundred times. The smaller of two p-values, doubled, is
+    # uniform where it is small, and larger elsewhere.
+    assert (p - (np.arange(200) + 0.5) / 200).min() > -0.107
+    assert np.mean(p < 0.2) > 0.08
+    rms = np.sqrt(np.mean([c.rms**2 for c in comparisons]))
+    assert rms == pytest.approx(np.mean([c.expected_rms for c in comparisons]), rel=0.1)
+    assert {c.verdict for c in comparisons} <= {"same", "different"}
+    assert np.mean([c.verdict == "same" for c in comparisons]) > 0.95
+
+
+def test_estimates_with_larger_errors_than_specified_are_different():
+    rng = np.random.default_rng(2)
+    comparisons = [CameraComparison.of(drawn(rng, 6.0), FISHEYE, columns=24) for _ in range(20)]
+    assert sum(c.verdict == "different" for c in comparisons) >= 18
+    assert "differ by more than their uncertainties" in max(comparisons, key=lambda c: c.rms).sentence
+
+
+def test_the_difference_of_two_pinhole_cameras_is_the_closed_form():
+    a = om.Camera(model_class("pinhole")(300.0, 300.0, 319.5, 239.5), (640, 480))
+    b = om.Camera(model_class("pinhole")(303.0, 303.0, 319.5, 239.5), (640, 480))
+    comparison = om.compare(a, b, om.CompareOptions(columns=33))
+    u, v = np.meshgrid(comparison.u - 319.5, comparison.v - 239.5)
+    expected = np.hypot(u, v) * 0.01
+    # The best rotation is none: the difference is symmetric about the axis.
+    np.testing.assert_allclose(comparison.rotation, np.eye(3), atol=1e-4)
+    np.testing.assert_allclose(comparison.aligned.pixels, expected, atol=0.02)
+    np.testing.assert_allclose(comparison.fixed.pixels, expected, atol=1e-9)
+    angle = np.abs(np.arctan(np.hypot(u, v) / 300) - np.arctan(np.hypot(u, v) / 303))
+    np.testing.assert_allclose(comparison.fixed.angles, angle, atol=1e-9)
+    assert comparison.verdict == "unknown"
+    assert "no uncertainty" in comparison.sentence
+    assert re.match(r"5\d° off-axis at the (upper|lower) (left|right), pixel", comparison.worst_place)
+
+
+def test_a_rotation_of_the_frame_is_no_difference():
+    # An equirectangular image that starts at another longitude is the same camera in a rotated frame.
+    a = om.sphere(640)
+    model = dataclasses.replace(a.model, cx=a.model.cx + 80)
+    comparison = om.compare(a, om.Camera(model, a.size))
+    assert comparison.verdict == "equal"
+    assert comparison.fixed.rms(comparison.common) > 50
+    angle = np.degrees(np.arccos((np.trace(comparison.rotation) - 1) / 2))
+    assert angle == pytest.approx(45.0, abs=1e-3)
+
+
+def test_cameras_of_images_of_other_sizes_are_scaled():
+    rng = np.random.default_rng(3)
+    other = drawn(rng)
+    same, scaled = (om.compare(FISHEYE, b) for b in (other, other.scaled(2.5)))
+    assert scaled.rms == pytest.approx(same.rms, rel=1e-6)
+    assert scaled.p_value == pytest.approx(same.p_value, rel=1e-3)
+    assert om.compare(FISHEYE, FISHEYE.scaled(2.0)).verdict == "equal"
+
+
+def test_the_common_field_of_view_is_that_of_both():
+    narrow = dataclasses.replace(FISHEYE, theta_max=0.6)
+    for pair in ((FISHEYE, narrow), (narrow, FISHEYE)):
+        assert np.degrees(om.compare(*pair).common_theta_max) == pytest.approx(np.degrees(0.6), abs=1.0)
+    assert np.degrees(om.compare(FISHEYE, FISHEYE, om.CompareOptions(max_theta=20)).common_theta_max) < 20
+
+
+def test_one_uncertainty_is_enough_for_a_test():
+    other = dataclasses.replace(drawn(np.random.default_rng(5)), covariance=None)
+    comparison = om.compare(FISHEYE, other)
+    assert comparison.verdict == "same"
+    assert "within the uncertainty of a" in comparison.sentence
+    assert comparison.uncertainties[1] is None
+
+
+@pytest.mark.parametrize(
+    ("b", "message"),
+    [
+        (om.perspective((640, 360), 60), "a different aspect ratio"),
+        (dataclasses.replace(FISHEYE, theta_min=1.3, theta_max=1.4), "no calibrated field of view in common"),
+    ],
+)
+def test_cameras_that_cannot_be_compared_are_refused(b, message):
+    with pytest.raises(ValueError, match=message):
+        om.compare(FISHEYE, b)
+
+
+def test_the_command_prints_and_draws_the_difference(tmp_path, capsys):
+    om.save(FISHEYE, tmp_path / "a.json")
+    om.save(drawn(np.random.default_rng(4)), tmp_path / "b.json")
+    for arguments in ((), ("--json",)):
+        with pytest.raises(SystemExit) as caught:
+            cli.main(
+                [
+                    "compare",
+                    str(tmp_path / "a.json"),
+                    str(tmp_path / "b.json"),
+                    "-o",
+                    str(tmp_path / "d.png"),
+                    *arguments,
+                ]
+            )
+        assert not caught.value.code
+        out = capsys.readouterr().out
+        if not arguments:
+            assert "verdict     the cameras are the same within their uncertainties: " in out
+            continue
+        figures = json.loads(out)
+        assert figures["verdict"] == "same"
+        assert 0.01 < figures["p_value"] <= 1
+        assert figures["difference"]["rms_px"] < figures["difference_without_rotation"]["rms_px"]
+        assert [camera["name"] for camera in figures["cameras"]] == ["a.json", "b.json"]
+    drawing = read_image(tmp_path / "d.png")
+    assert drawing.shape[1] == 1460
+    assert drawing.std() > 30

@@ -1,0 +1,143 @@
+"""Texts of all public types at the prompt, and their HTML in notebooks."""
+
+import dataclasses
+import inspect
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.display import MAX_LINES, Displayed, shortened
+from omnisight.models import model_class, model_names
+
+TYPES = sorted(
+    name for name in om.__all__ if inspect.isclass(getattr(om, name)) and dataclasses.is_dataclass(getattr(om, name))
+)
+LENS = model_class("kannala_brandt")(200.0, 199.0, 321.0, 242.0, 0.02, -0.01, 0.003, -0.001)
+CAMERA = om.Camera(LENS, (640, 480), theta_max=1.2, calibration={"rms": 0.25}, covariance=1e-4 * np.eye(8))
+BEARINGS = np.random.default_rng(0).normal(size=(500, 3))
+CLASSES_WITH_OWN_TEXT = {
+    "Camera": lambda: CAMERA,
+    "Pose": lambda: om.Pose(om.look(yaw=20), np.array([0.1, 0.2, 0.3])),
+    "Rig": lambda: om.Rig((CAMERA,) * 6, (om.Pose(),) * 6, tuple("abcdef")),
+}
+
+
+def filled(cls):
+    """Return an instance whose fields all hold large arrays, without the checks of the constructor."""
+    value = object.__new__(cls)
+    for field in dataclasses.fields(cls):
+        object.__setattr__(value, field.name, np.zeros((1000, 3)))
+    return value
+
+
+def assert_short(text):
+    assert len(text.splitlines()) <= MAX_LINES
+    assert max(map(len, text.splitlines())) <= 120
+    assert "array(" not in text
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_every_public_dataclass_has_a_short_text(name):
+    cls = getattr(om, name)
+    assert issubclass(cls, Displayed)
+    if cls.__repr__ is Displayed.__repr__:
+        text = repr(filled(cls))
+        assert text.startswith(f"{name}(")
+        assert_short(text)
+    elif name in CLASSES_WITH_OWN_TEXT:
+        assert_short(repr(CLASSES_WITH_OWN_TEXT[name]()))
+    else:
+        # One f-string of figures: arrays are not formatted in it.
+        source = inspect.getsource(cls.__repr__)
+        assert len(source.splitlines()) < 12
+
+
+@pytest.mark.parametrize("name", [name for name in TYPES if name.endswith("Options")])
+def test_options_show_what_differs_from_the_default(name):
+    cls = getattr(om, name)
+    required = [f for f in dataclasses.fields(cls) if f.default is f.default_factory is dataclasses.MISSING]
+    if not required:
+        assert repr(cls()) == f"{name}()"
+
+
+def test_a_text_has_the_fields_that_differ():
+    assert repr(om.ViewOptions(yaw=40.0, size=(1280, 720))) == "ViewOptions(yaw=40, size=(1280, 720))"
+    found = om.resect(BEARINGS, BEARINGS, sigma_deg=0.1)
+    assert "inliers" not in repr(found)
+    assert repr(found).startswith("AbsolutePose(cam_from_world=Pose(rotation=[0, 0, 0]°, translation=[0, 0, 0]), sigma")
+
+
+def test_texts_of_cameras_poses_and_rigs():
+    assert repr(CAMERA) == "Camera(kannala_brandt, 640x480, calibrated to 69° off-axis, rms 0.25 px)"
+    pose = om.Pose(om.look(yaw=20), np.array([0.1, 0.2, 0.3]))
+    assert repr(pose) == "Pose(rotation=[0, -20, 0]°, translation=[0.1, 0.2, 0.3])"
+    assert repr(om.Rig((CAMERA,), (om.Pose(),), ("front",))) == (
+        "Rig(1 camera\n    front: kannala_brandt, 640x480, at (0, 0, 0) m)"
+    )
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_camera_models_have_a_short_text(name):
+    assert_short(repr(model_class(name).example()))
+
+
+def test_a_long_text_ends_in_an_ellipsis():
+    text = shortened("Result(" + ", ".join(f"field{i}={i}" for i in range(200)) + ")")
+    assert len(text.splitlines()) == MAX_LINES
+    assert text.endswith(" ...)")
+
+
+class Tags(HTMLParser):
+    """Check that every element is closed."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.seen = [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.seen.append(tag)
+        if tag not in ("img", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def assert_html(value, *texts):
+    page = value._repr_html_()
+    tags = Tags()
+    tags.feed(page)
+    assert tags.open == []
+    assert "img" in tags.seen
+    assert len(page) < 200_000
+    for text in texts:
+        assert text in page
+    return page
+
+
+def test_a_camera_is_shown_with_its_profile():
+    assert_html(CAMERA, "kannala_brandt", "640 x 480", "off-axis")
+    assert_html(om.sphere(512), "equirectangular")
+    assert_html(om.Camera(LENS, (0, 0)), "unknown")
+
+
+def test_file_names_cannot_inject_markup():
+    rig = om.Rig((CAMERA,), (om.Pose(),), ("<script>",))
+    assert "<script>" not in assert_html(rig)
+
+
+def test_poses_are_shown_in_space():
+    rig = om.Rig(
+        (CAMERA,) * 3, tuple(om.Pose(om.look(yaw=a), np.array([0.1 * a, 0, 0])) for a in (0, 30, 60)), tuple("abc")
+    )
+    assert_html(rig, "3 cameras")
+    pose = om.relative_pose(BEARINGS, BEARINGS @ om.look(yaw=5).T + [0.1, 0, 0], sigma_deg=0.1)
+    assert_html(pose, "inliers")
+    failed = om.relative_pose(BEARINGS[:2], BEARINGS[:2])
+    assert failed.reason in failed._repr_html_()
+
+
+def test_what_has_no_file_has_no_html():
+    assert om.ViewOptions()._repr_html_() is None
