@@ -83,6 +83,8 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
+    if general.has_rival:
+        return Selection(MotionModel("no overlap", general.reason), general)
     if general.model is None:
         return _rotation_model(pairs, options)
     inliers = pairs[general.inliers]

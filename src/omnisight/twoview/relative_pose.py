@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.geometry import rotation as so3
 from omnisight.geometry import sphere
 from omnisight.geometry.pose import Pose
+from omnisight.optim.block_jackknife import variance_ratio
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
@@ -114,7 +115,9 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
         pairs = replace(pairs.scaled(found.scale), is_noise_known=True)
         pose = Pose.of_matrix(found.model)
         basis = tangent_basis(pose)
-        covariance = basis @ found.covariance @ basis.T
+        problem = RelativePoseProblem.of(pairs[found.inliers])
+        ratio = variance_ratio(problem, found.model, pairs.a[found.inliers])
+        covariance = ratio * (basis @ found.covariance @ basis.T)
     best = select_motion(pairs, found, covariance, options)
     if best.rotation is not None and best.rotation.model is not None:
         return _rotation_only(pairs, best.rotation.model, best.rotation, best.motion)
