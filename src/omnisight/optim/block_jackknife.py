@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Halvings of the observations into blocks: a calibration error is smooth, and only large blocks contain its correlation.
-# On real pairs of a fisheye rig, 32 blocks gave half the standard deviation of 8.
+# Halvings of the observations into blocks: a calibration error is smooth, and only large blocks contain its
+# correlation. On 20 real pairs of a fisheye rig, the standard deviations grew 4.9 times with 8 blocks, 3.1 times with
+# 16, 2.3 times with 32, and 1.2 times with single observations (medians).
 HALVINGS = 3
 # Ratio of the variances that independent residuals exceed once in a hundred: 1 to 3 % of 60 synthetic pairs of each of
 # five kinds had a ratio above 4.
