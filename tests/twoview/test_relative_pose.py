@@ -150,7 +150,7 @@ def test_two_motions_of_similar_support_are_ambiguous():
     other_a, other_b, *_ = Scene(outliers=0.0, count=100).pairs(2)
     found = om.relative_pose(np.concatenate([a, other_a]), np.concatenate([b, other_b]), sigma_deg=0.05)
     assert not found
-    assert found.motion.name == "no overlap"
+    assert found.motion.name == "ambiguous"
     assert found.reason.endswith("structures repeat or move")
 
 

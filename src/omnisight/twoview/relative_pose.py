@@ -30,11 +30,12 @@ class RelativePose:
     b_from_a : Pose or None
         x_b = R x_a + t, with t of unit length, or zero if `motion` is "rotation only".
     covariance : (6, 6) array
-        Covariance of a step (w, v) of `Pose.moved`, square radians; zero along the translation.
+        Covariance of a step (w, v) of `Pose.moved`, square radians; zero along the translation. It includes the
+        correlation of neighbouring residuals, see `variance_ratio`.
     inliers : (N,) array of bool
         Pairs that are more probably inliers than outliers.
     motion : MotionModel
-        The model of the motion that explains the pairs best; "no overlap" if no pose was found.
+        The model of the motion that explains the pairs best; "no overlap" or "ambiguous" if no pose was found.
     sigma_deg : float
         Standard deviation of the bearings, root mean square over both cameras: the given or the estimated one.
     score : float
@@ -80,7 +81,8 @@ def relative_pose(
     a mixture of Gaussian noise and outliers. Bearings may have any direction, also behind the camera. A pair is an
     inlier only if its point has positive distances along both bearings. A rotation without translation, a dominant
     plane, planar motion and insufficient parallax are recognized, see `MotionModel`. If most points are on a plane, the
-    pose is that of its homography and of the other points; without these, there may be two, see `alternative`.
+    pose is that of its homography and of the other points; without these, there may be two, see `alternative`. No pose
+    is returned if another one has nearly as many inliers, as with matches of repeated structures.
 
     Parameters
     ----------
