@@ -24,7 +24,8 @@ def variance_ratio(problem: Any, model: Array, positions: Array) -> float:
     jackknife that deletes one block of neighbours at a time measures their effect, and that of a few observations on
     which the estimate depends (cluster-robust variance CR3: R. Bell and D. McCaffrey, Bias reduction in standard errors
     for linear regression with multi-stage samples, Survey Methodology 2002). The ratio is the mean over all directions
-    of a step, in which it is unity for independent residuals.
+    of a step, in which it is unity for independent residuals. It is 1 if a block has fewer residuals than the model has
+    parameters.
 
     Parameters
     ----------
