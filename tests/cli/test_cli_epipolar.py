@@ -69,6 +69,7 @@ def failure(run, *arguments):
     assert list(result) == KEYS
     assert result["b_from_a"] is result["sigma_deg"] is result["parallax_deg"] is result["median_residual_deg"] is None
     assert result["inliers"] == 0
+    assert result["motion"] in ("ambiguous", "no overlap")
     assert err.startswith("omnisight: ")
     assert result["reason"] in err
     return result["reason"]
@@ -143,6 +144,15 @@ def test_keypoints_lie_in_the_mask(photos, tmp_path):
 def test_images_without_overlap(run, noise):
     reason = failure(run, noise / "a.png", noise / "b.png")
     assert reason.startswith("no overlap was found: ")
+
+
+def test_two_motions_are_ambiguous(run, photos, tmp_path):
+    image = om.read_image(photos / "a.png")  # has as many keypoints above row 170 as below
+    turned = np.concatenate([np.roll(image[:170], 80, axis=1), np.roll(image[170:], -100, axis=1)])
+    om.write_image(tmp_path / "turned.png", turned)
+    reason = failure(run, photos / "a.png", tmp_path / "turned.png")
+    assert reason.startswith("the pose is ambiguous: ")
+    assert reason.endswith("structures repeat or move")
 
 
 def test_identical_images(run, photos):

@@ -143,3 +143,51 @@ def test_an_indeterminate_pose_has_a_large_covariance():
     values = np.linalg.eigvalsh(fit.covariance)
     assert values[0] > 0
     assert np.sqrt(values[-1]) > np.radians(45)
+
+
+def test_two_motions_of_similar_support_are_ambiguous():
+    a, b, *_ = Scene(outliers=0.0, count=120).pairs(1)
+    other_a, other_b, *_ = Scene(outliers=0.0, count=100).pairs(2)
+    found = om.relative_pose(np.concatenate([a, other_a]), np.concatenate([b, other_b]), sigma_deg=0.05)
+    assert not found
+    assert found.motion.name == "ambiguous"
+    assert found.reason.endswith("structures repeat or move")
+
+
+def test_a_moving_object_does_not_hide_the_motion_of_the_camera():
+    a, b, pose, _ = Scene(outliers=0.0, count=200).pairs(1)
+    other_a, other_b, *_ = Scene(outliers=0.0, count=60).pairs(2)
+    found = om.relative_pose(np.concatenate([a, other_a]), np.concatenate([b, other_b]), sigma_deg=0.05)
+    assert found, found.reason
+    assert errors_deg(found.b_from_a, pose) < (0.1, 0.3)
+
+
+def test_random_matches_of_a_checkerboard_have_no_pose():
+    """Corners of the same squares agree with many poses that map the board to a shifted or rotated copy."""
+    corners = np.stack([*np.meshgrid(np.arange(15.0) - 7, np.arange(9.0) - 4)], -1).reshape(-1, 2) / 8
+    board = np.column_stack([corners, np.ones(len(corners))])
+    pose = om.Pose(exp([0.1, -0.3, 0.2]), np.array([0.4, 0.1, 0.2]))
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        seen = rng.permutation(len(board))[:80]
+        # A third of the corners are matched with the shift of a whole board, the others with any.
+        shifted = np.where(np.arange(80) < 27, seen + 2, rng.permutation(len(board))[:80]) % len(board)
+        a, b = (noisy(rng, unit(x), 0.05) for x in (board[seen], pose @ board[shifted]))
+        found = om.relative_pose(a, b)
+        assert not found or np.degrees(np.sqrt(found.covariance[3:, 3:].trace())) > 10
+
+
+@pytest.mark.slow
+def test_the_covariance_contains_errors_that_neighbours_share():
+    """An error of the calibration is smooth: neighbouring bearings have nearly the same."""
+    scene = Scene(190, 0.2, 0.02, count=400)
+    steps, covariances = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        a, b, pose, _ = scene.pairs(seed)
+        wave, amplitude = 2 * rng.normal(size=(3, 3)), np.radians(0.1)
+        b = unit(b + amplitude * np.sin(b @ wave + rng.uniform(0, 6, 3)))
+        found = om.relative_pose(a, b)
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+    assert np.median(normalized_squares(steps, covariances, 5)) < 4

@@ -76,7 +76,7 @@ def estimate(problem, threshold, confidence, max_iterations, seed):
                 continue
             best[:], best_score = model, score
             share = max(_inlier_share(problem, best, count, threshold), INITIAL_INLIER_SHARE)
-            needed = min(max_iterations, max(MIN_ITERATIONS, _samples_needed(share, sample_size, confidence)))
+            needed = min(max_iterations, max(MIN_ITERATIONS, samples_needed(share, sample_size, confidence)))
     return best, best_score, iteration
 
 
@@ -160,7 +160,7 @@ def _inlier_share(problem, model, count, threshold):
 
 
 @njit_helper
-def _samples_needed(share, sample_size, confidence):
+def samples_needed(share, sample_size, confidence):
     """Return how many samples contain one of inliers only, with the confidence."""
     clean = share**sample_size
     if clean >= 1.0:

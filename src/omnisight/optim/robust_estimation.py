@@ -1,7 +1,7 @@
 """Robust maximum-likelihood estimation: the same steps for every geometric model with outliers."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +23,13 @@ MIN_REDUNDANCY = 3
 MIN_INFORMATION = 1e-12
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
 MAX_FALSE_ALARMS = 1e-3
+# Observations with a larger squared error over its variance disagree with a model, whatever the noise.
+MIN_DISAGREEMENT = 25.0
+# One-sided quantile of a Gaussian of the level 1e-5: a model has more support than a rival if the difference of two
+# Poisson counts of its size occurs less often by chance.
+MAX_CHANCE_GAIN = 4.26
+# The search for a rival finds one with this probability if 39 % of the other observations agree, with five in a sample.
+RIVAL_CONFIDENCE, MAX_RIVAL_ITERATIONS = 0.99, 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +52,8 @@ class RobustEstimate:
         Number of samples drawn.
     reason
         Why there is no model; empty otherwise.
+    has_rival
+        Whether the reason is another model with nearly as much support.
     """
 
     model: Array | None
@@ -54,6 +63,7 @@ class RobustEstimate:
     score: float = float("nan")
     iterations: int = 0
     reason: str = ""
+    has_rival: bool = False
 
 
 class Refinement(NamedTuple):
@@ -87,7 +97,8 @@ def estimate_robustly(
 
     LO-RANSAC finds the model; it is refined to the maximum likelihood under a mixture of Gaussian noise and outliers,
     whose density near zero is measured on unrelated correspondences. If the noise is unknown, the search is repeated
-    while it is much smaller than assumed. A model that unrelated correspondences fit as well is rejected.
+    while it is much smaller than assumed. A model that unrelated correspondences fit as well is rejected, and so is one
+    with a rival: another model with which nearly as many of the other correspondences agree.
 
     Parameters
     ----------
@@ -114,11 +125,13 @@ def estimate_robustly(
         scale *= fit.scale
         if fit.scale > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
             break
-    reason = _chance_reason(permuted(problem_of_scale(scale), order), fit.model, fit.is_inlier)
+    problem = permuted(problem_of_scale(scale), order)
+    chance = _chance_reason(problem, fit.model, fit.is_inlier)
+    rival = "" if chance else _rival_reason(problem, fit.model, options)
     inliers = np.empty_like(fit.is_inlier)
     inliers[order] = fit.is_inlier
-    model = None if reason else fit.model
-    return RobustEstimate(model, fit.covariance, inliers, scale, found.score, iterations, reason)
+    model, reason = None if chance or rival else fit.model, chance or rival
+    return RobustEstimate(model, fit.covariance, inliers, scale, found.score, iterations, reason, bool(rival))
 
 
 def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Array | None = None) -> Refinement:
@@ -169,6 +182,40 @@ def _chance_reason(problem: Any, model: Array, is_inlier: NDArray[np.bool_]) -> 
     if log_false_alarms(count, inliers, probability, sample_size, solutions) <= np.log(MAX_FALSE_ALARMS):
         return ""
     return f"{inliers} of {count} correspondences agree, as unrelated ones do by chance"
+
+
+def _rival_reason(problem: Any, model: Array, options: RansacOptions) -> str:
+    """Return why a model is rejected, if another one has nearly as much support among the others; empty otherwise.
+
+    Matches of repeated structures, such as the squares of a checkerboard, agree with many wrong models. The best one is
+    then no better than the second, and the support of the second measures what chance provides.
+    """
+    from omnisight.optim._ransac_kernel import samples_needed
+    from omnisight.optim._robust_problem_kernel import squared_errors
+
+    sample_size, _, dimension, _ = problem.sizes(problem)
+    threshold = THRESHOLDS[dimension]
+    squares = squared_errors(problem, model)
+    support, others = int((squares <= threshold).sum()), permuted(problem, np.flatnonzero(squares > MIN_DISAGREEMENT))
+    least = sample_size + _least_rival(support - sample_size)
+    if len(others[0]) < least:
+        return ""
+    needed = samples_needed(least / len(others[0]), sample_size, RIVAL_CONFIDENCE)
+    search = replace(options, max_iterations=min(needed, MAX_RIVAL_ITERATIONS))
+    rival = ransac(others, threshold, search).model
+    agreeing = int((squared_errors(others, rival) <= threshold).sum())
+    if agreeing < least:
+        return ""
+    return f"{support} correspondences agree with one model, {agreeing} with another: structures repeat or move"
+
+
+def _least_rival(support: int) -> float:
+    """Return the least n that is not significantly smaller than a support: support - n <= gain sqrt(support + n).
+
+    Both are counted beyond a minimal sample, which any model agrees with.
+    """
+    square = MAX_CHANCE_GAIN**2
+    return max(support + square / 2 - float(np.sqrt(square * (2 * support + square / 4))), 1.0)
 
 
 def _failure(count: int, reason: str, iterations: int = 0) -> RobustEstimate:

@@ -37,7 +37,7 @@ class EpipolarResult(Displayed):
     pose
         The relative pose with its covariance, and the inliers of the matches.
     motion
-        The motion model, see `MotionModel`; "no overlap" if nothing was found.
+        The motion model, see `MotionModel`; "no overlap" or "ambiguous" if nothing was found.
     seconds
         Time of the whole computation.
     reason
@@ -145,7 +145,7 @@ def epipolar(
     matches = match_features(of_a, of_b)
     pose = estimate_relative_pose(_pairs(of_a, of_b, matches), RansacOptions(seed=options.seed))
     reason = _failure((a, b), (of_a, of_b), pose)
-    motion = MotionModel("no overlap", reason) if reason else pose.motion
+    motion = pose.motion if not reason or pose.motion.name == "ambiguous" else MotionModel("no overlap", reason)
     return EpipolarResult((a, b), (of_a, of_b), matches, pose, motion, time.perf_counter() - start, reason)
 
 
@@ -169,7 +169,9 @@ def _failure(photos: tuple[Photo, Photo], keypoints: tuple[Keypoints, Keypoints]
             return f"the mask of {photo.label} excludes all of its pixels; paint the areas to use white"
         if len(found) < MIN_KEYPOINTS:
             return f"{photo.label} has {len(found)} keypoints: it shows no texture in the field of view of its camera"
-    return "" if pose else f"no overlap was found: {pose.reason}"
+    if pose:
+        return ""
+    return f"{'the pose is ambiguous' if pose.motion.name == 'ambiguous' else 'no overlap was found'}: {pose.reason}"
 
 
 def _load_photos(

@@ -55,7 +55,7 @@ class Edge:
     @property
     def has_translation(self) -> bool:
         """Whether the direction of the translation is known."""
-        return self.motion not in ("rotation only", "insufficient parallax", "no overlap")
+        return self.motion not in ("rotation only", "insufficient parallax", "ambiguous", "no overlap")
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ class MotionModel:
     name
         "general"; "planar motion": the translation is perpendicular to the axis of rotation; "dominant plane": most
         points are on one plane; "insufficient parallax": the direction of the translation is unknown or may be wrong;
-        "rotation only"; "no overlap".
+        "rotation only"; "ambiguous": a second pose has nearly as much support; "no overlap".
     figure
         The measured quantity that decided.
     """
@@ -83,6 +83,8 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
+    if general.has_rival:
+        return Selection(MotionModel("ambiguous", general.reason))
     if general.model is None:
         return _rotation_model(pairs, options)
     inliers = pairs[general.inliers]

@@ -15,6 +15,7 @@ from scipy.special import bdtrc
 
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.optim.block_jackknife import variance_ratio
 from omnisight.optim.false_alarms import chance_probability
 from omnisight.optim.ransac import permuted
 from omnisight.optim.robust_estimation import MAX_FALSE_ALARMS, THRESHOLDS, Refinement, refine
@@ -70,6 +71,9 @@ def plane_motions(pairs: BearingPairs, homography: Array, seed: int) -> list[tup
     is_on_plane = np.empty_like(plane.is_inlier)
     is_on_plane[order] = plane.is_inlier
     others = pairs[order[~plane.is_inlier]]
+    on_plane = pairs[is_on_plane]
+    ratio = variance_ratio(HomographyProblem.of(on_plane), plane.model, on_plane.a)
+    plane = plane._replace(covariance=ratio * plane.covariance)
     motions = [
         _with_other_points(others, order, is_on_plane, *motion) for motion in _decomposed(plane, pairs.a[is_on_plane])
     ]

@@ -9,6 +9,7 @@ from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry import sphere
 from omnisight.geometry.pose import Pose
+from omnisight.optim.block_jackknife import variance_ratio
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
@@ -30,11 +31,12 @@ class RelativePose(Displayed):
     b_from_a : Pose or None
         x_b = R x_a + t, with t of unit length, or zero if `motion` is "rotation only".
     covariance : (6, 6) array
-        Covariance of a step (w, v) of `Pose.moved`, square radians; zero along the translation.
+        Covariance of a step (w, v) of `Pose.moved`, square radians; zero along the translation. It includes the
+        correlation of neighbouring residuals, see `variance_ratio`.
     inliers : (N,) array of bool
         Pairs that are more probably inliers than outliers.
     motion : MotionModel
-        The model of the motion that explains the pairs best; "no overlap" if no pose was found.
+        The model of the motion that explains the pairs best; "no overlap" or "ambiguous" if no pose was found.
     sigma_deg : float
         Standard deviation of the bearings, root mean square over both cameras: the given or the estimated one.
     score : float
@@ -80,7 +82,8 @@ def relative_pose(
     a mixture of Gaussian noise and outliers. Bearings may have any direction, also behind the camera. A pair is an
     inlier only if its point has positive distances along both bearings. A rotation without translation, a dominant
     plane, planar motion and insufficient parallax are recognized, see `MotionModel`. If most points are on a plane, the
-    pose is that of its homography and of the other points; without these, there may be two, see `alternative`.
+    pose is that of its homography and of the other points; without these, there may be two, see `alternative`. No pose
+    is returned if another one has nearly as many inliers, as with matches of repeated structures.
 
     Parameters
     ----------
@@ -115,7 +118,9 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
         pairs = replace(pairs.scaled(found.scale), is_noise_known=True)
         pose = Pose.of_matrix(found.model)
         basis = tangent_basis(pose)
-        covariance = basis @ found.covariance @ basis.T
+        problem = RelativePoseProblem.of(pairs[found.inliers])
+        ratio = variance_ratio(problem, found.model, pairs.a[found.inliers])
+        covariance = ratio * (basis @ found.covariance @ basis.T)
     best = select_motion(pairs, found, covariance, options)
     if best.rotation is not None and best.rotation.model is not None:
         return _rotation_only(pairs, best.rotation.model, best.rotation, best.motion)
