@@ -41,8 +41,8 @@ def test_a_clip_with_spherical_boxes_decodes_to_the_same_frames(tmp_path):
     for name, source in (("behind", data), ("front", index_in_front(data))):
         path = tmp_path / f"{name}.mp4"
         path.write_bytes(with_spherical_boxes(source))
-        frames = [frame.bgr for frame in Clip.open(path).frames()]
-        expected = [frame.bgr for frame in Clip.open(tmp_path / "a.mp4").frames()]
+        frames = [frame.image for frame in Clip.open(path).frames()]
+        expected = [frame.image for frame in Clip.open(tmp_path / "a.mp4").frames()]
         assert len(frames) == len(expected) == 5
         assert all(np.array_equal(a, b) for a, b in zip(frames, expected, strict=True))
         if shutil.which("ffprobe"):

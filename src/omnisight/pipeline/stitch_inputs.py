@@ -60,7 +60,7 @@ class HeadFrames:
             return
         clips = [Clip.open(Path(str(source))) for source in self.sources[0]]
         for frames in zip(*(clip.frames() for clip in clips), strict=False):
-            yield self._split([np.ascontiguousarray(frame.image) for frame in frames])
+            yield self._split([frame.image for frame in frames])
 
     @property
     def frame_rate(self) -> float:
@@ -81,7 +81,7 @@ class HeadFrames:
             return [self._split([_rgb8(read_source(s)) for s in self.sources[k]]) for k in sorted(chosen)]
         clips = [Clip.open(Path(str(source))) for source in self.sources[0]]
         return [
-            self._split([np.ascontiguousarray(frame.image) for frame in frames])
+            self._split([frame.image for frame in frames])
             for frames in zip(*(clip.frames(chosen) for clip in clips), strict=False)
         ]
 
