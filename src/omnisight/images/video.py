@@ -3,6 +3,7 @@
 from collections.abc import Collection, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,8 @@ class Clip:
         Bits of a channel.
     seconds : float or None
         Duration according to the header; None if not specified.
+    time_base : Fraction
+        Unit of the time stamps, seconds.
     """
 
     path: Path
@@ -97,6 +100,7 @@ class Clip:
     upright: bool
     bits: int = 8
     seconds: float | None = None
+    time_base: Fraction = Fraction(1, 90_000)
 
     @classmethod
     def open(cls, path: str | Path, *, upright: bool = False) -> "Clip":
@@ -119,11 +123,12 @@ class Clip:
             seconds = container.duration / CONTAINER_UNITS if container.duration else None
             count = max(avi_frame_count(path), stream.frames, 0) or round((seconds or 0) * rate)
             components = stream.codec_context.format.components if stream.codec_context.format else ()
+            time_base = Fraction(stream.time_base or 1 / Fraction(rate).limit_denominator(1001))
             first = next(_decoded(container, stream), None)
             rotation = 0 if first is None else -int(first.rotation) % 360
         size = (height, width) if upright and rotation % 180 else (width, height)
         bits = max((component.bits for component in components), default=8)
-        return cls(path, size, rate, count or None, rotation, upright, bits, seconds)
+        return cls(path, size, rate, count or None, rotation, upright, bits, seconds, time_base)
 
     def frames(
         self, indices: Collection[int] | None = None, *, limit: int | None = MAX_FRAMES
