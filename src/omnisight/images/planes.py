@@ -80,8 +80,8 @@ def rotated(yuv: Yuv, degrees: int) -> Yuv:
     """Return a frame rotated clockwise by a multiple of 90 degrees."""
     if degrees % 360 == 0:
         return yuv
-    size = yuv.size[::-1] if degrees % 180 else yuv.size
-    turned = Yuv.empty(size, yuv)
+    width, height = yuv.size
+    turned = Yuv.empty((height, width) if degrees % 180 else (width, height), yuv)
     for k, (source, target) in enumerate(zip(yuv.planes, turned.planes, strict=True)):
         width, height = (n if k == 0 else (n + 1) // 2 for n in yuv.size)
         image = np.rot90(source[:height, :width], -degrees // 90)

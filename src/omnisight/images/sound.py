@@ -70,7 +70,7 @@ class Sound:
 
     def _read(self, container: Any) -> Generator[tuple[float, list[Any]]]:
         """Return the time and the packets to write of each packet of the clip."""
-        import av
+        from av.error import FFmpegError
 
         streams = [stream for stream in container.streams.audio if stream.index in self._targets]
         try:
@@ -89,7 +89,7 @@ class Sound:
                 else:
                     packet.stream = self._targets[index]
                     yield seconds, [packet]
-        except (av.FFmpegError, OSError):  # the rest of the file is damaged
+        except (FFmpegError, OSError):  # the rest of the file is damaged
             return
 
     def _encoder(self, stream: Any, suffix: str) -> Any:
@@ -105,10 +105,10 @@ class Sound:
         return target
 
     def _encoded(self, packet: Any, index: int) -> list[Any]:
-        import av
+        from av.error import FFmpegError
 
         try:
             frames = [out for frame in packet.decode() for out in self._resamplers[index].resample(frame)]
-        except av.FFmpegError:
+        except FFmpegError:
             return []
         return [encoded for frame in frames for encoded in self._targets[index].encode(frame)]

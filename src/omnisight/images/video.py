@@ -130,9 +130,7 @@ class Clip:
         bits = max((component.bits for component in components), default=8)
         return cls(path, size, rate, count or None, rotation, upright, bits, seconds, time_base)
 
-    def frames(
-        self, indices: Collection[int] | None = None, *, limit: int | None = MAX_FRAMES
-    ) -> Generator[Frame]:
+    def frames(self, indices: Collection[int] | None = None, *, limit: int | None = MAX_FRAMES) -> Generator[Frame]:
         """Decode frames one at a time, in order: the first `limit`, or those with the given indices.
 
         Raises
@@ -173,6 +171,7 @@ def video_input(path: Path) -> Generator[tuple[Any, Any]]:
         If the file is missing or cannot be decoded.
     """
     import av  # imported on use: it loads the libraries of FFmpeg
+    from av.error import FFmpegError
 
     defect = find_defect(path)
     if defect is not None:
@@ -181,10 +180,11 @@ def video_input(path: Path) -> Generator[tuple[Any, Any]]:
     try:
         # Only files: a name with a colon would be a URL.
         container = av.open(str(path.resolve()), options={"protocol_whitelist": "file"})
-    except (av.FFmpegError, OSError, ValueError):
+    except (FFmpegError, OSError, ValueError):
         raise UnreadableImage(unsupported) from None
     with container:
-        stream = next((s for s in container.streams.video if s.codec_context is not None), None)
+        streams: Any = container.streams.video
+        stream = next((s for s in streams if s.codec_context is not None), None)  # None: of an unknown codec
         if stream is None:
             raise UnreadableImage(unsupported)
         stream.thread_type = "AUTO"
@@ -194,13 +194,13 @@ def video_input(path: Path) -> Generator[tuple[Any, Any]]:
 
 def _decoded(container: Any, stream: Any) -> Generator[Any]:
     """Decode the frames of a stream; damaged packets are skipped."""
-    import av
+    from av.error import FFmpegError
 
     try:
         for packet in container.demux(stream):
             try:
                 yield from packet.decode()
-            except av.FFmpegError:
+            except FFmpegError:
                 continue
-    except (av.FFmpegError, OSError):  # the rest of the file is damaged
+    except (FFmpegError, OSError):  # the rest of the file is damaged
         return

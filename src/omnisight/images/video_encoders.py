@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.images.planes import FORMATS
-from omnisight.images.video_options import CODECS_10_BIT, Codec, VideoOptions
+from omnisight.video_options import CODECS_10_BIT, Codec, VideoOptions
 
 SOFTWARE: dict[Codec, str] = {
     "h264": "libx264",
@@ -20,12 +20,26 @@ HARDWARE = ("nvenc", "qsv", "videotoolbox", "amf", "vaapi")
 DEFAULT_CRF = {"h264": 20, "hevc": 23, "av1": 30, "vp9": 31}
 # Presets of SVT-AV1 and speeds of libvpx for the names of x264.
 SVT_PRESETS = {
-    **{"ultrafast": 12, "superfast": 11, "veryfast": 10, "faster": 9, "fast": 8},
-    **{"medium": 7, "slow": 5, "slower": 4, "veryslow": 2},
+    "ultrafast": 12,
+    "superfast": 11,
+    "veryfast": 10,
+    "faster": 9,
+    "fast": 8,
+    "medium": 7,
+    "slow": 5,
+    "slower": 4,
+    "veryslow": 2,
 }
 VPX_SPEEDS = {
-    **{"ultrafast": 8, "superfast": 8, "veryfast": 7, "faster": 6, "fast": 5},
-    **{"medium": 4, "slow": 2, "slower": 1, "veryslow": 0},
+    "ultrafast": 8,
+    "superfast": 8,
+    "veryfast": 7,
+    "faster": 6,
+    "fast": 5,
+    "medium": 4,
+    "slow": 2,
+    "slower": 1,
+    "veryslow": 0,
 }
 # A frame size that every hardware encoder accepts.
 TRIAL_SIZE = 640, 480
@@ -96,6 +110,8 @@ def silence_encoders() -> None:
 def _failure(name: str, options: VideoOptions, codec: Codec) -> str | None:
     """Return why an encoder does not work, or None."""
     import av
+    from av.codec.codec import UnknownCodecError
+    from av.error import FFmpegError
 
     try:
         context: Any = av.CodecContext.create(name, "w")
@@ -104,8 +120,8 @@ def _failure(name: str, options: VideoOptions, codec: Codec) -> str | None:
         context.time_base = Fraction(1, 30)
         context.options = encoder_options(name, options, codec)
         context.open()
-    except av.codec.codec.UnknownCodecError:
+    except UnknownCodecError:
         return "not part of this FFmpeg"
-    except (av.FFmpegError, OSError, ValueError) as error:
+    except (FFmpegError, OSError, ValueError) as error:
         return getattr(error, "strerror", None) or str(error)
     return None

@@ -22,8 +22,8 @@ from omnisight.images.video_encoders import (
     pixel_format,
     silence_encoders,
 )
-from omnisight.images.video_options import VideoOptions
 from omnisight.parallel import thread_count
+from omnisight.video_options import Codec, VideoOptions
 
 # Frames that wait for the encoder: more only take memory.
 WAITING_FRAMES = 2
@@ -78,7 +78,8 @@ class VideoWriter:
         check_video_output(output)
         self.output, self.partial = output, output.with_name(f"{output.stem}.partial{output.suffix}")
         self.size = size[0] // 2 * 2, size[1] // 2 * 2
-        self._options, self._codec = options, options.codec_of(output)
+        self._options = options
+        self._codec: Codec = options.codec_of(output)
         self._encoder = encoder_name(output, options)
         self._clip = like if isinstance(like, Clip) else None
         self._rate = Fraction(like.frame_rate if isinstance(like, Clip) else like).limit_denominator(1001)
@@ -120,9 +121,11 @@ class VideoWriter:
 
     def _run(self) -> None:
         """Encode frames until None arrives; after an error they are dropped."""
+        item = self._queue.get()
         try:
-            while (item := self._queue.get()) is not None:
+            while item is not None:
                 self._encode(*item)
+                item = self._queue.get()
             self._finish()
         except BaseException as error:  # raised in the thread of the caller
             self._error = self._explained(error)
@@ -132,7 +135,7 @@ class VideoWriter:
     def _encode(self, image: Yuv | NDArray[np.uint8], seconds: float) -> None:
         frame = image.frame if isinstance(image, Yuv) else self._converted(image)
         if self._container is None:
-            self._open(frame)
+            self._container = self._open(frame)
         if frame.format.name != self._stream.pix_fmt and not frame.format.name.startswith("yuvj"):
             frame = frame.reformat(format=self._stream.pix_fmt)
         # Time stamps of some files repeat; encoders refuse that.
@@ -152,15 +155,15 @@ class VideoWriter:
             self._sound.close()
         self._container.close()
 
-    def _open(self, frame: Any) -> None:
+    def _open(self, frame: Any) -> Any:
         import av
 
         silence_encoders()
         is_mp4 = self.output.suffix.lower() in (".mp4", ".m4v", ".mov")
         options = {"movflags": MOV_FLAGS, "frag_duration": str(FRAGMENT_US)} if is_mp4 else {}
-        self._container = av.open(str(self.partial), "w", options=options)
+        container: Any = av.open(str(self.partial), "w", options=options)
         private = encoder_options(self._encoder, self._options, self._codec)
-        stream: Any = self._container.add_stream(self._encoder, rate=self._rate, options=private)
+        stream: Any = container.add_stream(self._encoder, rate=self._rate, options=private)
         stream.width, stream.height = self.size
         stream.pix_fmt = pixel_format(self._codec, self.depth)
         stream.time_base = stream.codec_context.time_base = self._time_base
@@ -171,7 +174,8 @@ class VideoWriter:
             stream.codec_context.codec_tag = "hvc1"  # QuickTime plays no other
         self._stream = stream
         if self._clip is not None and self._options.sound:
-            self._sound = Sound(self._clip.path, self._container, self.output.suffix.lower())
+            self._sound = Sound(self._clip.path, container, self.output.suffix.lower())
+        return container
 
     def _converted(self, image: NDArray[np.uint8]) -> Any:
         """Return an RGB image as a frame of luma and chroma."""
@@ -186,9 +190,9 @@ class VideoWriter:
 
     def _explained(self, error: BaseException) -> BaseException:
         """Return the error of FFmpeg as one with the file and the reason."""
-        import av
+        from av.error import FFmpegError
 
-        if isinstance(error, av.FFmpegError | OSError):
+        if isinstance(error, FFmpegError | OSError):
             return OSError(f"{self.output}: cannot be written with {self._encoder}: {error.strerror or error}")
         return error
 

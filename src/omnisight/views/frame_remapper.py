@@ -67,7 +67,7 @@ class FrameRemapper:
 
 
 @dataclass(frozen=True, eq=False)
-class _PackedMap:
+class PackedMap:
     """A map of one plane, bilinear or of the nearest pixel."""
 
     size: tuple[int, int]
@@ -83,7 +83,7 @@ class _PackedMap:
 
 
 @dataclass(frozen=True, eq=False)
-class _PyramidMap:
+class PyramidMap:
     """A map of one plane where the view is smaller: each pixel is interpolated in two levels of a pyramid."""
 
     size: tuple[int, int]
@@ -112,7 +112,7 @@ class _PyramidMap:
 
 
 @dataclass(frozen=True, eq=False)
-class _KernelMap:
+class KernelMap:
     """A map of one plane for the bicubic and Lanczos kernels of OpenCV."""
 
     size: tuple[int, int]
@@ -129,31 +129,42 @@ class _KernelMap:
         target[:height, :width] = np.where(self.mask, view, np.asarray(border, plane.dtype))
 
 
+def packed_map(u: Floats, v: Floats, size: tuple[int, int], *, is_nearest: bool = False) -> PackedMap:
+    """Return the map of a plane of a size for pixels u, v (H, W), NaN where uncovered."""
+    from omnisight.views._plane_kernel import pack_map
+
+    index, fraction = np.empty(u.shape, np.uint32), np.empty(u.shape, np.uint16)
+    arguments = u, v, size, is_nearest, index, fraction
+    parallel_for(lambda low, high: pack_map(*arguments, low, high), len(u), GRAIN_ROWS)
+    return PackedMap(size, index, fraction)
+
+
+def pyramid_map(u: Floats, v: Floats, size: tuple[int, int], level: Floats) -> PyramidMap:
+    """Return the map of a plane of a size, interpolated at pyramid levels (H, W)."""
+    from omnisight.views._plane_kernel import pack_pyramid
+
+    layout = _pyramid_layout(size, int(np.ceil(level.max())))
+    index, fraction = np.empty((*u.shape, 2), np.uint32), np.empty((*u.shape, 5), np.uint16)
+    arguments = u, v, np.ascontiguousarray(level), layout, index, fraction
+    parallel_for(lambda low, high: pack_pyramid(*arguments, low, high), len(u), GRAIN_ROWS)
+    return PyramidMap(size, layout, index, fraction)
+
+
 def _plane_map(
     u: Floats, v: Floats, size: tuple[int, int], level: Floats | None, interpolation: Interpolation
-) -> _PackedMap | _PyramidMap | _KernelMap:
+) -> PackedMap | PyramidMap | KernelMap:
     """Return the map of a plane of a size."""
-    from omnisight.views._plane_kernel import pack_map, pack_pyramid
+    import cv2
 
-    rows = len(u)
     if level is not None:
-        layout = _pyramid_layout(size, int(np.ceil(level.max())))
-        index, fraction = np.empty((*u.shape, 2), np.uint32), np.empty((*u.shape, 5), np.uint16)
-        arguments = u, v, np.ascontiguousarray(level), layout, index, fraction
-        parallel_for(lambda low, high: pack_pyramid(*arguments, low, high), rows, GRAIN_ROWS)
-        return _PyramidMap(size, layout, index, fraction)
-    if interpolation in ("bicubic", "lanczos"):
-        import cv2
-
-        with np.errstate(invalid="ignore"):
-            mask = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
-        maps = cv2.convertMaps(np.where(mask, u, 0), np.where(mask, v, 0), cv2.CV_16SC2)
-        flag = cv2.INTER_CUBIC if interpolation == "bicubic" else cv2.INTER_LANCZOS4
-        return _KernelMap(size, (maps[0], maps[1]), mask, flag)
-    index, fraction = np.empty(u.shape, np.uint32), np.empty(u.shape, np.uint16)
-    arguments = u, v, size, interpolation == "nearest", index, fraction
-    parallel_for(lambda low, high: pack_map(*arguments, low, high), rows, GRAIN_ROWS)
-    return _PackedMap(size, index, fraction)
+        return pyramid_map(u, v, size, level)
+    if interpolation in ("nearest", "bilinear"):
+        return packed_map(u, v, size, is_nearest=interpolation == "nearest")
+    with np.errstate(invalid="ignore"):
+        mask = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
+    maps = cv2.convertMaps(np.where(mask, u, 0), np.where(mask, v, 0), cv2.CV_16SC2)
+    flag = cv2.INTER_CUBIC if interpolation == "bicubic" else cv2.INTER_LANCZOS4
+    return KernelMap(size, (maps[0], maps[1]), mask, flag)
 
 
 def _pyramid_level(source: Camera, u: Floats, v: Floats, mask: NDArray[np.bool_]) -> Floats | None:
