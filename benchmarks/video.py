@@ -72,7 +72,9 @@ def theirs(clip: Path, output: Path, encoder: str) -> str:
         f"v360=input=fisheye:output=flat:ih_fov={horizontal}:iv_fov={CIRCLE_FOV_DEG}:h_fov={FOV_DEG}:v_fov={vertical}"
         f":w={VIEW[0]}:h={VIEW[1]}:interp=linear"
     )
-    return f"ffmpeg -y -v error -threads 2 -filter_threads 2 -i {clip} -vf {v360} -threads 2 -c:a copy {encoder} {output}"
+    return (
+        f"ffmpeg -y -v error -threads 2 -filter_threads 2 -i {clip} -vf {v360} -threads 2 -c:a copy {encoder} {output}"
+    )
 
 
 def ours(clip: Path, camera: Path, output: Path, preset: str) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images.planes import Yuv
-from omnisight.parallel import parallel_for, parallel_map
+from omnisight.parallel import parallel_for
 from omnisight.views.frame_remapper import packed_map, pyramid_map
 from omnisight.views.stitching.blending import REDUCTION, Blender
 from omnisight.views.stitching.photometry import DISPLAY_GAMMA, POWERS
@@ -144,7 +144,7 @@ class FrameStitcher:
                 layers[..., p] = target.astype(np.float32) - empty
             return np.asarray(layers @ colors[camera].T * falloff[..., None], np.float32)
 
-        found = self._blender.correction(parallel_map(reduced, range(len(frames))))
+        found = self._blender.correction([reduced(k) for k in range(len(frames))])
         return np.where(np.abs(found) < MIN_CORRECTION, np.float32(0), found)
 
 
