@@ -20,6 +20,7 @@ The following run one at a time and take options, for example `python -m benchma
     rigs         calibration of rendered rigs; OpenCV. 2 minutes
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
+    video        720p views of a 1080p clip, end to end; ffmpeg. 10 minutes, with --quick 1
     motion       visual odometry of rendered sequences. 20 minutes, with --quick 3
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
@@ -55,6 +56,7 @@ EVALUATIONS = (
     "rigs",
     "stereo",
     "stitch",
+    "video",
     "motion",
     "boards",
     "solvers",

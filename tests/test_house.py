@@ -53,7 +53,7 @@ def test_an_unknown_name_raises_an_attribute_error():
 
 
 def test_importing_omnisight_imports_no_slow_package():
-    slow = "numpy", "scipy", "numba", "cv2", "rich", "cyclopts"
+    slow = "numpy", "scipy", "numba", "cv2", "av", "rich", "cyclopts"
     done = run_python("-c", f"import sys, omnisight; print(*[name for name in {slow} if name in sys.modules])")
     assert done.stdout.strip() == "", done.stdout + done.stderr
     assert done.returncode == 0

@@ -80,8 +80,10 @@ from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.stitch import StitchResult as StitchResult
 from omnisight.pipeline.stitch import stitch as stitch
 from omnisight.pipeline.stitch_options import StitchOptions as StitchOptions
-from omnisight.pipeline.view import ViewOptions as ViewOptions
 from omnisight.pipeline.view import view as view
+from omnisight.pipeline.view_clip import view_clip as view_clip
+from omnisight.pipeline.view_motion import ViewMotion as ViewMotion
+from omnisight.pipeline.view_options import ViewOptions as ViewOptions
 from omnisight.pipeline.visual_map import build_map as build_map
 from omnisight.pipeline.visual_map import read_map as read_map
 from omnisight.pipeline.visual_map import write_map as write_map
@@ -120,6 +122,7 @@ from omnisight.twoview.relative_pose import RelativePose as RelativePose
 from omnisight.twoview.relative_pose import relative_pose as relative_pose
 from omnisight.twoview.triangulation import Triangulation as Triangulation
 from omnisight.twoview.triangulation import triangulate as triangulate
+from omnisight.video_options import VideoOptions as VideoOptions
 from omnisight.views import Remapper as Remapper
 from omnisight.views import cube_face as cube_face
 from omnisight.views import cylinder as cylinder

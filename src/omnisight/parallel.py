@@ -1,7 +1,10 @@
 """Parallel loops on threads: compiled code releases the interpreter lock."""
 
+import contextlib
 import os
-from collections.abc import Callable, Sequence
+import queue
+import threading
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
@@ -52,3 +55,39 @@ def parallel_map(
         results.append(result)
         report(len(results), len(items))
     return results
+
+
+def prefetch(items: Iterable[Item], count: int = 2) -> Generator[Item]:
+    """Return the items of an iterator, which a thread computes up to `count` items ahead."""
+    waiting: queue.Queue[tuple[Item | None, BaseException | None]] = queue.Queue(count)
+    stop = threading.Event()
+
+    def put(item: Item | None, error: BaseException | None = None) -> None:
+        while not stop.is_set():
+            with contextlib.suppress(queue.Full):
+                waiting.put((item, error), timeout=0.1)
+                return
+
+    def run() -> None:
+        try:
+            for item in items:
+                put(item)
+                if stop.is_set():
+                    return
+            put(None)
+        except BaseException as error:  # raised where the items are used
+            put(None, error)
+
+    thread = threading.Thread(target=run, name="omnisight prefetch", daemon=True)
+    thread.start()
+    try:
+        while True:
+            item, error = waiting.get()
+            if error is not None:
+                raise error
+            if item is None:
+                return
+            yield item
+    finally:
+        stop.set()
+        thread.join()

@@ -9,8 +9,8 @@ import pytest
 
 import omnisight as om
 import rendered_car as car
+from clips import write_clip
 from omnisight.images import Clip
-from omnisight.pipeline.birdseye_images import clip_writer
 from omnisight.simulation import BoardInScene, Renderer, Scene, Texture
 
 SMALL = ("--pixel", "4cm", "--margin", "2m")
@@ -72,10 +72,9 @@ def test_clips_and_folders_give_one_view_per_frame(run, folder):
     for name, image in car.images().items():
         clips.append(folder / f"{name}.mp4")
         (folder / name).mkdir()
-        with clip_writer(clips[-1], (480, 360), 10.0) as append:
-            for k in range(3):
-                append(image)
-                om.write_image(folder / name / f"{k}.png", image)
+        write_clip(clips[-1], [image] * 3, "mp4v", 10)
+        for k in range(3):
+            om.write_image(folder / name / f"{k}.png", image)
     rig = ("--rig", folder / "rig.json", *SMALL)
     assert run("birdseye", *clips, *rig, "-o", folder / "top.mp4")[0] == 0
     clip = Clip.open(folder / "top.mp4")

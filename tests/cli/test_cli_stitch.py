@@ -8,7 +8,9 @@ import pytest
 import omnisight as om
 from omnisight.cli import main
 from omnisight.geometry.rotation import look
+from omnisight.images import Clip
 from omnisight.images.gpano import read_gpano
+from omnisight.images.video_writer import VideoWriter
 from omnisight.simulation import Renderer
 from omnisight.simulation.example_rigs import back_to_back
 
@@ -125,3 +127,22 @@ def test_a_head_is_calibrated_by_its_overlap(head):
     assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 1.5
     rim = [np.degrees(camera.angle_of([camera.model.cx + 235.0, camera.model.cy])) for camera in found.rig.cameras]
     assert np.mean(rim) == pytest.approx(100.0, abs=3.0)
+
+
+def test_a_stitched_clip_equals_the_stitched_images_and_has_the_tags_of_a_sphere(head, capsys, tmp_path):
+    images = [om.read_image(head / f"{name}.png") for name in ("front", "back")]
+    with VideoWriter(tmp_path / "dual.mp4", (960, 480), 25.0, om.VideoOptions(crf=5)) as writer:
+        for k in range(3):
+            writer.write(np.hstack(images), k / 25)
+    rig, output = om.load_rig(head / "rig.json"), tmp_path / "sphere.mp4"
+    options = om.StitchOptions(width=WIDTH)
+    result = om.stitch(tmp_path / "dual.mp4", rig, options, output=output, video=om.VideoOptions(crf=5))
+    expected = om.stitch(images, rig, options).image.astype(float)
+    frames = list(Clip.open(output).frames())
+    assert (len(frames), result.frames, Clip.open(output).size) == (3, 3, (WIDTH, WIDTH // 2))
+    assert [frame.seconds for frame in frames] == pytest.approx([0, 0.04, 0.08], abs=1e-3)
+    assert 10 * np.log10(255**2 / np.mean((frames[2].image - expected) ** 2)) > 32
+    assert all(tag in output.read_bytes() for tag in (b"sv3d", b"GSpherical"))
+    status, _, err = run(capsys, "stitch", tmp_path / "dual.mp4", "--rig", head / "rig.json", "-o", tmp_path / "a.xyz")
+    assert status == 2
+    assert "a.xyz: cannot write .xyz files" in err

@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
+from omnisight.video_options import VideoOptions
 
 GROUP = "Views"
 
@@ -18,6 +19,7 @@ def birdseye(
     rig: Path,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[BirdseyeOptions, Parameter(name="*")] = BirdseyeOptions(),
+    video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     save_rig: Path | None = None,
     quiet: bool = False,
     json: bool = False,
@@ -46,7 +48,7 @@ def birdseye(
     from omnisight.pipeline.birdseye_files import write_birdseye
 
     with progress(quiet or json) as report:
-        written = write_birdseye(images, rig, output, options, save_rig, report)
+        written = write_birdseye(images, rig, output, options, video=video, save_rig=save_rig, progress=report)
     if json:
         print_json(written)
     else:

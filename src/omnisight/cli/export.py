@@ -111,7 +111,7 @@ def export(
             f" reconstructions: {', '.join(models)}"
         )
     from omnisight.pipeline.export_map import export_map
-    from omnisight.pipeline.view import ViewOptions
+    from omnisight.pipeline.view_options import ViewOptions
 
     options = ViewOptions(
         to=view,

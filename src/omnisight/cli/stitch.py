@@ -6,6 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.pipeline.stitch_options import StitchOptions
+from omnisight.video_options import VideoOptions
 
 GROUP = "Views"
 
@@ -18,6 +19,7 @@ def stitch(
     camera: list[Path] | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[StitchOptions, Parameter(name="*")] = StitchOptions(),
+    video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     save_rig: Path | None = None,
     json: bool = False,
     quiet: bool = False,
@@ -54,7 +56,7 @@ def stitch(
     if save_rig is not None:
         must_be_writable(save_rig)
     with progress(quiet or json) as report:
-        result = run(images, rig, options, cameras=camera or (), output=output, progress=report)
+        result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)
     if save_rig is not None:
         save(result.rig, save_rig)
     if json:

@@ -1,22 +1,20 @@
 """omnisight view."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
-from omnisight.cli._size import parse_range, parse_size
+from omnisight.cli._size import parse_range
+from omnisight.video_options import VideoOptions
 
-if TYPE_CHECKING:
-    from omnisight.pipeline.view import ViewResult
+ViewType = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
 
 GROUP = "Views"
 
 # A range usually starts with a minus sign.
 Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
-# Warn if more than this share of the view is outside the calibrated field of view.
-MAX_EXTRAPOLATED_FRACTION = 0.005
 
 
 def view(
@@ -24,19 +22,19 @@ def view(
     /,
     *,
     camera: Path,
-    to: Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"] | None = None,
-    output: Annotated[Path, Parameter(alias="-o")],
-    fov: float | None = None,
-    yaw: float = 0.0,
-    pitch: float | None = None,
-    roll: float = 0.0,
+    to: list[ViewType] | None = None,
+    output: Annotated[list[Path], Parameter(alias="-o")],
+    fov: list[float] | None = None,
+    yaw: list[float] | None = None,
+    pitch: list[float] | None = None,
+    roll: list[float] | None = None,
     up: Literal["top", "back", "front"] | None = None,
     flip: bool = False,
-    size: str | None = None,
+    size: list[str] | None = None,
     elevation: Angles = None,
     azimuth: Angles = None,
     projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant",
-    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
+    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] | None = None,
     antialias: bool = True,
     mask: Path | None = None,
     mark: bool = False,
@@ -45,9 +43,18 @@ def view(
     name: str | None = None,
     distance: str | None = None,
     apply_exif: bool = False,
+    path: Path | None = None,
+    pan: Angles = None,
+    stabilize: Path | None = None,
+    follow: float | None = None,
+    video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
+    json: bool = False,
     quiet: bool = False,
 ) -> None:
-    """Turn images into views: perspective, cylinder, sphere, cube, planet, fisheye ...
+    """Turn images or a clip into views: perspective, cylinder, sphere, cube, planet, fisheye ...
+
+    A clip (room.mp4) becomes a video with the same sound. Several views are made in one pass: repeat --output, and
+    --to, --fov, --yaw, --pitch, --roll or --size for each output, in their order.
 
     Angles are in degrees. +yaw looks right, +pitch up, +roll rotates the view clockwise:
 
@@ -59,13 +66,13 @@ def view(
     Parameters
     ----------
     images
-        Images, folders or patterns. Several images go to the folder --output.
+        Images, folders or patterns, or one video clip. Several images go to the folder --output.
     camera
         Calibration file of any format.
     to
         Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
     output
-        File of the view, or a folder (required for several images).
+        File of the view, or a folder (required for several images); a video file for a clip.
     fov
         Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
         (180).
@@ -89,7 +96,7 @@ def view(
     projection
         Projection of a fisheye.
     interpolation
-        Interpolation between image pixels.
+        Interpolation between image pixels: bicubic by default, and bilinear for clips.
     antialias
         Average image pixels where the view is smaller than the image.
     mask
@@ -106,67 +113,65 @@ def view(
         Scene distance with its unit (2m, or inf), for a non-central camera.
     apply_exif
         Rotate images by their EXIF orientation.
+    path
+        CSV file of keyframes of a moving view: time,yaw,pitch,roll,fov in seconds and degrees.
+    pan
+        FIRST:LAST yaw of a view that turns at constant speed during the clip.
+    stabilize
+        Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
+    follow
+        With --stabilize, follow the camera smoothly over so many seconds, instead of keeping the direction.
+    json
+        Print one JSON object and nothing else.
     quiet
         Show no progress.
     """
-    from omnisight.pipeline.view import ViewOptions, skipped_message
-    from omnisight.pipeline.view import view as write_views
+    from omnisight.cli._view_options import view_options
+    from omnisight.cli._view_report import print_json, print_report
+    from omnisight.images import VIDEO_SUFFIXES
+    from omnisight.pipeline.view import skipped_message
+    from omnisight.pipeline.view import view as view_images
+    from omnisight.pipeline.view_clip import view_clip
+    from omnisight.pipeline.view_motion import ViewMotion
 
-    options = ViewOptions(
-        to=to,
-        fov=fov,
-        yaw=yaw,
-        pitch=pitch,
-        roll=roll,
-        up=up,
-        flip=flip,
-        size=parse_size(size) if size else None,
-        elevation=parse_range(elevation, "--elevation") if elevation else None,
-        azimuth=parse_range(azimuth, "--azimuth") if azimuth else None,
-        projection=projection,
-        interpolation=interpolation,
-        antialias=antialias,
-        mark=mark,
-        scale_camera=scale_camera,
-        name=name,
-        distance=distance,
-        apply_exif=apply_exif,
-    )
-    with progress(quiet) as report:
-        result = write_views(images, camera, output, options, mask=mask, view_camera=view_camera, progress=report)
-    count = len(result.files) + len(result.errors)
-    _print_result(result, is_up_given=up is not None, written=output if count > 1 else result.files[0])
-    if result.errors:
-        raise ValueError(skipped_message(result.errors, count))
-
-
-def _print_result(result: "ViewResult", *, is_up_given: bool, written: Path) -> None:
-    """Print the coverage, the magnification, warnings, and the file or folder written."""
-    import math
-
-    source, target, options = result.source, result.target, result.options
-    faces = ", six faces" if len(result.rotations) > 1 else ""
-    centre, edge = result.magnification
-    print(f"view      {options.to}, {target.width}x{target.height}{faces}")
-    covered = f"{result.view_fraction:.0%} of the view is covered"
-    print(f"coverage  {result.image_fraction:.0%} of the image is visible, {covered}")
-    print(f"scale     1 px of the image is {centre:.2f} px wide in the centre of the view, {edge:.2f} px at its edge")
-    if result.extrapolated_fraction > MAX_EXTRAPOLATED_FRACTION:
-        inner = f"within {math.degrees(source.theta_min):.0f} or " if source.theta_min else ""
-        limit = f"{inner}beyond {math.degrees(source.theta_max or 0.0):.0f} degrees"
-        hint = "" if options.mark else "; --mark hatches it"
-        share = f"{result.extrapolated_fraction:.0%} of the view"
-        print(f"warning   {share} is {limit}, outside the calibrated field of view{hint}")
-    if source.calibration.get("verdict") == "do not use":
-        reasons = source.calibration.get("reasons")
-        reason = "See omnisight inspect."
-        if isinstance(reasons, list) and reasons and isinstance(reasons[0], str):
-            reason = reasons[0]
-        print(f"warning   the verdict of this calibration is: do not use. {reason}")
-    if source.theta_min and not is_up_given:
-        blind = f"it is blind within {math.degrees(source.theta_min):.0f} degrees of its axis"
-        print(f"hint      a mirror camera ({blind}): --up back is assumed; if text is mirrored: --flip")
-    upright = options.up == "top" and options.to in ("cylinder", "mercator", "sphere")
-    if upright and result.view_fraction < 0.75:
-        print("hint      the camera is assumed upright; if it looks down, up or into a mirror: --up back|front, --flip")
-    print(f"written   {written}")
+    common = {
+        "up": up,
+        "flip": flip,
+        "projection": projection,
+        "interpolation": interpolation,
+        "antialias": antialias,
+        "mark": mark,
+        "scale_camera": scale_camera,
+        "name": name,
+        "distance": distance,
+        "apply_exif": apply_exif,
+        "elevation": parse_range(elevation, "--elevation") if elevation else None,
+        "azimuth": parse_range(azimuth, "--azimuth") if azimuth else None,
+    }
+    each = {"to": to, "fov": fov, "yaw": yaw, "pitch": pitch, "roll": roll, "size": size}
+    views = view_options(output, each, common)
+    motion = ViewMotion(path=path, pan=parse_range(pan, "--pan") if pan else None, stabilize=stabilize, follow=follow)
+    clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
+    if clips and len(images) > 1:
+        raise ValueError(f"{clips[0]}: a clip is viewed alone; there are {len(images)} inputs")
+    if (mask or view_camera) and (clips or len(views) > 1):
+        raise ValueError("--mask and --view-camera apply to one view of images")
+    if not clips and motion.moves:
+        raise ValueError("--path, --pan and --stabilize apply to a clip")
+    with progress(quiet or json) as report:
+        if clips:
+            done = view_clip(clips[0], camera, views, motion=motion, video=video, progress=report)
+            results, written = done.views, done
+        else:
+            results = tuple(
+                view_images(images, camera, file, options, mask=mask, view_camera=view_camera, progress=report)
+                for file, options in views
+            )
+            written = None
+    if json:
+        print_json(results, written)
+    else:
+        print_report(results, output, written, is_up_given=up is not None)
+    errors = results[0].errors
+    if errors:
+        raise ValueError(skipped_message(errors, len(results[0].files) + len(errors)))

@@ -6,7 +6,8 @@ from omnisight.images.gray import to_gray8
 from omnisight.images.image_field import ImageField, downsample, estimate_image_field
 from omnisight.images.mask import read_mask
 from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
-from omnisight.images.video import MAX_FRAMES, VIDEO_SUFFIXES, Clip, Frame
+from omnisight.images.video import MAX_FRAMES, Clip, Frame
+from omnisight.images.video_files import VIDEO_SUFFIXES
 from omnisight.images.write import encode_image, write_bytes, write_image
 
 __all__ = [

@@ -3,7 +3,9 @@
 Google, spatial-media, docs/spherical-video-rfc.md and spherical-video-v2-rfc.md; boxes of ISO/IEC 14496-12.
 """
 
+import os
 import struct
+from pathlib import Path
 
 _UUID_V1 = bytes.fromhex("ffcc8263f8554a938814587a02521fdd")
 _XML_V1 = (
@@ -15,27 +17,40 @@ _XML_V1 = (
 )
 # Bytes of a VisualSampleEntry before its boxes: the header of the box and its fixed fields.
 _SAMPLE_ENTRY_BYTES = 8 + 78
-# Boxes on the way to the sample entry and to the tables of offsets.
+# Boxes on the way to the sample entry.
 _PATH = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
 
 
-def with_spherical_boxes(mp4: bytes) -> bytes:
-    """Return an MP4 file with the metadata of an equirectangular sphere in its video track.
+def tag_sphere(path: Path) -> None:
+    """Add the metadata of an equirectangular sphere to the video track of an MP4 file whose index is its last box.
+
+    Only the index is rewritten: the data before it do not move.
 
     Raises
     ------
     ValueError
-        If the file has no video track.
+        If the file has no such index, or no video track.
     """
-    boxes = _split(mp4)
-    moov_at = sum(len(box) for _, box in boxes[: [kind for kind, _ in boxes].index(b"moov")])
-    moov = mp4[moov_at : moov_at + next(len(box) for kind, box in boxes if kind == b"moov")]
-    tagged = _rebuilt(moov, b"moov")
-    if len(tagged) == len(moov):
-        raise ValueError("the file has no video track for spherical metadata")
-    # Data after the index moves by what the index grows.
-    shifted = _with_offsets(tagged, len(tagged) - len(moov), moov_at)
-    return mp4[:moov_at] + shifted + mp4[moov_at + len(moov) :]
+    with path.open("r+b") as file:
+        end, at = file.seek(0, os.SEEK_END), 0
+        while at < end:
+            file.seek(at)
+            head = file.read(16)
+            size = int.from_bytes(head[:4], "big")
+            size = int.from_bytes(head[8:16], "big") if size == 1 else size or end - at
+            if size < 8:
+                raise ValueError(f"{path}: damaged MP4 file: box {head[4:8]!r} of {size} bytes at byte {at}")
+            if head[4:8] == b"moov" and at + size == end:
+                file.seek(at)
+                moov = file.read(size)
+                tagged = _rebuilt(moov, b"moov")
+                if len(tagged) == len(moov):
+                    raise ValueError(f"{path}: has no video track for spherical metadata")
+                file.seek(at)
+                file.write(tagged)
+                return
+            at += size
+    raise ValueError(f"{path}: has no index at its end for spherical metadata")
 
 
 def _split(data: bytes) -> list[tuple[bytes, bytes]]:
@@ -87,16 +102,3 @@ def _sv3d() -> bytes:
     pose = _box(b"prhd", bytes(4) + struct.pack(">iii", 0, 0, 0))
     bounds = _box(b"equi", bytes(4) + struct.pack(">IIII", 0, 0, 0, 0))
     return _box(b"sv3d", header + _box(b"proj", pose + bounds))
-
-
-def _with_offsets(box: bytes, shift: int, after: int, kind: bytes = b"moov") -> bytes:
-    """Return a box where offsets of samples (stco, co64) beyond a byte are shifted."""
-    if kind in _PATH:
-        return _box(kind, b"".join(_with_offsets(child, shift, after, name) for name, child in _split(box[8:])))
-    if kind not in (b"stco", b"co64"):
-        return box
-    letter = "I" if kind == b"stco" else "Q"
-    (count,) = struct.unpack_from(">I", box, 12)
-    offsets = struct.unpack_from(f">{count}{letter}", box, 16)
-    moved = [offset + shift if offset > after else offset for offset in offsets]
-    return box[:16] + struct.pack(f">{count}{letter}", *moved)

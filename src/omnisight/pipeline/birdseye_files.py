@@ -10,10 +10,12 @@ from typing import Any
 from omnisight.formats import format_of_suffix, load_rig, save
 from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
 from omnisight.images.output_paths import refuse_overwrite
+from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
 from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, prepare_birdseye
-from omnisight.pipeline.birdseye_images import clip_writer, frame_count, is_sequence, match_cameras, moments
+from omnisight.pipeline.birdseye_images import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
+from omnisight.video_options import VideoOptions
 
 Progress = Callable[[str, int, int], None]
 
@@ -45,6 +47,8 @@ def write_birdseye(
     rig: Path,
     output: Path,
     options: BirdseyeOptions = BirdseyeOptions(),
+    *,
+    video: VideoOptions = VideoOptions(),
     save_rig: Path | None = None,
     progress: Progress = lambda stage, done, total: None,
 ) -> BirdseyeFiles:
@@ -60,6 +64,8 @@ def write_birdseye(
         Image to write; for clips and folders a video or a folder.
     options
         Options of the view. The first moment determines the ground.
+    video
+        Codec and quality of a video; the sound is that of the clip of the first camera.
     save_rig
         File of the rig in the ground frame to write.
     progress
@@ -73,17 +79,17 @@ def write_birdseye(
     start = time.perf_counter()
     body = load_rig(rig)
     ordered = match_cameras(sources, body.names)
-    _check_output(ordered, output, save_rig, [rig, *([options.ground] if options.ground else [])])
+    _check_output(ordered, output, save_rig, video, [rig, *([options.ground] if options.ground else [])])
     total, count = frame_count(ordered), 0
     result: BirdseyeResult | None = None
     renderer: BirdseyeRenderer | None = None
     with ExitStack() as stack:
         write = None
-        for images in moments(ordered, options.apply_exif):
+        for images, seconds in moments(ordered, options.apply_exif):
             began = time.perf_counter()
             if renderer is None:
                 renderer = prepare_birdseye(images, body, options)
-                write = _writer(ordered, output, renderer, stack)
+                write = _writer(ordered, output, renderer, video, stack)
             check_sizes(images, renderer.calibration.rig)
             gains = renderer.gains(images)
             image = renderer.remapper(images, gains)
@@ -91,7 +97,7 @@ def write_birdseye(
                 step = renderer.remapper.seam_step(images, gains)
                 result = BirdseyeResult(image, renderer, step, time.perf_counter() - began)
             assert write is not None
-            write(count, image)
+            write(image, count, seconds)
             count += 1
             progress("bird's-eye view", count, max(total, count))
     if result is None:
@@ -103,7 +109,9 @@ def write_birdseye(
     return BirdseyeFiles(result, count, tuple(files), time.perf_counter() - start)
 
 
-def _check_output(sources: Sequence[Path], output: Path, save_rig: Path | None, others: Sequence[Path]) -> None:
+def _check_output(
+    sources: Sequence[Path], output: Path, save_rig: Path | None, video: VideoOptions, others: Sequence[Path]
+) -> None:
     """Raise before any work if an output would replace an input or cannot be written."""
     outputs = [path for path in (output, save_rig) if path is not None]
     refuse_overwrite(outputs, [*sources, *others])
@@ -111,8 +119,8 @@ def _check_output(sources: Sequence[Path], output: Path, save_rig: Path | None, 
         if not path.parent.is_dir():
             raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
     several = any(is_sequence(source) for source in sources)
-    if several and output.suffix and output.suffix.lower() not in VIDEO_SUFFIXES and not output.is_dir():
-        raise ValueError(f"{output}: clips and folders need a folder or a video, such as {output.with_suffix('.mp4')}")
+    if several and output.suffix and not output.is_dir():
+        video.codec_of(output)
     if not several and (output.is_dir() or output.suffix.lower() in VIDEO_SUFFIXES):
         raise ValueError(f"{output}: the view of one moment is an image; name a file, such as top.png")
     if not several:
@@ -122,15 +130,14 @@ def _check_output(sources: Sequence[Path], output: Path, save_rig: Path | None, 
 
 
 def _writer(
-    sources: Sequence[Path], output: Path, renderer: BirdseyeRenderer, stack: ExitStack
-) -> Callable[[int, Any], None]:
-    """Return a function that writes a view of a number."""
+    sources: Sequence[Path], output: Path, renderer: BirdseyeRenderer, video: VideoOptions, stack: ExitStack
+) -> Callable[[Any, int, float], None]:
+    """Return a function that writes a view with its number and time."""
     if not any(is_sequence(source) for source in sources):
-        return lambda number, image: write_image(output, image)
-    if output.suffix.lower() in VIDEO_SUFFIXES:
-        clips = [source for source in sources if not source.is_dir() and is_sequence(source)]
-        rate = Clip.open(clips[0]).frame_rate if clips else 30.0
-        append = stack.enter_context(clip_writer(output, renderer.view.size, rate))
-        return lambda number, image: append(image)
+        return lambda image, number, seconds: write_image(output, image)
+    if output.suffix and not output.is_dir():
+        like = FOLDER_FPS if sources[0].is_dir() else Clip.open(sources[0])
+        writer = stack.enter_context(VideoWriter(output, renderer.view.size, like, video))
+        return lambda image, number, seconds: writer.write(image, seconds)
     output.mkdir(parents=True, exist_ok=True)
-    return lambda number, image: write_image(output / f"{number:06d}.png", image)
+    return lambda image, number, seconds: write_image(output / f"{number:06d}.png", image)

@@ -2,19 +2,18 @@
 
 import re
 from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import VIDEO_SUFFIXES, Clip, collect_images, read_image
+from omnisight.parallel import prefetch
 
 Image = NDArray[Any]
-# Extension of a clip that every player decodes, and its codec.
-CLIP_SUFFIX, CLIP_CODEC = ".mp4", "mp4v"
+# Frames per second of a video of folders.
+FOLDER_FPS = 30.0
 
 
 def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
@@ -90,32 +89,28 @@ def frame_count(sources: Sequence[Path]) -> int:
     return min(counts.values())
 
 
-def frames(source: Path, apply_exif: bool) -> Generator[Image]:
-    """Return the images of a file, a folder or a clip one after the other."""
-    import cv2
-
+def frames(source: Path, apply_exif: bool) -> Generator[tuple[Image, float]]:
+    """Return the images of a file, a folder or a clip one after the other, and their times, seconds."""
     if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
-        with closing(Clip.open(source).frames()) as decoded:
+        with closing(Clip.open(source, upright=apply_exif).frames(limit=None)) as decoded:
             for frame in decoded:
-                # A reversed view would be copied by every step that follows, which takes five times as long.
-                yield np.asarray(cv2.cvtColor(frame.bgr, cv2.COLOR_BGR2RGB))
+                yield frame.image, frame.seconds
         return
-    for path in collect_images([source]):
-        yield read_image(path, apply_exif=apply_exif)
+    for k, path in enumerate(collect_images([source])):
+        yield read_image(path, apply_exif=apply_exif), k / FOLDER_FPS
 
 
-def moments(sources: Sequence[Path], apply_exif: bool) -> Generator[tuple[Image, ...]]:
-    """Return the simultaneous images of all sources, until the shortest ends; the next ones are read meanwhile."""
-    streams = [frames(source, apply_exif) for source in sources]
-    with ThreadPoolExecutor(len(streams)) as pool:
-        following = [pool.submit(next, stream, None) for stream in streams]
-        while True:
-            images = [future.result() for future in following]
-            present = [image for image in images if image is not None]
-            if len(present) < len(images):
-                return
-            following = [pool.submit(next, stream, None) for stream in streams]
-            yield tuple(present)
+def moments(sources: Sequence[Path], apply_exif: bool) -> Generator[tuple[tuple[Image, ...], float]]:
+    """Return the simultaneous images of all sources and the time of the first, until the shortest ends.
+
+    The next ones are read meanwhile.
+    """
+    streams = [prefetch(frames(source, apply_exif), 1) for source in sources]
+    with ExitStack() as stack:
+        for stream in streams:
+            stack.enter_context(closing(stream))
+        for together in zip(*streams, strict=False):
+            yield tuple(image for image, _ in together), together[0][1]
 
 
 def load_masks(folder: Path | None, names: Sequence[str], sizes: Mapping[str, tuple[int, int]]) -> list[Any]:
@@ -137,25 +132,3 @@ def load_masks(folder: Path | None, names: Sequence[str], sizes: Mapping[str, tu
     if all(mask is None for mask in masks):
         raise ValueError(f"{folder}: has no image with the name of a camera: {', '.join(names)}")
     return masks
-
-
-@contextmanager
-def clip_writer(path: Path, size: tuple[int, int], frame_rate: float) -> Generator[Any]:
-    """Return a function that appends RGB images (H, W, 3) to a video file.
-
-    Raises
-    ------
-    ValueError
-        If the file cannot be written.
-    """
-    import cv2
-
-    # Video codecs need even sizes.
-    width, height = size[0] // 2 * 2, size[1] // 2 * 2
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*CLIP_CODEC), frame_rate, (width, height))
-    if not writer.isOpened():
-        raise ValueError(f"{path}: no video can be written there; choose a name that ends in {CLIP_SUFFIX}")
-    try:
-        yield lambda image: writer.write(np.ascontiguousarray(image[:height, :width, ::-1]))
-    finally:
-        writer.release()

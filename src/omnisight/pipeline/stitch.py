@@ -14,16 +14,17 @@ from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.geometry.rotation import look
 from omnisight.pipeline.camera_sources import RigSource
-from omnisight.pipeline.stitch_files import check_output, sequence_writer
-from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames, StitchSource, head_frames
+from omnisight.pipeline.stitch_files import StitchJob, check_output, check_suffix, stitch_clip, stitch_images
+from omnisight.pipeline.stitch_inputs import Bytes, StitchSource, head_frames
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_rig import head_rig
 from omnisight.rig import Rig
 from omnisight.sfm.head_result import HeadCalibration
 from omnisight.targets.length import parse_length
+from omnisight.video_options import VideoOptions
 from omnisight.views.stitching.levelling import Vertical, estimate_vertical
 from omnisight.views.stitching.sampling import Sampler
-from omnisight.views.stitching.stitcher import SeamQuality, Stitcher, plan_stitch
+from omnisight.views.stitching.stitcher import SeamQuality, plan_stitch
 from omnisight.views.view_cameras import sphere
 
 Array = NDArray[np.float64]
@@ -104,6 +105,7 @@ def stitch(
     *,
     cameras: Sequence[Camera | str | PathLike[str]] = (),
     output: str | PathLike[str] | None = None,
+    video: VideoOptions = VideoOptions(),
     progress: Progress = lambda stage, done, total: None,
 ) -> StitchResult:
     """Stitch simultaneous images of a rig of central cameras to an equirectangular image.
@@ -125,6 +127,8 @@ def stitch(
         The calibrated cameras of both lenses, or their files, if only their rotation is unknown.
     output
         File of the sphere; a folder for several frames, a video file for a clip.
+    video
+        Codec and quality of a stitched clip; its sound is that of the first clip.
     progress
         Called with the stage, the steps done and the total.
 
@@ -135,8 +139,10 @@ def stitch(
     """
     start = time.perf_counter()
     sources = [images] if isinstance(images, str | PathLike | np.ndarray) else list(images)
+    if output is not None:
+        check_suffix(Path(output))
     frames = head_frames(sources, rig.names if isinstance(rig, Rig) else ())
-    target = None if output is None else check_output(Path(output), frames)
+    target = None if output is None else check_output(Path(output), frames, video)
     progress("estimate the cameras", 0, 1)
     head = head_rig(frames, rig, cameras, options)
     first = next(iter(frames))
@@ -146,59 +152,26 @@ def stitch(
     camera = sphere(options.width or head.native_width())
     bearings = _bearings(camera, sphere_from_rig)
     progress("estimate the cameras", 1, 1)
-    stitcher = _planned(samplers, first, bearings, options)
+    plan = plan_stitch(samplers, first, camera.width, warp=options.warp)
     estimated = time.perf_counter()
-    image, files, count = _stitched(frames, stitcher, samplers, bearings, options, target, progress)
+    job = StitchJob(frames, plan, bearings, options, target, video)
+    done = stitch_clip(job, progress) if frames.is_clip else stitch_images(job, progress)
     seconds = time.perf_counter()
     return StitchResult(
-        image,
+        done.first,
         camera,
         head.rig,
         sphere_from_rig,
         distance,
-        tuple(stitcher.quality),
+        tuple(plan.quality),
         head.calibration,
         vertical,
-        float(np.average(stitcher.covered.mean(1), weights=np.cos(_latitudes(camera.height)))),
-        count,
+        float(np.average(done.covered.mean(1), weights=np.cos(_latitudes(camera.height)))),
+        done.count,
         seconds - start,
-        (seconds - estimated) / count,
-        files,
+        (seconds - estimated) / done.count,
+        done.files,
     )
-
-
-def _stitched(
-    frames: HeadFrames,
-    stitcher: Stitcher,
-    samplers: list[Sampler],
-    bearings: NDArray[np.float32],
-    options: StitchOptions,
-    target: Path | None,
-    progress: Progress,
-) -> tuple[Bytes, tuple[Path, ...], int]:
-    """Stitch and write all frames; return the first, the files and the number of frames."""
-    first: Bytes | None = None
-    count = 0
-    with sequence_writer(target, frames, options) as writer:
-        for images in frames:
-            if options.every and count and count % options.every == 0:
-                stitcher = _planned(samplers, images, bearings, options)
-            result = stitcher(images)
-            first = result if first is None else first
-            writer.write(result, count)
-            count += 1
-            progress("stitch", count, max(frames.count, count))
-    if first is None:
-        raise ValueError("there is no frame to stitch")
-    return first, writer.files, count
-
-
-def _planned(
-    samplers: list[Sampler], images: Sequence[Bytes], bearings: NDArray[np.float32], options: StitchOptions
-) -> Stitcher:
-    stitcher = plan_stitch(samplers, images, bearings.shape[1], warp=options.warp)
-    stitcher.prepare(bearings)
-    return stitcher
 
 
 def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:

@@ -1,81 +1,150 @@
-"""Output files of a stitch: photos with GPano tags, folders of them, and clips with spherical metadata."""
+"""The frames of a stitch and their files: photos with GPano tags, folders of them, and clips with sphere metadata."""
 
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.images import IMAGE_SUFFIXES, encode_image, write_bytes
 from omnisight.images.gpano import with_gpano
 from omnisight.images.output_paths import refuse_overwrite
-from omnisight.images.spherical_video import with_spherical_boxes
+from omnisight.images.planes import Yuv
+from omnisight.images.video_encoders import encoded_depth
+from omnisight.images.video_writer import VideoWriter
+from omnisight.images.write import WRITABLE_EXTENSIONS
 from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitch_options import StitchOptions
+from omnisight.video_options import CONTAINERS, VideoOptions
+from omnisight.views.stitching.frame_stitcher import FrameStitcher
+from omnisight.views.stitching.stitcher import Stitcher, plan_stitch
 
-# Codec of OpenCV that every build has; no licence is needed.
-CODEC = "mp4v"
+Progress = Callable[[str, int, int], None]
+
+# Containers in which the metadata of a sphere are written.
+SPHERE_SUFFIXES = (".mp4", ".m4v", ".mov")
 
 
-class SphereWriter:
-    """Writes spheres; without a target it does nothing.
+@dataclass(frozen=True, eq=False)
+class StitchJob:
+    """Frames to stitch.
 
     Attributes
     ----------
-    files
-        The files written.
+    frames
+        The frames.
+    plan
+        The plan of the first frame.
+    bearings
+        (H, W, 3) directions of the sphere in the rig frame.
+    options, video
+        Options of the command.
+    target
+        File or folder to write; None to write nothing.
     """
 
-    def __init__(self, target: Path | None, frames: HeadFrames, options: StitchOptions) -> None:
-        self._target, self._frames, self._options = target, frames, options
-        self._video: Any = None
-        self.files: tuple[Path, ...] = ()
+    frames: HeadFrames
+    plan: Stitcher
+    bearings: NDArray[np.float32]
+    options: StitchOptions
+    target: Path | None
+    video: VideoOptions
 
-    def write(self, image: Bytes, index: int) -> None:
-        """Write the sphere (H, W, 3) of a frame."""
-        target = self._target
-        if target is None:
-            return
-        if self._frames.is_clip:
-            self._write_frame(target, image)
-            return
-        path = target / f"{self._frames.labels[index]}.jpg" if self._frames.count > 1 else target
-        data = encode_image(image, path.name)
-        if path.suffix.lower() in (".jpg", ".jpeg"):
-            options = self._options
-            is_level = options.level or bool(options.pitch or options.roll)
-            data = with_gpano(data, (image.shape[1], image.shape[0]), heading=options.heading, is_level=is_level)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, data)
-        self.files += (path,)
+    def needs_plan(self, count: int) -> bool:
+        """Return whether the seam is estimated again for a frame."""
+        return bool(self.options.every and count and count % self.options.every == 0)
 
-    def close(self) -> None:
-        """Finish a clip and add its metadata."""
-        if self._video is not None and self._target is not None:
-            self._video.release()
-            write_bytes(self._target, with_spherical_boxes(self._target.read_bytes()))
-            self.files = (self._target,)
-
-    def _write_frame(self, target: Path, image: Bytes) -> None:
-        import cv2
-
-        height, width = image.shape[:2]
-        if self._video is None:
-            fourcc = cv2.VideoWriter.fourcc(*CODEC)
-            self._video = cv2.VideoWriter(str(target), fourcc, self._frames.frame_rate, (width, height))
-            if not self._video.isOpened():
-                raise ValueError(f"{target}: OpenCV cannot write this video")
-        self._video.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    def new_plan(self, images: Sequence[Bytes]) -> Stitcher:
+        """Return a plan from the images of a frame."""
+        return plan_stitch(self.plan.samplers_before_warp, images, self.bearings.shape[1], warp=self.options.warp)
 
 
-@contextmanager
-def sequence_writer(target: Path | None, frames: HeadFrames, options: StitchOptions) -> Generator[SphereWriter]:
-    """Return a writer of the spheres of frames, and finish its files."""
-    writer = SphereWriter(target, frames, options)
-    yield writer
-    writer.close()
+@dataclass(frozen=True, eq=False)
+class StitchedFrames:
+    """Stitched frames: the first one, pixels that a camera shows (H, W), the number of frames and their files."""
+
+    first: Bytes
+    covered: NDArray[np.bool_]
+    count: int
+    files: tuple[Path, ...]
 
 
-def check_output(target: Path, frames: HeadFrames) -> Path:
+def stitch_images(job: StitchJob, progress: Progress) -> StitchedFrames:
+    """Stitch and write frames of images."""
+    stitcher, first, files = job.plan, np.zeros((0, 0, 3), np.uint8), list[Path]()
+    stitcher.prepare(job.bearings)
+    for count, images in enumerate(job.frames):
+        if job.needs_plan(count):
+            stitcher = job.new_plan(images)
+            stitcher.prepare(job.bearings)
+        sphere = stitcher(images)
+        first = sphere if count == 0 else first
+        files += _write_image(job, sphere, count)
+        progress("stitch", count + 1, job.frames.count)
+    return StitchedFrames(first, stitcher.covered, job.frames.count, tuple(files))
+
+
+def stitch_clip(job: StitchJob, progress: Progress) -> StitchedFrames:
+    """Stitch and write the frames of clips; they are decoded, stitched and encoded at the same time.
+
+    Raises
+    ------
+    ValueError
+        If the clips have no common frame.
+    """
+    stitcher, first, count = FrameStitcher(job.plan, job.bearings), None, 0
+    clip, cameras = job.frames.clips[0], len(job.plan.samplers)
+    depth = 8 if job.target is None else encoded_depth(job.video.codec_of(job.target), clip.bits)
+    with ExitStack() as stack:
+        writer = None
+        if job.target is not None:
+            size = job.bearings.shape[1], job.bearings.shape[0]
+            writer = stack.enter_context(VideoWriter(job.target, size, clip, job.video, is_sphere=True))
+        for together in stack.enter_context(closing(job.frames.clip_frames())):
+            if job.needs_plan(count):
+                stitcher = FrameStitcher(job.new_plan(job.frames.images(together)), job.bearings)
+            sphere = stitcher(_of_cameras([frame.yuv(depth) for frame in together], cameras))
+            first = sphere if first is None else first
+            if writer is not None:
+                writer.write(sphere, together[0].seconds)
+            count += 1
+            progress("stitch", count, max(job.frames.count, count))
+    if first is None:
+        raise ValueError("the clips have no common frame")
+    files = () if job.target is None else (job.target,)
+    return StitchedFrames(first.frame.to_ndarray(format="rgb24"), stitcher.covered, count, files)
+
+
+def _of_cameras(frames: list[Yuv], cameras: int) -> list[Yuv]:
+    """Return the frame of each camera; one with the circles of all cameras is that of each."""
+    return frames * cameras if len(frames) < cameras else frames
+
+
+def _write_image(job: StitchJob, sphere: Bytes, index: int) -> list[Path]:
+    """Write the sphere (H, W, 3) of a frame, with tags if it is a JPEG file, and return its file."""
+    if job.target is None:
+        return []
+    path = job.target / f"{job.frames.labels[index]}.jpg" if job.frames.count > 1 else job.target
+    data = encode_image(sphere, path.name)
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        options = job.options
+        is_level = options.level or bool(options.pitch or options.roll)
+        data = with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=options.heading, is_level=is_level)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, data)
+    return [path]
+
+
+def check_suffix(target: Path) -> None:
+    """Raise before any input is read if nothing is written with the extension of an output."""
+    suffix = target.suffix.lower()
+    if suffix and suffix not in (*WRITABLE_EXTENSIONS, *CONTAINERS) and not target.is_dir():
+        raise ValueError(f"{target}: cannot write {suffix} files; specify an image, a video (.mp4) or a folder")
+
+
+def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
     """Return the output if it fits the frames.
 
     Raises
@@ -86,11 +155,13 @@ def check_output(target: Path, frames: HeadFrames) -> Path:
     inputs = [Path(s) for frame in frames.sources for s in frame if isinstance(s, str | Path)]
     refuse_overwrite([target], inputs)
     suffix = target.suffix.lower()
-    if frames.is_clip and suffix not in (".mp4", ".mov"):
-        raise ValueError(f"{target}: a stitched clip is written as .mp4")
-    if not frames.is_clip and len(frames.sources) > 1 and suffix:
+    if frames.is_clip:
+        if suffix not in SPHERE_SUFFIXES:
+            raise ValueError(f"{target}: a stitched clip is written as {', '.join(SPHERE_SUFFIXES)}")
+        video.codec_of(target)
+    elif len(frames.sources) > 1 and suffix and not target.is_dir():
         raise ValueError(f"{target}: there are {len(frames.sources)} frames; specify a folder")
-    if not frames.is_clip and len(frames.sources) == 1 and suffix not in IMAGE_SUFFIXES:
+    elif len(frames.sources) == 1 and (suffix not in IMAGE_SUFFIXES or suffix not in WRITABLE_EXTENSIONS):
         raise ValueError(f"{target}: specify an image file, such as sphere.jpg")
     if not target.parent.is_dir():
         raise ValueError(f"{target}: there is no folder {target.parent}; make it first")

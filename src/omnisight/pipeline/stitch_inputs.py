@@ -1,6 +1,7 @@
 """Simultaneous images of several lenses: files, folders, clips, or two circles side by side in one image."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from omnisight.images import (
     VIDEO_SUFFIXES,
     Clip,
+    Frame,
     collect_images,
     downsample,
     estimate_image_field,
@@ -19,6 +21,7 @@ from omnisight.images import (
     to_gray8,
 )
 from omnisight.images.image_field import ImageField
+from omnisight.parallel import prefetch
 from omnisight.pipeline.image_set import image_set
 
 Bytes = NDArray[np.uint8]
@@ -58,32 +61,38 @@ class HeadFrames:
         if not self.is_clip:
             yield from (self._split([_rgb8(read_source(s)) for s in frame]) for frame in self.sources)
             return
-        clips = [Clip.open(Path(str(source))) for source in self.sources[0]]
-        for frames in zip(*(clip.frames() for clip in clips), strict=False):
-            yield self._split([np.ascontiguousarray(frame.image) for frame in frames])
+        with closing(self.clip_frames()) as moments:
+            yield from (self.images(frames) for frames in moments)
 
     @property
-    def frame_rate(self) -> float:
-        """Frames per second of a clip."""
-        return Clip.open(Path(str(self.sources[0][0]))).frame_rate if self.is_clip else 0.0
+    def clips(self) -> list[Clip]:
+        """The clips."""
+        return [Clip.open(Path(str(source))) for source in self.sources[0]]
+
+    def clip_frames(self) -> Generator[tuple[Frame, ...]]:
+        """Decode the simultaneous frames of clips, each on a thread, until the shortest ends."""
+        with ExitStack() as stack:
+            streams = [stack.enter_context(closing(prefetch(clip.frames(limit=None)))) for clip in self.clips]
+            yield from zip(*streams, strict=False)
+
+    def images(self, frames: Sequence[Frame]) -> list[Bytes]:
+        """Return the image of each camera of simultaneous frames."""
+        return self._split([frame.image for frame in frames])
 
     @property
     def count(self) -> int:
         """Number of frames; of a clip that of its header, at least 1."""
         if not self.is_clip:
             return len(self.sources)
-        return max(1, min(Clip.open(Path(str(s))).declared_frames or 1 for s in self.sources[0]))
+        return max(1, min(clip.declared_frames or 1 for clip in self.clips))
 
     def calibration_frames(self) -> list[list[Bytes]]:
         """Return a few frames, evenly distributed."""
         chosen = set(np.unique(np.linspace(0, self.count - 1, MAX_CALIBRATION_FRAMES).round().astype(int)).tolist())
         if not self.is_clip:
             return [self._split([_rgb8(read_source(s)) for s in self.sources[k]]) for k in sorted(chosen)]
-        clips = [Clip.open(Path(str(source))) for source in self.sources[0]]
-        return [
-            self._split([np.ascontiguousarray(frame.image) for frame in frames])
-            for frames in zip(*(clip.frames(chosen) for clip in clips), strict=False)
-        ]
+        together = zip(*(clip.frames(chosen) for clip in self.clips), strict=False)
+        return [self.images(frames) for frames in together]
 
     def _split(self, images: list[Bytes]) -> list[Bytes]:
         if not self.is_split:

@@ -244,13 +244,15 @@ def size_mismatch(size: tuple[int, int], expected: tuple[int, int]) -> str:
     return f"{sizes}: a different aspect ratio; a camera is valid only for images like those of its calibration"
 
 
-def magnification(remapper: Remapper) -> tuple[float, float]:
+def magnification(source: Camera, target: Camera, target_from_source: NDArray[np.float64]) -> tuple[float, float]:
     """Return the width of a source pixel in the view, px: in the centre and at the edge of the covered area."""
-    u, v = view_map(remapper.source, remapper.target, remapper.target_from_source)
+    u, v = view_map(source, target, target_from_source)
     step = max(1, min(u.shape) // 200)
-    scale = map_scale(remapper.source, u, v, step)
-    scale[~remapper.mask[::step, ::step]] = np.nan
-    rows, columns = np.nonzero(np.isfinite(scale) & (scale > 0))
+    scale = map_scale(source, u, v, step)
+    u, v = u[::step, ::step], v[::step, ::step]
+    with np.errstate(invalid="ignore"):
+        covered = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
+    rows, columns = np.nonzero(covered & np.isfinite(scale) & (scale > 0))
     if not rows.size:
         return float("nan"), float("nan")
     distance = np.hypot(rows - (scale.shape[0] - 1) / 2, columns - (scale.shape[1] - 1) / 2)

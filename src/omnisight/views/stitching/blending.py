@@ -56,17 +56,17 @@ class Blender:
         else:
             total = sum(np.asarray(i, np.float32) * w[..., None] for i, w in zip(images, self.weights, strict=True))
             sharp = np.clip(np.rint(total), 0, 255).astype(np.uint8)
-        low = self._correction(images)
+        reduced = [cv2.resize(image, self._small, interpolation=cv2.INTER_AREA).astype(np.float32) for image in images]
+        low = self.correction(reduced)
         wrapped = np.concatenate([low[:, -1:], low, low[:, :1]], axis=1)
         padded = cv2.resize(wrapped, (width + 2 * REDUCTION, height), interpolation=cv2.INTER_LINEAR)
         correction = padded[:, REDUCTION:-REDUCTION]
         return np.asarray(cv2.add(sharp, correction, dtype=cv2.CV_8U), np.uint8)
 
-    def _correction(self, images: Sequence[Bytes]) -> Floats:
-        """Return what blending the coarse bands changes (h, w, 3)."""
+    def correction(self, reduced: Sequence[Floats]) -> Floats:
+        """Return what blending the coarse bands changes (h, w, 3), from images (h, w, 3) of the reduced resolution."""
         import cv2
 
-        reduced = [cv2.resize(image, self._small, interpolation=cv2.INTER_AREA).astype(np.float32) for image in images]
         plain = sum(image * w for image, w in zip(reduced, self._low, strict=True))
         # Where an image shows nothing it continues as the others, so that no band has an edge there.
         filled = [

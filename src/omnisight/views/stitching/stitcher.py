@@ -79,6 +79,11 @@ class Stitcher:
     _factors: list[Any] = field(init=False, default_factory=list)
     covered: Mask = field(init=False)
 
+    @property
+    def samplers_before_warp(self) -> list[Sampler]:
+        """The cameras without the warps of this plan."""
+        return [dataclasses.replace(sampler, warps=()) for sampler in self.samplers]
+
     def prepare(self, bearings: NDArray[Any]) -> None:
         """Compute the maps, factors and weights of the directions (H, W, 3) of a sphere."""
         import cv2
@@ -142,7 +147,7 @@ def correction_of(sampler: Sampler, photometry: Photometry, camera: int) -> NDAr
     """Return the factors (H, W, 3) that correct the colours of an image of a camera."""
     width, height = sampler.camera.size
     grid = np.stack(np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)), -1)
-    return photometry.factor(camera, np.minimum(_relative_radius(sampler, grid), 1.0))
+    return photometry.factor(camera, np.minimum(relative_radius(sampler, grid), 1.0))
 
 
 def label_map(seams: Sequence[Seam], seen: Sequence[Mask], bearings: NDArray[Any]) -> NDArray[np.intp]:
@@ -253,7 +258,7 @@ def _overlap_samples(samplers: Sequence[Sampler], images: Sequence[Bytes]) -> li
         blurred = cv2.GaussianBlur(image, (0, 0), scale)
         u, v, seen = sampler.map(bearings)
         colors = cv2.remap(blurred, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        layers.append((colors, seen, _relative_radius(sampler, np.stack([u, v], -1).astype(float))))
+        layers.append((colors, seen, relative_radius(sampler, np.stack([u, v], -1).astype(float))))
     for i in range(len(layers)):
         for j in range(i):
             both = layers[i][1] & layers[j][1]
@@ -264,7 +269,7 @@ def _overlap_samples(samplers: Sequence[Sampler], images: Sequence[Bytes]) -> li
     return samples
 
 
-def _relative_radius(sampler: Sampler, pixels: Array) -> Array:
+def relative_radius(sampler: Sampler, pixels: Array) -> Array:
     """Return distances from the principal point relative to the farthest allowed pixel."""
     model: Any = sampler.camera.model
     width, height = sampler.camera.size

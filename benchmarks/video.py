@@ -1,0 +1,129 @@
+"""Views of a clip, end to end, beside ffmpeg's v360 with the same encoder and settings on the same two cores.
+
+`python -m benchmarks video` renders a 1080p clip of an equidistant fisheye, makes a 720p perspective view of it with
+both programs in turn, and prints the frames per second of both, their ratio, and the PSNR between both videos and
+against a remap of the uncompressed image, which shows that both compute the same view.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+import omnisight as om
+from omnisight.images import Clip
+from omnisight.models.equidistant import Equidistant
+from omnisight.simulation import Renderer, scene_named
+
+SIZE, VIEW, FOV_DEG = (1920, 1080), (1280, 720), 90.0
+# The image circle fills the height; the pixels per radian of ffmpeg are those of its field of view over the side.
+CIRCLE_FOV_DEG = 180.0
+FRAMES, RUNS, CRF = 300, 5, 20
+PRESETS = ("ultrafast", "veryfast", "medium")
+
+
+def lens() -> om.Camera:
+    """Return the equidistant fisheye that ffmpeg models exactly."""
+    focal = SIZE[1] / np.radians(CIRCLE_FOV_DEG)
+    centre = (SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2
+    return om.Camera(Equidistant(focal, focal, *centre), SIZE, theta_max=float(np.radians(CIRCLE_FOV_DEG / 2)))
+
+
+def render_clip(folder: Path, frames: int) -> Path:
+    """Render an image of a town, and encode a clip in which it moves by a pixel per frame, with sound."""
+    world = scene_named("street")
+    pose = om.Pose(om.look(yaw=20).T, np.array([0.0, -1.7, 0.0]))
+    image = Renderer(lens(), pose, world, samples=1)().image
+    om.write_image(folder / "fisheye.png", image)
+    clip = folder / "fisheye.mp4"
+    run(
+        f"ffmpeg -y -v error -loop 1 -framerate 30 -i {folder}/fisheye.png -f lavfi -i sine=440 -frames:v {frames}"
+        f" -t {frames / 30} -vf scroll=h=0.0005,noise=alls=4:allf=t -c:v libx264 -preset veryfast -crf 18"
+        f" -pix_fmt yuv420p -g 60 -c:a aac {clip}"
+    )
+    return clip
+
+
+def run(command: str) -> tuple[float, float]:
+    """Run a command on two cores and return its duration and its processor time, seconds."""
+    cores = sorted(os.sched_getaffinity(0))[:2] if hasattr(os, "sched_setaffinity") else []
+    start, used = time.perf_counter(), processor_time()
+    subprocess.run(
+        command.split(),
+        check=True,
+        stdout=subprocess.DEVNULL,
+        preexec_fn=(lambda: os.sched_setaffinity(0, cores)) if cores else None,
+    )
+    return time.perf_counter() - start, processor_time() - used
+
+
+def processor_time() -> float:
+    """Return the processor time of finished child processes, seconds."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+def theirs(clip: Path, output: Path, encoder: str) -> str:
+    """Return the command of ffmpeg."""
+    vertical = np.degrees(2 * np.arctan(np.tan(np.radians(FOV_DEG / 2)) * VIEW[1] / VIEW[0]))
+    horizontal = CIRCLE_FOV_DEG * SIZE[0] / SIZE[1]
+    v360 = (
+        f"v360=input=fisheye:output=flat:ih_fov={horizontal}:iv_fov={CIRCLE_FOV_DEG}:h_fov={FOV_DEG}:v_fov={vertical}"
+        f":w={VIEW[0]}:h={VIEW[1]}:interp=linear"
+    )
+    return (
+        f"ffmpeg -y -v error -threads 2 -filter_threads 2 -i {clip} -vf {v360} -threads 2 -c:a copy {encoder} {output}"
+    )
+
+
+def ours(clip: Path, camera: Path, output: Path, preset: str) -> str:
+    """Return the command of omnisight."""
+    return (
+        f"{sys.executable} -m omnisight view {clip} --camera {camera} --to perspective --fov {FOV_DEG}"
+        f" --size {VIEW[0]}x{VIEW[1]} --preset {preset} --crf {CRF} --quiet -o {output}"
+    )
+
+
+def psnr(a: Path, b: Path, count: int = 10) -> float:
+    """Return the PSNR of the luma of the first frames of two clips, dB."""
+    pairs = zip(Clip.open(a).frames(), Clip.open(b).frames(), strict=True)
+    errors = [np.mean((f.gray.astype(float) - g.gray) ** 2) for (f, g), _ in zip(pairs, range(count), strict=False)]
+    return float(10 * np.log10(255**2 / np.mean(errors)))
+
+
+def main(arguments: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks video", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer frames and runs, one preset")
+    chosen = parser.parse_args(arguments)
+    if not shutil.which("ffmpeg"):
+        sys.exit("this comparison needs ffmpeg")
+    frames, runs = (90, 1) if chosen.quick else (FRAMES, RUNS)
+    presets = PRESETS[:1] if chosen.quick else PRESETS
+    print("| encoder | | omnisight | ffmpeg v360 | ratio | PSNR between both |\n" + "|---" * 6 + "|")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        clip, camera = render_clip(folder, frames), folder / "camera.json"
+        om.save(lens(), camera)
+        run(ours(clip, camera, folder / "a.mp4", "ultrafast"))  # compiles the loops
+        for preset in presets:
+            encoder = f"-c:v libx264 -preset {preset} -crf {CRF}"
+            a: list[tuple[float, float]] = []
+            b: list[tuple[float, float]] = []
+            for _ in range(runs):
+                a.append(run(ours(clip, camera, folder / "a.mp4", preset)))
+                b.append(run(theirs(clip, folder / "b.mp4", encoder)))
+            same = psnr(folder / "a.mp4", folder / "b.mp4")
+            wall, cpu = ([median(t[k] for t in times) for times in (a, b)] for k in range(2))
+            rates = f"{frames / wall[0]:.1f} | {frames / wall[1]:.1f} | {wall[1] / wall[0]:.2f}"
+            print(f"| libx264 {preset} | frames per second | {rates} | {same:.1f} dB |")
+            used = f"{1e3 * cpu[0] / frames:.1f} | {1e3 * cpu[1] / frames:.1f} | {cpu[1] / cpu[0]:.2f}"
+            print(f"| | processor time, ms per frame | {used} | |", flush=True)
+        wall, cpu = run(f"ffmpeg -v error -threads 2 -i {clip} -f null -")
+        print(f"\nffmpeg only decodes at {frames / wall:.1f} fps, {1e3 * cpu / frames:.1f} ms of processor.")

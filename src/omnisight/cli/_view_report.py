@@ -1,0 +1,93 @@
+"""Report of `omnisight view`."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from omnisight.pipeline.view import ViewResult
+from omnisight.pipeline.view_clip import ClipViews
+
+# Warn if more than this share of the view is outside the calibrated field of view.
+MAX_EXTRAPOLATED_FRACTION = 0.005
+
+
+def print_json(results: Sequence[ViewResult], written: ClipViews | None) -> None:
+    """Print the views as one JSON object."""
+    data: dict[str, Any] = {"views": [_view_json(result) for result in results]}
+    if written is not None:
+        data["frames"] = written.frames
+        data["seconds"] = round(written.seconds, 3)
+        data["frames_per_second"] = round(written.frames / max(written.seconds, 1e-9), 2)
+    print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_report(
+    results: Sequence[ViewResult], outputs: Sequence[Path], written: ClipViews | None, *, is_up_given: bool
+) -> None:
+    """Print the coverage, the magnification, warnings, and the file or folder written for each view."""
+    for result, output in zip(results, outputs, strict=True):
+        _print_view(result)
+        _print_hints(result, is_up_given=is_up_given)
+        if written is None:
+            count = len(result.files) + len(result.errors)
+            print(f"written   {output if count > 1 else result.files[0]}")
+        else:
+            print(f"written   {output}")
+    if written is not None:
+        rate = written.frames / max(written.seconds, 1e-9)
+        print(f"frames    {written.frames} in {written.seconds:.1f} s, {rate:.0f} per second")
+        clip = written.clip
+        if clip.rotation_deg and not clip.upright:
+            print(
+                f"hint      the clip is marked as rotated by {clip.rotation_deg} degrees, which is ignored, as in a"
+                " calibration; --apply-exif rotates it"
+            )
+
+
+def _print_view(result: ViewResult) -> None:
+    target, options = result.target, result.options
+    faces = ", six faces" if len(result.rotations) > 1 else ""
+    centre, edge = result.magnification
+    print(f"view      {options.to}, {target.width}x{target.height}{faces}")
+    covered = f"{result.view_fraction:.0%} of the view is covered"
+    print(f"coverage  {result.image_fraction:.0%} of the image is visible, {covered}")
+    print(f"scale     1 px of the image is {centre:.2f} px wide in the centre of the view, {edge:.2f} px at its edge")
+
+
+def _print_hints(result: ViewResult, *, is_up_given: bool) -> None:
+    """Print warnings of the calibration and hints of the orientation."""
+    source, options = result.source, result.options
+    if result.extrapolated_fraction > MAX_EXTRAPOLATED_FRACTION:
+        inner = f"within {math.degrees(source.theta_min):.0f} or " if source.theta_min else ""
+        limit = f"{inner}beyond {math.degrees(source.theta_max or 0.0):.0f} degrees"
+        hint = "" if options.mark else "; --mark hatches it"
+        share = f"{result.extrapolated_fraction:.0%} of the view"
+        print(f"warning   {share} is {limit}, outside the calibrated field of view{hint}")
+    if source.calibration.get("verdict") == "do not use":
+        reasons = source.calibration.get("reasons")
+        reason = "See omnisight inspect."
+        if isinstance(reasons, list) and reasons and isinstance(reasons[0], str):
+            reason = reasons[0]
+        print(f"warning   the verdict of this calibration is: do not use. {reason}")
+    if source.theta_min and not is_up_given:
+        blind = f"it is blind within {math.degrees(source.theta_min):.0f} degrees of its axis"
+        print(f"hint      a mirror camera ({blind}): --up back is assumed; if text is mirrored: --flip")
+    upright = options.up == "top" and options.to in ("cylinder", "mercator", "sphere")
+    if upright and result.view_fraction < 0.75:
+        print("hint      the camera is assumed upright; if it looks down, up or into a mirror: --up back|front, --flip")
+
+
+def _view_json(result: ViewResult) -> dict[str, Any]:
+    return {
+        "to": result.options.to,
+        "size": list(result.target.size),
+        "image_fraction": round(result.image_fraction, 5),
+        "view_fraction": round(result.view_fraction, 5),
+        "extrapolated_fraction": round(result.extrapolated_fraction, 5),
+        "magnification": [round(m, 4) if math.isfinite(m) else None for m in result.magnification],
+        "rotations": [rotation.tolist() for rotation in result.rotations],
+        "files": [str(file) for file in result.files],
+        "errors": list(result.errors),
+    }

@@ -1,0 +1,65 @@
+"""Recognition of video files by their first bytes, before a decoder reads them."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".m2ts", ".wmv"),
+    # The containers of Insta360 and GoPro MAX cameras.
+    *(".insv", ".360"),
+)
+# A limit on the top-level boxes of an MP4 file, so that a hostile file cannot stall the reader.
+MAX_MP4_BOXES = 1000
+
+
+def find_defect(path: Path) -> str | None:
+    """Return why a file must not be decoded, or None.
+
+    Only known containers are decoded, since decoders also follow playlists, which refer to other files.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(400)
+            if not head:
+                return "empty file; copy it from the camera again"
+            if head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):
+                return None if _has_index(file) else "no index (moov): the recording or the copy is truncated"
+    except FileNotFoundError:
+        return "no such file"
+    except OSError as error:
+        return error.strerror or str(error)
+    is_video = (
+        (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
+        or head.startswith((b"\x1aE\xdf\xa3", b"\0\0\1\xba", b"\0\0\1\xb3", b"\x30\x26\xb2\x75\x8e\x66\xcf\x11"))
+        # MPEG transport streams, without and with time stamps (M2TS).
+        or (head[0] == 0x47 and head[188:189] == b"\x47")
+        or (head[4] == 0x47 and head[196:197] == b"\x47" if len(head) > 196 else False)
+    )
+    return None if is_video else f"not a video (starts with {head[:5]!r})"
+
+
+def avi_frame_count(path: Path) -> int:
+    """Read the number of frames from an AVI header, or 0; FFmpeg does not report it for a truncated file."""
+    with path.open("rb") as file:
+        head = file.read(52)
+    return int.from_bytes(head[48:52], "little") if head[8:12] == b"AVI " and head[24:28] == b"avih" else 0
+
+
+def _has_index(file: Any) -> bool:
+    """Return whether an MP4 or MOV file (ISO/IEC 14496-12) has a complete moov box."""
+    end, at = file.seek(0, os.SEEK_END), 0
+    for _ in range(MAX_MP4_BOXES):
+        file.seek(at)
+        head = file.read(16)
+        if len(head) < 8:
+            return False
+        length = int.from_bytes(head[:4], "big")
+        if length == 1:
+            length = int.from_bytes(head[8:16], "big")
+        at = end if length == 0 else at + length
+        if head[4:8] == b"moov":
+            return at <= end
+        if length < 8 and length != 0:
+            return False
+    return False

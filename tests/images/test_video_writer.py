@@ -1,0 +1,188 @@
+"""Written videos: time stamps, sound, codecs, colours, rotation, and files of programs that were killed."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+
+from omnisight.images import Clip
+from omnisight.images.planes import Yuv, rotated
+from omnisight.images.video_writer import VideoWriter
+from omnisight.video_options import CONTAINERS, VideoOptions
+
+SIZE, RATE, SOUND_RATE = (96, 64), 25, 48_000
+FLASH, BEEP_HZ = 30, 3000.0
+
+
+def gray_frame(level, size=SIZE):
+    return np.full((size[1], size[0], 3), level, np.uint8)
+
+
+@pytest.fixture(scope="module")
+def flash(tmp_path_factory):
+    """Return a clip that is dark and silent but for frame 30, which flashes and beeps; some frames come late."""
+    path = tmp_path_factory.mktemp("clip") / "flash.mp4"
+    steps = np.where(np.arange(60) % 7 == 3, 2, 1)
+    pts = np.concatenate([[0], np.cumsum(steps)[:-1]])
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("libx264", rate=RATE, options={"crf": "10", "preset": "ultrafast"})
+        video.width, video.height, video.pix_fmt = *SIZE, "yuv420p"
+        sound = container.add_stream("aac", rate=SOUND_RATE, layout="mono")
+        for k in range(60):
+            frame = av.VideoFrame.from_ndarray(gray_frame(220 if k == FLASH else 30))
+            frame.pts, frame.time_base = int(pts[k]), Fraction(1, RATE)
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
+        start, end = (int(pts[FLASH + i] / RATE * SOUND_RATE) for i in range(2))
+        samples = np.zeros(int(pts[-1] / RATE * SOUND_RATE), np.float32)
+        samples[start:end] = 0.5 * np.sin(2 * np.pi * BEEP_HZ * np.arange(end - start) / SOUND_RATE)
+        for at in range(0, len(samples), 1024):
+            block = av.AudioFrame.from_ndarray(samples[None, at : at + 1024], "fltp", "mono")
+            block.sample_rate, block.pts = SOUND_RATE, at
+            container.mux(sound.encode(block))
+        container.mux(sound.encode(None))
+    return path
+
+
+def copy(source, output, options=VideoOptions(), **more):
+    clip = Clip.open(source)
+    with VideoWriter(output, clip.size, clip, options, **more) as writer:
+        for frame in clip.frames():
+            writer.write(frame.yuv(writer.depth), frame.seconds)
+    return output
+
+
+def beep_start(path):
+    """Return the time at which the sound begins, seconds from the start of the file."""
+    with av.open(str(path)) as container:
+        start = (container.start_time or 0) / 1e6
+        for frame in container.decode(audio=0):
+            samples = frame.to_ndarray().astype(float)
+            samples = samples.reshape(-1) / (1.0 if frame.format.name.startswith("flt") else 32768.0)
+            loud = np.flatnonzero(np.abs(samples) > 0.1)
+            if loud.size:
+                return frame.time + loud[0] / frame.sample_rate - start
+    raise AssertionError("no sound")
+
+
+@pytest.mark.parametrize("suffix", CONTAINERS)
+def test_time_stamps_and_sound_are_kept_in_every_container(flash, tmp_path, suffix):
+    output = copy(flash, tmp_path / f"copy{suffix}")
+    before, after = (list(Clip.open(path).frames()) for path in (flash, output))
+    assert len(before) == len(after) == 60
+    times = [[frame.seconds - frames[0].seconds for frame in frames] for frames in (before, after)]
+    assert times[1] == pytest.approx(times[0], abs=1.1e-3)
+    bright = [k for k, frame in enumerate(after) if frame.gray.mean() > 120]
+    assert bright == [FLASH]
+    # Encoders of sound spread a beginning over some milliseconds.
+    assert beep_start(output) == pytest.approx(after[FLASH].seconds, abs=0.015)
+    assert not list(tmp_path.glob("*.partial*"))
+
+
+def test_sound_can_be_left_out(flash, tmp_path):
+    with av.open(str(copy(flash, tmp_path / "silent.mp4", VideoOptions(sound=False)))) as container:
+        assert not container.streams.audio
+
+
+@pytest.mark.parametrize(("suffix", "codec"), [(".mp4", "hevc"), (".mp4", "av1"), (".mov", "prores"), (".mkv", "vp9")])
+def test_codecs_give_the_same_images(flash, tmp_path, suffix, codec):
+    output = copy(flash, tmp_path / f"copy{suffix}", VideoOptions(codec=codec))
+    with av.open(str(output)) as container:
+        assert container.streams.video[0].codec_context.codec.canonical_name == codec
+    frame = next(iter(Clip.open(output).frames([FLASH])))
+    assert frame.image.mean() == pytest.approx(220, abs=4)
+
+
+def test_a_lower_crf_gives_a_larger_file(tmp_path):
+    rng = np.random.default_rng(0)
+    sizes = []
+    for crf in (10, 40):
+        with VideoWriter(tmp_path / f"{crf}.mp4", SIZE, 30.0, VideoOptions(crf=crf)) as writer:
+            for k in range(5):
+                writer.write(rng.integers(0, 255, (64, 96, 3)).astype(np.uint8), k / 30)
+        sizes.append((tmp_path / f"{crf}.mp4").stat().st_size)
+    assert sizes[0] > 2 * sizes[1]
+
+
+def test_odd_sizes_lose_their_last_row_and_column(tmp_path):
+    with VideoWriter(tmp_path / "odd.mp4", (97, 65), 30.0, VideoOptions()) as writer:
+        writer.write(gray_frame(100, (97, 65)), 0.0)
+    assert Clip.open(tmp_path / "odd.mp4").size == SIZE
+
+
+def test_ten_bits_are_kept_by_hevc_and_reduced_by_h264(flash, tmp_path):
+    deep = copy(flash, tmp_path / "deep.mov", VideoOptions(codec="prores"))
+    assert Clip.open(deep).bits == 10
+    for codec, bits in (("hevc", 10), ("h264", 8)):
+        assert Clip.open(copy(deep, tmp_path / f"{codec}.mp4", VideoOptions(codec=codec))).bits == bits
+
+
+def test_planes_are_rotated_clockwise():
+    rgb = np.zeros((64, 96, 3), np.uint8)
+    rgb[:32, :48] = 255
+    yuv = Yuv.of(av.VideoFrame.from_ndarray(rgb), 8)
+    for degrees in (90, 180, 270):
+        turned = rotated(yuv, degrees).frame.to_ndarray(format="rgb24")
+        assert np.abs(turned.astype(int) - np.rot90(rgb, -degrees // 90)).mean() < 2
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("a.avi", VideoOptions(), "a.avi: a video is written as .mp4"),
+        ("a.webm", VideoOptions(codec="h264"), "h264 is not written in .webm files; use .mp4"),
+        ("none/a.mp4", VideoOptions(), "there is no folder"),
+        ("a.mp4", VideoOptions(codec="hevc", hardware=True), "no hardware encoder for hevc works on this machine"),
+    ],
+)
+def test_an_unusable_output_is_refused_before_any_work(tmp_path, monkeypatch, name, options, message):
+    monkeypatch.setattr("omnisight.images.video_encoders.HARDWARE", ("nosuch",))
+    with pytest.raises(ValueError, match=re.escape(message)):
+        VideoWriter(tmp_path / name, SIZE, 30.0, options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_leaves_the_old_file_and_reports_itself(flash, tmp_path):
+    output = tmp_path / "old.mp4"
+    output.write_bytes(b"old")
+    writer = VideoWriter(output, SIZE, 30.0, VideoOptions())
+    writer.__enter__().write(gray_frame(0), 0.0)
+    writer.__exit__(ZeroDivisionError, ZeroDivisionError(), None)
+    assert output.read_bytes() == b"old"
+    with pytest.raises(TypeError), VideoWriter(output, SIZE, 30.0, VideoOptions()) as writer:
+        writer.write("no image", 0.0)
+    assert output.read_bytes() == b"old"
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from omnisight.images.video_writer import VideoWriter
+from omnisight.video_options import VideoOptions
+with VideoWriter(Path(sys.argv[1]), (96, 64), 25.0, VideoOptions(preset="ultrafast")) as writer:
+    for k in range(100_000):
+        writer.write(np.full((64, 96, 3), k % 200, np.uint8), k / 25)
+        time.sleep(0.002)
+"""
+
+
+def test_the_file_of_a_killed_program_is_playable(tmp_path):
+    output, partial = tmp_path / "long.mp4", tmp_path / "long.partial.mp4"
+    process = subprocess.Popen([sys.executable, "-c", KILLED, str(output)], env=os.environ)
+    try:
+        deadline = time.monotonic() + 120
+        while (not partial.exists() or partial.stat().st_size < 40_000) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    finally:
+        process.send_signal(signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
+        process.wait()
+    assert not output.exists()
+    assert sum(1 for _ in Clip.open(partial).frames()) > 25
