@@ -62,7 +62,7 @@ def view(run, source, tmp_path):
 def expected(source, index, fov=70.0, rotation=None):
     (frame,) = Clip.open(source / "clip.avi").frames([index])
     camera = om.load(source / "camera.json")
-    return om.remap(frame.image, camera, om.perspective(fov, (240, 160)), rotation)
+    return om.remap(frame.image, camera, om.perspective((240, 160), fov), rotation)
 
 
 def difference(a, b):

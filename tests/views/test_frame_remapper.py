@@ -24,7 +24,7 @@ def yuv_of(rgb, depth=8):
 
 @pytest.mark.parametrize("interpolation", ["nearest", "bilinear", "bicubic", "lanczos"])
 @pytest.mark.parametrize("depth", [8, 10])
-@pytest.mark.parametrize("view", [om.perspective(90, (480, 270)), om.perspective(120, (96, 64)), om.sphere(256)])
+@pytest.mark.parametrize("view", [om.perspective((480, 270), 90), om.perspective((96, 64), 120), om.sphere(256)])
 def test_the_luma_of_a_view_is_that_of_a_gray_image(interpolation, depth, view):
     rotation = om.look(25, -10, 5)
     yuv = yuv_of(image(), depth)
@@ -52,7 +52,7 @@ def test_chroma_is_where_the_luma_is():
     for k, plane in enumerate(yuv.planes):
         values = np.rint(at_chroma if k else ramp)
         plane[: len(values), : len(values)] = values
-    luma, first, second = FrameRemapper(FISHEYE, om.perspective(60, (320, 240)), om.look(10, 5, 40))(yuv).planes
+    luma, first, second = FrameRemapper(FISHEYE, om.perspective((320, 240), 60), om.look(10, 5, 40))(yuv).planes
     expected = 0.5 * (luma[:240:2, :320:2].astype(float) + luma[1:240:2, :320:2])
     for plane in (first, second):
         error = plane[:120, :160] - expected
@@ -64,6 +64,6 @@ def test_frames_of_full_range_have_a_black_of_zero():
     yuv = yuv_of(image())
     yuv.frame.color_range = 2
     full = Yuv.of(yuv.frame, 8)
-    view = FrameRemapper(FISHEYE, om.perspective(20, (64, 48)), om.look(180))(full)
+    view = FrameRemapper(FISHEYE, om.perspective((64, 48), 20), om.look(180))(full)
     assert view.frame.color_range == 2
     assert not view.planes[0][:48, :64].any()
