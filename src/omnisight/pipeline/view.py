@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +12,14 @@ from omnisight.camera import Camera
 from omnisight.formats import save
 from omnisight.images import collect_images, read_image, write_image
 from omnisight.images.output_paths import output_paths, refuse_overwrite
-from omnisight.pipeline.central_camera import central_camera, fit_camera
-from omnisight.pipeline.view_options import ViewOptions, view_target
-from omnisight.views.cube import cube_cross
-from omnisight.views.maps import extrapolation_mask, visible_fraction
-from omnisight.views.remapper import Remapper, magnification
+from omnisight.pipeline.central_camera import central_camera
+from omnisight.pipeline.view_options import ViewOptions
+from omnisight.views.maps import visible_fraction
+from omnisight.views.remapper import magnification
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
-
-# Period and width of the hatching lines, px along a row.
-HATCH_PERIOD_PX, HATCH_LINE_PX = 16, 2
 
 
 @dataclass(frozen=True)
@@ -101,70 +96,45 @@ def view(
     OSError
         If a file cannot be written.
     """
-    options = options or ViewOptions()
     report = progress or (lambda stage, done, total: None)
+    options = options or ViewOptions()
     if isinstance(camera, Path):
         camera = central_camera(camera, name=options.name, distance=options.distance)
-    options = options.for_camera(camera)
-    target, rotations = view_target(options)
     paths = collect_images([str(image) for image in images])
     files = _prepare_output(paths, output, [mask] if mask else [])
-    extrapolated = cube_cross([extrapolation_mask(camera, target, rotation) for rotation in rotations])
-    source, remappers = camera, list[Remapper]()
+    render = ViewRenderer(camera, options)
     written: list[Path] = []
     errors: list[str] = []
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
         report("view", i, len(paths))
         try:
-            image = read_image(path, apply_exif=options.apply_exif)
-            size = image.shape[1], image.shape[0]
-            if options.scale_camera and remappers and size != source.size:
-                raise ValueError(
-                    f"{path.name}: {size[0]}x{size[1]}, others {source.width}x{source.height}: view it apart"
-                )
-            source = fit_camera(source, size, path.name, scale=options.scale_camera)
-            remappers = remappers or [_remapper(source, target, rotation, options) for rotation in rotations]
-            result = cube_cross([remap(image) for remap in remappers])
-            if options.mark:
-                result = hatch(result, extrapolated & cube_cross([r.mask for r in remappers]))
-            write_image(file, result)
+            write_image(file, render(read_image(path, apply_exif=options.apply_exif), path.name))
             written.append(file)
         except ValueError as error:  # one unusable image does not stop the others
             if len(paths) == 1:
                 raise
             errors.append(str(error))
     report("view", len(paths), len(paths))
-    if not remappers:
+    if not render.has_rendered:
         raise ValueError(skipped_message(errors, len(paths)))
-    covered = cube_cross([r.mask for r in remappers])
+    source, target, rotations, covered = render.source, render.target, render.rotations, render.covered
     if mask is not None:
         write_image(mask, covered.astype(np.uint8) * 255)
     if view_camera is not None:
         provenance = {"view": True, "target_from_source": rotations[0].tolist()}
         save(dataclasses.replace(target, provenance=provenance), view_camera)
     return ViewResult(
-        options,
+        render.options,
         tuple(written),
         source,
         target,
         tuple(rotations),
         image_fraction=sum(visible_fraction(source, target, rotation) for rotation in rotations),
         view_fraction=float(covered.mean()),
-        extrapolated_fraction=float((extrapolated & covered).sum() / max(covered.sum(), 1)),
+        extrapolated_fraction=float((render.extrapolated & covered).sum() / max(covered.sum(), 1)),
         magnification=magnification(source, target, rotations[0]),
         errors=tuple(errors),
     )
-
-
-def hatch(image: NDArray[Any], where: Mask) -> NDArray[Any]:
-    """Return the image with bright and dark diagonal lines where a mask (H, W) is set."""
-    rows, columns = np.indices(where.shape, np.int32)
-    phase = (rows + columns) % HATCH_PERIOD_PX
-    hatched = image.copy()
-    white = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
-    hatched[where & (phase < HATCH_LINE_PX)] = white
-    hatched[where & (phase >= HATCH_LINE_PX) & (phase < 2 * HATCH_LINE_PX)] = 0
-    return hatched
 
 
 def skipped_message(errors: Sequence[str], total: int) -> str:
@@ -182,9 +152,3 @@ def _prepare_output(images: Sequence[Path], output: Path, others: list[Path]) ->
     if several:
         output.mkdir(parents=True, exist_ok=True)
     return files
-
-
-def _remapper(source: Camera, target: Camera, rotation: Array, options: ViewOptions) -> Remapper:
-    return Remapper(
-        source, target, rotation, interpolation=options.interpolation or "bicubic", antialias=options.antialias
-    )

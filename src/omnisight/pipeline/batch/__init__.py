@@ -1,0 +1,1 @@
+"""Work over many files, on one machine or a cluster, that survives being killed anywhere."""

@@ -1,0 +1,109 @@
+"""Workers of a Dask cluster."""
+
+from collections.abc import Callable, Generator, Sequence
+from typing import Any
+
+from omnisight.parallel import thread_count
+from omnisight.pipeline.batch.local_processes import MAX_ATTEMPTS, QUEUE_LENGTH, lost
+from omnisight.pipeline.batch.manifest import Shard, ShardRecord
+
+# Time after which a scheduler that does not answer counts as unreachable, seconds.
+TIMEOUT_S = 20
+LOCAL = "local"
+
+
+class DaskCluster:
+    """The workers of a Dask scheduler, which replaces those that die.
+
+    Attributes
+    ----------
+    workers
+        Number of threads of all workers: each processes a shard.
+    link
+        Address of the dashboard.
+    """
+
+    def __init__(self, address: str, workers: int | None = None) -> None:
+        """Connect to a scheduler, or start one with workers on this machine.
+
+        Raises
+        ------
+        ValueError
+            If Dask is not installed, the scheduler does not answer, has no workers, or a worker has no omnisight of
+            this version.
+        """
+        try:
+            from distributed import Client, LocalCluster
+        except ImportError:
+            raise ValueError("--cluster needs Dask: pip install 'omnisight[cluster]'") from None
+        self._cluster: Any = None
+        if address == LOCAL:
+            self._cluster = LocalCluster(
+                n_workers=workers or thread_count(),
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+            )
+        try:
+            self._client: Any = Client(self._cluster or address, timeout=TIMEOUT_S)
+        except (OSError, TimeoutError) as error:
+            raise ValueError(f"{address}: no Dask scheduler answers within {TIMEOUT_S} s: {error}") from None
+        self.link = str(self._client.dashboard_link)
+        self.workers = sum(self._client.nthreads().values())
+        self._check_workers(address)
+
+    def _check_workers(self, address: str) -> None:
+        import omnisight
+
+        if self.workers == 0:
+            raise ValueError(f"{address}: the scheduler has no workers: start some (dask worker {address})")
+        versions = self._client.run(worker_version)
+        if others := {worker: version for worker, version in versions.items() if version != omnisight.__version__}:
+            worker, version = next(iter(others.items()))
+            has = f"omnisight {version}" if version else "no omnisight"
+            raise ValueError(
+                f"{address}: the worker {worker} has {has}, this machine {omnisight.__version__}: install the same"
+                " version on all of them"
+            )
+
+    def run(
+        self, work: Callable[..., ShardRecord], arguments: Sequence[Any], shards: Sequence[Shard]
+    ) -> Generator[ShardRecord]:
+        """Yield the record work(*arguments, shard) of each shard as it finishes."""
+        from distributed import KilledWorker, as_completed
+
+        waiting = list(reversed(shards))
+        shared = self._client.scatter(list(arguments), broadcast=True, hash=False)
+        of_key = dict[str, Shard]()
+
+        def submit() -> Any:
+            shard = waiting.pop()
+            future = self._client.submit(work, *shared, shard, pure=False, retries=MAX_ATTEMPTS - 1)
+            of_key[future.key] = shard
+            return future
+
+        running = as_completed([submit() for _ in range(min(len(waiting), QUEUE_LENGTH * self.workers))])
+        for future in running:
+            shard = of_key.pop(future.key)
+            try:
+                record = future.result()
+            except KilledWorker:
+                record = lost(shard)
+            if waiting:
+                running.add(submit())
+            yield record
+
+    def close(self) -> None:
+        """Disconnect, and stop the workers that were started."""
+        self._client.close()
+        if self._cluster is not None:
+            self._cluster.close()
+
+
+def worker_version() -> str:
+    """Return the version of omnisight in a worker; empty without it."""
+    try:
+        import omnisight
+    except ImportError:
+        return ""
+    return omnisight.__version__

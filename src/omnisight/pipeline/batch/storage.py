@@ -1,0 +1,99 @@
+"""Files by URL through fsspec: local folders, object stores, archives."""
+
+import posixpath
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import fsspec
+
+from omnisight.images.write import write_bytes
+
+
+@cache
+def _filesystem(url: str) -> tuple[Any, str]:
+    """Return the file system of a URL, and the path in it."""
+    try:
+        return fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise ValueError(f"{url}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{url}: cannot be opened: {error}") from None
+
+
+def list_files(url: str, suffixes: Sequence[str]) -> list[str]:
+    """Return the paths of the files with given suffixes: of a folder with its sub-folders, or of a pattern.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or the files cannot be listed.
+    """
+    files, path = _filesystem(url)
+    try:
+        if "*" in path or "?" in path:
+            found = files.glob(path)
+        elif files.isdir(path):
+            found = files.find(path)
+        else:
+            found = [path] if files.isfile(path) else []
+    except OSError as error:
+        raise ValueError(f"{url}: cannot be listed: {error}") from None
+    visible = [str(name) for name in found if not posixpath.basename(str(name)).startswith(".")]
+    names = sorted(name for name in visible if name.lower().endswith(tuple(suffixes)))
+    if not names:
+        raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(suffixes)}")
+    return names
+
+
+def is_below(url: str, folder: str) -> bool:
+    """Return whether a URL is a folder or below it."""
+    (files, path), (others, root) = _filesystem(url), _filesystem(folder)
+    return files is others and f"{path.rstrip('/')}/".startswith(f"{root.rstrip('/')}/")
+
+
+def read_file(url: str, path: str) -> bytes:
+    """Read a file of the file system of a URL."""
+    return _filesystem(url)[0].cat_file(path)
+
+
+def write_file(url: str, name: str, data: bytes) -> None:
+    """Write a file below a folder. It has all of its bytes or does not exist: object stores guarantee the same."""
+    files, root = _filesystem(url)
+    path = posixpath.join(root, name)
+    files.makedirs(posixpath.dirname(path), exist_ok=True)
+    if is_local(url):
+        write_bytes(Path(path), data)
+    else:
+        files.pipe_file(path, data)
+
+
+def read_below(url: str, name: str) -> bytes | None:
+    """Read a file below a folder; None if there is none."""
+    files, root = _filesystem(url)
+    try:
+        return files.cat_file(posixpath.join(root, name))
+    except FileNotFoundError:
+        return None
+
+
+def list_below(url: str, folder: str) -> list[str]:
+    """Return the names of the files in a folder below a folder, in order; none if it does not exist."""
+    files, root = _filesystem(url)
+    files.invalidate_cache()
+    try:
+        return sorted(posixpath.basename(name) for name in files.ls(posixpath.join(root, folder), detail=False))
+    except FileNotFoundError:
+        return []
+
+
+def is_local(url: str) -> bool:
+    """Return whether files are on this machine."""
+    protocol = _filesystem(url)[0].protocol
+    return "file" in ((protocol,) if isinstance(protocol, str) else protocol)
+
+
+def is_url(text: str) -> bool:
+    """Return whether a text is a URL, not a path."""
+    return "://" in text
