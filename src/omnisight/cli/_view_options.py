@@ -1,7 +1,6 @@
 """Options of several views in one command."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnisight.cli._size import parse_size
@@ -11,8 +10,8 @@ if TYPE_CHECKING:
 
 
 def view_options(
-    outputs: Sequence[Path], each: Mapping[str, Sequence[Any] | None], common: Mapping[str, Any]
-) -> list[tuple[Path, "ViewOptions"]]:
+    outputs: Sequence[str], each: Mapping[str, Sequence[Any] | None], common: Mapping[str, Any]
+) -> list[tuple[str, "ViewOptions"]]:
     """Return the file and the options of each view.
 
     Parameters
@@ -37,7 +36,7 @@ def view_options(
                 f"--{name} is given {len(values)} times and --output {len(outputs)} times: give it once for all views,"
                 " or once for each, in the order of the outputs"
             )
-    views: list[tuple[Path, ViewOptions]] = []
+    views: list[tuple[str, ViewOptions]] = []
     for k, output in enumerate(outputs):
         own = {name: values[k if len(values) > 1 else 0] for name, values in each.items() if values}
         if "size" in own:

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from omnisight.pipeline.view import ViewResult
@@ -24,7 +23,7 @@ def print_json(results: Sequence[ViewResult], written: ClipViews | None) -> None
 
 
 def print_report(
-    results: Sequence[ViewResult], outputs: Sequence[Path], written: ClipViews | None, *, is_up_given: bool
+    results: Sequence[ViewResult], outputs: Sequence[str], written: ClipViews | None, *, is_up_given: bool
 ) -> None:
     """Print the coverage, the magnification, warnings, and the file or folder written for each view."""
     for result, output in zip(results, outputs, strict=True):

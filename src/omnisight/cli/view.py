@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
+from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.video_options import VideoOptions
 
 ViewType = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
@@ -23,7 +24,7 @@ def view(
     *,
     camera: Path,
     to: list[ViewType] | None = None,
-    output: Annotated[list[Path], Parameter(alias="-o")],
+    output: Annotated[list[str], Parameter(alias="-o")],
     fov: list[float] | None = None,
     yaw: list[float] | None = None,
     pitch: list[float] | None = None,
@@ -48,6 +49,7 @@ def view(
     stabilize: Path | None = None,
     follow: float | None = None,
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
+    batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
     json: bool = False,
     quiet: bool = False,
 ) -> None:
@@ -66,7 +68,8 @@ def view(
     Parameters
     ----------
     images
-        Images, folders or patterns, or one video clip. Several images go to the folder --output.
+        Images, folders or patterns, or one video clip. Several images go to the folder --output. With --workers,
+        --cluster or a URL (s3://, gs://, az://, zip://*::images.zip) one folder with its sub-folders, or a pattern.
     camera
         Calibration file of any format.
     to
@@ -126,11 +129,14 @@ def view(
     quiet
         Show no progress.
     """
+    from omnisight.cli._batch_report import print_batch, print_batch_json
     from omnisight.cli._view_options import view_options
     from omnisight.cli._view_report import print_json, print_report
     from omnisight.images import VIDEO_SUFFIXES
+    from omnisight.pipeline.batch.batch import is_batch
     from omnisight.pipeline.view import skipped_message
     from omnisight.pipeline.view import view as view_images
+    from omnisight.pipeline.view_batch import view_batch
     from omnisight.pipeline.view_clip import view_clip
     from omnisight.pipeline.view_motion import ViewMotion
 
@@ -149,8 +155,15 @@ def view(
         "azimuth": parse_range(azimuth, "--azimuth") if azimuth else None,
     }
     each = {"to": to, "fov": fov, "yaw": yaw, "pitch": pitch, "roll": roll, "size": size}
-    views = view_options(output, each, common)
     motion = ViewMotion(path=path, pan=parse_range(pan, "--pan") if pan else None, stabilize=stabilize, follow=follow)
+    views = view_options(output, each, common)
+    if is_batch(images, output, batch):
+        if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
+            raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
+        with progress(quiet or json) as report:
+            result = view_batch(images[0], camera, output[0], views[0][1], batch, progress=report)
+        (print_batch_json if json else print_batch)(result, output[0])
+        return
     clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
     if clips and len(images) > 1:
         raise ValueError(f"{clips[0]}: a clip is viewed alone; there are {len(images)} inputs")
@@ -160,11 +173,12 @@ def view(
         raise ValueError("--path, --pan and --stabilize apply to a clip")
     with progress(quiet or json) as report:
         if clips:
-            done = view_clip(clips[0], camera, views, motion=motion, video=video, progress=report)
+            files = [(Path(file), options) for file, options in views]
+            done = view_clip(clips[0], camera, files, motion=motion, video=video, progress=report)
             results, written = done.views, done
         else:
             results = tuple(
-                view_images(images, camera, file, options, mask=mask, view_camera=view_camera, progress=report)
+                view_images(images, camera, Path(file), options, mask=mask, view_camera=view_camera, progress=report)
                 for file, options in views
             )
             written = None

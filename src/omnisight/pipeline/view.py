@@ -14,6 +14,7 @@ from omnisight.images import collect_images, read_image, write_image
 from omnisight.images.output_paths import output_paths, refuse_overwrite
 from omnisight.pipeline.central_camera import central_camera
 from omnisight.pipeline.view_options import ViewOptions
+from omnisight.pipeline.view_renderer import ViewRenderer
 from omnisight.views.maps import visible_fraction
 from omnisight.views.remapper import magnification
 

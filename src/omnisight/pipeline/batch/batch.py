@@ -17,9 +17,6 @@ from omnisight.pipeline.batch.task import Task
 
 Progress = Callable[[str, int, int], None]
 
-# Images from which on a run is a batch without being asked for.
-MIN_IMAGES = 1000
-
 
 @dataclass(frozen=True)
 class BatchResult:
@@ -57,10 +54,10 @@ class BatchResult:
         return (self.images - self.resumed) / max(self.seconds, 1e-9)
 
 
-def is_batch(images: Sequence[str], output: str, count: int | None, options: BatchOptions) -> bool:
-    """Return whether images are processed as a batch: if asked for, given by URL, or many."""
+def is_batch(images: Sequence[str], outputs: Sequence[str], options: BatchOptions) -> bool:
+    """Return whether images are processed as a batch: if it is asked for, or if they are given by URL."""
     asked = options.workers is not None or options.cluster is not None
-    return asked or any(map(is_url, [*images, output])) or (count is not None and count >= MIN_IMAGES)
+    return asked or any(map(is_url, [*images, *outputs]))
 
 
 def run_batch(
@@ -96,7 +93,7 @@ def run_batch(
     start = time.perf_counter()
     if is_below(output, source):
         raise ValueError(f"{output}: is in the folder of the images, so that views would be read as images next time")
-    manifest = open_manifest(task, source, list_files(source, IMAGE_SUFFIXES), output)
+    manifest = open_manifest(task, source, list_files(source, IMAGE_SUFFIXES), output, options.shard_size)
     records = read_records(output)
     remaining = [shard for shard in manifest.shards if shard.index not in records]
     total, resumed = len(manifest.paths), sum(record.images for record in records.values())

@@ -5,6 +5,9 @@ This module imports nothing heavy, because the command line imports it for its h
 
 from dataclasses import dataclass
 
+# The scheduler takes about 1 ms for a task: 1 % of the time of a shard of images of 1 MP.
+SHARD_SIZE = 100
+
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
@@ -13,18 +16,23 @@ class BatchOptions:
     Attributes
     ----------
     workers
-        Process the images in so many processes on this machine, and continue a run that was interrupted. By default one
-        for each core, for URLs and for 1000 images or more.
+        Process a folder with its sub-folders in so many processes on this machine, and continue a run that was
+        interrupted. By default one for each core if images or output are URLs, such as s3://bucket/folder.
     cluster
-        Process the images on a Dask cluster: the address of its scheduler, such as tcp://host:8786, or local.
+        The same on a Dask cluster: the address of its scheduler, such as tcp://host:8786, or local.
+    shard_size
+        Images that a worker processes in a row: after an interruption, at most these are processed again.
     """
 
     workers: int | None = None
     cluster: str | None = None
+    shard_size: int = SHARD_SIZE
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"--workers must be 1 or more, got {self.workers}")
+        if self.shard_size < 1:
+            raise ValueError(f"--shard-size must be 1 or more, got {self.shard_size}")
         if self.cluster is not None and self.cluster != "local" and "://" not in self.cluster:
             raise ValueError(
                 "--cluster must be local or the address of a Dask scheduler, such as tcp://host:8786, got"

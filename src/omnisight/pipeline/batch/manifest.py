@@ -10,8 +10,6 @@ from typing import Any
 from omnisight.pipeline.batch.storage import list_below, read_below, write_file
 from omnisight.pipeline.batch.task import Task
 
-# The scheduler takes about 1 ms for a task: 1 % of the time of a shard of images of 1 MP.
-SHARD_SIZE = 100
 FOLDER = ".omnisight"
 MANIFEST, RECORDS = f"{FOLDER}/manifest.json", f"{FOLDER}/shards"
 
@@ -84,7 +82,7 @@ class Manifest:
     source: str
     paths: tuple[str, ...]
     outputs: tuple[str, ...]
-    shard_size: int = SHARD_SIZE
+    shard_size: int
 
     @property
     def shards(self) -> list[Shard]:
@@ -94,7 +92,7 @@ class Manifest:
         return [Shard(i, self.paths[part], self.outputs[part]) for i, part in enumerate(parts)]
 
 
-def open_manifest(task: Task, source: str, paths: Sequence[str], output: str) -> Manifest:
+def open_manifest(task: Task, source: str, paths: Sequence[str], output: str, shard_size: int) -> Manifest:
     """Return the manifest of a run: that of the output folder if the run was started before, else a new one.
 
     Raises
@@ -102,14 +100,14 @@ def open_manifest(task: Task, source: str, paths: Sequence[str], output: str) ->
     ValueError
         If the folder has the manifest of another task or of other files.
     """
-    manifest = Manifest(task.description, source, tuple(paths), tuple(output_names(paths, task.suffix)))
+    manifest = Manifest(task.description, source, tuple(paths), tuple(output_names(paths, task.suffix)), shard_size)
     stored = read_below(output, MANIFEST)
     if stored is None:
         write_file(output, MANIFEST, json.dumps(asdict(manifest)).encode())
         return manifest
     try:
         known = json.loads(stored)
-        before = Manifest(known["task"], known["source"], tuple(known["paths"]), tuple(known["outputs"]))
+        before = Manifest(**known | {name: tuple(known[name]) for name in ("paths", "outputs")})
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{output}/{MANIFEST}: is not a manifest; delete the folder {FOLDER} to start again") from None
     advice = f"choose another output, or delete {output}/{FOLDER} to start again"

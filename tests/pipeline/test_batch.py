@@ -1,0 +1,191 @@
+"""Batches: workers, records, and what happens if a process dies."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from batch_tasks import OtherReverse, Reverse
+
+from omnisight.camera import Camera
+from omnisight.formats import save
+from omnisight.images import read_image, write_image
+from omnisight.models import model_class
+from omnisight.pipeline.batch.batch import run_batch
+from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.manifest import output_names
+from omnisight.pipeline.view import view
+from omnisight.pipeline.view_batch import view_batch
+from omnisight.pipeline.view_options import ViewOptions
+
+ONE, TWO = BatchOptions(workers=1, shard_size=5), BatchOptions(workers=2, shard_size=5)
+
+
+@pytest.fixture
+def source(tmp_path, monkeypatch):
+    """Return a folder of 23 files in two sub-folders."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
+    for i in range(23):
+        folder = tmp_path / "images" / f"{i // 12}"
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / f"{i:03}.png").write_bytes(f"file {i}".encode())
+    return tmp_path / "images"
+
+
+def outputs(folder):
+    """Return the bytes of all outputs by name."""
+    files = [file for file in folder.rglob("*") if file.is_file() and ".omnisight" not in file.parts]
+    return {str(file.relative_to(folder)): file.read_bytes() for file in files}
+
+
+def expected(source):
+    """Return what the task writes for the files that it does not refuse."""
+    files = [file for file in source.rglob("*.png") if not file.name.startswith(("refused", "deadly"))]
+    return {str(file.relative_to(source).with_suffix(".txt")): file.read_bytes()[::-1] for file in files}
+
+
+def test_every_file_has_its_output_and_progress_counts_files(source, tmp_path):
+    (source / "0" / "refused.png").write_bytes(b"x")
+    (source / ".hidden.png").write_bytes(b"x")
+    seen = []
+    result = run_batch(Reverse(), str(source), str(tmp_path / "out"), TWO, lambda *event: seen.append(event[1:]))
+    written = outputs(tmp_path / "out")
+    assert len(written) == 23
+    assert written == {name: data for name, data in expected(source).items() if not name.startswith(".")}
+    assert (result.images, result.written, result.resumed, result.workers) == (24, 23, 0, 2)
+    assert result.failed == ((str(source / "0" / "refused.png"), "refused.png: refused"),)
+    assert seen[0] == (0, 24)
+    assert seen[-1] == (24, 24)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_a_second_run_does_nothing_again(source, tmp_path):
+    run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    before = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*.txt")}
+    again = run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    assert (again.resumed, again.images, again.written) == (23, 23, 23)
+    assert before == {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*.txt")}
+
+
+def test_a_shard_without_its_record_is_done_again(source, tmp_path):
+    run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    records = sorted((tmp_path / "out" / ".omnisight" / "shards").iterdir())
+    assert len(records) == 5
+    records[1].unlink()
+    records[3].write_text('{"index": 3')
+    assert run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE).resumed == 23 - 10
+    assert outputs(tmp_path / "out") == expected(source)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends signals")
+def test_a_worker_that_dies_is_replaced_and_nothing_is_lost(source, tmp_path):
+    (source / "1" / "once.png").write_bytes(b"once")
+    task = Reverse(marker=str(tmp_path / "died"))
+    result = run_batch(task, str(source), str(tmp_path / "out"), TWO)
+    assert (tmp_path / "died").exists()
+    assert result.failed == ()
+    assert outputs(tmp_path / "out") == expected(source)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends signals")
+def test_images_that_kill_every_worker_are_reported_and_the_others_written(source, tmp_path):
+    (source / "0" / "deadly.png").write_bytes(b"x")
+    result = run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    reasons = dict(result.failed)
+    assert str(source / "0" / "deadly.png") in reasons
+    assert 1 <= len(reasons) <= 5  # at most its shard
+    assert "died 3 times" in reasons[str(source / "0" / "deadly.png")]
+    (source / "0" / "deadly.png").write_bytes(b"y")
+    retried = run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    assert retried.resumed == 24 - len(reasons)  # what failed in this way is tried again
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends signals")
+def test_a_killed_run_continues(source, tmp_path):
+    out = tmp_path / "out"
+    code = (
+        "import sys; from batch_tasks import Reverse\n"
+        "from omnisight.pipeline.batch.batch import run_batch\n"
+        "from omnisight.pipeline.batch.batch_options import BatchOptions\n"
+        "options = BatchOptions(workers=1, shard_size=5)\n"
+        "if __name__ == '__main__': run_batch(Reverse(seconds=0.2), *sys.argv[1:], options)\n"
+    )
+    (tmp_path / "client.py").write_text(code)
+    command = [sys.executable, str(tmp_path / "client.py"), str(source), str(out)]
+    with subprocess.Popen(command, start_new_session=True) as client:
+        shards = out / ".omnisight" / "shards"
+        while not (shards.is_dir() and len(list(shards.glob("*.json"))) >= 2):
+            assert client.poll() is None, "the run ended before it could be killed"
+            time.sleep(0.02)
+        os.killpg(client.pid, signal.SIGKILL)
+    result = run_batch(Reverse(), str(source), str(out), ONE)
+    assert 10 <= result.resumed < 23
+    assert outputs(out) == expected(source)
+
+
+def test_another_task_or_other_images_are_refused(source, tmp_path):
+    out = str(tmp_path / "out")
+    run_batch(Reverse(), str(source), out, ONE)
+    with pytest.raises(ValueError, match=r"another version \(1, now 2\): choose another output, or delete"):
+        run_batch(OtherReverse(), str(source), out, ONE)
+    (source / "0" / "new.png").write_bytes(b"x")
+    with pytest.raises(ValueError, match=r"other images of .* \(1 new, 0 missing\)"):
+        run_batch(Reverse(), str(source), out, ONE)
+    (tmp_path / "out" / ".omnisight" / "manifest.json").write_text("[]")
+    with pytest.raises(ValueError, match=r"is not a manifest"):
+        run_batch(Reverse(), str(source), out, ONE)
+
+
+@pytest.mark.parametrize(
+    ("source", "output", "message"),
+    [
+        ("none", "out", "none: no images"),
+        (".", "./out", "is in the folder of the images"),
+        ("nonsense://bucket/images", "out", "nonsense://bucket/images"),
+    ],
+)
+def test_unusable_folders_are_reported(source, output, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        run_batch(Reverse(), source, output, ONE)
+
+
+@pytest.mark.parametrize(
+    ("cluster", "message"), [("localhost", "--cluster must be local or the address of a Dask scheduler")]
+)
+def test_invalid_options_are_reported(cluster, message):
+    with pytest.raises(ValueError, match=message):
+        BatchOptions(cluster=cluster)
+
+
+def test_outputs_are_unique():
+    assert output_names(["/a/x/1.png", "/a/y/1.png"], ".png") == ["x/1.png", "y/1.png"]
+    assert output_names(["/a/1.jpg", "/a/1.PNG", "/a/2.png"], ".png") == ["1_jpg.png", "1_PNG.png", "2.png"]
+
+
+def test_views_equal_those_of_the_plain_command_also_from_an_archive(tmp_path):
+    camera = Camera(model_class("equidistant")(60.0, 60.0, 63.5, 47.5), (128, 96), theta_max=1.4)
+    rng = np.random.default_rng(0)
+    (tmp_path / "images").mkdir()
+    for i in range(3):
+        write_image(tmp_path / "images" / f"{i}.png", rng.integers(0, 256, (96, 128, 3), np.uint8))
+    options = ViewOptions(size=(64, 48), yaw=20.0)
+    view([tmp_path / "images"], camera, tmp_path / "plain", options)
+    view_batch(str(tmp_path / "images"), save(camera, tmp_path / "c.json").path, str(tmp_path / "batch"), options, TWO)
+    with zipfile.ZipFile(tmp_path / "images.zip", "w") as archive:
+        for file in (tmp_path / "images").iterdir():
+            archive.write(file, f"inside/{file.name}")
+    view_batch(f"zip://inside/*::{tmp_path / 'images.zip'}", camera, str(tmp_path / "archive"), options, ONE)
+    plain = outputs(tmp_path / "plain")
+    assert len(plain) == 3
+    assert outputs(tmp_path / "batch") == plain
+    assert outputs(tmp_path / "archive") == plain
+    assert read_image(tmp_path / "batch" / "0.png").shape == (48, 64, 3)
+    record = json.loads((tmp_path / "batch" / ".omnisight" / "shards" / "0000000.json").read_text())
+    assert (record["images"], record["failed"]) == (3, [])
