@@ -4,12 +4,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-
 from batch_tasks import Reverse
+
 from omnisight.pipeline.batch.batch import run_batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
 
@@ -99,8 +98,8 @@ def test_workers_of_another_version_are_reported(source, tmp_path, monkeypatch):
         run_batch(Reverse(), str(source), str(tmp_path / "out"), BatchOptions(cluster="local", workers=1))
 
 
-@pytest.fixture
-def bucket(monkeypatch):
+@pytest.fixture(scope="module")
+def bucket():
     """Start an S3 server, and return the URL of a bucket in it and its file system."""
     pytest.importorskip("s3fs")
     server_module = pytest.importorskip("moto.server")
@@ -109,12 +108,13 @@ def bucket(monkeypatch):
     server = server_module.ThreadedMotoServer(ip_address="127.0.0.1", port=0)
     server.start()
     host, port = server.get_host_and_port()
-    for name, value in (("ACCESS_KEY_ID", "key"), ("SECRET_ACCESS_KEY", "secret"), ("DEFAULT_REGION", "us-east-1")):
-        monkeypatch.setenv(f"AWS_{name}", value)
-    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{host}:{port}")
-    files = fsspec.filesystem("s3", skip_instance_cache=True)
-    files.mkdir("photos")
-    yield "s3://photos", files
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("ACCESS_KEY_ID", "key"), ("SECRET_ACCESS_KEY", "secret"), ("DEFAULT_REGION", "us-east-1")):
+            patch.setenv(f"AWS_{name}", value)
+        patch.setenv("AWS_ENDPOINT_URL", f"http://{host}:{port}")
+        files = fsspec.filesystem("s3", skip_instance_cache=True)
+        files.mkdir("photos")
+        yield "s3://photos", files
     server.stop()
 
 
