@@ -26,6 +26,8 @@ from omnisight.models import Projector as Projector
 from omnisight.models import model_class as model_class
 from omnisight.models import model_names as model_names
 from omnisight.optim.ransac import RansacOptions as RansacOptions
+from omnisight.pipeline.batch.batch import BatchResult as BatchResult
+from omnisight.pipeline.batch.batch_options import BatchOptions as BatchOptions
 from omnisight.pipeline.birdseye import BirdseyeResult as BirdseyeResult
 from omnisight.pipeline.birdseye import birdseye as birdseye
 from omnisight.pipeline.birdseye_options import BirdseyeOptions as BirdseyeOptions
@@ -81,6 +83,7 @@ from omnisight.pipeline.stitch import StitchResult as StitchResult
 from omnisight.pipeline.stitch import stitch as stitch
 from omnisight.pipeline.stitch_options import StitchOptions as StitchOptions
 from omnisight.pipeline.view import view as view
+from omnisight.pipeline.view_batch import view_batch as view_batch
 from omnisight.pipeline.view_clip import view_clip as view_clip
 from omnisight.pipeline.view_motion import ViewMotion as ViewMotion
 from omnisight.pipeline.view_options import ViewOptions as ViewOptions

@@ -29,7 +29,7 @@ def source(tmp_path):
 
 @pytest.fixture
 def scheduler(tmp_path):
-    """Start a scheduler and two workers that are joined over TCP; return its address and the processes of the workers."""
+    """Start a scheduler and two workers joined over TCP; return its address and the processes of the workers."""
     pytest.importorskip("distributed")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
 

@@ -163,6 +163,8 @@ def view(
         with progress(quiet or json) as report:
             result = view_batch(images[0], camera, output[0], views[0][1], batch, progress=report)
         (print_batch_json if json else print_batch)(result, output[0])
+        if result.failed:
+            raise ValueError(f"{len(result.failed)} of {result.images} images have no view")
         return
     clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
     if clips and len(images) > 1:

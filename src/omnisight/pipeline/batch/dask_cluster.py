@@ -33,7 +33,7 @@ class DaskCluster:
             this version.
         """
         try:
-            from distributed import Client, LocalCluster
+            from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
         except ImportError:
             raise ValueError("--cluster needs Dask: pip install 'omnisight[cluster]'") from None
         self._cluster: Any = None
@@ -70,7 +70,7 @@ class DaskCluster:
         self, work: Callable[..., ShardRecord], arguments: Sequence[Any], shards: Sequence[Shard]
     ) -> Generator[ShardRecord]:
         """Yield the record work(*arguments, shard) of each shard as it finishes."""
-        from distributed import KilledWorker, as_completed
+        from distributed import KilledWorker, as_completed  # pyright: ignore[reportMissingImports]
 
         waiting = list(reversed(shards))
         shared = self._client.scatter(list(arguments), broadcast=True, hash=False)
