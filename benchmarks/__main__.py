@@ -21,6 +21,7 @@ The following run one at a time and take options, for example `python -m benchma
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
     video        720p views of a 1080p clip, end to end; ffmpeg. 10 minutes, with --quick 1
+    batch        views of many images by workers; a plain loop, ffmpeg. 3 minutes
     motion       visual odometry of rendered sequences. 20 minutes, with --quick 3
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
@@ -57,6 +58,7 @@ EVALUATIONS = (
     "stereo",
     "stitch",
     "video",
+    "batch",
     "motion",
     "boards",
     "solvers",
