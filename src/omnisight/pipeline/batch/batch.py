@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
+from omnisight.display import Displayed
 from omnisight.images.collect import IMAGE_SUFFIXES
 from omnisight.parallel import thread_count
 from omnisight.pipeline.batch.batch_options import BatchOptions
@@ -19,7 +20,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class BatchResult:
+class BatchResult(Displayed):
     """The result of a batch.
 
     Attributes

@@ -5,12 +5,14 @@ This module imports nothing heavy, because the command line imports it for its h
 
 from dataclasses import dataclass
 
+from omnisight.display import Displayed
+
 # The scheduler takes about 1 ms for a task: 1 % of the time of a shard of images of 1 MP.
 SHARD_SIZE = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOptions:
+class BatchOptions(Displayed):
     """Options of a batch.
 
     Attributes
