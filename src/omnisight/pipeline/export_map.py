@@ -80,7 +80,7 @@ def export_map(
         camera = fit_camera(camera, image_size, "the images", scale=True)
     options = options.for_camera(camera)
     target, rotations = view_target(options)
-    table = RemapTable.of(camera, target, rotations, options.interpolation)
+    table = RemapTable.of(camera, target, rotations, options.interpolation or "bicubic")
     files, usage = chosen.convert(table, Path(output))
     for file, data in files:
         write_bytes(file, data)
