@@ -1,5 +1,7 @@
 """Pose graphs against scipy's least squares, with wrong edges, and by Monte Carlo."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -27,28 +29,16 @@ def measured(nodes, a, b, rng, sigma=SIGMA, may_be_wrong=False):
     return RelativeEdges(a, b, exact.moved(noise), root, np.full(len(a), may_be_wrong))
 
 
-def joined(*parts):
-    similarities = [part.a_from_b for part in parts]
-    return RelativeEdges(
-        np.concatenate([part.a for part in parts]),
-        np.concatenate([part.b for part in parts]),
-        Similarities(*(np.concatenate([getattr(s, n) for s in similarities]) for n in vars(similarities[0]))),
-        np.concatenate([part.root for part in parts]),
-        np.concatenate([part.may_be_wrong for part in parts]),
-    )
-
-
 def chained(edges, count):
     """Return the nodes that the first edges imply."""
     nodes = Similarities(np.eye(3)[None], np.zeros((1, 3)), np.zeros(1))
     for k in range(count - 1):
-        following = nodes[[k]] @ edges.a_from_b[[k]]
-        nodes = Similarities(*(np.concatenate([getattr(nodes, n), getattr(following, n)]) for n in vars(nodes)))
+        nodes = nodes.joined(nodes[[k]] @ edges.a_from_b[[k]])
     return nodes
 
 
 def in_frame_of_first(nodes):
-    return Similarities(*(np.repeat(getattr(nodes[[0]], n), len(nodes), axis=0) for n in vars(nodes))).inverse() @ nodes
+    return nodes[np.zeros(len(nodes), int)].inverse() @ nodes
 
 
 def graph_of_circle(seed, wrong=False, count=24):
@@ -58,13 +48,13 @@ def graph_of_circle(seed, wrong=False, count=24):
     path = measured(nodes, range(count - 1), range(1, count), rng)
     lap = 2 * count // 3
     loops = measured(nodes, range(count - lap), range(lap, count), rng, may_be_wrong=True)
-    parts = [path, loops]
+    edges = path.joined(loops)
     if wrong:
         # A consistent group: the frames at one place are taken for those of another.
         moved = measured(nodes, [2, 3, 4], [9, 10, 11], rng, may_be_wrong=True)
         truth = measured(nodes, [2, 3, 4], [2, 3, 4], rng, may_be_wrong=True)
-        parts.append(RelativeEdges(moved.a, moved.b, truth.a_from_b, moved.root, moved.may_be_wrong))
-    return joined(*parts), chained(path, count), nodes
+        edges = edges.joined(replace(moved, a_from_b=truth.a_from_b))
+    return edges, chained(path, count), nodes
 
 
 @pytest.mark.parametrize("has_scale", [False, True])
@@ -73,7 +63,7 @@ def test_the_optimum_is_that_of_scipy_with_rotations_of_its_own(has_scale):
     relative = edges.a_from_b
     if has_scale:
         relative = Similarities(relative.rotation, relative.position, np.zeros(len(edges)))
-    edges = RelativeEdges(edges.a, edges.b, relative, edges.root, np.zeros(len(edges), bool))
+    edges = replace(edges, a_from_b=relative, may_be_wrong=np.zeros(len(edges), bool))
     start = chained(edges, 24)
     found = optimize_pose_graph(edges, start, has_scale=has_scale).nodes
 
@@ -130,7 +120,7 @@ def test_a_wrong_loop_alone_contradicts_the_odometry():
     nodes = in_frame_of_first(circle())
     path = measured(nodes, range(23), range(1, 24), rng)
     wrong = measured(nodes, [3], [3], rng, may_be_wrong=True)
-    edges = joined(path, RelativeEdges(np.array([3]), np.array([9]), wrong.a_from_b, wrong.root, wrong.may_be_wrong))
+    edges = path.joined(replace(wrong, b=np.array([9])))
     found = optimize_pose_graph(edges, chained(path, 24), has_scale=False)
     assert not found.is_correct[-1]
     assert np.allclose(found.nodes.position, chained(path, 24).position, atol=0.05)
@@ -140,7 +130,7 @@ def test_the_residuals_of_many_graphs_have_the_expected_chi_square():
     costs = []
     for seed in range(12):
         edges, start, _ = graph_of_circle(100 + seed)
-        edges = RelativeEdges(edges.a, edges.b, edges.a_from_b, edges.root, np.zeros(len(edges), bool))
+        edges = replace(edges, may_be_wrong=np.zeros(len(edges), bool))
         found = optimize_pose_graph(edges, start, has_scale=False)
         costs.append((found.residuals**2).sum())
     freedom = 7 * (len(edges) - len(start) + 1)

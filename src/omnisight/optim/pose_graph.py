@@ -55,6 +55,11 @@ class Similarities:
         position = self.position + np.exp(self.log_scale)[:, None] * _apply(self.rotation, other.position)
         return Similarities(self.rotation @ other.rotation, position, self.log_scale + other.log_scale)
 
+    def joined(self, others: "Similarities") -> "Similarities":
+        """Return these frames and others."""
+        names = "rotation", "position", "log_scale"
+        return Similarities(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
+
     def inverse(self) -> "Similarities":
         """Return the inverse maps."""
         transposed = np.swapaxes(self.rotation, 1, 2)
@@ -91,6 +96,16 @@ class RelativeEdges:
 
     def __len__(self) -> int:
         return len(self.a)
+
+    def joined(self, others: "RelativeEdges") -> "RelativeEdges":
+        """Return these edges and others."""
+        return RelativeEdges(
+            np.append(self.a, others.a),
+            np.append(self.b, others.b),
+            self.a_from_b.joined(others.a_from_b),
+            np.concatenate([self.root, others.root]),
+            np.append(self.may_be_wrong, others.may_be_wrong),
+        )
 
 
 @dataclass(frozen=True, eq=False)
