@@ -17,8 +17,8 @@ Mask = NDArray[np.bool_]
 
 # Parameters of a node: rotation vector, position, logarithm of the scale.
 SIZE = 7
-# Scale of the Geman-McClure loss of correct edges, standard deviations: the length that residuals of 7 dimensions exceed
-# with a probability of 1e-4. Edges are rejected if the loss of their residual is beyond its inflection.
+# Scale of the Geman-McClure loss, standard deviations: the length that residuals of 7 dimensions exceed with a
+# probability of 1e-4. Edges of longer residuals are wrong.
 SCALE = 5.4
 # Factor by which the scale of the loss decreases. The loss is convex up to 1/sqrt(3) of its scale, so that it starts at
 # twice the largest residual.
@@ -224,8 +224,8 @@ class OptimizedGraph:
 def optimize_pose_graph(edges: RelativeEdges, start: Similarities, *, has_scale: bool) -> OptimizedGraph:
     """Estimate the nodes of a graph, and which of the edges are wrong.
 
-    Graduated non-convexity: the scale of the loss starts where it is convex, and decreases to that of the noise (H. Yang
-    et al., Graduated non-convexity for robust spatial perception, RA-L 2020). The first node is fixed.
+    Graduated non-convexity: the scale of the loss starts where it is convex, and decreases to that of the noise
+    (H. Yang et al., Graduated non-convexity for robust spatial perception, RA-L 2020). The first node is fixed.
 
     Parameters
     ----------

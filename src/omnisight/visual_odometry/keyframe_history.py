@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 # Share of the patches of the last place that a keyframe still shows, below which it is another place: half of the
 # keypoints of neighbouring places then match.
-MIN_SHARE = 0.6
+MIN_SHARE = 0.4
 # Keypoints of a place in all cameras.
 MAX_KEYPOINTS = 1000
 
@@ -94,8 +94,14 @@ class KeyframeHistory:
             self.frames.append(keyframe.index)
             self.poses.append(keyframe.rig_from_world)
             self.segments.append(self._segment)
-            compact = (values.astype(np.float32) for values in (rays.origins, rays.bearings, rays.axes))
-            self._rays.append((rays.number + self._base, *compact))
+            self._rays.append(
+                (
+                    rays.number + self._base,
+                    rays.origins.astype(np.float32),
+                    rays.bearings.astype(np.float32),
+                    rays.axes.astype(np.float32),
+                )
+            )
             if keyframe.images and self._shows_another_place(rays.number):
                 self._places.append((len(self) - 1, self._worker.submit(self._detect, keyframe.images), rig))
                 self._at_place = rays.number
@@ -139,7 +145,9 @@ class KeyframeHistory:
             origins[rows] = pose.inverse().translation
         descriptors = keypoints.descriptors.astype(np.float32)
         descriptors /= np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-9)
-        return Place(keyframe, replace(keypoints, bearings=bearings, covariance=covariance, descriptors=descriptors), origins)
+        return Place(
+            keyframe, replace(keypoints, bearings=bearings, covariance=covariance, descriptors=descriptors), origins
+        )
 
     def _reserve(self, count: int) -> None:
         """Make room for the points of a number of patches."""

@@ -28,6 +28,8 @@ DEGREES, OUTLIER_SIGMA = 4.0, 5.0
 # Adjustments, after each of which outliers are removed, their steps, and the expected decrease at which they end.
 ROUNDS, MAX_ITERATIONS, TOLERANCE = 2, 12, 1e-4
 INITIAL_DAMPING = 1e-6
+# Least scale of the residuals, standard deviations of the rays.
+MIN_SIGMA = 1e-3
 
 
 def adjust_globally(
@@ -52,16 +54,19 @@ def adjust_globally(
     parts = [_patches(history, nodes, rows), _keypoints(detector, loops, nodes, rows)]
     bundle = _bundle(parts, nodes[rows], has_scale=detector.has_scale)
     for _ in range(ROUNDS):
-        state = bundle.start
-        squares = state.squared_residuals(bundle.rays)
-        bundle = replace(bundle, loss=StudentT(DEGREES, max(robust_sigma(np.sqrt(squares)), 1e-3)))
-        state = minimize(
-            bundle, state, iterations=MAX_ITERATIONS, tolerance=TOLERANCE, damping=INITIAL_DAMPING
-        ).state
-        bundle = _without_outliers(replace(bundle, start=state))
-    rotation = np.swapaxes(state.rig_from_world[:, :, :3], 1, 2)
-    position = -np.einsum("nij,nj->ni", rotation, state.rig_from_world[:, :, 3])
+        bundle = _adjusted(bundle)
+    poses = bundle.start.rig_from_world
+    rotation = np.swapaxes(poses[:, :, :3], 1, 2)
+    position = -np.einsum("nij,nj->ni", rotation, poses[:, :, 3])
     return rows, Similarities(rotation, position, nodes.log_scale[rows])
+
+
+def _adjusted(bundle: Bundle) -> Bundle:
+    """Return the problem without outliers, with the adjusted structure as its start."""
+    squares = bundle.start.squared_residuals(bundle.rays)
+    bundle = replace(bundle, loss=StudentT(DEGREES, max(robust_sigma(np.sqrt(squares)), MIN_SIGMA)))
+    solution = minimize(bundle, bundle.start, iterations=MAX_ITERATIONS, tolerance=TOLERANCE, damping=INITIAL_DAMPING)
+    return _without_outliers(replace(bundle, start=solution.state))
 
 
 def _selected(count: int, places: Sequence[int]) -> Indices:
@@ -87,7 +92,7 @@ def _patches(history: KeyframeHistory, nodes: Similarities, rows: Indices) -> tu
 def _keypoints(
     detector: LoopDetector, loops: Sequence[DetectedLoop], nodes: Similarities, rows: Indices
 ) -> tuple[FrameRays, Indices]:
-    """Return the rays of keypoints that several places show, with points in the world of the nodes, and their frames."""
+    """Return the rays of keypoints that several places show, with points in the world, and their frames."""
     places = detector.places
     offsets = np.concatenate([[0], np.cumsum([len(place.points) for place in places])])
     pairs = [pairs + offsets[[k, k + 1]] for k, pairs in enumerate(detector.neighbours)]

@@ -44,9 +44,7 @@ def odometry_edges(history: KeyframeHistory) -> RelativeEdges:
     relative = nodes[a].inverse() @ nodes[b]
     longest = float(np.linalg.norm(relative.position, axis=1).max(initial=1e-9))
     cut = np.diag(1 / np.array([CUT_ROTATION_RAD] * 3 + [CUT_DISTANCE * longest] * 3 + [CUT_LOG_SCALE]))
-    roots = [
-        _odometry_root(history, k, information) if history.segments[k] == history.segments[k + 1] else None for k in a
-    ]
+    roots = [_odometry_root(history, k, information) for k in range(count - 1)]
     root = np.array([cut if each is None else each for each in roots]).reshape(-1, 7, 7)
     return RelativeEdges(a, b, relative, root, np.zeros(count - 1, np.bool_))
 
@@ -69,7 +67,7 @@ def alignment_information(a_from_b: Pose, scale: float, points: Array, covarianc
     derivatives[:, :, :3] = -scale * a_from_b.rotation @ so3.hat(points)
     derivatives[:, :, 3:6] = np.eye(3)
     derivatives[:, :, 6] = moved
-    return np.einsum("nji,njk->ik", derivatives, np.linalg.solve(covariance, derivatives))
+    return np.asarray(np.einsum("nji,njk->ik", derivatives, np.linalg.solve(covariance, derivatives)), float)
 
 
 def point_information(history: KeyframeHistory) -> Array:
@@ -89,9 +87,9 @@ def _odometry_root(history: KeyframeHistory, k: int, information: Array) -> Arra
 
     Their common points are taken as if their distances from both had independent errors.
     """
-    rays, following = common(history.rays(k), history.rays(k + 1))
+    _, following = common(history.rays(k), history.rays(k + 1))
     use = following.has_point
-    if use.sum() < MIN_COMMON:
+    if use.sum() < MIN_COMMON or history.segments[k] != history.segments[k + 1]:
         return None
     pose, number = history.poses[k], following.number[use]
     points = following.points[use]
@@ -114,8 +112,8 @@ def _loop_root(loop: DetectedLoop, places: Sequence[MappedPlace]) -> Array:
     covariance = loop.noise**2 * (a.covariance[pairs[:, 0]] + turn @ b.covariance[pairs[:, 1]] @ turn.T)
     floor = (MIN_DISTANCE_SIGMA * np.linalg.norm(a.points[pairs[:, 0]], axis=1)) ** 2
     covariance = covariance + floor[:, None, None] * np.eye(3)
-    information = alignment_information(loop.a_from_b, loop.scale, b.points[pairs[:, 1]], covariance)
-    return _root(np.linalg.inv(np.linalg.inv(information) + np.diag(sigma**2)))
+    noise = np.linalg.inv(alignment_information(loop.a_from_b, loop.scale, b.points[pairs[:, 1]], covariance))
+    return _root(np.asarray(np.linalg.inv(noise + np.diag(sigma**2)), float))
 
 
 def _root(information: Array) -> Array:

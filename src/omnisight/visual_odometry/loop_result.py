@@ -21,7 +21,7 @@ class Loop:
     matches, inliers
         Points of the first frame that were matched with the last one, and that agree with the pose.
     directions
-        Share of the directions with matches in which most agree.
+        Share of the directions with points of the last frame in which some agree.
     """
 
     first: int

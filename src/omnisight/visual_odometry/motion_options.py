@@ -16,7 +16,8 @@ class MotionOptions(Displayed):
     window
         Number of keyframes that are refined together.
     loops
-        Keep what is needed to close loops: places that were seen before correct the trajectory.
+        Close loops: places that were seen before correct the trajectory at the end. Keyframes are kept for it, and
+        memory grows with their number.
     seed
         Seed of the random numbers: the same images and seed give the same trajectory.
     """
