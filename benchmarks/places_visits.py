@@ -28,7 +28,7 @@ from omnisight.simulation.preset_motion import preset_trajectory
 
 Array = NDArray[np.float64]
 
-REFERENCES, QUERIES = 80, 40
+REFERENCES, QUERIES = 80, 24
 # Evening, with an exposure for it, and another visit.
 EVENING, EVENING_EXPOSURE, VISIT = Daylight(time=17.5), 1.0, 1
 # Distance (metres) within which an image shows the same place: that of the lanes, and a spacing of the references.

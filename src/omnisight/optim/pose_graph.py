@@ -23,7 +23,8 @@ SCALE = 5.4
 # Factor by which the scale of the loss decreases. The loss is convex up to 1/sqrt(3) of its scale, so that it starts at
 # twice the largest residual.
 FACTOR, CONVEX = 0.5, 2.0
-ITERATIONS, TOLERANCE = 30, 1e-8
+# Steps at the last scale and at each scale before, and expected relative decrease of the cost at which they end.
+ITERATIONS, ITERATIONS_BEFORE, TOLERANCE = 30, 4, 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +243,8 @@ def optimize_pose_graph(edges: RelativeEdges, start: Similarities, *, has_scale:
     scale, nodes = max(CONVEX * largest, SCALE), start
     while True:
         graph = PoseGraph(edges, has_scale, scale)
-        nodes = minimize(graph, nodes, iterations=ITERATIONS, tolerance=TOLERANCE).state
+        iterations = ITERATIONS if scale <= SCALE else ITERATIONS_BEFORE
+        nodes = minimize(graph, nodes, iterations=iterations, tolerance=TOLERANCE).state
         if scale <= SCALE:
             break
         scale = max(scale * FACTOR, SCALE)

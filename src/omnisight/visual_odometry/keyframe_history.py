@@ -1,7 +1,7 @@
 """All keyframes of a sequence, and the places among them, for the closing of loops."""
 
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,8 @@ Mask = NDArray[np.bool_]
 MIN_SHARE = 0.4
 # Keypoints of a place in all cameras.
 MAX_KEYPOINTS = 1000
+# Places whose keypoints are not detected yet: their images need memory.
+MAX_PENDING = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ class KeyframeHistory:
                 )
             )
             if keyframe.images and self._shows_another_place(rays.number):
-                self._places.append((len(self) - 1, self._worker.submit(self._detect, keyframe.images), rig))
+                self._add_place(keyframe.images, rig)
                 self._at_place = rays.number
         highest = max(int(keyframe.all_rays.number.max(initial=-1)) for keyframe in window.keyframes)
         self._reserve(self._base + highest + 1)
@@ -117,6 +119,12 @@ class KeyframeHistory:
     def places(self, first: int = 0) -> list[Place]:
         """Return the places from one on."""
         return [self._place(*each) for each in self._places[first:]]
+
+    def _add_place(self, images: Sequence[Bytes], rig: Rig) -> None:
+        """Detect the keypoints of the last keyframe while tracking goes on."""
+        if len(self._places) >= MAX_PENDING:
+            wait([self._places[-MAX_PENDING][1]])
+        self._places.append((len(self) - 1, self._worker.submit(self._detect, images), rig))
 
     def _shows_another_place(self, number: Indices) -> bool:
         """Return whether a keyframe shows few patches of the last place."""

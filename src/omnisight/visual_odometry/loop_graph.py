@@ -10,7 +10,6 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.pose_graph import RelativeEdges, Similarities
 from omnisight.visual_odometry.keyframe_history import KeyframeHistory
 from omnisight.visual_odometry.loop_detection import DetectedLoop, MappedPlace
-from omnisight.visual_odometry.ray_observations import common
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -87,12 +86,11 @@ def _odometry_root(history: KeyframeHistory, k: int, information: Array) -> Arra
 
     Their common points are taken as if their distances from both had independent errors.
     """
-    _, following = common(history.rays(k), history.rays(k + 1))
-    use = following.has_point
-    if use.sum() < MIN_COMMON or history.segments[k] != history.segments[k + 1]:
+    number = np.intersect1d(history.rays(k).number, history.rays(k + 1).number)
+    number = number[np.isfinite(history.points[number, 0])]
+    if len(number) < MIN_COMMON or history.segments[k] != history.segments[k + 1]:
         return None
-    pose, number = history.poses[k], following.number[use]
-    points = following.points[use]
+    pose, points = history.poses[k], history.points[number]
     at_b = history.poses[k + 1] @ points
     floor = (MIN_DISTANCE_SIGMA * np.linalg.norm(at_b, axis=1)) ** 2
     covariance = np.linalg.inv(information[number] + 1e-9 * np.eye(3) / floor[:, None, None])
