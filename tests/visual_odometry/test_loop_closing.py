@@ -19,10 +19,12 @@ EVERY = 2  # frames per keyframe
 class Corridor:
     """Keyframes along a round corridor, one lap and a quarter, with the interface of `KeyframeHistory`.
 
-    The world of odometry drifts in heading and, without a scale, in scale.
+    The world of odometry drifts in heading and, without a scale, in scale. A second camera of a rig sees some of the
+    same points.
     """
 
-    def __init__(self, seed=0, turn_deg=3.0, scale=1.05, twin=False):
+    def __init__(self, seed=0, turn_deg=3.0, scale=1.05, twin=False, baseline=0.0):
+        self.second = np.array([baseline, 0.0, 0.0])
         rng = np.random.default_rng(seed)
         angle = np.linspace(0, 2 * np.pi, 700, endpoint=False) + rng.uniform(0, 0.01, 700)
         self.radius = RADIUS + rng.choice([-3.0, 3.0], 700)
@@ -59,9 +61,9 @@ class Corridor:
         return COUNT
 
     def rays(self, row):
-        number, bearings = self._rays[row]
+        number, bearings, origins = self._rays[row]
         axes = np.array([np.linalg.svd(b[None])[2][1:] for b in bearings]) / SIGMA
-        return FrameRays(number, self.points[number], np.zeros_like(bearings), bearings, axes)
+        return FrameRays(number, self.points[number], origins, bearings, axes)
 
     def places(self):
         return self._places
@@ -69,9 +71,12 @@ class Corridor:
     def _seen(self, k, rng):
         at = self.true[k] @ self.world
         seen = np.flatnonzero(np.linalg.norm(at, axis=1) < 9)
-        bearings = at[seen] / np.linalg.norm(at[seen], axis=1)[:, None]
-        bearings += SIGMA * rng.normal(size=bearings.shape)
-        return seen, bearings / np.linalg.norm(bearings, axis=1)[:, None], at[seen]
+        return seen, self._noisy(at[seen], rng), at[seen]
+
+    @staticmethod
+    def _noisy(at, rng):
+        bearings = at / np.linalg.norm(at, axis=1)[:, None] + SIGMA * rng.normal(size=at.shape)
+        return bearings / np.linalg.norm(bearings, axis=1)[:, None]
 
     def _rays_of(self, k, rng, scale):
         seen, bearings, at = self._seen(k, rng)
@@ -79,7 +84,12 @@ class Corridor:
         number = seen + len(self.world) * (k >= LAP - 4)
         new = np.isnan(self.points[number, 0])
         self.points[number[new]] = self.poses[k].inverse() @ (scale * at[new])
-        return number, bearings
+        origins = np.zeros_like(bearings)
+        if self.second.any():
+            again = self._noisy(at[::2] - self.second, rng)
+            number, bearings = np.append(number, number[::2]), np.concatenate([bearings, again])
+            origins = np.concatenate([origins, np.tile(self.second, (len(again), 1))])
+        return number, bearings, origins
 
     def _place_of(self, k, rng):
         seen, bearings, _ = self._seen(k, rng)
@@ -127,7 +137,7 @@ def test_closed_loops_remove_the_drift_of_position_heading_and_scale():
 
 
 def test_with_a_scale_the_trajectory_stays_in_metres():
-    corridor = Corridor(scale=1.0)
+    corridor = Corridor(scale=1.0, baseline=0.5)
     closed = close_loops(corridor, corridor.trajectory, has_scale=True)
     assert closed
     assert {loop.scale for loop in closed.loops} == {1.0}

@@ -72,6 +72,7 @@ class KeyframeHistory:
         self.poses: list[Pose] = []
         self.segments: list[int] = []
         self.points = np.full((0, 3), np.nan)
+        self._row_of = dict[int, int]()
         self._rays: list[tuple[Indices, NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]] = []
         self._places: list[tuple[int, Future[Keypoints], Rig]] = []
         self._at_place, self._base, self._segment = np.zeros(0, np.intp), 0, 0
@@ -87,12 +88,12 @@ class KeyframeHistory:
 
     def update(self, window: KeyframeWindow, rig: Rig) -> None:
         """Add the keyframes of a window that are new, with the rig by which they were observed."""
-        rows = {frame: row for row, frame in enumerate(self.frames)}
         for keyframe in window.keyframes:
-            if keyframe.index in rows:
-                self.poses[rows[keyframe.index]] = keyframe.rig_from_world
+            if keyframe.index in self._row_of:
+                self.poses[self._row_of[keyframe.index]] = keyframe.rig_from_world
                 continue
             rays = keyframe.all_rays
+            self._row_of[keyframe.index] = len(self)
             self.frames.append(keyframe.index)
             self.poses.append(keyframe.rig_from_world)
             self.segments.append(self._segment)
