@@ -15,14 +15,14 @@ The following run one at a time and take options, for example `python -m benchma
     twoview      poses and points from bearings with outliers; pycolmap, PoseLib. 10 minutes, with --quick 1
     sfm          structure from motion of rendered images; pycolmap. 2 hours, with --quick 5 minutes
     bundle       bundle adjustment of 200 poses and 50,000 points; pycolmap. 1 minute
-    places       retrieval of rendered images and of a robot's route. 10 minutes, with --quick 2
+    places       retrieval of rendered images and of a robot's route; pycolmap. 20 minutes, with --quick 2
     compass      headings on a robot's route and of rendered panoramas. 2 minutes, with --quick 1
     rigs         calibration of rendered rigs; OpenCV. 2 minutes
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
     video        720p views of a 1080p clip, end to end; ffmpeg. 10 minutes, with --quick 1
     batch        views of many images by workers; a plain loop, ffmpeg. 3 minutes
-    motion       visual odometry of rendered sequences. 20 minutes, with --quick 3
+    motion       visual odometry of rendered sequences, and loop closing. 1 hour, with --quick 10 minutes
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes
     noncentral   errors of central and axial models for non-central cameras. 5 minutes

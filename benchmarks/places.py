@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 import omnisight as om
 from benchmarks.places_scenes import both_lanes, keypoints_of, loop, overlaps
+from benchmarks.places_visits import print_visits
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.images import to_gray8
 from omnisight.places.place_index import MAX_KEYPOINTS
@@ -158,11 +159,17 @@ def main(arguments: Sequence[str]) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks places", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="30 images of the street only")
-    quick = parser.parse_args(arguments).quick
+    parser.add_argument("--visits", action="store_true", help="only places of the town at another visit")
+    options = parser.parse_args(arguments)
+    quick = options.quick
+    if options.visits:
+        print_visits()
+        return
     keypoints = rendered(quick)
     if not quick:
         times_of_large_index(keypoints)
         route()
+        print_visits()
 
 
 if __name__ == "__main__":

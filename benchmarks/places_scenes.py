@@ -11,6 +11,7 @@ from omnisight.cache import cache_folder
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
+from omnisight.places.verification import even_directions
 from omnisight.simulation import Renderer, Scene, scene_named
 from omnisight.simulation.preset_motion import preset_trajectory
 
@@ -59,7 +60,7 @@ def keypoints_of(
 
 def overlaps(scene: Scene, poses: list[Pose]) -> Array:
     """Return the share (N, N) of the surface seen from each pose that can be matched in the image of each other."""
-    bearings = _even_directions(DIRECTIONS)
+    bearings = even_directions(DIRECTIONS)
     eyes = np.array([pose.translation for pose in poses])
     share = np.eye(len(poses))
     for a, eye in enumerate(eyes):
@@ -75,14 +76,6 @@ def overlaps(scene: Scene, poses: list[Pose]) -> Array:
         visible = np.abs(reached - length[b, k]) < 0.01 * length[b, k] + 0.02
         share[a] = np.bincount(b[visible], minlength=len(poses)) / max(len(rays), 1)
     return np.minimum(share, share.T)
-
-
-def _even_directions(count: int) -> Array:
-    """Return directions (count, 3) of nearly equal density: a Fibonacci lattice."""
-    i = np.arange(count) + 0.5
-    y, turn = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
-    radius = np.sqrt(1 - y**2)
-    return np.stack([radius * np.sin(turn), y, radius * np.cos(turn)], -1)
 
 
 def _folder() -> Path:

@@ -92,7 +92,9 @@ from omnisight.pipeline.visual_map import read_map as read_map
 from omnisight.pipeline.visual_map import write_map as write_map
 from omnisight.places import Place as Place
 from omnisight.places import PlaceIndex as PlaceIndex
+from omnisight.places import PlaceMatch as PlaceMatch
 from omnisight.places import similar_pairs as similar_pairs
+from omnisight.places import verify_place as verify_place
 from omnisight.places.panorama_rotation import CompassRotation as CompassRotation
 from omnisight.plots import plot_cameras as plot_cameras
 from omnisight.plots import plot_coverage as plot_coverage

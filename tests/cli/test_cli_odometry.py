@@ -10,6 +10,7 @@ import pytest
 import omnisight as om
 from omnisight.simulation import fisheye_setup
 from omnisight.simulation.trajectory import read_trajectory
+from omnisight.visual_odometry.loop_result import Loop, LoopClosure
 
 FRAMES = 14
 
@@ -51,6 +52,39 @@ def test_json_has_all_figures(run, room):
     assert data["path_length"] > 1
     assert data["fps"] > 0
     assert (data["loops"], data["lost"], data["warnings"], data["has_scale"]) == (0, [], [], False)
+
+
+def test_closed_loops_replace_the_trajectory_and_are_listed(run, room, monkeypatch):
+    def close(tracking):
+        moved = [
+            dataclasses.replace(pose, rig_from_world=om.Pose(pose.rig_from_world.rotation, np.array((0.0, 0.0, k))))
+            for k, pose in enumerate(tracking.trajectory)
+        ]
+        loops = [Loop(k, 10 + k, om.Pose(), 1.02, 50, 40 + k, 0.75) for k in range(3)]
+        return LoopClosure(tuple(moved), tuple(loops[:2]), tuple(loops[2:]), 13.0)
+
+    monkeypatch.setattr(om.Odometry, "close_loops", close)
+    status, out, _ = run(*arguments(room))
+    assert status == 0
+    assert "loops       2 closed, which moved poses by up to 13 baselines; 1 similar places rejected" in out
+    assert "frames 10 to 11 return to 0 to 1: 2 loops of 40 to 41 points" in out
+    assert np.allclose([np.linalg.norm(p.translation) for p in read_trajectory("t.tum").poses], range(FRAMES))
+    data = json.loads(run(*arguments(room, "--json"))[1])
+    assert (data["loops"], data["loop_correction"]) == (2, 13.0)
+    assert [loop["first"] for loop in data["loop_list"]] == [0, 1]
+    assert data["loop_list"][0] == {
+        "first": 0,
+        "last": 10,
+        "matches": 50,
+        "inliers": 40,
+        "directions": 0.75,
+        "distance": 0.0,
+        "scale": 1.02,
+    }
+    assert [loop["last"] for loop in data["rejected_loops"]] == [12]
+    data = json.loads(run(*arguments(room, "--json", "--no-loops"))[1])
+    assert data["loops"] == 0
+    assert np.linalg.norm(read_trajectory("t.tum").poses[0].translation) < 1e-6
 
 
 def test_times_are_those_of_a_file_or_of_a_rate(run, room, tmp_path):

@@ -89,6 +89,25 @@ def test_a_camera_that_turns_is_recognized(sphere, run):
     assert np.degrees(np.arccos((np.trace(last.rotation @ true.T) - 1) / 2)) < 0.2
 
 
+def test_closing_loops_meanwhile_does_not_change_the_tracking(fisheye, run):
+    tracking = om.Odometry(fisheye.camera)
+    assert tracking.close_loops().reason == "there are no images"
+    for k, (image, seconds) in enumerate(zip(fisheye.images[:20], fisheye.seconds, strict=False)):
+        tracking.add(image, seconds)
+        if k == 12:
+            closed = tracking.close_loops()
+    assert not closed
+    assert closed.reason == "no place was seen again"
+    assert len(closed.trajectory) == 13
+    expected = run(fisheye._replace(seconds=fisheye.seconds[:20]), fisheye.images[:20])
+    assert all(
+        np.array_equal(a.rig_from_world.matrix, b.rig_from_world.matrix)
+        for a, b in zip(tracking.trajectory, expected.trajectory, strict=True)
+    )
+    with pytest.raises(ValueError, match=r"use MotionOptions\(loops=True\)"):
+        run(fisheye._replace(seconds=fisheye.seconds[:2]), fisheye.images[:2], loops=False).close_loops()
+
+
 def test_masked_pixels_are_not_used(fisheye):
     mask = np.ones((300, 400), bool)
     mask[:, :200] = False

@@ -3,10 +3,18 @@
 import json
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from omnisight.pipeline.odometry import OdometryResult
 from omnisight.visual_odometry.frame_result import LostSegment
+from omnisight.visual_odometry.loop_result import Loop
+
+# Frames between loops that are printed as one series.
+SERIES_FRAMES = 50
 
 
 def print_json(result: OdometryResult) -> None:
@@ -15,7 +23,10 @@ def print_json(result: OdometryResult) -> None:
         "frames": result.frames,
         "tracked": len(result.trajectory),
         "keyframes": result.keyframes,
-        "loops": result.loops,
+        "loops": len(result.loops),
+        "loop_list": [_loop(loop) for loop in result.loops],
+        "rejected_loops": [_loop(loop) for loop in result.rejected_loops],
+        "loop_correction": result.correction,
         "path_length": result.path_length,
         "unit": result.unit,
         "has_scale": result.has_scale,
@@ -39,6 +50,7 @@ def print_report(result: OdometryResult, output: Path) -> None:
     print(f"frames      {tracked} of {result.frames} have a pose{still}; {result.keyframes} keyframes")
     unknown = "; the scale is unknown, and 1 is the distance of the first two keyframes"
     print(f"path        {result.path_length:.2f} {result.unit}{unknown if result.unit == 'baselines' else ''}")
+    print_loops(result)
     for lost in result.lost:
         print(f"lost        {_describe(lost)}")
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "
@@ -46,10 +58,53 @@ def print_report(result: OdometryResult, output: Path) -> None:
     print(f"written     {output}")
 
 
+def print_loops(result: OdometryResult) -> None:
+    """Print the places that were seen again: one line for a series of consecutive ones."""
+    if not result.loops:
+        return
+    rejected = f"; {len(result.rejected_loops)} similar places rejected" if result.rejected_loops else ""
+    moved = f"{result.correction:.3g} {result.unit}"
+    print(f"loops       {len(result.loops)} closed, which moved poses by up to {moved}{rejected}")
+    for series in _series(result.loops):
+        first, last = [loop.first for loop in series], [loop.last for loop in series]
+        points = [loop.inliers for loop in series]
+        print(
+            f"            frames {min(last)} to {max(last)} return to {min(first)} to {max(first)}: {len(series)} loops"
+            f" of {min(points)} to {max(points)} points"
+        )
+
+
 def print_warnings(result: OdometryResult) -> None:
     """Print warnings on stderr."""
     if result.warning:
         print(f"omnisight: warning: {result.warning}", file=sys.stderr)
+
+
+def _loop(loop: Loop) -> dict[str, Any]:
+    """Return a loop for JSON."""
+    return {
+        "first": loop.first,
+        "last": loop.last,
+        "matches": loop.matches,
+        "inliers": loop.inliers,
+        "directions": round(loop.directions, 3),
+        "distance": float(np.linalg.norm(loop.first_from_last.translation)),
+        "scale": loop.scale,
+    }
+
+
+def _series(loops: Sequence[Loop]) -> list[list[Loop]]:
+    """Return the loops in series of about the same places."""
+    series: list[list[Loop]] = []
+    for loop in sorted(loops, key=lambda each: (each.last, each.first)):
+        for group in series:
+            before = group[-1]
+            if max(abs(loop.last - before.last), abs(loop.first - before.first)) <= SERIES_FRAMES:
+                group.append(loop)
+                break
+        else:
+            series.append([loop])
+    return series
 
 
 def _describe(lost: LostSegment) -> str:

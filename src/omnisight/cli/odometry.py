@@ -27,7 +27,8 @@ def odometry(
     """Compute the trajectory of a moving camera or rig from a clip, or from a folder of images.
 
     The world is the frame of the camera at the first image. Poses are written as soon as they are known, so that an
-    interrupted run keeps them. Images whose pose is not known are reported with the reason.
+    interrupted run keeps them. At the end, places that were seen before close loops, and the file is replaced by the
+    corrected trajectory. Images whose pose is not known are reported with the reason.
 
     Parameters
     ----------

@@ -19,9 +19,10 @@ from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSourc
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.frame_sequence import FrameSequence
 from omnisight.pipeline.odometry_options import OdometryOptions
-from omnisight.pipeline.trajectory_writer import TrajectoryWriter, trajectory_format
+from omnisight.pipeline.trajectory_writer import Format, TrajectoryWriter, replace_trajectory, trajectory_format
 from omnisight.rig import Rig
 from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
+from omnisight.visual_odometry.loop_result import Loop, LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
 
 Progress = Callable[[str, int, int], None]
@@ -48,7 +49,11 @@ class OdometryResult(Displayed):
     lost
         Frames without a pose, with reasons.
     loops
-        Number of closed loops.
+        The closed loops.
+    rejected_loops
+        Places that look alike, whose poses contradict the trajectory or the other loops.
+    correction
+        Largest distance by which the loops moved a pose, in `unit`.
     unit
         Unit of positions: "m" or, of a rig that was calibrated with a board of unknown size, "squares"; "baselines" of
         the first two keyframes if the scale is unknown.
@@ -64,7 +69,9 @@ class OdometryResult(Displayed):
     frames: int
     keyframes: int
     lost: tuple[LostSegment, ...]
-    loops: int
+    loops: tuple[Loop, ...] = field(repr=False)
+    rejected_loops: tuple[Loop, ...] = field(repr=False)
+    correction: float
     unit: str
     residual: float
     start_seconds: float
@@ -128,7 +135,7 @@ def odometry(
     options
         Options of the command.
     output
-        Trajectory to write. Poses are appended as soon as they are known.
+        Trajectory to write. Poses are appended as soon as they are known; the file is replaced once loops are closed.
     progress
         Called with the stage, the number of frames done, and of all.
 
@@ -163,13 +170,19 @@ def odometry(
         tracking.finish()
         _write(file, tracking, frames)
     elapsed = time.perf_counter() - started
+    closed = _close_loops(tracking, options, report)
+    # A pipe or a device holds the poses of tracking.
+    if closed and output is not None and Path(output).is_file():
+        replace_trajectory(Path(output), _format(Path(output), options), closed.trajectory, frames)
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
     return OdometryResult(
-        trajectory=tuple(tracking.trajectory),
+        trajectory=closed.trajectory,
         frames=frames,
         keyframes=tracking.keyframes,
         lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
-        loops=0,
+        loops=closed.loops,
+        rejected_loops=closed.rejected,
+        correction=closed.correction,
         unit=rig.unit if rig is not None and tracking.has_scale else "baselines",
         residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
         start_seconds=started - start,
@@ -201,9 +214,24 @@ def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]]
     return [read_mask(file, camera.size) for file, camera in zip(files, body.cameras, strict=True)]
 
 
+def _close_loops(tracking: Odometry, options: OdometryOptions, report: Progress) -> LoopClosure:
+    """Return the trajectory with closed loops, or as it is."""
+    if not options.loops:
+        return LoopClosure(tuple(tracking.trajectory))
+    report("closing loops", 0, 1)
+    closed = tracking.close_loops()
+    report("closing loops", 1, 1)
+    return closed
+
+
 def _writer(path: Path, options: OdometryOptions) -> TrajectoryWriter:
     """Start the file of the trajectory."""
-    return TrajectoryWriter(path, options.to or trajectory_format(path))
+    return TrajectoryWriter.create(path, _format(path, options))
+
+
+def _format(path: Path, options: OdometryOptions) -> Format:
+    """Return the format of the trajectory."""
+    return options.to or trajectory_format(path)
 
 
 def _write(file: TrajectoryWriter | None, tracking: Odometry, end: int | None = None) -> None:

@@ -1,10 +1,12 @@
 """Trajectory files that are written while the trajectory is computed."""
 
 from collections.abc import Iterable
+from io import StringIO
 from pathlib import Path
 from types import TracebackType
-from typing import Literal, Self
+from typing import Literal, Self, TextIO
 
+from omnisight.images.write import write_bytes
 from omnisight.simulation.trajectory import COLUMNS, quaternion
 from omnisight.visual_odometry.frame_result import TrackedPose
 
@@ -28,14 +30,19 @@ class TrajectoryWriter:
         Number of poses written.
     """
 
-    def __init__(self, path: Path, format: Format) -> None:
-        """Start the file."""
+    def __init__(self, file: TextIO, format: Format) -> None:
+        """Start an open file."""
         self._format = format
         self._next = 0
         self.poses = 0
-        self._file = path.open("w", encoding="utf-8", newline="\n")
+        self._file = file
         if format == "tum":
             self._file.write(f"# {' '.join(COLUMNS)}\n")
+
+    @classmethod
+    def create(cls, path: Path, format: Format) -> Self:
+        """Start a file."""
+        return cls(path.open("w", encoding="utf-8", newline="\n"), format)
 
     def write(self, poses: Iterable[TrackedPose]) -> None:
         """Append poses, later than all before."""
@@ -64,3 +71,18 @@ class TrajectoryWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+
+def replace_trajectory(path: Path, format: Format, poses: Iterable[TrackedPose], frames: int) -> None:
+    """Replace a trajectory file by the poses of another trajectory of a number of frames, atomically.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; it is unchanged then.
+    """
+    text = StringIO()
+    writer = TrajectoryWriter(text, format)
+    writer.write(poses)
+    writer.skip_to(frames)
+    write_bytes(path, text.getvalue().encode())

@@ -15,12 +15,16 @@ class MotionOptions(Displayed):
         Number of patches to track in the images of a frame.
     window
         Number of keyframes that are refined together.
+    loops
+        Close loops: places that were seen before correct the trajectory at the end. Keyframes are kept for it, and
+        memory grows with their number.
     seed
         Seed of the random numbers: the same images and seed give the same trajectory.
     """
 
     patches: int = 400
     window: int = 15
+    loops: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:

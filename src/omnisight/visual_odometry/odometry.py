@@ -17,7 +17,10 @@ from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
 from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges, with_points
+from omnisight.visual_odometry.keyframe_history import KeyframeHistory
 from omnisight.visual_odometry.keyframes import is_keyframe
+from omnisight.visual_odometry.loop_closing import close_loops
+from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.motion_options import MotionOptions
 from omnisight.visual_odometry.motion_prediction import MotionPrediction
 from omnisight.visual_odometry.pose_estimation import MIN_INLIERS, FramePose, estimate_pose
@@ -103,6 +106,7 @@ class Odometry:
         self._window: KeyframeWindow | None = None
         self._waiting: Initialization | None = None
         self._relocalizer: Relocalizer | None = None
+        self._history: KeyframeHistory | None = None
         self._lost: tuple[int, str] | None = None
         self._speed, self._inliers = 0.0, 0
 
@@ -155,6 +159,22 @@ class Odometry:
             self._waiting = None
         self._end_of_loss(self._frames, "")
 
+    def close_loops(self) -> LoopClosure:
+        """Return the trajectory so far, corrected by the places that the camera has seen before.
+
+        Tracking is not changed, and can go on: its world drifts without jumps, and that of the result does not drift.
+
+        Raises
+        ------
+        ValueError
+            If the option `loops` is off.
+        """
+        if not self._options.loops:
+            raise ValueError("keyframes were not kept to close loops: use MotionOptions(loops=True)")
+        if self._history is None:
+            return LoopClosure(tuple(self.trajectory), reason="there are no images")
+        return close_loops(self._history, self.trajectory, has_scale=self.has_scale)
+
     def _track(self, image: Image | Sequence[Image], seconds: float) -> tuple[Frame, Tracker]:
         """Track the patches in the next frame."""
         given = [image] if isinstance(image, np.ndarray) else image
@@ -165,6 +185,7 @@ class Odometry:
             masks = self._masks or [np.ones_like(region) for region in used]
             self._masks = [region & mask for region, mask in zip(used, masks, strict=True)]
             self._tracker = Tracker(self.rig, self._masks, self._options.patches)
+            self._history = KeyframeHistory(self.rig, self._masks) if self._options.loops else None
             self._motion = MotionPrediction.still(seconds, Pose())
         index, self._frames = self._frames, self._frames + 1
         predicted = self._motion.at(seconds)
@@ -232,13 +253,15 @@ class Odometry:
 
     def _begin(self, frame: Frame, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> FrameResult:
         """Start tracking in a window with the first two keyframes."""
+        if self._history is not None and len(self._history):
+            self._history.start_segment()
         self._end_of_loss(waiting.first.frame, "new segment")
         self._window, self._waiting, self._relocalizer = window, None, None
         poses, missing = waiting.trajectory(window, self._options.seed)
         self.lost += [LostSegment(a, b, TOO_FEW_POINTS, "tracking") for a, b in lost_ranges(missing)]
         self._append(poses)
         self.keyframes += 2
-        window.extend_last(self._detect(frame, tracker, window), frame.images)
+        self._keep(frame, tracker, window)
         return FrameResult(frame.index, frame.seconds, poses[-1].rig_from_world, len(frame.rays), is_keyframe=True)
 
     def _extend(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, pose: Pose) -> Pose:
@@ -246,9 +269,15 @@ class Odometry:
         others = tracker.cross_rays(pose) if self.has_scale else FrameRays.none()
         seen = tracker.patches.number[tracker.patches.is_seen]
         window.add(Keyframe(frame.index, pose, tracker.rays(pose), others=others), seen)
-        window.extend_last(self._detect(frame, tracker, window), frame.images)
+        self._keep(frame, tracker, window)
         self.keyframes += 1
         return window.keyframes[-1].rig_from_world
+
+    def _keep(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> None:
+        """Start patches in the last keyframe of a window, and keep it for the closing of loops."""
+        window.extend_last(self._detect(frame, tracker, window), frame.images)
+        if self._history is not None:
+            self._history.update(window, self.rig)
 
     def _detect(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
         """Start patches in the last keyframe of a window, and return the rays of all that it shows."""

@@ -1,0 +1,90 @@
+"""Loop closing on rendered drives that return to their start: `python -m benchmarks motion --loops`."""
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+import omnisight as om
+from benchmarks.motion_drives import Drive, render
+from benchmarks.motion_score import Errors, errors
+from omnisight.geometry import rotation as so3
+from omnisight.geometry.pose import Pose
+from omnisight.visual_odometry.frame_result import TrackedPose
+from omnisight.visual_odometry.loop_result import LoopClosure
+
+DRIVES = (
+    Drive("block", "fisheye", 450),
+    Drive("block", "rig", 450),
+    Drive("street", "sphere", 400),
+    Drive("street", "mirror", 400),
+)
+# Share of the images that must have a pose.
+MIN_COVERAGE = 0.99
+# Errors of the relative pose of a wrong loop: degrees, and metres.
+MAX_ANGLE_DEG, MAX_DISTANCE_M = 2.0, 1.0
+
+
+def track(drive: Drive) -> om.Odometry:
+    """Track a drive."""
+    folder, body = render(drive), drive.body
+    tracking = om.Odometry(body)
+    for k, seconds in enumerate(drive.trajectory.times):
+        if isinstance(body, om.Rig):
+            tracking.add([om.read_image(folder / name / f"{k:05d}.jpg") for name in body.names], seconds)
+        else:
+            tracking.add(om.read_image(folder / "images" / f"{k:05d}.jpg"), seconds)
+    tracking.finish()
+    return tracking
+
+
+def score(trajectory: Sequence[TrackedPose], true: Sequence[Pose]) -> Errors:
+    """Compare a trajectory with the true poses."""
+    return errors(_world_from_rig(trajectory), [true[pose.frame] for pose in trajectory])
+
+
+def row(drive: Drive) -> str:
+    """Return the row of a drive in the table."""
+    true = drive.trajectory.poses
+    start = time.process_time()
+    tracking = track(drive)
+    tracked = time.process_time()
+    closed = tracking.close_loops()
+    seconds = time.process_time() - tracked
+    before, after = score(tracking.trajectory, true), score(closed.trajectory, true)
+    coverage = len(tracking.trajectory) / drive.count
+    name = f"{drive.route}, {drive.camera}"
+    if coverage < MIN_COVERAGE:
+        return f"| {name} | failed: {coverage:.0%} of the images have a pose |"
+    figures = f"{before.drift:.3%} | {before.drift_deg_per_m:.4f} | {before.position:.3%} | {after.position:.3%}"
+    times = f"{(tracked - start) / drive.count * 1000:.0f} ms | {seconds:.0f} s"
+    loops = _loops(closed, tracking.trajectory, true)
+    return f"| {name} | {before.length:.0f} m | {coverage:.0%} | {figures} | {loops} | {times} |"
+
+
+def _loops(closed: LoopClosure, before: Sequence[TrackedPose], true: Sequence[Pose]) -> str:
+    """Return the number of closed loops, of wrong ones among them, and of rejected ones."""
+    found, exact = ([pose.translation for pose in poses] for poses in (_world_from_rig(before), true))
+    unit = np.linalg.norm(np.diff(exact, axis=0), axis=1).sum() / np.linalg.norm(np.diff(found, axis=0), axis=1).sum()
+    wrong = 0
+    for loop in closed.loops:
+        change = loop.first_from_last.inverse() @ (true[loop.first].inverse() @ true[loop.last])
+        angle = np.degrees(np.linalg.norm(so3.log(change.rotation)))
+        lengths = (
+            np.linalg.norm(loop.first_from_last.translation) * unit,
+            np.linalg.norm(true[loop.first].translation - true[loop.last].translation),
+        )
+        wrong += bool(angle > MAX_ANGLE_DEG or abs(lengths[0] - lengths[1]) > MAX_DISTANCE_M)
+    return f"{len(closed.loops)}, {wrong} wrong; {len(closed.rejected)} rejected"
+
+
+def _world_from_rig(trajectory: Sequence[TrackedPose]) -> list[Pose]:
+    return [pose.rig_from_world.inverse() for pose in trajectory]
+
+
+def print_loops(quick: bool) -> None:
+    """Print the table."""
+    print("\n| drive | path | images with a pose | drift | drift °/m | error | after loops | loops | image | closing |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for drive in DRIVES[:1] if quick else DRIVES:
+        print(row(drive), flush=True)
