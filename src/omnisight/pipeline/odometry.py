@@ -18,10 +18,12 @@ from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSourc
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.frame_sequence import FrameSequence
 from omnisight.pipeline.odometry_options import OdometryOptions
-from omnisight.pipeline.trajectory_writer import TrajectoryWriter, trajectory_format
+from omnisight.pipeline.odometry_scale import ScaledTrajectory, ScaleSources
+from omnisight.pipeline.trajectory_writer import Format, TrajectoryWriter, rewrite_trajectory, trajectory_format
 from omnisight.rig import Rig
 from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
 from omnisight.visual_odometry.odometry import Odometry
+from omnisight.visual_odometry.scale_estimate import ScaleEstimate
 
 Progress = Callable[[str, int, int], None]
 
@@ -57,6 +59,10 @@ class OdometryResult:
         Time until the first frames were processed, with the start of compiled code.
     fps
         Frames per second after the start, with reading them.
+    scale
+        Metres per baseline, or why it is unknown; None without any measurement besides the images.
+    scale_warnings
+        Scales that contradict each other, and segments whose scale is extrapolated.
     """
 
     trajectory: tuple[TrackedPose, ...] = field(repr=False)
@@ -68,6 +74,8 @@ class OdometryResult:
     residual: float
     start_seconds: float
     fps: float
+    scale: ScaleEstimate | None = None
+    scale_warnings: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         """Return whether there are poses of a camera that moves."""
@@ -85,14 +93,16 @@ class OdometryResult:
         return self.unit == "m"
 
     @property
-    def warning(self) -> str:
-        """Warning that the images contradict the camera; empty if they do not."""
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings that measurements contradict each other, or the images the camera."""
+        unknown = (self.scale.reason,) if self.scale is not None and not self.scale and self else ()
         if not self.residual > MAX_RESIDUAL:
-            return ""
-        return (
+            return *unknown, *self.scale_warnings
+        text = (
             f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
             " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
         )
+        return text, *unknown, *self.scale_warnings
 
     @property
     def reason(self) -> str:
@@ -146,13 +156,18 @@ def odometry(
     sources = CameraSources.of(camera, rig, None)
     sequence = FrameSequence.open(Path(images), sources.names, options.fps)
     body = _body(sources, sequence, options)
-    tracking = Odometry(body, options, _masks(options.mask, body))
+    known = ScaleSources.of(options)
+    tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
     started, frames = start, 0
     with ExitStack() as stack:
-        file = None if output is None else stack.enter_context(_writer(Path(output), options))
+        file = (
+            None
+            if output is None
+            else stack.enter_context(TrajectoryWriter(Path(output), _format(Path(output), options)))
+        )
         for frame in sequence:
             if frame.images:
-                tracking.add(frame.images, frame.seconds)
+                known.observe(tracking.add(frame.images, frame.seconds), tracking)
             else:
                 tracking.skip(frame.reason)
             frames += 1
@@ -162,17 +177,25 @@ def odometry(
         tracking.finish()
         _write(file, tracking, frames)
     elapsed = time.perf_counter() - started
+    scaled = ScaledTrajectory(tuple(tracking.trajectory))
+    if not tracking.has_scale:
+        scaled = known.apply(tracking.trajectory, tracking.lost)
+    unit = rig.unit if rig is not None and tracking.has_scale else "m" if scaled.scale else "baselines"
+    if output is not None and scaled.scale:
+        rewrite_trajectory(Path(output), _format(Path(output), options), scaled.poses, frames)
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
     return OdometryResult(
-        trajectory=tuple(tracking.trajectory),
+        trajectory=scaled.poses,
         frames=frames,
         keyframes=tracking.keyframes,
         lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
         loops=0,
-        unit=rig.unit if rig is not None and tracking.has_scale else "baselines",
+        unit=unit,
         residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
         start_seconds=started - start,
         fps=fps,
+        scale=scaled.scale,
+        scale_warnings=scaled.warnings,
     )
 
 
@@ -200,9 +223,9 @@ def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]]
     return [read_mask(file, camera.size) for file, camera in zip(files, body.cameras, strict=True)]
 
 
-def _writer(path: Path, options: OdometryOptions) -> TrajectoryWriter:
-    """Start the file of the trajectory."""
-    return TrajectoryWriter(path, options.to or trajectory_format(path))
+def _format(path: Path, options: OdometryOptions) -> Format:
+    """Return the format of the trajectory."""
+    return options.to or trajectory_format(path)
 
 
 def _write(file: TrajectoryWriter | None, tracking: Odometry, end: int | None = None) -> None:

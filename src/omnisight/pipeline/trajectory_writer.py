@@ -1,5 +1,6 @@
 """Trajectory files that are written while the trajectory is computed."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
@@ -64,3 +65,15 @@ class TrajectoryWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+
+def rewrite_trajectory(path: Path, format: Format, poses: Iterable[TrackedPose], frames: int) -> None:
+    """Replace a trajectory by other poses of the same number of frames, at once."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with TrajectoryWriter(temporary, format) as file:
+            file.write(poses)
+            file.skip_to(frames)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
