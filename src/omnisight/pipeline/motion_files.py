@@ -11,7 +11,7 @@ from omnisight.visual_odometry.wheel_scale import WheelSpeeds
 
 Array = NDArray[np.float64]
 
-# Step of times above which they are in nanoseconds, as in EuRoC and ROS: no sensor measures once in a quarter of an hour.
+# Step of times above which they are in nanoseconds, as in EuRoC and ROS: no sensor is slower than a quarter of an hour.
 MAX_STEP_S = 1000.0
 MIN_SAMPLES = 2
 
