@@ -29,8 +29,6 @@ class OdometryOptions(MotionOptions):
         where the pose is not known. By default kitti for a file that ends in .kitti, else tum.
     height
         Height of the camera over the ground, such as 1.2m, for the scale.
-    up
-        Direction of the camera over the ground: "top" is level; "back" looks down, as below a mirror; "front" looks up.
     wheels
         Table of wheel speeds for the scale: lines of time (seconds, or nanoseconds as in ROS) and speed (m/s).
     imu
@@ -45,7 +43,6 @@ class OdometryOptions(MotionOptions):
     scale: bool = False
     to: Literal["tum", "kitti"] | None = None
     height: str | None = None
-    up: Literal["top", "back", "front"] = "top"
     wheels: Path | None = None
     imu: Path | None = None
     distance: tuple[int, int, str] | None = None

@@ -1,6 +1,7 @@
 """Options of visual odometry."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,12 +14,19 @@ class MotionOptions:
         Number of patches to track in the images of a frame.
     window
         Number of keyframes that are refined together.
+    motion
+        "car" for a camera whose z axis is that of a car that steers with its front wheels: the first motion is searched
+        by one pair of directions instead of five, which tolerates more outliers. "general" for all others.
+    up
+        Direction of the camera over the ground: "top" is level; "back" looks down, as below a mirror; "front" looks up.
     seed
         Seed of the random numbers: the same images and seed give the same trajectory.
     """
 
     patches: int = 400
     window: int = 15
+    motion: Literal["general", "car"] = "general"
+    up: Literal["top", "back", "front"] = "top"
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -219,7 +219,9 @@ class Odometry:
     def _start(self, frame: Frame, tracker: Tracker, pose: Pose) -> Initialization:
         """Return a new initialization that starts with a frame."""
         tracker.detect(frame.images, pose)
-        return Initialization([WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose)], self._speed)
+        first = WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose)
+        vehicle_from_rig = so3.look(up=self._options.up) if self._options.motion == "car" else None
+        return Initialization([first], self._speed, vehicle_from_rig)
 
     def _keep_rotations(self, waiting: Initialization) -> None:
         """Add the poses of waiting frames to the trajectory if the camera only turned; otherwise they are lost."""
