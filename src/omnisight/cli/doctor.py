@@ -8,6 +8,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.doctor_options import DoctorOptions
 
+GROUP = "Geometry"
+
 if TYPE_CHECKING:
     from omnisight.pipeline.doctor import Diagnosis
 

@@ -25,7 +25,7 @@ Bytes = NDArray[np.uint8]
 # Normalized correlation below which a patch shows something else.
 MIN_CORRELATION = 0.8
 # Standard deviation (px) of a position besides the noise of the image: interpolation, and, per radian between the views
-# now and in the template, what the affine map does not explain. Median errors of patches on surfaces of a rendered room:
+# now and in the template, what the affine map does not explain. Median errors of patches in a rendered room:
 # 0.08 px below 2 degrees, 0.10 px from 5 to 10 degrees, 0.17 px from 20 to 40 degrees (0.37 px without its refinement).
 POSITION_SIGMA_PX, SLANT_SIGMA_PX = 0.08, 0.3
 # Standard deviation of the change of a map, per radian between both views: a surface with a slant of 45 degrees has 1.
