@@ -51,6 +51,9 @@ from omnisight.pipeline.convert_rig import convert_rig as convert_rig
 from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect
+from omnisight.pipeline.doctor import Diagnosis as Diagnosis
+from omnisight.pipeline.doctor import doctor as doctor
+from omnisight.pipeline.doctor_options import DoctorOptions as DoctorOptions
 from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
 from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate

@@ -1,6 +1,7 @@
 """omnisight odometry, on rendered images of a room."""
 
 import dataclasses
+import itertools
 import json
 import shutil
 
@@ -162,3 +163,32 @@ def test_an_interrupted_run_keeps_its_poses(run, room, monkeypatch):
     assert status == 130
     assert "t.tum holds the poses so far" in err
     assert len(read_trajectory("t.tum").poses) == 8
+
+
+@pytest.mark.parametrize(
+    "option", [("--height", "1.4m"), ("--distance", "0", "13", "1.2m")], ids=["height", "distance"]
+)
+def test_a_known_length_brings_the_trajectory_into_metres(run, room, option):
+    status, out, _ = run(*arguments(room, "--json", *option))
+    assert status == 0
+    data = json.loads(out)
+    poses = read_trajectory("t.tum").poses
+    if option[0] == "--distance":
+        assert data["unit"] == "m"
+        assert np.linalg.norm(poses[13].translation - poses[0].translation) == pytest.approx(1.2, abs=1e-6)
+        assert data["scale_source"] == "the distance of images 0 and 13"
+    if not data["has_scale"]:
+        assert data["scale_sigma"] is None
+        assert data["warnings"]
+        return
+    assert 0 < data["scale_sigma"] < 0.1
+    written = sum(np.linalg.norm(b.translation - a.translation) for a, b in itertools.pairwise(poses))
+    assert data["path_length"] == pytest.approx(written, rel=1e-4)
+
+
+def test_a_table_of_wheels_of_another_clock_leaves_the_scale_unknown(run, room, tmp_path):
+    (tmp_path / "wheels.csv").write_text("1000,1\n1000.1,1\n1000.2,1\n")
+    status, out, err = run(*arguments(room, "--wheels", tmp_path / "wheels.csv"))
+    assert status == 0
+    assert "the scale is unknown" in out
+    assert "use the same clock for both" in err

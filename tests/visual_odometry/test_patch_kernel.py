@@ -23,37 +23,40 @@ def image(shift=(0.0, 0.0), matrix=IDENTITY, gain=1.0, offset=0.0):
     return np.clip(gain * scene(at[0] + 50 + shift[0], at[1] + 40 + shift[1]) + offset, 0, 255).round().astype(np.uint8)
 
 
-def aligned(second, maps=IDENTITY, start=(50.0, 40.0)):
+def aligned(second, maps=IDENTITY, start=(50.0, 40.0), slant=0.0):
+    """Return the position, the correlation and the covariance of the shift over the variance of the intensities."""
     levels = (image(),)
     arrays = (
         np.zeros((1, 1, SAMPLES), np.float32),
         np.zeros((1, 1, SAMPLES, 2), np.float32),
         np.zeros((1, 1, 2, 2)),
+        np.zeros((1, SAMPLES, 6), np.float32),
         np.zeros((1, 1), bool),
     )
     extract(levels, np.array([[50.0, 40.0]]), np.eye(2)[None], *arrays, 0, 1)
-    assert arrays[3].all()
-    pixels, correlation, noise = np.array([start]), np.empty(1), np.empty(1)
-    align((second,), *arrays, np.ascontiguousarray(maps)[None], np.zeros(1, np.intp), pixels, correlation, noise, 0, 1)
-    return pixels[0], correlation[0]
+    assert arrays[4].all()
+    pixels, correlation, noise, uncertainty = np.array([start]), np.empty(1), np.empty(1), np.zeros((1, 2, 2))
+    maps, level, slants = np.ascontiguousarray(maps)[None], np.zeros(1, np.intp), np.array([slant])
+    align((second,), arrays, maps, level, slants, pixels, correlation, noise, uncertainty, 0, 1)
+    return pixels[0], correlation[0], uncertainty[0]
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (1.3, -0.7), (-2.2, 1.9)])
 def test_a_shift_is_found(shift):
-    pixel, correlation = aligned(image(shift))
+    pixel, correlation, _ = aligned(image(shift))
     assert np.allclose(pixel, np.array([50.0, 40.0]) - shift, atol=0.03)
     assert correlation > 0.99
 
 
 def test_contrast_and_brightness_have_no_effect():
-    pixel, correlation = aligned(image((1.3, -0.7), gain=0.6, offset=30.0))
+    pixel, correlation, _ = aligned(image((1.3, -0.7), gain=0.6, offset=30.0))
     assert np.allclose(pixel, (48.7, 40.7), atol=0.05)
     assert correlation > 0.99
 
 
 def test_an_affine_map_is_applied():
     matrix = np.array([[0.8, 0.3], [-0.2, 1.1]])
-    pixel, correlation = aligned(image(matrix=matrix), np.linalg.inv(matrix), (50.8, 39.5))
+    pixel, correlation, _ = aligned(image(matrix=matrix), np.linalg.inv(matrix), (50.8, 39.5))
     assert np.allclose(pixel, (50.0, 40.0), atol=0.05)
     assert correlation > 0.99
     assert aligned(image(matrix=matrix), np.eye(2), (50.8, 39.5))[1] < correlation
@@ -65,3 +68,16 @@ def test_a_uniform_image_shows_no_patch():
 
 def test_a_patch_that_leaves_the_image_is_not_found():
     assert aligned(image(), start=(2.0, 40.0))[1] == -1
+
+
+def test_the_map_of_a_slanted_surface_is_refined():
+    """The prediction has the map of a surface across the line of sight."""
+    slanted = image(matrix=np.array([[1.25, 0.1], [0.05, 1.0]]))
+    start = (50.4, 39.7)
+    fixed, similar, _ = aligned(slanted, start=start)
+    refined, more_similar, uncertainty = aligned(slanted, start=start, slant=0.3)
+    assert more_similar > max(similar, 0.99)
+    assert np.allclose(refined, (50.0, 40.0), atol=0.05)
+    assert np.linalg.norm(refined - (50, 40)) < np.linalg.norm(fixed - (50, 40))
+    # More unknowns leave the position less certain.
+    assert np.linalg.eigvalsh(uncertainty - aligned(slanted, start=start)[2]).min() >= -1e-9

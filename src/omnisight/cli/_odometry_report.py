@@ -30,6 +30,8 @@ def print_json(result: OdometryResult) -> None:
         "path_length": result.path_length,
         "unit": result.unit,
         "has_scale": result.has_scale,
+        "scale_source": result.scale.source if result.scale else None,
+        "scale_sigma": round(result.scale.relative_sigma, 5) if result.scale else None,
         "fps": None if math.isnan(result.fps) else round(result.fps, 2),
         "start_seconds": round(result.start_seconds, 3),
         "lost": [
@@ -37,7 +39,7 @@ def print_json(result: OdometryResult) -> None:
             for lost in result.lost
         ],
         "residual": None if math.isnan(result.residual) else round(result.residual, 3),
-        "warnings": [result.warning] if result.warning else [],
+        "warnings": list(result.warnings),
         "reason": result.reason,
     }
     print(json.dumps(data, indent=2, allow_nan=False))
@@ -51,6 +53,8 @@ def print_report(result: OdometryResult, output: Path) -> None:
     unknown = "; the scale is unknown, and 1 is the distance of the first two keyframes"
     print(f"path        {result.path_length:.2f} {result.unit}{unknown if result.unit == 'baselines' else ''}")
     print_loops(result)
+    if result.scale:
+        print(f"scale       from {result.scale.source}, {result.scale.relative_sigma:.1%} (1σ)")
     for lost in result.lost:
         print(f"lost        {_describe(lost)}")
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "
@@ -76,8 +80,8 @@ def print_loops(result: OdometryResult) -> None:
 
 def print_warnings(result: OdometryResult) -> None:
     """Print warnings on stderr."""
-    if result.warning:
-        print(f"omnisight: warning: {result.warning}", file=sys.stderr)
+    for warning in result.warnings:
+        print(f"omnisight: warning: {warning}", file=sys.stderr)
 
 
 def _loop(loop: Loop) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,14 +26,15 @@ class SequenceFrame:
 
     Attributes
     ----------
-    seconds
-        Its time.
+    index, seconds
+        Index in the sequence, and time.
     images
         One image (H, W) or (H, W, 3) of each camera; none if one is missing.
     reason
         Why there are no images; empty otherwise.
     """
 
+    index: int
     seconds: float
     images: tuple[NDArray[Any], ...]
     reason: str = ""
@@ -53,12 +54,15 @@ class FrameSequence:
         The clip.
     label
         Name in messages.
+    times_file
+        File of the times; None without.
     """
 
     files: tuple[tuple[Path | None, ...], ...]
     times: tuple[float, ...]
     label: str
     clip: Clip | None = None
+    times_file: Path | None = None
 
     @classmethod
     def open(cls, source: Path, cameras: tuple[str, ...], fps: float | None) -> "FrameSequence":
@@ -90,7 +94,8 @@ class FrameSequence:
         for path, camera, frame in zip(found.paths, found.camera, found.frame, strict=True):
             files[frame][camera] = path
         frames = tuple(map(tuple, files))
-        return cls(frames, _times(source, frames, fps), str(source))
+        times, table = _times(source, frames, fps)
+        return cls(frames, times, str(source), times_file=table)
 
     def __len__(self) -> int:
         """Return the number of frames; for a clip the number that its header declares, or 0."""
@@ -106,28 +111,32 @@ class FrameSequence:
         return width, height
 
     def __iter__(self) -> Iterator[SequenceFrame]:
-        """Read the frames one at a time; one that cannot be read has a reason in place of images."""
-        return self._of_clip(self.clip) if self.clip is not None else self._of_files()
+        """Read all frames; see `frames`."""
+        return self.frames()
 
-    def _of_clip(self, clip: Clip) -> Generator[SequenceFrame]:
+    def frames(self, indices: Collection[int] | None = None) -> Iterator[SequenceFrame]:
+        """Read all frames, or those with indices, one at a time; one that cannot be read has a reason, not images."""
+        return self._of_clip(self.clip, indices) if self.clip is not None else self._of_files(indices)
+
+    def _of_clip(self, clip: Clip, indices: Collection[int] | None) -> Generator[SequenceFrame]:
         last = -math.inf
-        for frame in clip.frames():
+        for frame in clip.frames(indices):
             # Some files have no times, or the same for several frames.
             seconds = frame.seconds if frame.seconds > last else frame.index / clip.frame_rate
             last = max(seconds, last + 1e-6)
-            yield SequenceFrame(last, (frame.gray,))
+            yield SequenceFrame(frame.index, last, (frame.gray,))
 
-    def _of_files(self) -> Generator[SequenceFrame]:
-        for seconds, files in zip(self.times, self.files, strict=True):
+    def _of_files(self, indices: Collection[int] | None) -> Generator[SequenceFrame]:
+        for index in range(len(self.files)) if indices is None else sorted(indices):
+            seconds, files = self.times[index], self.files[index]
             try:
                 images = tuple(read_image(path) for path in files if path is not None)
             except UnreadableImage as error:
-                yield SequenceFrame(seconds, (), str(error))
+                yield SequenceFrame(index, seconds, (), str(error))
                 continue
             complete = len(images) == len(files)
-            yield SequenceFrame(
-                seconds, images if complete else (), "" if complete else "no image of one of the cameras"
-            )
+            reason = "" if complete else "no image of one of the cameras"
+            yield SequenceFrame(index, seconds, images if complete else (), reason)
 
 
 def _image_folders(source: Path, cameras: tuple[str, ...]) -> Path | list[Path]:
@@ -136,12 +145,14 @@ def _image_folders(source: Path, cameras: tuple[str, ...]) -> Path | list[Path]:
     return folders if folders and all(folder.is_dir() for folder in folders) else source
 
 
-def _times(source: Path, frames: tuple[tuple[Path | None, ...], ...], fps: float | None) -> tuple[float, ...]:
-    """Return the times of frames: of a file, or at a constant rate."""
+def _times(
+    source: Path, frames: tuple[tuple[Path | None, ...], ...], fps: float | None
+) -> tuple[tuple[float, ...], Path | None]:
+    """Return the times of frames, of a file or at a constant rate, and the file."""
     folders = dict.fromkeys([source, source.parent, *(path.parent for path in frames[0] if path is not None)])
     table = next((folder / TIMES_FILE for folder in folders if (folder / TIMES_FILE).is_file()), None)
     if table is None or fps is not None:
-        return tuple(frame / (fps or DEFAULT_FPS) for frame in range(len(frames)))
+        return tuple(frame / (fps or DEFAULT_FPS) for frame in range(len(frames))), None
     known = _read_times(table)
     times = [_time_of(files, source, known, table) for files in frames]
     steps = np.diff(times)
@@ -151,7 +162,7 @@ def _times(source: Path, frames: tuple[tuple[Path | None, ...], ...], fps: float
         raise ValueError(
             f"{table}: the time of {name}, {times[k + 1]:g} s, is not after {times[k]:g} s of the one before"
         )
-    return tuple(times)
+    return tuple(times), table
 
 
 def _read_times(table: Path) -> dict[str, float]:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -14,16 +14,19 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.formats import load_rig
+from omnisight.geometry.pose import Pose
 from omnisight.images.mask import read_mask
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.frame_sequence import FrameSequence
 from omnisight.pipeline.odometry_options import OdometryOptions
+from omnisight.pipeline.odometry_scale import ScaledTrajectory, ScaleSources
 from omnisight.pipeline.trajectory_writer import Format, TrajectoryWriter, replace_trajectory, trajectory_format
 from omnisight.rig import Rig
 from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
 from omnisight.visual_odometry.loop_result import Loop, LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
+from omnisight.visual_odometry.scale_estimate import ScaleEstimate
 
 Progress = Callable[[str, int, int], None]
 
@@ -63,6 +66,10 @@ class OdometryResult(Displayed):
         Time until the first frames were processed, with the start of compiled code.
     fps
         Frames per second after the start, with reading them.
+    scale
+        Metres per baseline, or why it is unknown; None without any measurement besides the images.
+    scale_warnings
+        Scales that contradict each other, and segments whose scale is extrapolated.
     """
 
     trajectory: tuple[TrackedPose, ...] = field(repr=False)
@@ -76,6 +83,8 @@ class OdometryResult(Displayed):
     residual: float
     start_seconds: float
     fps: float
+    scale: ScaleEstimate | None = None
+    scale_warnings: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         """Return whether there are poses of a camera that moves."""
@@ -93,14 +102,16 @@ class OdometryResult(Displayed):
         return self.unit == "m"
 
     @property
-    def warning(self) -> str:
-        """Warning that the images contradict the camera; empty if they do not."""
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings that measurements contradict each other, or the images the camera."""
+        unknown = (self.scale.reason,) if self.scale is not None and not self.scale and self else ()
         if not self.residual > MAX_RESIDUAL:
-            return ""
-        return (
+            return *unknown, *self.scale_warnings
+        text = (
             f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
             " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
         )
+        return text, *unknown, *self.scale_warnings
 
     @property
     def reason(self) -> str:
@@ -154,13 +165,18 @@ def odometry(
     sources = CameraSources.of(camera, rig, None)
     sequence = FrameSequence.open(Path(images), sources.names, options.fps)
     body = _body(sources, sequence, options)
-    tracking = Odometry(body, options, _masks(options.mask, body))
+    known = ScaleSources.of(options)
+    tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
     started, frames = start, 0
     with ExitStack() as stack:
-        file = None if output is None else stack.enter_context(_writer(Path(output), options))
+        file = (
+            None
+            if output is None
+            else stack.enter_context(TrajectoryWriter.create(Path(output), _format(Path(output), options)))
+        )
         for frame in sequence:
             if frame.images:
-                tracking.add(frame.images, frame.seconds)
+                known.observe(tracking.add(frame.images, frame.seconds), tracking)
             else:
                 tracking.skip(frame.reason)
             frames += 1
@@ -171,22 +187,25 @@ def odometry(
         _write(file, tracking, frames)
     elapsed = time.perf_counter() - started
     closed = _close_loops(tracking, options, report)
+    scaled = _in_metres(tracking, closed, known)
     # A pipe or a device holds the poses of tracking.
-    if closed and output is not None and Path(output).is_file():
-        replace_trajectory(Path(output), _format(Path(output), options), closed.trajectory, frames)
+    if (closed or scaled.scale) and output is not None and Path(output).is_file():
+        replace_trajectory(Path(output), _format(Path(output), options), scaled.poses, frames)
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
     return OdometryResult(
-        trajectory=closed.trajectory,
+        trajectory=scaled.poses,
         frames=frames,
         keyframes=tracking.keyframes,
         lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
-        loops=closed.loops,
-        rejected_loops=closed.rejected,
-        correction=closed.correction,
-        unit=rig.unit if rig is not None and tracking.has_scale else "baselines",
+        loops=_scaled_loops(closed.loops, scaled),
+        rejected_loops=_scaled_loops(closed.rejected, scaled),
+        correction=closed.correction * scaled.metres,
+        unit=rig.unit if rig is not None and tracking.has_scale else "m" if scaled.scale else "baselines",
         residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
         start_seconds=started - start,
         fps=fps,
+        scale=scaled.scale,
+        scale_warnings=scaled.warnings,
     )
 
 
@@ -224,9 +243,20 @@ def _close_loops(tracking: Odometry, options: OdometryOptions, report: Progress)
     return closed
 
 
-def _writer(path: Path, options: OdometryOptions) -> TrajectoryWriter:
-    """Start the file of the trajectory."""
-    return TrajectoryWriter.create(path, _format(path, options))
+def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> ScaledTrajectory:
+    """Return the trajectory in metres if something else than the cameras determines the scale."""
+    if tracking.has_scale:
+        return ScaledTrajectory(closed.trajectory)
+    if closed:
+        known.correct(tracking.trajectory, closed.trajectory)
+    return known.apply(closed.trajectory, tracking.lost)
+
+
+def _scaled_loops(loops: Sequence[Loop], scaled: ScaledTrajectory) -> tuple[Loop, ...]:
+    """Return loops in the unit of the trajectory."""
+    poses = [loop.first_from_last for loop in loops]
+    moved = [Pose(pose.rotation, scaled.metres * pose.translation) for pose in poses]
+    return tuple(replace(loop, first_from_last=pose) for loop, pose in zip(loops, moved, strict=True))
 
 
 def _format(path: Path, options: OdometryOptions) -> Format:

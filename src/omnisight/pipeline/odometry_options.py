@@ -27,12 +27,25 @@ class OdometryOptions(MotionOptions):
     to
         Format of the trajectory: tum has the poses that are known, with times; kitti has a row for each image, of NaN
         where the pose is not known. By default kitti for a file that ends in .kitti, else tum.
+    height
+        Height of the camera over the ground, such as 1.2m, for the scale.
+    wheels
+        Table of wheel speeds for the scale: lines of time (seconds, or nanoseconds as in ROS) and speed (m/s).
+    imu
+        Table of an inertial measurement unit in the format of EuRoC, for the prediction of turns and for the scale:
+        lines of time, angular velocity (rad/s) and specific force (m/s^2). Its orientation need not be known.
+    distance
+        Numbers of two images, the first of all being 0, and the distance between their positions, such as 0 40 1.5m.
     """
 
     fps: float | None = None
     mask: Path | None = None
     scale: bool = False
     to: Literal["tum", "kitti"] | None = None
+    height: str | None = None
+    wheels: Path | None = None
+    imu: Path | None = None
+    distance: tuple[int, int, str] | None = None
 
     def __post_init__(self) -> None:
         """Check the rate."""

@@ -18,6 +18,10 @@ SIDE = 2 * HALF + 1
 SAMPLES = SIDE * SIDE
 # Steps per level, and the step (px) at which they end: far below the noise of the position.
 MAX_STEPS, SMALL_STEP_PX = 10, 0.01
+# Steps of the refinement of the affine map.
+MAX_AFFINE_STEPS = 6
+# Distance (px) by which it corrects a position: a larger one is that of another surface.
+MAX_AFFINE_SHIFT = 1.5
 # Distance (px of the level) from its start at which a patch is another one: beyond half its size.
 MAX_SHIFT = SIDE
 
@@ -49,7 +53,7 @@ def _sample_patch(image, u, v, a, half, samples):
 
 
 @njit_driver
-def extract(levels, pixels, maps, templates, gradients, inverses, usable, first, last):
+def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable, first, last):
     """Fill the templates of the patches first ... last on all levels.
 
     Parameters
@@ -67,6 +71,9 @@ def extract(levels, pixels, maps, templates, gradients, inverses, usable, first,
         explain.
     inverses
         (N, L, 2, 2), receives the inverses of their Gram matrices.
+    affine
+        (N, S, 6), receives the derivatives at the finest level by a shift (2) and a linear map (2, 2) of the patch,
+        without what changes of contrast and brightness explain.
     usable
         (N, L), receives whether the patch is inside the image and has texture along both directions.
     """
@@ -89,7 +96,29 @@ def extract(levels, pixels, maps, templates, gradients, inverses, usable, first,
                     gradient[k, 1] = np.float32(0.5) * (samples[at + wide] - samples[at - wide])
                     mean += samples[at]
             mean /= np.float32(SAMPLES)
+            if level == 0:
+                _fill_affine(template, gradient, mean, affine[n])
             usable[n, level] = _project_out(template, gradient, mean, inverses[n, level])
+
+
+@njit_helper
+def _fill_affine(template, gradient, mean, affine):
+    """Fill the derivatives by a shift and a linear map, without their mean and their part along the template."""
+    energy = 0.0
+    for k in range(SAMPLES):
+        energy += (template[k] - mean) ** 2
+        x, y = np.float32(k % SIDE - HALF), np.float32(k // SIDE - HALF)
+        for axis in range(2):
+            g = gradient[k, axis]
+            affine[k, axis], affine[k, 2 + 2 * axis], affine[k, 3 + 2 * axis] = g, g * x, g * y
+    for column in range(6):
+        average, along = 0.0, 0.0
+        for k in range(SAMPLES):
+            average += affine[k, column]
+            along += affine[k, column] * (template[k] - mean)
+        average, along = average / SAMPLES, along / max(energy, 1e-9)
+        for k in range(SAMPLES):
+            affine[k, column] -= np.float32(average + along * (template[k] - mean))
 
 
 @njit_helper
@@ -122,21 +151,32 @@ def _project_out(template, gradient, mean, inverse):
 
 
 @njit_driver
-def align(levels, templates, gradients, inverses, usable, maps, start, pixels, correlation, noise, first, last):
+def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncertainty, first, last):
     """Align the patches first ... last, starting at pixels (N, 2), which receive the result.
+
+    At the finest level the affine map is refined too: the surface is not perpendicular to the line of sight of the
+    template, as was assumed, so that the map differs the more, the more the view has changed.
 
     Parameters
     ----------
-    levels, templates, gradients, inverses, usable, maps
+    levels, maps
         As in `extract`; the maps are those of the predicted patches.
+    arrays
+        The templates, gradients, inverses, affine and usable of `extract`.
     start
         (N,) coarsest level to use for each patch; -1 for none.
+    slants
+        (N,) standard deviation of the elements of the change of the map.
     correlation
         (N,), receives the normalized correlation at the finest level; -1 where the patch was not aligned.
     noise
         (N,), receives the root mean square difference of the intensities.
+    uncertainty
+        (N, 2, 2), receives the covariance of the shift of the patch over the variance of the intensities.
     """
+    templates, gradients, inverses, affine, usable = arrays
     samples = np.empty(SAMPLES, np.float32)
+    refined, information, gradient = np.empty((2, 2)), np.empty((6, 6)), np.empty(6)
     for n in range(first, last):
         u, v = pixels[n, 0], pixels[n, 1]
         correlation[n], noise[n] = -1.0, 0.0
@@ -161,6 +201,17 @@ def align(levels, templates, gradients, inverses, usable, maps, start, pixels, c
                 u, v = x / scale, y / scale
                 if level == 0:
                     correlation[n], noise[n] = similar, rms
+                    uncertainty[n] = inverses[n, 0]
+        if correlation[n] > 0.0 and slants[n] > 0.0:
+            refined[:] = a
+            image, template = levels[0], templates[n, 0]
+            _fill_information(affine[n], slants[n], max(noise[n], 1.0), information)
+            found, x, y, similar, rms = _refine(
+                image, template, affine[n], information, refined, u, v, samples, gradient
+            )
+            if found and similar > correlation[n]:
+                u, v, correlation[n], noise[n] = x, y, similar, rms
+                uncertainty[n] = np.linalg.inv(information)[:2, :2]
         pixels[n, 0], pixels[n, 1] = u, v
 
 
@@ -199,6 +250,73 @@ def _align_on_level(image, template, gradient, inverse, a, u, v, samples):
         px, py = a[0, 0] * sx + a[0, 1] * sy, a[1, 0] * sx + a[1, 1] * sy
         x, y = x - px, y - py
         if (x - u) ** 2 + (y - v) ** 2 > MAX_SHIFT**2:
+            return False, u, v, -1.0, 0.0
+        if px * px + py * py < SMALL_STEP_PX**2:
+            break
+    return True, x, y, similar, rms
+
+
+@njit_helper
+def _fill_information(affine, slant, noise, information):
+    """Fill the information (6, 6) of a shift and a change of the map, with the prior of the change."""
+    for i in range(6):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(SAMPLES):
+                total += affine[k, i] * affine[k, j]
+            information[i, j] = information[j, i] = total
+    for i in range(2, 6):
+        information[i, i] += (noise / slant) ** 2
+    for i in range(2):
+        information[i, i] += 1e-6
+
+
+@njit_helper
+def _refine(image, template, affine, information, a, u, v, samples, gradient):
+    """Refine position and map a (2, 2), in place; return as `_align_on_level`."""
+    energy = 0.0
+    for k in range(SAMPLES):
+        energy += template[k] * template[k]
+    start, x, y, similar, rms = a.copy(), u, v, -1.0, 0.0
+    prior = information[2, 2]
+    for k in range(SAMPLES):
+        prior -= affine[k, 2] * affine[k, 2]
+    change = np.zeros((2, 2))
+    inverse = np.linalg.inv(information)
+    for _ in range(MAX_AFFINE_STEPS):
+        if not _sample_patch(image, x, y, a, HALF, samples):
+            return False, u, v, -1.0, 0.0
+        mean, product, square = 0.0, 0.0, 0.0
+        for k in range(SAMPLES):
+            mean += samples[k]
+        mean /= SAMPLES
+        for k in range(SAMPLES):
+            value = samples[k] - mean
+            product += value * template[k]
+            square += value * value
+        similar = product / np.sqrt(max(energy * square, 1e-12))
+        if not product > 0.0:
+            return False, u, v, -1.0, 0.0
+        contrast, total = np.sqrt(square / energy), 0.0
+        gradient[:] = 0.0
+        for k in range(SAMPLES):
+            difference = (samples[k] - mean) / contrast - template[k]
+            total += difference * difference
+            for i in range(6):
+                gradient[i] += affine[k, i] * difference
+        rms = np.sqrt(total / (SAMPLES - 4))
+        # The change of the map since the start, which has the prior.
+        change[:] = np.linalg.inv(start) @ a
+        for i in range(4):
+            gradient[2 + i] += prior * (change[i // 2, i % 2] - (1.0 if i in (0, 3) else 0.0))
+        step = inverse @ gradient
+        moved = np.array([[1.0 + step[2], step[3]], [step[4], 1.0 + step[5]]])
+        if not np.abs(moved - np.eye(2)).max() < 0.5:
+            return False, u, v, -1.0, 0.0
+        a[:] = a @ np.linalg.inv(moved)
+        px, py = a[0, 0] * step[0] + a[0, 1] * step[1], a[1, 0] * step[0] + a[1, 1] * step[1]
+        x, y = x - px, y - py
+        if (x - u) ** 2 + (y - v) ** 2 > MAX_AFFINE_SHIFT**2:
             return False, u, v, -1.0, 0.0
         if px * px + py * py < SMALL_STEP_PX**2:
             break

@@ -11,6 +11,7 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import refine
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import estimate_relative_pose
+from omnisight.visual_odometry.car_motion import estimate_car_motion
 from omnisight.visual_odometry.frame_result import TrackedPose
 from omnisight.visual_odometry.marginalization import gauge_prior
 from omnisight.visual_odometry.pose_estimation import estimate_pose
@@ -31,6 +32,8 @@ MIN_COMMON = 30
 MIN_SHARE = 0.4
 # Frames that wait for their pose: they need memory.
 MAX_WAITING = 300
+# Share of the pairs that agree with the motion of a car; fewer agree with that of another vehicle.
+MIN_CAR_SHARE = 0.5
 # Models of motion that determine a translation.
 SOLVED = "general", "planar motion", "dominant plane"
 # Standard deviation of the fixed pose and scale, which does not matter to the solution.
@@ -67,12 +70,15 @@ class Initialization:
         The first one, which becomes a keyframe, and those since.
     speed
         Assumed speed in units of the world, for the scale; the length of the baseline is 1 if it is zero.
+    vehicle_from_rig
+        Rotation (3, 3) to the axes of a car, on which the camera is; None if it moves in other ways.
     parallax
         Median parallax of the last frame over its noise; infinite while too few patches are common.
     """
 
     frames: list[WaitingFrame]
     speed: float = 0.0
+    vehicle_from_rig: Array | None = None
     parallax: float = np.inf
     _tried: float = field(default=MIN_PARALLAX_SIGMA / GROWTH, repr=False)
 
@@ -104,11 +110,21 @@ class Initialization:
             return None
         self._tried = self.parallax
         pairs = BearingPairs(a.bearings, b.bearings, a.covariance, b.covariance, is_noise_known=False)
-        found = estimate_relative_pose(pairs, options)
-        if found.b_from_a is None or found.motion.name not in SOLVED or found.alternative is not None:
+        found = self._relative_pose(pairs, options)
+        if found is None:
             return None
         length = self.speed * (last.seconds - self.first.seconds) or 1.0
-        return self.window(Pose(found.b_from_a.rotation, length * found.b_from_a.translation), window_size)
+        return self.window(Pose(found.rotation, length * found.translation), window_size)
+
+    def _relative_pose(self, pairs: BearingPairs, options: RansacOptions) -> Pose | None:
+        """Return the relative pose of a car, if most pairs agree with it, or else of any motion; None if unknown."""
+        if self.vehicle_from_rig is not None:
+            car = estimate_car_motion(pairs, self.vehicle_from_rig, options)
+            if car.model is not None and car.inliers.mean() > MIN_CAR_SHARE:
+                return Pose.of_matrix(car.model)
+        found = estimate_relative_pose(pairs, options)
+        is_solved = found.motion.name in SOLVED and found.alternative is None
+        return found.b_from_a if is_solved else None
 
     def window(self, last_from_first: Pose, size: int, *, has_scale: bool = False) -> KeyframeWindow:
         """Return a window of the first and the last frame with a relative pose.

@@ -1,6 +1,7 @@
 """Options of visual odometry."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 from omnisight.display import Displayed
 
@@ -18,6 +19,11 @@ class MotionOptions(Displayed):
     loops
         Close loops: places that were seen before correct the trajectory at the end. Keyframes are kept for it, and
         memory grows with their number.
+    motion
+        "car" for a camera whose z axis is that of a car that steers with its front wheels: the first motion is searched
+        by one pair of directions instead of five, which tolerates more outliers. "general" for all others.
+    up
+        Direction of the camera over the ground: "top" is level; "back" looks down, as below a mirror; "front" looks up.
     seed
         Seed of the random numbers: the same images and seed give the same trajectory.
     """
@@ -25,6 +31,8 @@ class MotionOptions(Displayed):
     patches: int = 400
     window: int = 15
     loops: bool = True
+    motion: Literal["general", "car"] = "general"
+    up: Literal["top", "back", "front"] = "top"
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.features.detection import illuminated_region
+from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
@@ -16,6 +17,8 @@ from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
+from omnisight.visual_odometry.gyro_prediction import GyroPrediction
+from omnisight.visual_odometry.imu import ImuSamples
 from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges, with_points
 from omnisight.visual_odometry.keyframe_history import KeyframeHistory
 from omnisight.visual_odometry.keyframes import is_keyframe
@@ -91,8 +94,12 @@ class Odometry:
         camera: Camera | RayCamera | Rig,
         options: MotionOptions = MotionOptions(),
         masks: Sequence[Mask] | None = None,
+        imu: ImuSamples | None = None,
     ) -> None:
-        """Prepare for images of a camera or a rig, of whose pixels (H, W) masks may exclude some."""
+        """Prepare for images of a camera or a rig, of whose pixels (H, W) masks may exclude some.
+
+        The gyroscope of an inertial measurement unit predicts turns; its orientation on the camera need not be known.
+        """
         self.rig = central_rig(camera)
         self.trajectory: list[TrackedPose] = []
         self.lost: list[LostSegment] = []
@@ -109,6 +116,12 @@ class Odometry:
         self._history: KeyframeHistory | None = None
         self._lost: tuple[int, str] | None = None
         self._speed, self._inliers = 0.0, 0
+        self._gyro = None if imu is None else GyroPrediction(imu)
+
+    @property
+    def points(self) -> Array:
+        """The points (P, 3) of the last keyframes in the world."""
+        return np.zeros((0, 3)) if self._window is None else self._window.points
 
     def add(self, image: Image | Sequence[Image], seconds: float) -> FrameResult:
         """Estimate the pose of the next frame.
@@ -189,6 +202,8 @@ class Odometry:
             self._motion = MotionPrediction.still(seconds, Pose())
         index, self._frames = self._frames, self._frames + 1
         predicted = self._motion.at(seconds)
+        if self._gyro is not None:
+            predicted = self._gyro.turned(predicted, self._motion.rig_from_world, (self._motion.seconds, seconds))
         return Frame(index, seconds, images, predicted, self._tracker.track(images, predicted)), self._tracker
 
     def _locate(self, frame: Frame) -> FramePose:
@@ -213,7 +228,7 @@ class Odometry:
         pose = waiting.turn(frame.rays, frame.predicted, self._options.seed)
         tracker.confirm(pose, frame.rays, np.ones(len(frame.rays), np.bool_))
         waiting.frames.append(WaitingFrame(frame.index, frame.seconds, frame.rays, pose))
-        self._motion = self._motion.after(frame.seconds, pose)
+        self._follow(frame.seconds, pose)
         window = waiting.solve(self._options.window, RansacOptions(seed=self._options.seed))
         if window is not None:
             return self._begin(frame, tracker, waiting, self._scaled(tracker, waiting, window))
@@ -225,7 +240,9 @@ class Odometry:
     def _start(self, frame: Frame, tracker: Tracker, pose: Pose) -> Initialization:
         """Return a new initialization that starts with a frame."""
         tracker.detect(frame.images, pose)
-        return Initialization([WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose)], self._speed)
+        first = WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose)
+        vehicle_from_rig = so3.look(up=self._options.up) if self._options.motion == "car" else None
+        return Initialization([first], self._speed, vehicle_from_rig)
 
     def _keep_rotations(self, waiting: Initialization) -> None:
         """Add the poses of waiting frames to the trajectory if the camera only turned; otherwise they are lost."""
@@ -322,8 +339,15 @@ class Odometry:
             if pose.seconds <= self._motion.seconds:
                 self._motion = MotionPrediction.still(pose.seconds, pose.rig_from_world)
             else:
-                self._motion = self._motion.after(pose.seconds, pose.rig_from_world)
+                self._follow(pose.seconds, pose.rig_from_world)
         self.trajectory += poses
+
+    def _follow(self, seconds: float, rig_from_world: Pose) -> None:
+        """Update the motion by a measured pose."""
+        before, self._motion = self._motion, self._motion.after(seconds, rig_from_world)
+        if self._gyro is not None:
+            turn = so3.log(rig_from_world.rotation @ before.rig_from_world.rotation.T)
+            self._gyro.learn((before.seconds, seconds), turn)
 
     def _check(self, images: Sequence[Bytes], seconds: float) -> None:
         """Raise ValueError if the images do not fit the cameras, or the time does not increase."""

@@ -33,8 +33,10 @@ class Patches:
         (N, 3, 2) directions of the axes of the patch in the world, radians per unit of the patch.
     centers
         (N, 3) position of the camera in the world when the template was taken.
-    templates, gradients, inverses, usable
+    templates, gradients, inverses, affine, usable
         See `_patch_kernel.extract`.
+    uncertainty
+        (N, 2, 2) covariance of the last position, square units of the patch, over the variance of the intensities.
     noise
         (N,) root mean square difference of the intensities at the last alignment.
     is_seen
@@ -51,7 +53,9 @@ class Patches:
     templates: Floats
     gradients: Floats
     inverses: Array
+    affine: Floats
     usable: Mask
+    uncertainty: Array
     noise: Array
     is_seen: Mask
 
@@ -71,7 +75,9 @@ class Patches:
             np.zeros((0, LEVELS, SAMPLES), np.float32),
             np.zeros((0, LEVELS, SAMPLES, 2), np.float32),
             np.zeros((0, LEVELS, 2, 2)),
+            np.zeros((0, SAMPLES, 6), np.float32),
             np.zeros((0, LEVELS), np.bool_),
+            np.zeros((0, 2, 2)),
             np.zeros(0),
             np.zeros(0, np.bool_),
         )
@@ -91,6 +97,11 @@ class Patches:
     def has_point(self) -> Mask:
         """Whether the distance of each is known."""
         return np.isfinite(self.points[:, 0])
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Array, Floats, Mask]:
+        """What `_patch_kernel.extract` fills."""
+        return self.templates, self.gradients, self.inverses, self.affine, self.usable
 
     def rows_of(self, numbers: Indices) -> tuple[Indices, Mask]:
         """Return the rows (K,) of numbers (K,), and which of them exist."""

@@ -1,0 +1,1 @@
+"""Checks of recordings before they are used, and of the installation."""

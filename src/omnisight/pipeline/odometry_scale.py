@@ -1,0 +1,191 @@
+"""The scale of a trajectory from what the user knows besides the images."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import look
+from omnisight.pipeline.motion_files import read_imu, read_wheels
+from omnisight.pipeline.odometry_options import OdometryOptions
+from omnisight.targets.length import parse_length
+from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
+from omnisight.visual_odometry.ground_plane import GroundHeight, ground_height, scale_from_height
+from omnisight.visual_odometry.imu import ImuSamples
+from omnisight.visual_odometry.imu_scale import scale_from_imu
+from omnisight.visual_odometry.odometry import Odometry
+from omnisight.visual_odometry.scale_estimate import ScaleEstimate
+from omnisight.visual_odometry.wheel_scale import WheelSpeeds, scale_from_wheels
+
+# Uncertainty (metres, one standard deviation) of the end points of a distance that a person measures.
+DISTANCE_SIGMA_M = 0.01
+# Frames before and after a keyframe whose path determines the change of the scale by closed loops.
+HALF_WINDOW = 10
+# Difference of two scales, over its standard deviation, at which one of them is wrong.
+MAX_DIFFERENCE_SIGMA = 4.0
+
+
+@dataclass(frozen=True)
+class ScaledTrajectory:
+    """A trajectory in metres, if the scale is known.
+
+    Attributes
+    ----------
+    poses
+        All poses.
+    scale
+        The scale of the first segment of the trajectory; None if nothing is known besides the images.
+    warnings
+        Contradictions, and segments of unknown scale.
+    """
+
+    poses: tuple[TrackedPose, ...]
+    scale: ScaleEstimate | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def metres(self) -> float:
+        """Metres per unit of the trajectory before; 1 if it was in metres, or the scale is unknown."""
+        return self.scale.metres if self.scale else 1.0
+
+
+@dataclass(eq=False)
+class ScaleSources:
+    """What is known about the scale.
+
+    Attributes
+    ----------
+    height
+        Of the camera over the ground, metres.
+    wheels, imu
+        Measurements.
+    distance
+        Two frames and their distance, metres.
+    """
+
+    height: float | None
+    down: tuple[float, float, float]
+    wheels: WheelSpeeds | None
+    imu: ImuSamples | None
+    distance: tuple[int, int, float] | None
+    _heights: list[GroundHeight] = field(default_factory=list[GroundHeight], repr=False)
+
+    @classmethod
+    def of(cls, options: OdometryOptions) -> Self:
+        """Read the files of the options; raise ValueError if one cannot be read, or a length has no unit."""
+        x, y, z = (look(up=options.up).T @ np.array([0.0, 1.0, 0.0])).tolist()
+        pair = options.distance
+        return cls(
+            None if options.height is None else parse_length(options.height),
+            (x, y, z),
+            None if options.wheels is None else read_wheels(options.wheels),
+            None if options.imu is None else read_imu(options.imu),
+            None if pair is None else (pair[0], pair[1], parse_length(pair[2])),
+        )
+
+    def observe(self, result: FrameResult, tracking: Odometry) -> None:
+        """Look for the ground below a keyframe, if the height is known."""
+        if self.height is None or not result.is_keyframe or result.rig_from_world is None:
+            return
+        found = ground_height(result.frame, tracking.points, result.rig_from_world, np.array(self.down))
+        if found is not None:
+            self._heights.append(found)
+
+    def correct(self, tracked: Sequence[TrackedPose], closed: Sequence[TrackedPose]) -> None:
+        """Convert heights of the ground to the unit of a trajectory whose loops were closed, in which scales differ."""
+        before, after = (
+            np.array([pose.rig_from_world.inverse().translation for pose in poses]) for poses in (tracked, closed)
+        )
+        row = {pose.frame: k for k, pose in enumerate(tracked)}
+        for k, ground in enumerate(self._heights):
+            at = slice(max(row[ground.frame] - HALF_WINDOW, 0), row[ground.frame] + HALF_WINDOW)
+            lengths = [np.linalg.norm(np.diff(path[at], axis=0), axis=1).sum() for path in (before, after)]
+            if lengths[0] > 0:
+                self._heights[k] = replace(ground, height=ground.height * float(lengths[1] / lengths[0]))
+
+    def apply(self, poses: Sequence[TrackedPose], lost: Sequence[LostSegment]) -> ScaledTrajectory:
+        """Return a trajectory in metres if the scale of one of its segments is known."""
+        segments = _segments(poses, lost)
+        estimates = [self.estimates(segment) for segment in segments]
+        best = [min(filter(None, found), key=lambda each: each.relative_sigma, default=None) for found in estimates]
+        known = [each for each in best if each is not None]
+        if not known:
+            reasons = "; ".join(each.reason for each in (estimates[0] if estimates else ()))
+            scale = ScaleEstimate("", reason=reasons) if reasons else None
+            return ScaledTrajectory(tuple(poses), scale)
+        warnings = [text for found in estimates for text in _contradictions(found)]
+        if len(known) < len(segments):
+            warnings.append(f"the scale of {len(segments) - len(known)} of {len(segments)} segments is extrapolated")
+        last, scaled = known[0], list[TrackedPose]()
+        for segment, estimate in zip(segments, best, strict=True):
+            last = estimate or last
+            scaled += _scaled(segment, last.metres, scaled)
+        return ScaledTrajectory(tuple(scaled), known[0], tuple(warnings))
+
+    def estimates(self, poses: Sequence[TrackedPose]) -> list[ScaleEstimate]:
+        """Return the scale of one segment from each source."""
+        times = np.array([pose.seconds for pose in poses])
+        world_from_rig = [pose.rig_from_world.inverse() for pose in poses]
+        centers = np.array([pose.translation for pose in world_from_rig]).reshape(-1, 3)
+        found = list[ScaleEstimate]()
+        if self.wheels is not None:
+            found.append(scale_from_wheels(times, centers, self.wheels))
+        if self.height is not None:
+            frames = {pose.frame for pose in poses}
+            found.append(scale_from_height([each for each in self._heights if each.frame in frames], self.height))
+        if self.imu is not None:
+            found.append(scale_from_imu(times, world_from_rig, self.imu))
+        if self.distance is not None:
+            found.append(_scale_from_distance(poses, *self.distance))
+        return found
+
+
+def _scale_from_distance(poses: Sequence[TrackedPose], first: int, last: int, metres: float) -> ScaleEstimate:
+    """Return the scale by the distance of two frames."""
+    by_frame = {pose.frame: pose.rig_from_world.inverse().translation for pose in poses}
+    missing = [frame for frame in (first, last) if frame not in by_frame]
+    source = f"the distance of images {first} and {last}"
+    if missing:
+        return ScaleEstimate(source, reason=f"image {missing[0]} has no pose in this segment")
+    length = float(np.linalg.norm(by_frame[last] - by_frame[first]))
+    if not length > 0:
+        return ScaleEstimate(source, reason=f"images {first} and {last} have the same position")
+    return ScaleEstimate.checked(source, metres / length, DISTANCE_SIGMA_M / metres)
+
+
+def _segments(poses: Sequence[TrackedPose], lost: Sequence[LostSegment]) -> list[list[TrackedPose]]:
+    """Divide a trajectory where a new segment starts, with another scale."""
+    starts = sorted(each.first for each in lost if each.recovery == "new segment")
+    rows = np.searchsorted([pose.frame for pose in poses], starts)
+    edges = [0, *sorted({int(row) for row in rows if 0 < row < len(poses)}), len(poses)]
+    return [list(poses[a:b]) for a, b in itertools.pairwise(edges) if b > a]
+
+
+def _scaled(segment: Sequence[TrackedPose], metres: float, before: Sequence[TrackedPose]) -> list[TrackedPose]:
+    """Return a segment in metres, which starts where the one before ends."""
+    start = segment[0].rig_from_world.inverse().translation
+    origin = before[-1].rig_from_world.inverse().translation if before else metres * start
+    scaled = list[TrackedPose]()
+    for pose in segment:
+        center = origin + metres * (pose.rig_from_world.inverse().translation - start)
+        rotation = pose.rig_from_world.rotation
+        scaled.append(replace(pose, rig_from_world=Pose(rotation, -rotation @ center)))
+    return scaled
+
+
+def _contradictions(found: Sequence[ScaleEstimate]) -> list[str]:
+    """Return sentences on scales that differ by more than their uncertainty."""
+    known = [each for each in found if each]
+    texts = list[str]()
+    for k, a in enumerate(known):
+        for b in known[k + 1 :]:
+            difference = abs(np.log(a.metres / b.metres))
+            if difference > MAX_DIFFERENCE_SIGMA * np.hypot(a.relative_sigma, b.relative_sigma):
+                texts.append(
+                    f"the scale from {a.source} differs by {np.expm1(difference):.1%} from that of {b.source}: one of"
+                    " them is wrong"
+                )
+    return texts
