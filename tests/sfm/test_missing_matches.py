@@ -7,8 +7,15 @@ import numpy as np
 
 from omnisight.features.keypoints import concatenate
 from omnisight.geometry.pose import Pose
+from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.mapping import map_images
-from omnisight.sfm.missing_matches import Links, contradicted_links, pairs_with_missing_matches
+from omnisight.sfm.missing_matches import (
+    KnownPoints,
+    Links,
+    contradicted_links,
+    pairs_with_missing_matches,
+    predicted_matches,
+)
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import match_pairs
 from sfm.worlds import observe, similarity_errors, unit
@@ -95,3 +102,43 @@ def test_rotations_only_are_not_tested():
     keypoints, _ = two_rooms()
     edges = [replace(edge, motion="rotation only") for edge in matched(keypoints).edges]
     assert pairs_with_missing_matches(edges, keypoints) == set()
+
+
+def test_a_pair_with_more_wrong_matches_than_true_ones_gets_its_true_pose():
+    """Furniture that is the same in two rooms has more matches than the landscape that both rooms see."""
+    rng = np.random.default_rng(3)
+    furniture, landscape, walls = (
+        rng.uniform(low, high, (count, 1)) * unit(rng.normal(size=(count, 3)))
+        for low, high, count in ((3, 6, 150), (20, 40, 90), (3, 6, 600))
+    )
+    centers = [*rng.uniform(-0.5, 0.5, (3, 3)), *(rng.uniform(-0.5, 0.5, (3, 3)) + APART)]
+    poses = [Pose(np.eye(3), -center) for center in centers]
+    of_room = [(0, 2, 4), (1, 3, 4)]
+    # The same seed gives the same descriptors.
+    parts = ((furniture, 1), (furniture + APART, 1), (walls, 2), (walls[::-1] + APART, 3), (landscape + APART / 2, 4))
+    seen = [observe(poses, part, 0.05, seed=seed) for part, seed in parts]
+    keypoints = [concatenate([seen[part][i] for part in of_room[i // 3]]) for i in range(len(poses))]
+    graph, images = matched(keypoints), RigImages.of(keypoints)
+
+    def direction_error_deg(edge):
+        true = (poses[edge.b] @ poses[edge.a].inverse()).translation
+        return np.degrees(np.arccos(true @ edge.b_from_a.translation / np.linalg.norm(true)))
+
+    across = [edge for edge in graph.edges if edge.a < 3 <= edge.b]
+    assert min(direction_error_deg(edge) for edge in across) > 10
+    found = [e for e in without_contradicted_edges(graph, keypoints, images).edges if e.a < 3 <= e.b]
+    assert len(found) == len(across) == 9
+    assert max(direction_error_deg(edge) for edge in found) < 1
+
+
+def test_predicted_matches_are_those_of_unhidden_points_in_similar_directions():
+    rng = np.random.default_rng(4)
+    directions = unit(rng.normal(size=(2000, 3)))
+    near, far = (KnownPoints.of(directions, np.arange(2000), np.full(2000, r)) for r in (3.0, 9.0))
+    pairs = np.column_stack([np.arange(2000)] * 2)
+    same = predicted_matches(near, near, Pose(), pairs)
+    assert abs(same.predicted / 2000 - 1) < 0.02
+    assert same.found == 2000
+    turned = Pose(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    assert 1000 < predicted_matches(near, near, turned, pairs).predicted < 2000
+    assert predicted_matches(near, far, Pose(), pairs).predicted < 1001  # the far points are behind the near ones

@@ -15,10 +15,11 @@ from omnisight.parallel import parallel_map
 from omnisight.sfm.missing_matches import (
     KnownPoints,
     Links,
+    PredictedMatches,
     contradicted_links,
     known_points,
     missing_matches,
-    pairs_with_missing_matches,
+    predicted_matches,
 )
 from omnisight.sfm.position_averaging import (
     MIN_DIRECTION_SIGMA,
@@ -71,8 +72,8 @@ def initial_poses(graph: ViewGraph, keypoints: Sequence[Keypoints], images: RigI
     images
         The images.
     """
-    contradicted = pairs_with_missing_matches(graph.edges, keypoints)
-    frames, edges = largest_component([edge for edge in graph.edges if edge.images not in contradicted], images)
+    contradicted = set[tuple[int, int]]()
+    frames, edges = largest_component(graph.edges, images)
     is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
     averaged = average_rotations(len(frames), relative_rotations(frames, _select(edges, is_moving), images))
     is_consistent = ~is_moving
@@ -120,7 +121,7 @@ class _Placement:
     def contradicted_pairs(self, images: RigImages, graph: ViewGraph) -> set[tuple[int, int]]:
         """Return the edges that place two parts of the map where more matches are missing than agree."""
         edges = [edge for edge in self.edges if images.frame[edge.a] != images.frame[edge.b]]
-        matches = {edge.images: len(edge.pairs) for edge in graph.edges}
+        matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)
         inside, row = np.isin(images.frame, self.frames), np.searchsorted(self.frames, images.frame)
         pairs = [(a, b) for a, b in graph.compared if inside[a] and inside[b] and images.frame[a] != images.frame[b]]
 
@@ -130,12 +131,12 @@ class _Placement:
 
         poses = {image: pose(image) for image in np.flatnonzero(inside).tolist()}
 
-        def missing(pair: tuple[int, int]) -> float:
+        def predict(pair: tuple[int, int]) -> PredictedMatches:
             a, b = pair
             b_from_a = poses[b] @ poses[a].inverse()
-            return missing_matches(self.known[a], self.known[b], b_from_a, matches.get(pair, 0))
+            return predicted_matches(self.known[a], self.known[b], b_from_a, matches.get(pair, no_matches))
 
-        lacking = np.array(parallel_map(missing, pairs), float)
+        lacking = missing_matches(parallel_map(predict, pairs))
         suspicious = np.flatnonzero(lacking)
         linked = row[np.array([edge.images for edge in edges], np.intp).reshape(-1, 2)]
         unlinked = row[np.array(pairs, np.intp).reshape(-1, 2)[suspicious]]

@@ -12,6 +12,7 @@ from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
 from omnisight.ray_camera import RayCamera
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.registration import register_frames
@@ -136,6 +137,7 @@ def map_images(
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
     """
+    graph = without_contradicted_edges(graph, keypoints, images)
     maps, rest = list[Map](), graph.edges
     while rest:
         moving = [edge for edge in rest if edge.has_translation]

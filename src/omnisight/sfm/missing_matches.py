@@ -1,4 +1,4 @@
-"""Edges between places that only look alike: their images have too few common points.
+"""Relative poses of places that only look alike: their images have too few common points.
 
 Repeated structure, such as the same chairs and windows in every room, agrees with a relative pose as well as true
 matches do. But from the estimated place the other points of the image would be visible too, and they do not match (C.
@@ -7,6 +7,7 @@ Zach et al., What can missing correspondences tell us about 3D structure and mot
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -25,61 +26,93 @@ from omnisight.sfm.view_graph import Edge
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Change of the direction to a point, and of the logarithm of its distance, up to which descriptors match well.
-MAX_TURN_RAD, MAX_LOG_RATIO = float(np.radians(15.0)), float(np.log(1.3))
-# Distance of a predicted direction from the nearest keypoint of known distance, in units of the median distance of such
-# keypoints from each other: farther away, the image may not show the surface.
-MAX_GAP = 2.0
-# Predicted points below which a pair is not tested, as a number and as a share of the points of an image: at the rim of
+# Change of the direction to a point, and of the logarithm of its distance, up to which keypoints match, and changes by
+# which the number of matches decreases to 1/e: in rendered rooms and streets, and real photos of a board.
+MAX_TURN_RAD, MAX_LOG_RATIO = float(np.radians(45.0)), float(np.log(2.0))
+TURN_DECAY_RAD, LOG_RATIO_DECAY = float(np.radians(40.0)), 0.6
+# Angle up to which a keypoint has the distance of the nearest keypoint whose distance is known: of the same wall.
+MAX_INTERPOLATION_RAD = float(np.radians(10.0))
+# Distance of a predicted direction from the nearest keypoint, in units of the median distance of keypoints from each
+# other: farther away, the image may not show the surface. A point farther than it by this factor is hidden.
+MAX_GAP, HIDDEN_LOG_RATIO = 2.0, float(np.log(1.3))
+# Cells along each edge of a cube on which the distances from an image are tabulated; a cell is 1.9 degrees wide.
+CELLS = 48
+CELL_RADIUS_RAD = float(np.pi / 4 / CELLS * np.sqrt(2))
+# Expected matches below which a pair is not tested, as a number and as a share of those of all keypoints: at the rim of
 # a fisheye few points match.
-MIN_PREDICTED, MIN_VISIBLE_SHARE = 50, 0.1
-# Matches as a share of the predicted points: correct edges have 0.41 or more in a rendered town and 0.79 or more in
-# rooms, and three quarters of the edges between different rooms have less than 0.19.
+MIN_EXPECTED, MIN_VISIBLE_SHARE = 30, 0.1
+# Matches as a share of the expected ones: in rendered rooms 2 to 4.6 m apart, correct edges have 0.5 or more, and edges
+# between different rooms 0.3 or less.
 MIN_SHARE = 1 / 3
+# Least share of the predicted keypoints that match in images from one place: 0.2 on photos of white walls, 0.4 or more
+# on rendered images.
+MIN_REPEATABILITY = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class KnownPoints:
-    """Keypoints of an image whose distances are known.
+    """Keypoints of an image whose distances are known, or those of their neighbours.
 
     Attributes
     ----------
+    keypoint
+        (N,) indices.
     bearings, distances
         (N, 3) and (N,).
-    tree
-        Of the bearings.
-    spacing
-        Median distance of a bearing from the nearest other one.
+    farthest
+        (6 CELLS^2,) distance in each cell of the sphere; 0 without a keypoint.
     """
 
+    keypoint: Indices
     bearings: Array
     distances: Array
-    tree: KDTree
-    spacing: float
+    farthest: Array
 
     @classmethod
-    def of(cls, bearings: Array, distances: Array) -> Self:
-        """Return the keypoints of an image with bearings (N, 3) and distances (N,)."""
+    def of(cls, bearings: Array, known: Indices, distances: Array) -> Self:
+        """Return the keypoints (K, 3) of an image, of which some (N,) have known distances."""
+        gap, nearest = KDTree(bearings[known]).query(bearings)
+        keypoint = np.flatnonzero(gap <= MAX_INTERPOLATION_RAD)
+        bearings, distances = bearings[keypoint], distances[np.asarray(nearest)[keypoint]]
         tree = KDTree(bearings)
-        spacing = tree.query(bearings, k=2)[0][:, 1:]
-        return cls(
-            bearings, distances, tree, float(np.median(spacing[np.isfinite(spacing)])) if len(bearings) > 1 else 0.0
-        )
+        spacing = tree.query(bearings, k=2)[0][:, 1] if len(bearings) > 1 else np.zeros(1)
+        reach = MAX_GAP * float(np.median(spacing)) + CELL_RADIUS_RAD
+        gap, nearest = tree.query(_cell_centers(), distance_upper_bound=reach)
+        return cls(keypoint, bearings, distances, np.append(distances, 0.0)[nearest])
 
-    def visible_from(self, other: "KnownPoints", pose: Pose) -> int:
-        """Return the number of points that another image with a pose other_from_this should match.
+    def visible_from(self, other: "KnownPoints", pose: Pose) -> tuple[Indices, float]:
+        """Return the keypoints that another image with a pose other_from_this should match, and how many will.
 
-        It sees them in nearly the same direction, at nearly the same distance, and past its own points.
+        It sees them in a similar direction, at a similar distance, and past its own points. The number is relative to
+        that in images from one place.
         """
         points = pose @ (self.bearings * self.distances[:, None])
-        distances = np.linalg.norm(points, axis=1)
-        directions = points / np.maximum(distances, 1e-300)[:, None]
-        turns = np.einsum("ni,ni->n", directions, self.bearings @ pose.rotation.T)
-        similar = turns >= np.cos(MAX_TURN_RAD)
-        similar &= np.abs(np.log(np.maximum(distances, 1e-300) / self.distances)) <= MAX_LOG_RATIO
-        gap, nearest = other.tree.query(directions[similar], distance_upper_bound=MAX_GAP * other.spacing)
-        seen = np.isfinite(gap)
-        return int((other.distances[nearest[seen]] >= distances[similar][seen] * np.exp(-MAX_LOG_RATIO)).sum())
+        distances = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
+        directions = points / distances[:, None]
+        turns = np.arccos(np.clip(np.einsum("ni,ni->n", directions, self.bearings @ pose.rotation.T), -1.0, 1.0))
+        log_ratio = np.log(distances / self.distances)
+        seen = (turns <= MAX_TURN_RAD) & (np.abs(log_ratio) <= MAX_LOG_RATIO)
+        seen &= other.farthest[_cell(directions)] >= distances * np.exp(-HIDDEN_LOG_RATIO)
+        number = np.exp(-turns[seen] / TURN_DECAY_RAD - np.abs(log_ratio[seen]) / LOG_RATIO_DECAY).sum()
+        return self.keypoint[seen], float(number)
+
+
+class PredictedMatches(NamedTuple):
+    """Matches that a relative pose predicts.
+
+    Attributes
+    ----------
+    predicted
+        Number if all keypoints were detected in both images.
+    found
+        Number of matches among them.
+    keypoints
+        The smaller number of keypoints of the two images.
+    """
+
+    predicted: float
+    found: float
+    keypoints: int
 
 
 def pairs_with_missing_matches(edges: Sequence[Edge], keypoints: Sequence[Keypoints]) -> set[tuple[int, int]]:
@@ -91,21 +124,46 @@ def pairs_with_missing_matches(edges: Sequence[Edge], keypoints: Sequence[Keypoi
     log_scales, _, _ = average_log_scales(distances)
     known = known_points(distances, log_scales, keypoints)
 
-    def missing(edge: Edge, scale: float) -> float:
+    def predict(edge: Edge, scale: float) -> PredictedMatches:
         b_from_a = Pose(edge.b_from_a.rotation, scale * edge.b_from_a.translation)
-        return missing_matches(known[edge.a], known[edge.b], b_from_a, len(edge.pairs))
+        return predicted_matches(known[edge.a], known[edge.b], b_from_a, edge.pairs)
 
-    found = parallel_map(lambda pair: missing(*pair), list(zip(moving, np.exp(log_scales), strict=True)))
-    return {edge.images for edge, count in zip(moving, found, strict=True) if count}
+    predictions = parallel_map(lambda pair: predict(*pair), list(zip(moving, np.exp(log_scales), strict=True)))
+    return {edge.images for edge, lacking in zip(moving, missing_matches(predictions), strict=True) if lacking}
 
 
-def missing_matches(a: KnownPoints | None, b: KnownPoints | None, b_from_a: Pose, matches: int) -> float:
-    """Return the number of matches that two images lack for their relative pose; 0 if it is not significant."""
+def predicted_matches(a: KnownPoints | None, b: KnownPoints | None, b_from_a: Pose, pairs: Indices) -> PredictedMatches:
+    """Return the matches of two images that their relative pose predicts, and how many of them are pairs (M, 2)."""
     if a is None or b is None:
-        return 0.0
-    predicted = 0.5 * (a.visible_from(b, b_from_a) + b.visible_from(a, b_from_a.inverse()))
-    least = max(MIN_PREDICTED, MIN_VISIBLE_SHARE * min(len(a.distances), len(b.distances)))
-    return predicted - matches if predicted >= least and matches < MIN_SHARE * predicted else 0.0
+        return PredictedMatches(0.0, 0.0, 0)
+    in_a, of_a = a.visible_from(b, b_from_a)
+    in_b, of_b = b.visible_from(a, b_from_a.inverse())
+    found = np.isin(pairs[:, 0], in_a).sum() + np.isin(pairs[:, 1], in_b).sum()
+    return PredictedMatches(0.5 * (of_a + of_b), 0.5 * float(found), min(len(a.keypoint), len(b.keypoint)))
+
+
+def missing_matches(predictions: Sequence[PredictedMatches]) -> Array:
+    """Return the number of matches (N,) that pairs of images lack for their relative poses; 0 if not significant."""
+    predicted, found, keypoints = np.array(predictions, float).reshape(-1, 3).T
+    repeatability = _repeatability(predicted, found)
+    expected = repeatability * predicted
+    least = np.maximum(MIN_EXPECTED, MIN_VISIBLE_SHARE * repeatability * keypoints)
+    return np.where((expected >= least) & (found < MIN_SHARE * expected), expected - found, 0.0)
+
+
+def _repeatability(predicted: Array, found: Array) -> float:
+    """Return the share of the predicted keypoints that match: the median of the pairs, weighted by their matches.
+
+    Pairs in wrong places have few matches.
+    """
+    use = np.flatnonzero(predicted >= MIN_EXPECTED)
+    if not found[use].any():
+        return MIN_REPEATABILITY
+    share = found[use] / predicted[use]
+    order = np.argsort(share)
+    total = np.cumsum(found[use][order])
+    median = share[order][np.searchsorted(total, 0.5 * total[-1])]
+    return float(np.clip(median, MIN_REPEATABILITY, 1.0))
 
 
 class Links(NamedTuple):
@@ -150,5 +208,28 @@ def known_points(
     found: list[KnownPoints | None] = [None] * len(keypoints)
     for i in np.unique(image):
         use = image[starts] == i
-        found[i] = KnownPoints.of(keypoints[i].bearings[keypoint[starts[use]]], np.exp(logarithm[middle[use]]))
+        found[i] = KnownPoints.of(keypoints[i].bearings, keypoint[starts[use]], np.exp(logarithm[middle[use]]))
     return found
+
+
+def _cell(directions: Array) -> Indices:
+    """Return the cell (N,) of the cube that directions (N, 3) pass."""
+    rows, axis = np.arange(len(directions)), np.abs(directions).argmax(axis=1)
+    along = directions[rows, axis]
+    across = directions[rows[:, None], (axis[:, None] + (1, 2)) % 3] / np.abs(along)[:, None]
+    square = np.minimum(((np.arctan(across) * (4 / np.pi) + 1) * (CELLS / 2)).astype(np.intp), CELLS - 1)
+    return ((2 * axis + (along < 0)) * CELLS + square[:, 0]) * CELLS + square[:, 1]
+
+
+@cache
+def _cell_centers() -> Array:
+    """Return the directions (6 CELLS^2, 3) of the centres of the cells."""
+    across = np.tan(((np.arange(CELLS) + 0.5) * (2 / CELLS) - 1) * (np.pi / 4))
+    first, second = np.meshgrid(across, across, indexing="ij")
+    faces = [
+        np.roll(np.stack([np.full_like(first, sign), first, second], -1).reshape(-1, 3), axis, axis=1)
+        for axis in range(3)
+        for sign in (1.0, -1.0)
+    ]
+    directions = np.concatenate(faces)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)

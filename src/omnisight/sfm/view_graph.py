@@ -88,9 +88,25 @@ def match_pairs(
     return ViewGraph([edge for edge in found if edge is not None], list(pairs))
 
 
-def match_pair(keypoints: Sequence[Keypoints], a: int, b: int, known: Pose | None = None) -> Edge | None:
-    """Match two images and estimate their relative pose, or take the known one; return None if they do not overlap."""
+def match_pair(
+    keypoints: Sequence[Keypoints], a: int, b: int, known: Pose | None = None, *, without: Indices | None = None
+) -> Edge | None:
+    """Match two images and estimate their relative pose, or take the known one; return None if they do not overlap.
+
+    Parameters
+    ----------
+    keypoints
+        Keypoints of all images.
+    a, b
+        Indices of the images.
+    known
+        Their relative pose, if it is known.
+    without
+        (M, 2) matches that are left out.
+    """
     matches = match_features(keypoints[a], keypoints[b]).pairs
+    if without is not None:
+        matches = matches[~(np.isin(matches[:, 0], without[:, 0]) | np.isin(matches[:, 1], without[:, 1]))]
     if len(matches) < MIN_INLIERS:
         return None
     (of_a, in_a), (of_b, in_b) = (keypoints[a], matches[:, 0]), (keypoints[b], matches[:, 1])
