@@ -38,3 +38,16 @@ def test_residuals_along_the_rows_of_a_panorama_are_in_pixels_of_the_equator():
     residuals = np.column_stack([0.5 / np.cos(latitude), np.zeros(len(pixels))])
     observations = dataclasses.replace(made.observations, residuals=residuals)
     assert dataclasses.replace(made, observations=observations).rms_px == pytest.approx(0.5, rel=1e-6)
+
+
+def test_of_two_parts_that_no_three_images_connect_the_larger_is_verified():
+    made = single(frames=8)
+    image, point = made.observations.image, made.observations.point
+    apart = (image < 5) & (point % 2 == 0) | (image >= 5) & (point % 2 == 1)
+    parts = with_observations(made, apart)
+    assert parts.unverified == made.names[5:]
+    few = np.unique(point[image == 4])
+    bridge = (image == 4) & np.isin(point, few[few % 2 == 1][: MIN_VERIFIED - 1])
+    assert with_observations(made, apart | bridge).unverified == made.names[5:]
+    bridge = (image == 4) & (point % 2 == 1)
+    assert with_observations(made, apart | bridge).unverified == ()

@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
@@ -13,8 +15,8 @@ from omnisight.rig import Rig
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Observations of points in three or more images, below which the pose of an image is not verified: in rendered rooms
-# that look alike, images in wrong places had 3 to 5, and those in their places 10 or more.
+# Points in three or more images, below which two frames do not verify each other: in rendered rooms that look alike,
+# images in wrong places had 3 to 5, and those in their places 10 or more.
 MIN_VERIFIED = 8
 
 
@@ -162,17 +164,23 @@ class Reconstruction(Displayed):
 
     @property
     def unverified(self) -> tuple[str, ...]:
-        """Images whose frames have too few points that three or more images show; none in a model of two frames.
+        """Images outside of the largest part that points in three or more images connect; none of two frames.
 
-        Points in two images agree with wrong relative poses too, and leave the scale between pairs of images open.
+        Points in two images agree with wrong relative poses too, and leave the scale between pairs of images open. Two
+        frames are connected by `MIN_VERIFIED` points that both and a third image show.
         """
-        images_of_point = np.bincount(self.observations.point, minlength=len(self.points))
-        is_verified = images_of_point[self.observations.point] >= 3
         frames = len(self.rig_from_world)
-        verified = np.bincount(self.frame[self.observations.image[is_verified]], minlength=frames)
         if frames < 3 or not len(self.points):
             return ()
-        return tuple(self.names[i] for i in np.flatnonzero(verified[self.frame] < MIN_VERIFIED))
+        images_of_point = np.bincount(self.observations.point, minlength=len(self.points))
+        use = images_of_point[self.observations.point] >= 3
+        ends = self.observations.point[use], self.frame[self.observations.image[use]]
+        seen = coo_array((np.ones(len(ends[0]), bool), ends), shape=(len(self.points), frames)).tocsr().astype(np.int64)
+        seen.data[:] = 1  # several images of a frame see a point once
+        label = connected_components((seen.T @ seen) >= MIN_VERIFIED, directed=False)[1]
+        sizes = np.bincount(label)
+        is_outside = label != sizes.argmax() if sizes.max() > 1 else np.ones(frames, bool)
+        return tuple(self.names[i] for i in np.flatnonzero(is_outside[self.frame]))
 
     @property
     def mean_track_length(self) -> float:
