@@ -87,7 +87,7 @@ def test_a_prior_holds_what_the_images_do_not_determine():
     found = adjust_bundle(free).state
     assert abs(found.values[2]) < 1e-7
     cameras, _ = free.covariances(found)
-    assert np.sqrt(cameras[-1, -1]) == pytest.approx(1e-7, rel=0.05)
+    assert np.sqrt(cameras[-1, -1]) == pytest.approx(1e-7, rel=0.15)
 
 
 @pytest.mark.parametrize("camera", [TRUE, om.perspective((600, 400), 70), om.sphere(640)], ids=lambda c: c.model.name)

@@ -209,8 +209,13 @@ def linear_decrease(columns, point, residuals, by_camera, by_point, step, moves)
 
 
 @njit_driver
-def point_covariances(starts, columns, residuals, by_camera, by_point, camera_covariance, first, last, covariance):
-    """Fill the covariances (P, 3, 3) of the points first ... last, given that of the cameras (C, C)."""
+def point_covariances(
+    starts, columns, residuals, by_camera, by_point, camera_covariance, noise, first, last, covariance
+):
+    """Fill the covariances (P, 3, 3) of the points first ... last, given that of the cameras (C, C).
+
+    The part of their own observations is multiplied by `noise`, the variance of the residuals.
+    """
     size = columns.shape[1]
     inverse, gradient = np.empty((3, 3)), np.empty(3)
     for n in range(first, last):
@@ -222,7 +227,7 @@ def point_covariances(starts, columns, residuals, by_camera, by_point, camera_co
                 for k in range(2):
                     for c in range(3):
                         gains[m, r, c] += by_camera[start + m, k, r] * dot(inverse[c], by_point[start + m, k])
-        covariance[n] = inverse
+        covariance[n] = noise * inverse
         for m in range(end - start):
             for other in range(end - start):
                 for r in range(size):

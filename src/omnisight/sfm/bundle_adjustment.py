@@ -225,15 +225,25 @@ class Bundle:
     def covariances(self, state: Structure) -> tuple[Array, Array]:
         """Return the covariances of the cameras (C, C), and of the points (P, 3, 3), at the optimum.
 
-        They are those of maximum likelihood, with the expected information of the residuals.
+        The variances of the cameras are robust (P. Huber 1967; K.-Y. Liang and S. Zeger 1986): those of inverse
+        information times the scatter of the gradients of all points times inverse information. In real images the
+        errors of a point are correlated, and differ between points. With independent errors they are those of maximum
+        likelihood.
 
         Raises
         ------
         LinAlgError
             If the observations do not determine the cameras.
         """
-        weights = np.where(np.isfinite(self.squared_residuals(state)), self.loss.information, 0.0)
-        return self.linearize(state, weights).covariances()
+        squares = self.squared_residuals(state)
+        used = np.isfinite(squares)
+        weights = np.where(used, self.loss.information, 0.0)
+        values = 2 * len(squares) - state.points.size
+        freedom = max(values - self.parameters[2], 1)
+        # Few observations of a point do not average the tails: its noise is the variance of the residuals.
+        noise = self.loss.information * float(squares[used].sum()) / freedom
+        scatter = self.linearize(state).score_scatter() * (values / freedom)
+        return self.linearize(state, weights).covariances(scatter, noise)
 
     def move(self, state: Structure, step: Array) -> Structure:
         """Return the structure moved by a step."""

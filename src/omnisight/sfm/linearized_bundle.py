@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
 from omnisight.optim.cholesky import factor_cholesky
 from omnisight.parallel import parallel_for
@@ -110,8 +110,28 @@ class LinearizedBundle:
         right += derivatives.T @ residuals
         return total
 
-    def covariances(self) -> tuple[Array, Array]:
+    def score_scatter(self) -> Array:
+        """Return the sum of outer products of the gradients of all points by the cameras (C, C), and of the prior.
+
+        It estimates the covariance of the gradient of the cost at the optimum whatever the distribution of the
+        residuals and their correlation in the images of a point.
+        """
+        gradients = np.einsum("mkl,mk->ml", self.by_camera, self.residuals)
+        row, free = np.broadcast_to(self.point[:, None], self.columns.shape), self.columns >= 0
+        shape = len(self.starts) - 1, self.count
+        of_points = coo_array((gradients[free], (row[free], self.columns[free])), shape=shape).tocsr()
+        derivatives = self.prior.derivatives
+        return np.asarray((of_points.T @ of_points + derivatives.T @ derivatives).toarray(), float)
+
+    def covariances(self, scatter: Array | None = None, noise: float = 1.0) -> tuple[Array, Array]:
         """Return the covariances of the cameras (C, C), and of the points (P, 3, 3).
+
+        Parameters
+        ----------
+        scatter
+            (C, C) covariance of the gradient by the cameras, for their variances; by default the information.
+        noise
+            Variance of the residuals, by which the part of the points' own observations is multiplied.
 
         Raises
         ------
@@ -121,11 +141,15 @@ class LinearizedBundle:
         from omnisight.sfm._bundle_kernel import point_covariances
 
         schur, _, _ = self.reduced()
-        factor = factor_cholesky(schur)
-        cameras = np.asarray(cho_solve(factor, np.eye(self.count)), float)
+        cameras = np.asarray(cho_solve(factor_cholesky(schur), np.eye(self.count)), float)
+        if scatter is not None:
+            # Only the variances, because the correlations of few points are inaccurate.
+            variances = np.einsum("ij,jk,ki->i", cameras, scatter, cameras, optimize=True)
+            ratio = np.sqrt(variances / np.diag(cameras))
+            cameras *= ratio[:, None] * ratio
         points = np.empty((len(self.starts) - 1, 3, 3))
         parallel_for(
-            lambda first, last: point_covariances(self.starts, *self._jacobian, cameras, first, last, points),
+            lambda first, last: point_covariances(self.starts, *self._jacobian, cameras, noise, first, last, points),
             len(points),
             POINTS_PER_TASK,
         )
