@@ -1,6 +1,6 @@
 """The protocol of an export of simulated data sets."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -57,6 +57,12 @@ class SimulatedSequence:
     def file(self, camera: int, frame: int) -> Path:
         """Return the file of an image."""
         return self.folder / self.cameras[camera].name / "images" / f"{frame:06d}{self.suffix}"
+
+    def images(self, folder: str) -> Iterator[ExportFile]:
+        """Return all images as files of a folder, under their names."""
+        for k in range(len(self.cameras)):
+            for frame in range(len(self.times)):
+                yield f"{folder}/{self.name(k, frame)}", self.file(k, frame)
 
     def world_from_rig(self, frame: int) -> Pose:
         """Return the pose of the body at an image."""

@@ -23,6 +23,4 @@ def files(sequence: SimulatedSequence) -> Iterator[ExportFile]:
     """Return the text files and the images."""
     model = get_reconstruction_format("colmap").files(true_model(sequence), ExportOptions(format="colmap"))
     yield from ((f"colmap/sparse/0/{name}", data) for name, data in model)
-    for k in range(len(sequence.cameras)):
-        for frame in range(len(sequence.times)):
-            yield f"colmap/images/{sequence.name(k, frame)}", sequence.file(k, frame)
+    yield from sequence.images("colmap/images")

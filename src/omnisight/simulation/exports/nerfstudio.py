@@ -23,6 +23,4 @@ def files(sequence: SimulatedSequence) -> Iterator[ExportFile]:
     """Return transforms.json, the points and the images."""
     model = get_reconstruction_format("nerfstudio").files(true_model(sequence), ExportOptions(format="nerfstudio"))
     yield from ((f"nerfstudio/{name}", data) for name, data in model)
-    for k in range(len(sequence.cameras)):
-        for frame in range(len(sequence.times)):
-            yield f"nerfstudio/images/{sequence.name(k, frame)}", sequence.file(k, frame)
+    yield from sequence.images("nerfstudio/images")
