@@ -28,6 +28,7 @@ from omnisight.places import similar_pairs
 from omnisight.rig import Rig
 from omnisight.sfm.calibration_check import FocalLengthChange, focal_length_changes
 from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
+from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images, refine_with_ray_cameras
@@ -249,8 +250,11 @@ class _Task:
             self.progress("mapping", done, images.frames)
 
         if self.options.engine in MAPPERS:
-            mapper = MAPPERS[self.options.engine]
-            return map_images_with_colmap(images, graph.edges, watch, mapper, refines_sensors=refines_sensors)
+            mapper, edges = (
+                MAPPERS[self.options.engine],
+                without_contradicted_edges(graph, detected.keypoints, images).edges,
+            )
+            return map_images_with_colmap(images, edges, watch, mapper, refines_sensors=refines_sensors)
         return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)
 
     def with_exact_rays(self, found: Map, detected: DetectedImages, graph: ViewGraph) -> Map:
