@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.features import Keypoints
+from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
-from omnisight.parallel import parallel_for
+from omnisight.parallel import parallel_for, parallel_map
 from omnisight.ray_camera import RayCamera
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
+from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks, build_tracks
@@ -147,6 +149,10 @@ def map_images(
         count = 0
         while moving:
             found = _refined(found, _tracks(found, rest), watch)
+            contradicted = _contradicted_frames(found, ViewGraph(rest, graph.compared), keypoints)
+            if contradicted.any() and not contradicted.all():
+                found = _with_frames(found, ~contradicted)
+                found = _refined(found, _tracks(found, rest), watch)
             if len(found.frames) <= count:  # the registered frames did not agree with the map
                 break
             count = len(found.frames)
@@ -220,9 +226,12 @@ def _without_unsupported_frames(current: Map) -> Map:
     """Return the map without frames whose observations do not agree with it: their poses are wrong or unknown."""
     rows = current.row_of_image[current.tracks.image]
     keep = np.bincount(rows, minlength=len(current.frames)) >= MIN_INLIERS
-    if keep.all():
-        return current
-    supported, used = current.tracks.select(keep[rows])
+    return current if keep.all() else _with_frames(current, keep)
+
+
+def _with_frames(current: Map, keep: NDArray[np.bool_]) -> Map:
+    """Return the map of some of its frames (F,), and the points that two of their images show."""
+    supported, used = current.tracks.select(keep[current.row_of_image[current.tracks.image]])
     return replace(
         current,
         frames=current.frames[keep],
@@ -230,6 +239,38 @@ def _without_unsupported_frames(current: Map) -> Map:
         points=current.points[used],
         tracks=supported,
     )
+
+
+def _contradicted_frames(found: Map, graph: ViewGraph, keypoints: Sequence[Keypoints]) -> NDArray[np.bool_]:
+    """Return which frames (F,) are where more matches with the others are missing than agree."""
+    images, row, tracks = found.images, found.row_of_image, found.tracks
+    known, poses = dict[int, KnownPoints](), dict[int, Pose]()
+    for image in np.unique(tracks.image).tolist():
+        of_sensor = Pose.of_matrix(found.sensor_from_rig[images.sensor[image]])
+        poses[image] = of_sensor @ Pose.of_matrix(found.rig_from_world[row[image]])
+        seen = tracks.image == image
+        distances = np.linalg.norm(poses[image] @ found.points[tracks.track[seen]], axis=1)
+        known[image] = KnownPoints.of(keypoints[image].bearings, tracks.keypoint[seen], distances)
+    matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)
+    pairs = [(a, b) for a, b in graph.compared if a in known and b in known and row[a] != row[b]]
+
+    def predict(pair: tuple[int, int]) -> PredictedMatches:
+        a, b = pair
+        return predicted_matches(known[a], known[b], poses[b] @ poses[a].inverse(), matches.get(pair, no_matches))
+
+    predictions = parallel_map(predict, pairs)
+    lacking, agreeing = missing_matches(predictions), np.array([each.found for each in predictions])
+    ends, contradicted = row[np.array(pairs, np.intp).reshape(-1, 2)], np.zeros(len(found.frames), bool)
+    while True:
+        use = ~contradicted[ends].any(axis=1)
+        missing, confirmed = (
+            sum(np.bincount(ends[use, side], values[use], minlength=len(contradicted)) for side in (0, 1))
+            for values in (lacking, agreeing)
+        )
+        excess = np.where(contradicted, 0.0, missing - confirmed)
+        if not (excess > 0).any():
+            return contradicted
+        contradicted[excess.argmax()] = True
 
 
 def _triangulated(current: Map, tracks: Tracks) -> Map:
