@@ -35,7 +35,7 @@ def two_rooms(seed=0, has_landscape=True):
     def points(count):
         return rng.uniform(3, 6, (count, 1)) * unit(rng.normal(size=(count, 3)))
 
-    furniture, walls, others = points(60), points(300), points(300)
+    furniture, walls, others = points(60), points(500), points(500)
     centers = np.concatenate([rng.uniform(-0.5, 0.5, (4, 3)), rng.uniform(-0.5, 0.5, (4, 3)) + APART, [APART / 2]])
     poses = [Pose(np.eye(3), -center) for center in centers]
     parts = furniture, walls, furniture + APART, others + APART, 3 * points(40) + APART / 2
@@ -109,7 +109,7 @@ def test_a_pair_with_more_wrong_matches_than_true_ones_gets_its_true_pose():
     rng = np.random.default_rng(3)
     furniture, landscape, walls = (
         rng.uniform(low, high, (count, 1)) * unit(rng.normal(size=(count, 3)))
-        for low, high, count in ((3, 6, 150), (20, 40, 90), (3, 6, 600))
+        for low, high, count in ((3, 6, 150), (20, 40, 90), (3, 6, 1200))
     )
     centers = [*rng.uniform(-0.5, 0.5, (3, 3)), *(rng.uniform(-0.5, 0.5, (3, 3)) + APART)]
     poses = [Pose(np.eye(3), -center) for center in centers]

@@ -41,9 +41,9 @@ CELL_RADIUS_RAD = float(np.pi / 4 / CELLS * np.sqrt(2))
 # Expected matches below which a pair is not tested, as a number and as a share of those of all keypoints: at the rim of
 # a fisheye few points match.
 MIN_EXPECTED, MIN_VISIBLE_SHARE = 30, 0.1
-# Matches as a share of the expected ones: in rendered rooms 2 to 4.6 m apart, correct edges have 0.5 or more, and edges
-# between different rooms 0.3 or less.
-MIN_SHARE = 1 / 3
+# Matches as a share of the expected ones: correct edges of images 9.6 m apart in a rendered street have 0.24 or more,
+# and edges between different rooms with the same furniture 0.23 or less, if 500 or more matches are expected.
+MIN_SHARE = 1 / 4
 # Least share of the predicted keypoints that match in images from one place: 0.2 on photos of white walls, 0.4 or more
 # on rendered images.
 MIN_REPEATABILITY = 0.15
@@ -187,11 +187,15 @@ def contradicted_links(count: int, links: Links, missing: Links) -> NDArray[np.b
     for edge in tree if len(missing.a) else ():
         others = tree[tree != edge]
         graph = coo_array((np.ones(len(others)), (a[others], b[others])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1] == 0
-        across = part[links.a] != part[links.b]
-        lacking = missing.matches[part[missing.a] != part[missing.b]].sum()
-        if lacking > largest * links.matches[across].sum():
-            largest, found = lacking / links.matches[across].sum(), across
+        part = connected_components(graph, directed=False)[1]
+        ends = {part[a[edge]], part[b[edge]]}  # links that do not agree can leave further parts
+
+        def across(pairs: Links, part: Indices = part, ends: set[int] = ends) -> NDArray[np.bool_]:
+            return (part[pairs.a] != part[pairs.b]) & np.isin(part[pairs.a], [*ends]) & np.isin(part[pairs.b], [*ends])
+
+        cut, lacking = across(links), missing.matches[across(missing)].sum()
+        if lacking > largest * links.matches[cut].sum():
+            largest, found = lacking / links.matches[cut].sum(), cut
     return found
 
 
