@@ -11,7 +11,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.parallel import parallel_map
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.relative_pose import estimate_relative_pose, known_relative_pose
+from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose, known_relative_pose
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -109,16 +109,23 @@ def match_pair(
         matches = matches[~(np.isin(matches[:, 0], without[:, 0]) | np.isin(matches[:, 1], without[:, 1]))]
     if len(matches) < MIN_INLIERS:
         return None
-    (of_a, in_a), (of_b, in_b) = (keypoints[a], matches[:, 0]), (keypoints[b], matches[:, 1])
-    covariances = of_a.covariance[in_a], of_b.covariance[in_b]
-    pairs = BearingPairs.of(of_a.bearings[in_a], of_b.bearings[in_b], *covariances, None)
-    if known is None:
-        pose = estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
-    else:
-        pose = known_relative_pose(pairs, known)
+    pose = _relative_pose(keypoints[a], keypoints[b], matches, known)
+    if pose.motion.name == "ambiguous":
+        # The best of several poses; if it is wrong, matches will be missing, see `without_contradicted_edges`.
+        matches = matches[pose.inliers]
+        pose = _relative_pose(keypoints[a], keypoints[b], matches, known)
     if pose.b_from_a is None or pose.inliers.sum() < MIN_INLIERS:
         return None
     return Edge(a, b, pose.b_from_a, pose.covariance, pose.motion.name, matches[pose.inliers])
+
+
+def _relative_pose(a: Keypoints, b: Keypoints, matches: Indices, known: Pose | None) -> RelativePose:
+    """Estimate the relative pose of two images from matches (M, 2), or take the known one."""
+    a, b = a[matches[:, 0]], b[matches[:, 1]]
+    pairs = BearingPairs.of(a.bearings, b.bearings, a.covariance, b.covariance, None)
+    if known is not None:
+        return known_relative_pose(pairs, known)
+    return estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
 
 
 def overlapping_pairs(
