@@ -13,6 +13,7 @@ from omnisight.camera import Camera
 from omnisight.diagnosis import installation_checks, recording_checks
 from omnisight.diagnosis.finding import Finding, Level
 from omnisight.diagnosis.recording import RUN, Recording
+from omnisight.display import Displayed
 from omnisight.images import to_gray8
 from omnisight.images.mask import read_mask
 from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources
@@ -24,7 +25,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Displayed):
     """The findings of all checks; true if none has failed.
 
     Attributes

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True, kw_only=True)
-class DoctorOptions:
+class DoctorOptions(Displayed):
     """Options of the checks of a recording.
 
     Attributes

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import refine
@@ -179,14 +180,18 @@ def with_points(rays: FrameRays, window: KeyframeWindow) -> FrameRays:
 def estimate_rotation(a: FrameRays, b: FrameRays, predicted: Array, seed: int) -> Array:
     """Return the rotation (3, 3) that explains the rays (N) of two consecutive frames best.
 
-    Parallax is small, and its directions differ: it counts as noise of unknown size.
+    Parallax is small, and its directions differ: it counts as noise of unknown size. The search starts at the predicted
+    rotation or at that of least squares (G. Wahba, A least squares estimate of satellite attitude, 1965), whichever
+    fits the median ray better: from a start that is wrong by many standard deviations, all rays look like outliers.
     """
     from omnisight.twoview._alignment_problems_kernel import RotationProblem
 
     order = np.random.default_rng(seed).permutation(len(a))
     a, b = a[order], b[order]
     pairs = BearingPairs(a.bearings, b.bearings, a.covariance, b.covariance, is_noise_known=False)
-    start = np.column_stack([predicted, np.zeros(3)])
+    starts = predicted, so3.nearest(b.bearings.T @ a.bearings)
+    best = min(starts, key=lambda turn: float(np.median(np.linalg.norm(a.bearings @ turn.T - b.bearings, axis=1))))
+    start = np.column_stack([best, np.zeros(3)])
     return refine(RotationProblem.of(pairs), start, is_scale_known=False).model[:, :3]
 
 

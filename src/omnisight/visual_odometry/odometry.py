@@ -1,7 +1,7 @@
 """Visual odometry, frame by frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
+from omnisight.visual_odometry.frame import Frame, check_images
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
 from omnisight.visual_odometry.gyro_prediction import GyroPrediction
 from omnisight.visual_odometry.imu import ImuSamples
@@ -52,17 +53,6 @@ NO_PARALLAX = "the parallax ({:.1f} times its noise) determined no motion before
 COVERED = "{} corners: the lens is covered, or the image is dark, blurred or uniform"
 ANOTHER_PLACE = "{} points agree with a pose, after {} in the frame before: the image shows another place"
 TOO_FEW_POINTS = "too few points of the first two keyframes"
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A frame: its index, time, gray images of all cameras, and rays of the patches that they show."""
-
-    index: int
-    seconds: float
-    images: tuple[Bytes, ...]
-    predicted: Pose
-    rays: FrameRays
 
 
 class Odometry:
@@ -192,7 +182,9 @@ class Odometry:
         """Track the patches in the next frame."""
         given = [image] if isinstance(image, np.ndarray) else image
         images = tuple(to_gray8(one) for one in given)
-        self._check(images, seconds)
+        check_images(self.rig, images)
+        if self._frames and not seconds > self._motion.seconds:
+            raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
         if self._tracker is None:
             used = [illuminated_region(one, c) for one, c in zip(images, central_cameras(self.rig), strict=True)]
             masks = self._masks or [np.ones_like(region) for region in used]
@@ -348,19 +340,6 @@ class Odometry:
         if self._gyro is not None:
             turn = so3.log(rig_from_world.rotation @ before.rig_from_world.rotation.T)
             self._gyro.learn((before.seconds, seconds), turn)
-
-    def _check(self, images: Sequence[Bytes], seconds: float) -> None:
-        """Raise ValueError if the images do not fit the cameras, or the time does not increase."""
-        if len(images) != len(self.rig):
-            raise ValueError(f"{len(images)} images for {len(self.rig)} cameras: give one image of each camera")
-        for image, camera, name in zip(images, self.rig.cameras, self.rig.names, strict=True):
-            if image.shape[::-1] != camera.size:
-                width, height = image.shape[::-1]
-                raise ValueError(
-                    f"the image of {name} is {width}x{height} px, but its camera {camera.width}x{camera.height}"
-                )
-        if self._frames and not seconds > self._motion.seconds:
-            raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
 
 
 def _no_position(waiting: Initialization) -> str:
