@@ -7,6 +7,8 @@ from cyclopts import Parameter
 
 from omnisight.pipeline.compare_options import CompareOptions
 
+GROUP = "Cameras"
+
 GROUP = "Calibration"
 
 
