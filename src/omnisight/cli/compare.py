@@ -9,8 +9,6 @@ from omnisight.pipeline.compare_options import CompareOptions
 
 GROUP = "Cameras"
 
-GROUP = "Calibration"
-
 
 def compare(
     a: Path,
