@@ -29,7 +29,7 @@ def live_view(source: str, options: CaptureOptions, *, is_quiet: bool, has_page:
             if has_line:
                 print(f"\r{_line(session, seen, options)}\x1b[K", end="", file=sys.stderr, flush=True)
             if page is not None:
-                page.show(draw_capture(session, seen), seen.advice or "stored", _rows(session, options))
+                page.show(draw_capture(session, seen), seen.advice or "stored", page_rows(session, options))
 
         yield show
         if has_line:
@@ -80,7 +80,7 @@ def _line(session: CaptureSession, seen: Seen, options: CaptureOptions) -> str:
     return line[: _terminal_width() - 1]
 
 
-def _rows(session: CaptureSession, options: CaptureOptions) -> dict[str, str]:
+def page_rows(session: CaptureSession, options: CaptureOptions) -> dict[str, str]:
     """Return the figures below the image of the page."""
     rows = {"Images": f"{len(session.detections.images)} of at least {options.images}", "Coverage": _coverage(session)}
     if session.proposal is not None:
