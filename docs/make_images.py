@@ -7,10 +7,14 @@ from pathlib import Path
 import numpy as np
 
 import omnisight as om
+from omnisight.cli._capture_report import page_rows
 from omnisight.geometry.rotation import exp
+from omnisight.pipeline.capture_session import CaptureSession, Seen
 from omnisight.pipeline.demo import demo
+from omnisight.report.drawings.capture import draw_capture
 from omnisight.report.drawings.next_view import draw_proposal
 from omnisight.report.drawings.stereo import draw_distances, draw_rectified
+from omnisight.report.live.server import LivePage
 from omnisight.simulation import (
     DEMO_BOARD,
     BoardInScene,
@@ -21,6 +25,7 @@ from omnisight.simulation import (
     mirror_setup,
     scene_named,
 )
+from omnisight.targets.target_file import save_board
 
 ASSETS = Path(__file__).parent / "assets"
 GAP = 10
@@ -35,6 +40,7 @@ def main() -> None:
     write_small(ASSETS / "simulate.jpg", rendered(), 72)
     write_small(ASSETS / "stereo.jpg", stereo(), 80)
     write_small(ASSETS / "report.jpg", report(), 82)
+    write_small(ASSETS / "capture.jpg", capture_page(), 82)
 
 
 def hero() -> np.ndarray:
@@ -115,19 +121,42 @@ def stereo() -> np.ndarray:
 
 def report() -> np.ndarray:
     """Return a screenshot of the report of the fisheye of the demo: its head, and the images with residuals."""
-    import cv2
-    from playwright.sync_api import sync_playwright
-
-    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as folder:
         fisheye, _ = demo(Path(folder))
         page = Path(folder) / "report.html"
         om.write_report(fisheye.calibration, page)
+        return screenshot(page.as_uri(), {"width": 1180, "height": 1240}, 1.25)
+
+
+def capture_page() -> np.ndarray:
+    """Return a screenshot of the page of `omnisight capture` after five images of a fisheye."""
+    setup = fisheye_setup(960)
+    renderer, shown = setup.renderer(samples=2), list[tuple[CaptureSession, Seen]]()
+    with tempfile.TemporaryDirectory() as folder, LivePage("Capture of camera 0") as page:
+        options = om.CaptureOptions(target=Path(folder) / "board.json", images=5, coverage=1)
+        save_board(DEMO_BOARD, Path(folder) / "board.json")
+        for k, (yaw, pitch) in enumerate(((-55, 20), (55, 20), (-50, -25), (40, -35), (5, 40))):
+            board = place_board(yaw, pitch, (0.5 * np.cos(k), 0.5 * np.sin(k), 0.3 * k), 0.5)
+            om.write_image(Path(folder) / f"{k}.png", renderer([board], noise=5).image)
+        om.capture(folder, Path(folder) / "images", options, lambda *arguments: shown.append(arguments))
+        session, seen = shown[-1]
+        page.show(draw_capture(session, seen), "stored", page_rows(session, options))
+        return screenshot(page.url, {"width": 1100, "height": 1000}, 1.0)
+
+
+def screenshot(address: str, viewport: dict[str, int], scale: float) -> np.ndarray:
+    """Return a screenshot of a page."""
+    import cv2
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        window = browser.new_page(viewport={"width": 1180, "height": 1240}, device_scale_factor=1.25)
-        window.goto(page.as_uri())
-        screenshot = window.screenshot()
+        window = browser.new_page(viewport=viewport, device_scale_factor=scale)
+        window.goto(address)
+        window.wait_for_timeout(1000)
+        data = window.screenshot()
         browser.close()
-    return cv2.imdecode(np.frombuffer(screenshot, np.uint8), cv2.IMREAD_COLOR_RGB)
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
 
 
 def disc(image: np.ndarray) -> np.ndarray:

@@ -37,6 +37,9 @@ from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate_line
 from omnisight.pipeline.calibrate_rig import calibrate_rig as calibrate_rig
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions as CalibrateRigOptions
 from omnisight.pipeline.calibration import Calibration as Calibration
+from omnisight.pipeline.capture import CaptureResult as CaptureResult
+from omnisight.pipeline.capture import capture as capture
+from omnisight.pipeline.capture_options import CaptureOptions as CaptureOptions
 from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
 from omnisight.pipeline.compare import compare as compare

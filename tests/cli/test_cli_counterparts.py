@@ -12,6 +12,7 @@ import omnisight as om
 FUNCTIONS = {
     "calibrate": om.calibrate,
     "calibrate-lines": om.calibrate_lines,
+    "capture": om.capture,
     "convert": om.convert,
     "design": om.design,
     "detect": om.detect,

@@ -26,6 +26,8 @@ MAX_RESIDUAL_RATIO, MAX_RESIDUAL_PX = 6.0, 1.0
 # Share of a board's motion between frames that a rolling shutter adds to its corners beyond an equivalent pose, and
 # standard deviation (px) of a corner without motion.
 ROLLING_SHUTTER_SHARE, STATIC_SIGMA_PX = 0.1, 0.1
+# Motion between frames, px, that adds as much error as there is without motion.
+MOTION_OF_NOISE_PX = STATIC_SIGMA_PX / ROLLING_SHUTTER_SHARE
 
 
 def select_informative_views(observations: Observations, motion: Array) -> list[int]:
@@ -49,7 +51,7 @@ def select_informative_views(observations: Observations, motion: Array) -> list[
         The selected views, the most informative first, without repeated views and views that the preliminary camera
         does not fit.
     """
-    displacement, threshold = _displacements(observations), MIN_DISPLACEMENT * observations.size[0]
+    displacement, threshold = view_displacements(observations), MIN_DISPLACEMENT * observations.size[0]
     distinct = _distinct_views(displacement, threshold)
     try:
         preliminary = estimate_initial_camera(observations.subset(distinct[:MAX_PRELIMINARY_VIEWS])).central_model
@@ -58,8 +60,8 @@ def select_informative_views(observations: Observations, motion: Array) -> list[
     state = refine(resect(preliminary, observations), observations, iterations=10, tolerance=COMPARISON_TOLERANCE).state
     lengths = state.lengths(observations)
     residual = np.array([np.median(lengths[rows]) for rows in observations.groups])
-    information = _information(state, observations)
-    information /= (1 + (ROLLING_SHUTTER_SHARE * motion / STATIC_SIGMA_PX) ** 2)[:, None, None]
+    information = view_information(state, observations)
+    information /= (1 + (motion / MOTION_OF_NOISE_PX) ** 2)[:, None, None]
     scale = 1 / np.sqrt(np.maximum(np.diagonal(information.sum(0)), 1e-300))
     information *= scale[:, None] * scale
     available = residual <= max(MAX_RESIDUAL_PX, MAX_RESIDUAL_RATIO * float(np.median(residual)))
@@ -67,7 +69,7 @@ def select_informative_views(observations: Observations, motion: Array) -> list[
     while available.any() and len(selected) < MAX_SELECTED:
         gain = np.where(available, np.linalg.slogdet(total + information)[1], -np.inf) - np.linalg.slogdet(total)[1]
         best = int(gain.argmax())
-        if selected and gain[best] < 2 * len(scale) * MIN_GAIN:
+        if selected and gain[best] < sufficient_gain(len(scale)):
             break
         selected.append(best)
         total = total + information[best]
@@ -75,7 +77,12 @@ def select_informative_views(observations: Observations, motion: Array) -> list[
     return selected
 
 
-def _information(state: State, observations: Observations) -> Array:
+def sufficient_gain(parameters: int) -> float:
+    """Return the least increase of the logarithm of the determinant of the information by an informative view."""
+    return 2 * parameters * MIN_GAIN
+
+
+def view_information(state: State, observations: Observations) -> Array:
     """Return the information of each view about the free camera parameters, its pose eliminated (V, P, P), px^-2."""
     points, rotated = state.points(observations)
     _, valid, d_point, d_params = state.model.project_with_jacobians(points)
@@ -93,7 +100,7 @@ def _information(state: State, observations: Observations) -> Array:
     return np.array(information)
 
 
-def _displacements(observations: Observations) -> Array:
+def view_displacements(observations: Observations) -> Array:
     """Return the median displacement (V, V), px, of the corners that two views share; inf if they share none."""
     corners, index = np.unique(observations.points.round(9), axis=0, return_inverse=True)
     pixels = np.full((len(observations), len(corners), 2), np.nan)

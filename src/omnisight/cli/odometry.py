@@ -24,7 +24,7 @@ def odometry(
     quiet: bool = False,
     json: bool = False,
 ) -> None:
-    """Compute the trajectory of a moving camera or rig from a clip, or from a folder of images.
+    """Compute the trajectory of a moving camera or rig from a clip, a ROS bag, or a folder of images.
 
     The world is the frame of the camera at the first image. Poses are written as soon as they are known, so that an
     interrupted run keeps them. At the end, places that were seen before close loops, and the file is replaced by the
@@ -33,7 +33,8 @@ def odometry(
     Parameters
     ----------
     images
-        Video clip, or folder of images in the order of their names; for a rig with a folder for each camera.
+        Video clip; folder of images in the order of their names, for a rig with a folder for each camera; or ROS bag: a
+        .bag file of ROS 1, or the folder, .mcap or .db3 file of ROS 2.
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images.
     rig

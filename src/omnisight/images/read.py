@@ -1,6 +1,5 @@
 """Reading of image files, with a one-line reason for each file that cannot be read."""
 
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from omnisight.images.headers import (
     find_jpeg_defect,
     find_png_defect,
 )
+from omnisight.images.opencv_log import quiet_opencv
 
 # A declared size above a gigapixel is refused before memory is allocated for it.
 MAX_PIXELS = 10**9
@@ -31,8 +31,6 @@ FORMAT_MAGICS = {
     b"GIF8": "GIF",
     **{b"P%d" % i: "PNM" for i in range(1, 7)},
 }
-
-_log_level_lock = threading.Lock()
 
 
 class UnreadableImage(ValueError):
@@ -126,16 +124,9 @@ def _decode(data: bytes) -> NDArray[Any] | None:
     try:
         if data.startswith((JPEG_MAGIC, PNG_MAGIC)):
             return cv2.imdecode(buffer, flag)
-        # The structure of other formats is not checked above. OpenCV logs their errors to the terminal, at a log level
-        # of the whole process: lower it for one image at a time, and restore it.
-        with _log_level_lock:
-            log: Any = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging  # OpenCV 4, OpenCV 5
-            level = log.getLogLevel()
-            log.setLogLevel(0)
-            try:
-                return cv2.imdecode(buffer, flag)
-            finally:
-                log.setLogLevel(level)
+        # The structure of other formats is not checked above.
+        with quiet_opencv():
+            return cv2.imdecode(buffer, flag)
     except cv2.error:
         return None
 

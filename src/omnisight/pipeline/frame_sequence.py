@@ -1,4 +1,4 @@
-"""The frames of a folder, a clip, or a rig in the order of time."""
+"""The frames of a folder, a clip, a bag, or a rig in the order of time."""
 
 import csv
 import math
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import VIDEO_SUFFIXES, read_image
 from omnisight.images.read import UnreadableImage
+from omnisight.images.ros_bag import ImageBag, is_bag
 from omnisight.images.video import Clip
 from omnisight.pipeline.image_set import image_set
 
@@ -47,7 +48,7 @@ class FrameSequence:
     Attributes
     ----------
     files
-        For each frame the files of all cameras, None where one is missing; none for a clip.
+        For each frame the files of all cameras, None where one is missing; none for a clip or a bag.
     times
         Their times, seconds.
     clip
@@ -56,6 +57,8 @@ class FrameSequence:
         Name in messages.
     times_file
         File of the times; None without.
+    stream
+        The image topic of a bag.
     """
 
     files: tuple[tuple[Path | None, ...], ...]
@@ -63,25 +66,38 @@ class FrameSequence:
     label: str
     clip: Clip | None = None
     times_file: Path | None = None
+    stream: ImageBag | None = None
 
     @classmethod
-    def open(cls, source: Path, cameras: tuple[str, ...], fps: float | None) -> "FrameSequence":
-        """List the frames of a folder or a clip.
+    def open(
+        cls, source: Path, cameras: tuple[str, ...], fps: float | None, topic: str | None = None
+    ) -> "FrameSequence":
+        """List the frames of a folder, a clip or a bag.
 
         Parameters
         ----------
         source
-            Folder of images, or a video clip.
+            Folder of images, a video clip, or a ROS bag.
         cameras
             Names of the cameras of a rig, whose images are in folders or files of these names; none for one camera.
         fps
             Images per second of a folder without times.
+        topic
+            Topic of a bag; it may be left out if only one has images.
 
         Raises
         ------
         ValueError
             If there are no images, or times are missing or do not increase.
         """
+        if is_bag(source):
+            if cameras:
+                raise ValueError(f"{source}: a topic has the images of one camera, and the rig has {len(cameras)}")
+            if fps is not None:
+                raise ValueError(f"{source}: a bag has its own times: leave out --fps")
+            return cls((), (), str(source), stream=ImageBag.open(source, topic))
+        if topic is not None:
+            raise ValueError(f"{source}: not a ROS bag, which alone has topics: leave out --topic")
         if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
             if cameras:
                 raise ValueError(f"{source}: a clip has the images of one camera, and the rig has {len(cameras)}")
@@ -99,11 +115,15 @@ class FrameSequence:
 
     def __len__(self) -> int:
         """Return the number of frames; for a clip the number that its header declares, or 0."""
+        if self.stream is not None:
+            return self.stream.declared_frames
         return (self.clip.declared_frames or 0) if self.clip is not None else len(self.files)
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the first image of the first camera, px."""
+        if self.stream is not None:
+            return self.stream.size
         if self.clip is not None:
             return self.clip.size
         first = next(path for frame in self.files for path in frame[:1] if path is not None)
@@ -116,6 +136,8 @@ class FrameSequence:
 
     def frames(self, indices: Collection[int] | None = None) -> Iterator[SequenceFrame]:
         """Read all frames, or those with indices, one at a time; one that cannot be read has a reason, not images."""
+        if self.stream is not None:
+            return self._of_stream(self.stream, indices)
         return self._of_clip(self.clip, indices) if self.clip is not None else self._of_files(indices)
 
     def _of_clip(self, clip: Clip, indices: Collection[int] | None) -> Generator[SequenceFrame]:
@@ -125,6 +147,12 @@ class FrameSequence:
             seconds = frame.seconds if frame.seconds > last else frame.index / clip.frame_rate
             last = max(seconds, last + 1e-6)
             yield SequenceFrame(frame.index, last, (frame.gray,))
+
+    def _of_stream(self, stream: ImageBag, indices: Collection[int] | None) -> Generator[SequenceFrame]:
+        for index, frame in enumerate(stream.frames()):
+            if indices is None or index in indices:
+                images = () if frame.image is None else (frame.image,)
+                yield SequenceFrame(index, frame.seconds, images, frame.reason)
 
     def _of_files(self, indices: Collection[int] | None) -> Generator[SequenceFrame]:
         for index in range(len(self.files)) if indices is None else sorted(indices):

@@ -133,12 +133,12 @@ def odometry(
     output: str | PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> OdometryResult:
-    """Compute the trajectory of a camera or a rig from a clip or a folder of images.
+    """Compute the trajectory of a camera or a rig from a clip, a bag or a folder of images.
 
     Parameters
     ----------
     images
-        Folder of images in the order of their names, or a video clip.
+        Folder of images in the order of their names, a video clip, or a ROS bag.
     camera
         The camera or its calibration file; none is needed for 2:1 equirectangular images.
     rig
@@ -163,7 +163,7 @@ def odometry(
     start = time.perf_counter()
     rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
     sources = CameraSources.of(camera, rig, None)
-    sequence = FrameSequence.open(Path(images), sources.names, options.fps)
+    sequence = FrameSequence.open(Path(images), sources.names, options.fps, options.topic)
     body = _body(sources, sequence, options)
     known = ScaleSources.of(options)
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)

@@ -2,14 +2,16 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import Clip, Frame
+from omnisight.images import Clip, Frame, to_gray8
+from omnisight.images.live_camera import CameraFrame
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard
 from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS
@@ -73,10 +75,20 @@ class ClipDetections:
 
 
 @dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A frame, the one before it, and how suitable it is."""
+class Candidate:
+    """A frame, the one before it, and how suitable it is.
 
-    index: int
+    Attributes
+    ----------
+    frame
+        The frame.
+    gray, previous
+        Its gray image, and that of the frame before; None for the first.
+    score
+        How sharp and still it is, relative to its neighbours.
+    """
+
+    frame: Frame | CameraFrame
     gray: Gray
     previous: Gray | None
     score: float
@@ -123,40 +135,48 @@ def detect_in_clip(
             if progress is not None:
                 progress(count, max(declared, count))
 
-    searched = _search_in_threads(_best_of_intervals(counted(), interval), board)
+    # A video may have more frames than it declares.
+    candidates = islice(best_of_intervals(counted(), interval), MAX_FRAMES_SEARCHED)
+    searched = _search_in_threads(candidates, board)
     if board is None:
         pattern = most_common_pattern([frame.grids for frame in searched])
         board = None if pattern is None else Checkerboard(*pattern)
-    frames: list[FrameDetections] = []
-    for frame in searched:
-        boards = frame.boards
-        if isinstance(board, Checkerboard):
-            assigned = (assign_to_board(grid, board) for grid in frame.grids)
-            boards = tuple(detection for detection in assigned if detection is not None)
-        frames.append(FrameDetections(frame.index, boards, frame.motion, bool(frame.grids)))
+    frames = [_assigned(frame, board) for frame in searched]
     return ClipDetections(board, count, tuple(frames))
 
 
-def _best_of_intervals(frames: Iterator[Frame], interval: int) -> Iterator[_Candidate]:
-    """Yield the sharpest and stillest frame of each interval."""
+def detect_in_frame(candidate: Candidate, board: Board) -> FrameDetections:
+    """Detect a board in one frame, as `detect_in_clip` does."""
+    return _assigned(_search(candidate, board), board)
+
+
+def _assigned(frame: _Searched, board: Board | None) -> FrameDetections:
+    """Return the detections of the board in a searched frame."""
+    boards = frame.boards
+    if isinstance(board, Checkerboard):
+        assigned = (assign_to_board(grid, board) for grid in frame.grids)
+        boards = tuple(detection for detection in assigned if detection is not None)
+    return FrameDetections(frame.index, boards, frame.motion, bool(frame.grids))
+
+
+def best_of_intervals(frames: Iterable[Frame | CameraFrame], interval: int) -> Iterator[Candidate]:
+    """Yield the sharpest and stillest frame of each interval of so many frames."""
     best, previous, previous_thumbnail = None, None, None
     for count, frame in enumerate(frames, 1):
-        gray = frame.gray
+        gray = to_gray8(frame.image)
         thumbnail = _thumbnail(gray)
         score = _score(gray, thumbnail, previous_thumbnail)
         if best is None or score > best.score:
-            best = _Candidate(frame.index, gray, previous, score)
+            best = Candidate(frame, gray, previous, score)
         if count % interval == 0:
             yield best
             best = None
-            if count // interval >= MAX_FRAMES_SEARCHED:  # the video has more frames than it declares
-                return
         previous, previous_thumbnail = gray, thumbnail
     if best is not None:
         yield best
 
 
-def _search_in_threads(candidates: Iterator[_Candidate], board: Board | None) -> list[_Searched]:
+def _search_in_threads(candidates: Iterator[Candidate], board: Board | None) -> list[_Searched]:
     """Search frames while further ones are decoded, a few at a time."""
     workers = min(8, os.cpu_count() or 1)
     pending: deque[Future[_Searched]] = deque()
@@ -169,7 +189,7 @@ def _search_in_threads(candidates: Iterator[_Candidate], board: Board | None) ->
         return searched + [future.result() for future in pending]
 
 
-def _search(candidate: _Candidate, board: Board | None) -> _Searched:
+def _search(candidate: Candidate, board: Board | None) -> _Searched:
     """Detect grids or boards in a frame, reduced if it is large: selecting frames needs no exact corners."""
     gray, previous = candidate.gray, candidate.previous
     reduction = max(1.0, (gray.size / MAX_SEARCH_PIXELS) ** 0.5)
@@ -183,7 +203,7 @@ def _search(candidate: _Candidate, board: Board | None) -> _Searched:
     if reduction > 1:
         grids = tuple(replace(grid.resized(scale), blur=grid.blur) for grid in grids)
         boards = tuple(b.resized(scale) for b in boards)
-    return _Searched(candidate.index, grids, boards, motion)
+    return _Searched(candidate.frame.index, grids, boards, motion)
 
 
 def _thumbnail(gray: Gray) -> Gray:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from omnisight.images import read_image, write_image
-from omnisight.report.drawings.canvas import BLUE, GREEN, RED, YELLOW, ImageCanvas, display_zoom
+from omnisight.report.drawings.canvas import BLUE, GREEN, RED, YELLOW, Color, ImageCanvas, display_zoom
 from omnisight.targets import Detection, Detections, ImageDetection
 
 # Ellipses of corner covariances are drawn at this many standard deviations, to be visible.
@@ -44,11 +44,11 @@ def draw_detections(
             progress(i + 1, len(files))
 
 
-def draw_board_rows(canvas: ImageCanvas, detection: Detection, detections: Detections) -> None:
+def draw_board_rows(canvas: ImageCanvas, detection: Detection, detections: Detections, color: Color = YELLOW) -> None:
     """Connect the corners of each row of a board; a target of given points has no rows."""
     columns = getattr(detections.board, "columns", 1)
     for row in np.unique(detection.ids // columns):
-        canvas.polyline(detection.pixels[detection.ids // columns == row], YELLOW)
+        canvas.polyline(detection.pixels[detection.ids // columns == row], color)
 
 
 def _draw(image: ImageDetection, detections: Detections, apply_exif: bool) -> ImageCanvas:

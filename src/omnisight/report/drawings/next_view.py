@@ -111,10 +111,8 @@ class BoardDrawing:
         """
         import cv2
 
-        board = self.proposal.board
-        low, high = board.points.min(0)[:2], board.points.max(0)[:2]
-        counts = np.maximum(np.rint((high - low) / point_spacing(board)).astype(int), 1)
-        side = (high - low) / counts
+        low, high, side = self._extent()
+        counts = np.rint((high - low) / side).astype(int)
         overlay = self.canvas.pixels.copy()
         for i, j in product(range(-1, counts[0] + 1), range(-1, counts[1] + 1)):
             square = _rectangle(low + side * (i, j), low + side * (i + 1, j + 1), SQUARE_POINTS)
@@ -125,12 +123,24 @@ class BoardDrawing:
         inside_opacity = FIRST_OPACITY if self.number == 0 else LATER_OPACITY
         opacity = np.where(visible, inside_opacity, HIDDEN_OPACITY)[..., None]
         self.canvas.pixels[:] = opacity * overlay + (1 - opacity) * self.canvas.pixels
+        self.draw_outline()
+
+    def draw_outline(self) -> None:
+        """Draw the outline, with the edge nearer to the camera as a thick line."""
+        board = self.proposal.board
+        low, high, side = self._extent()
         self._curve(_rectangle(low - side, high + side, EDGE_POINTS), BOARD_LINE_WIDTH)
         if self.view.tilt >= FACING_RAD:
             centre, scale = (low + high) / 2, 1 + 2 * side / (high - low)
             ends = nearer_edge(self.proposal.prior, self.view, board)[1][:, :2]
             start, end = centre + (ends - centre) * scale
             self._curve(start + np.linspace(0, 1, EDGE_POINTS)[:, None] * (end - start), NEAR_EDGE_WIDTH)
+
+    def _extent(self) -> tuple[Array, Array, Array]:
+        """Return the least and greatest (x, y) of the board's points, and the sides of a square."""
+        board = self.proposal.board
+        low, high = board.points.min(0)[:2], board.points.max(0)[:2]
+        return low, high, (high - low) / np.maximum(np.rint((high - low) / point_spacing(board)), 1)
 
     def positions(self, plane: Array) -> tuple[Any, NDArray[np.bool_]]:
         """Return canvas positions of points (N, 2) of the board, and which of them are visible."""

@@ -1,0 +1,61 @@
+"""Sources of frames of the capture: a connected camera, a clip, or a folder of images."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from omnisight.images import VIDEO_SUFFIXES, Clip, UnreadableImage, collect_images, read_image
+from omnisight.images.live_camera import CameraFrame, LiveCamera
+from omnisight.targets.clip_detection import INTERVAL_S, Candidate, best_of_intervals
+
+# Frames per second of a connected camera: drivers report wrong rates, and few cameras have fewer.
+LIVE_FRAME_RATE = 30.0
+
+
+@dataclass(frozen=True)
+class CaptureSource:
+    """Candidates for calibration images, in the order of time.
+
+    Attributes
+    ----------
+    label
+        Name in messages.
+    candidates
+        The sharpest and stillest frame of each short interval, or all images of a folder.
+    """
+
+    label: str
+    candidates: Iterable[Candidate]
+
+    @classmethod
+    def open(cls, source: str) -> "CaptureSource":
+        """Open a source.
+
+        Parameters
+        ----------
+        source
+            Number of a connected camera, clip, or folder of images.
+
+        Raises
+        ------
+        ValueError
+            If there is no such camera or file.
+        """
+        if source.isdigit():
+            frames = LiveCamera(int(source)).frames()
+            return cls(f"camera {source}", best_of_intervals(frames, round(LIVE_FRAME_RATE * INTERVAL_S)))
+        paths = collect_images([source], videos=True)
+        if len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES:
+            clip = Clip.open(paths[0])
+            interval = max(round(clip.frame_rate * INTERVAL_S), 1)
+            return cls(source, best_of_intervals(clip.frames(), interval))
+        return cls(source, _of_images([str(path) for path in paths if path.suffix.lower() not in VIDEO_SUFFIXES]))
+
+
+def _of_images(paths: list[str]) -> Iterator[Candidate]:
+    """Yield every image that can be read, as one of an interval of its own: the board was still when it was taken."""
+    for index, path in enumerate(paths):
+        try:
+            image = read_image(path)
+        except UnreadableImage:
+            continue
+        yield next(best_of_intervals([CameraFrame(index, float(index), image)], 1))

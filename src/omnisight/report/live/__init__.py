@@ -1,0 +1,1 @@
+"""Pages that show a running command, served on this computer only."""

@@ -1,0 +1,67 @@
+"""omnisight odometry of ROS bags, against the folder of the same images; its trajectories read by evo."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.simulation import fisheye_setup
+
+FRAMES, FIRST_S = 8, 1700000000.0
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Return the folder of a rendered sequence."""
+    folder = tmp_path_factory.mktemp("walk") / "room"
+    setup = fisheye_setup(320)
+    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
+    om.simulate(om.SimulateOptions("room", camera, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
+    return folder
+
+
+def table(path):
+    return np.loadtxt(path, ndmin=2)
+
+
+@pytest.mark.parametrize("name", ["drive.bag", "drive"])
+def test_a_bag_has_the_trajectory_of_the_folder(run, room, tmp_path, name):
+    pytest.importorskip("rosbags")
+    from tests.bags import compressed, raw, write_bag
+
+    files = sorted((room / "images").iterdir())
+    messages = [raw(om.read_image(file), "rgb8", FIRST_S + k / 10) for k, file in enumerate(files)]
+    jpegs = [compressed(file.read_bytes(), FIRST_S + k / 10) for k, file in enumerate(files)]
+    bag = write_bag(tmp_path / name, {"/cam0/image_raw": messages, "/cam1/image_raw/compressed": jpegs})
+    camera = ("--camera", room / "camera.json")
+    assert run("odometry", room / "images", *camera, "-o", "folder.tum")[0] == 0
+    status, out, err = run("odometry", bag, *camera, "-o", "raw.tum", "--topic", "/cam0/image_raw")
+    assert (status, err) == (0, "")
+    assert f"{FRAMES} of {FRAMES} have a pose" in out
+    assert run("odometry", bag, *camera, "-o", "jpeg.tum", "--topic", "/cam1/image_raw/compressed")[0] == 0
+    expected = table("folder.tum")
+    for found in (table("raw.tum"), table("jpeg.tum")):
+        assert np.allclose(found[:, 0], FIRST_S + expected[:, 0], atol=2e-6, rtol=0)
+        assert np.allclose(found[:, 1:], expected[:, 1:], atol=1e-6)
+
+    status, _, err = run("odometry", bag, *camera, "-o", "t.tum")
+    assert status == 2
+    assert f"/cam0/image_raw ({FRAMES} images), /cam1/image_raw/compressed ({FRAMES} images)" in err
+    assert "leave out --fps" in run("odometry", bag, *camera, "-o", "t.tum", "--fps", "5")[2]
+    assert "leave out --topic" in run("odometry", room / "images", *camera, "-o", "t.tum", "--topic", "/a")[2]
+
+
+@pytest.mark.peer
+def test_evo_reads_the_trajectories(run, room):
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    for name in ("t.tum", "t.kitti"):
+        assert run("odometry", room / "images", "--camera", room / "camera.json", "-o", name)[0] == 0
+    expected = table("t.tum")
+    of_tum = file_interface.read_tum_trajectory_file("t.tum")
+    assert of_tum.check()[0]
+    assert np.allclose(of_tum.timestamps, expected[:, 0])
+    assert np.allclose(of_tum.positions_xyz, expected[:, 1:4])
+    assert np.allclose(of_tum.orientations_quat_wxyz, expected[:, [7, 4, 5, 6]])
+    of_kitti = file_interface.read_kitti_poses_file("t.kitti")
+    assert np.allclose(of_kitti.poses_se3, of_tum.poses_se3, atol=1e-7)
