@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from omnisight.display import Displayed
 from omnisight.images import read_image, write_image
 from omnisight.images.live_camera import CameraFrame
 from omnisight.pipeline.capture_options import CaptureOptions
@@ -22,7 +23,7 @@ Show = Callable[[CaptureSession, Seen], None]
 
 
 @dataclass(frozen=True)
-class CaptureResult:
+class CaptureResult(Displayed):
     """The images of a capture; false if there is none.
 
     Attributes
