@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from omnisight.camera import Camera
 from omnisight.formats._limits import MAX_DISTINCT_CAMERAS, MAX_NAME_CHARS
@@ -51,6 +50,8 @@ def pose_of_quaternion(xyzw: Sequence[float], translation: Sequence[float], name
     length = float(np.linalg.norm(xyzw))
     if not abs(length - 1) <= MAX_CONTRADICTION:
         raise ValueError(f"{name} must be a unit quaternion, got one of length {length:.6g}")
+    from scipy.spatial.transform import Rotation  # takes 0.25 s to import
+
     return Pose(Rotation.from_quat(np.array(xyzw) / length).as_matrix(), np.array(translation, float))
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.ray_camera import RayCamera
-from omnisight.targets.length import parse_length
 from omnisight.views import sphere
 from omnisight.views.remapper import is_resized, size_mismatch
 
@@ -115,6 +114,8 @@ def _parse_distance(text: str, unit: str) -> float:
     if text.strip().lower() in ("inf", "far"):
         return float("inf")
     if unit == "m":
+        from omnisight.targets.length import parse_length  # takes 0.3 s to import
+
         return parse_length(text)
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(squares?)?\s*", text)
     if match is None or not float(match[1]) > 0:

@@ -129,6 +129,7 @@ class _ClipView:
         self._target, self._rotations = _even(target), rotations
         self._faces: list[FrameRemapper] = []
         self._hatched: NDArray[np.bool_] | None = None
+        self._covered: NDArray[np.bool_] | None = None  # of the first frame
         width, height = self._target.size
         self.size = (4 * width, 3 * height) if len(rotations) > 1 else (width, height)
 
@@ -137,6 +138,8 @@ class _ClipView:
         if not self._faces or self._moves:
             target, rotations = view_target(self._at(seconds))
             self._faces = [self._remapper(_even(target), rotation @ stable_from_source) for rotation in rotations]
+            if self._covered is None:
+                self._covered = cube_cross([face.mask for face in self._faces])
             if self.options.mark:
                 outside = [extrapolation_mask(self.source, f.target, r) & f.mask for f, r in self._pairs(rotations)]
                 self._hatched = cube_cross(outside)
@@ -149,8 +152,8 @@ class _ClipView:
     def result(self, file: Path) -> ViewResult:
         """Return the measures of the view of the first frame."""
         source, target, rotations = self.source, self._target, self._rotations
-        faces = [self._remapper(target, rotation) for rotation in rotations]
-        covered = cube_cross([face.mask for face in faces])
+        covered = self._covered
+        assert covered is not None  # frames() returns at least one frame
         outside = cube_cross([extrapolation_mask(source, target, rotation) for rotation in rotations])
         return ViewResult(
             self.options,

@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 from omnisight.display import Displayed
 from omnisight.geometry.rotation import nearest
 from omnisight.pipeline.view_options import ViewOptions
-from omnisight.simulation.trajectory import Trajectory, read_trajectory
+
+if TYPE_CHECKING:
+    from omnisight.simulation.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -147,6 +150,8 @@ def stabilization(motion: ViewMotion, seconds: float | None) -> Callable[[float]
     """
     if motion.stabilize is None:
         return lambda time: np.eye(3)
+    from omnisight.simulation.trajectory import read_trajectory  # takes 0.2 s to import
+
     trajectory = read_trajectory(motion.stabilize)
     first, last = float(trajectory.times[0]), float(trajectory.times[-1])
     if first > (seconds or math.inf) or last < 0:
@@ -161,7 +166,7 @@ def stabilization(motion: ViewMotion, seconds: float | None) -> Callable[[float]
     return lambda time: _smoothed(trajectory, time, sigma).T @ trajectory.at(time).rotation
 
 
-def _smoothed(trajectory: Trajectory, time: float, sigma: float) -> Array:
+def _smoothed(trajectory: "Trajectory", time: float, sigma: float) -> Array:
     """Return the mean of the orientations world_from_cam around a time, weighted by a Gaussian."""
     offsets = np.arange(-SIGMAS * SAMPLES_PER_SIGMA, SIGMAS * SAMPLES_PER_SIGMA + 1) / SAMPLES_PER_SIGMA
     rotations = np.stack([trajectory.at(time + sigma * offset).rotation for offset in offsets])

@@ -9,6 +9,9 @@ from omnisight.models._run_compiled import run_compiled
 Floats = NDArray[np.float32]
 Array = NDArray[np.float64]
 
+# Rows whose bearings are computed at once: those of all pixels need ten times the memory of the image.
+STRIP_ROWS = 32
+
 
 def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple[Floats, Floats]:
     """Return the source pixel (u, v) of every target pixel, each (H, W) float32; NaN where there is none.
@@ -49,10 +52,10 @@ def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array
     mask = np.zeros((target.height, target.width), np.bool_)
     if source.theta_max is None:
         return mask
-    for row in range(target.height):  # row by row, because all bearings need ten times the memory of the image
-        pixels = np.stack([np.arange(target.width), np.full(target.width, row)], -1)
+    for top in range(0, target.height, STRIP_ROWS):
+        pixels = np.stack(np.meshgrid(np.arange(target.width), np.arange(target.height)[top : top + STRIP_ROWS]), -1)
         bearings, valid = target.unproject(pixels)
-        mask[row] = valid & ~source.calibrated(bearings @ np.asarray(target_from_source, float))
+        mask[top : top + STRIP_ROWS] = valid & ~source.calibrated(bearings @ np.asarray(target_from_source, float))
     return mask
 
 
