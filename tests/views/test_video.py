@@ -292,11 +292,11 @@ def test_selected_boards_are_as_informative_as_evenly_spaced_ones():
 
 def predicted_bearing_error(views, setup):
     """Return the standard deviation of projected points that follows from the covariance of the parameters, px."""
-    from omnisight.calibration.frame_information import _information
+    from omnisight.calibration.frame_information import view_information
     from omnisight.calibration.resection import resect
 
     state = resect(setup.camera.model, views)
-    covariance = np.linalg.inv(_information(state, views).sum(0))
+    covariance = np.linalg.inv(view_information(state, views).sum(0))
     theta, phi = np.meshgrid(np.radians(np.arange(5, 90, 5)), np.radians(np.arange(0, 360, 30)))
     rays = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
     free = [p.free for p in setup.camera.model.parameters]

@@ -153,7 +153,7 @@ class _ClipView:
         """Return the measures of the view of the first frame."""
         source, target, rotations = self.source, self._target, self._rotations
         covered = self._covered
-        assert covered is not None  # frames() returns at least one frame
+        assert covered is not None  # a clip has at least one frame
         outside = cube_cross([extrapolation_mask(source, target, rotation) for rotation in rotations])
         return ViewResult(
             self.options,
