@@ -1,5 +1,7 @@
 """Laws of the cameras in torch, for every registered camera model: values of NumPy, derivatives, compilation."""
 
+from shutil import which
+
 import numpy as np
 import pytest
 
@@ -27,8 +29,8 @@ def to_the_rim(model):
 
 
 def conditioning(model, bearings):
-    """Return what a change of the bearing by one rounding error makes in the pixel (N, 1)."""
-    return 1e-15 * np.abs(model.project_with_jacobians(bearings)[2]).max(axis=(1, 2))[:, None]
+    """Return what a change of the bearing by some rounding errors makes in the pixel (N, 1)."""
+    return 1e-14 * np.abs(model.project_with_jacobians(bearings)[2]).max(axis=(1, 2))[:, None]
 
 
 @every_camera
@@ -55,7 +57,7 @@ def test_float32_agrees_up_to_its_rounding(model):
     assert valid.all()
     expected = model.project(bearings)[0]
     assert (
-        np.abs(pixels.detach().numpy() - expected) < 1e-6 * (1 + np.abs(expected)) + 1e9 * conditioning(model, bearings)
+        np.abs(pixels.detach().numpy() - expected) < 1e-6 * (1 + np.abs(expected)) + 1e8 * conditioning(model, bearings)
     ).all()
     back, back_valid = camera.unproject(torch.tensor(expected, dtype=torch.float32))
     assert back.dtype == torch.float32
@@ -110,7 +112,7 @@ def test_second_derivatives_off_the_axis(model):
 @every_camera
 def test_invalid_points_and_the_axis_leave_all_derivatives_finite(model):
     camera = camera_of(model)
-    theta = np.radians([0, 1e-9, 45, 90 - 1e-6, 90, 90 + 1e-6, 120, 179.99, 180])[:, None]
+    theta = np.radians([0, 1e-9, 45, 90 - 1e-6, 90 + 1e-6, 120, 179.99, 180])[:, None]
     aside = [[1, 0, 0], [0, 1, 0], [-3, -4, 0], [0, 0, -1]]
     given = np.concatenate([direction(theta, AZIMUTHS).reshape(-1, 3), aside, ODD])
     points = torch.tensor(given, requires_grad=True)
@@ -148,15 +150,13 @@ def test_a_compiled_function_is_one_graph_with_the_same_results(model):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(which("g++") is None, reason="torch.compile needs a C++ compiler")
 @pytest.mark.filterwarnings("ignore")
 def test_generated_code_has_the_same_results():
     camera = camera_of(om.model_class("kannala_brandt").example())
     points = torch.tensor(inside(om.model_class("kannala_brandt").example()))
     torch._dynamo.reset()
-    try:
-        pixels, _ = torch.compile(camera.project, fullgraph=True)(points)
-    except Exception as error:  # noqa: BLE001
-        pytest.skip(f"no C++ compiler for torch.compile: {type(error).__name__}")
+    pixels, _ = torch.compile(camera.project, fullgraph=True)(points)
     np.testing.assert_allclose(pixels.detach(), camera.project(points)[0].detach(), rtol=1e-12)
 
 

@@ -4,8 +4,8 @@ Needs the extra `torch`: pip install 'omnisight[torch]'. `import omnisight` does
 """
 
 try:
-    import torch as _torch  # noqa: F401
-except ImportError as error:
+    import omnisight.torch.tensor_functions  # noqa: F401 (elementwise formulas then take tensors)
+except ModuleNotFoundError as error:
     raise ImportError("omnisight.torch needs PyTorch: pip install 'omnisight[torch]'") from error
 
 from omnisight.torch.camera import Camera

@@ -12,7 +12,6 @@ from omnisight.models import CameraModel
 from omnisight.models._elementwise import MAX_ITERATIONS, project_point, unproject_pixel
 from omnisight.torch.domain_constants import constants_vector, domain_constants
 from omnisight.torch.sampling import pixel_footprint, sample
-from omnisight.torch.tensor_functions import LIBRARIES
 
 # Newton steps of compiled functions, which cannot stop when all points have converged: enough up to 99 % of the rim.
 COMPILED_ITERATIONS = 12

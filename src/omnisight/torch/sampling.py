@@ -1,5 +1,6 @@
 """Sampling of images at pixels with derivatives: bilinear, across the seam of a panorama, averaged by mipmaps."""
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import torch
@@ -28,7 +29,7 @@ class Atlas(NamedTuple):
         (B, channels, height, width).
     corners
         (L, 2) pixel of the atlas of the first pixel (0, 0) of the image on each level.
-    lasts
+    limits
         (L, 2, 2) smallest and largest pixel (u, v) of each level.
     """
 
@@ -80,6 +81,7 @@ def sample(
     return torch.where(valid.unsqueeze(-3), values, 0.0)
 
 
+@torch.no_grad()
 def pixel_footprint(source: "Camera", pixels: Tensor) -> Tensor:
     """Return how many pixels of the source a pixel of a map (..., height, width, 2) spans in its denser direction.
 
@@ -107,22 +109,23 @@ def pixel_footprint(source: "Camera", pixels: Tensor) -> Tensor:
 
 def _sampled(image: Tensor, pixels: Tensor, footprint: Tensor | None, periodic: bool) -> Tensor:
     """Return the values of images (B, C, H, W) at pixels (B, h, w, 2)."""
-    count = 0
-    if footprint is not None:
-        level = torch.log2(footprint)
-        count = min(MAX_LEVEL, int(min(image.shape[-2:])).bit_length() - 1)
-        if not torch.compiler.is_compiling():  # a compiled function must not read the footprint from the device
-            largest = float(level.max()) if level.numel() else 0.0
-            count = 0 if largest < MIN_LEVEL else min(count, int(largest) + 1)
-        level = torch.clamp(level, 0.0, count)
-        below = torch.clamp_max(level.floor(), max(count - 1, 0))
-        share = (level - below).unsqueeze(1)
-        lower = below.long()
+    count = 0 if footprint is None else _mipmap_count(image, footprint)
     atlas = _atlas(image, count, periodic)
     if footprint is None or count == 0:
         return _interpolated(atlas, pixels, None)
-    fine, coarse = (_interpolated(atlas, pixels, index) for index in (lower, lower + 1))
-    return fine + share * (coarse - fine)
+    level = torch.clamp(torch.log2(footprint), 0.0, count)
+    below = torch.clamp_max(level.floor(), count - 1)
+    fine, coarse = (_interpolated(atlas, pixels, index) for index in (below.long(), below.long() + 1))
+    return fine + (level - below).unsqueeze(1) * (coarse - fine)
+
+
+def _mipmap_count(image: Tensor, footprint: Tensor) -> int:
+    """Return the number of mipmaps of an image that footprints need."""
+    count = min(MAX_LEVEL, int(min(image.shape[-2:])).bit_length() - 1)
+    if torch.compiler.is_compiling():  # a compiled function must not read the footprint from the device
+        return count
+    largest = math.log2(float(footprint.max())) if footprint.numel() else 0.0
+    return 0 if largest < MIN_LEVEL else min(count, int(largest) + 1)
 
 
 def _atlas(image: Tensor, count: int, periodic: bool) -> Atlas:
@@ -163,7 +166,7 @@ def _halved(image: Tensor) -> Tensor:
 
 
 def _interpolated(atlas: Atlas, pixels: Tensor, level: Tensor | None) -> Tensor:
-    """Return the values at pixels (B, h, w, 2) of the finest level, interpolated on levels (B, h, w) or on the finest."""
+    """Return the values at pixels (B, h, w, 2) of the finest level, from levels (B, h, w) or the finest."""
     height, width = atlas.image.shape[-2:]
     index: Tensor | int = 0 if level is None else level
     low, high = atlas.limits[index].unbind(-2)
