@@ -60,7 +60,7 @@ def projections(device: str, options: argparse.Namespace) -> list[Race]:
         at = points.detach().requires_grad_(True)
         project(at).sum().backward()
 
-    gap = float((ours() - theirs()).abs().max())
+    gap = (ours() - theirs()).abs().max().item()
     theirs_trained = params.clone().requires_grad_(True)
     kinds = [("", ours, theirs)]
     if options.compile:

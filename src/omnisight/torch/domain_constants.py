@@ -31,8 +31,21 @@ def flattened(model: CameraModel) -> np.ndarray[Any, Any]:
     return np.concatenate([np.ravel(value) for value in domain_constants(model).values()])
 
 
+def numpy_model(parameters: list[torch.Tensor], model: str) -> CameraModel:
+    """Return the NumPy model with the values of the parameters.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite.
+    """
+    lengths = tuple(parameter.numel() for parameter in parameters)
+    values = torch.cat([parameter.detach().double().reshape(-1) for parameter in parameters]).cpu().numpy()
+    return _model_from_bytes(model, lengths, values.tobytes())
+
+
 @lru_cache(maxsize=CACHED_CAMERAS)
-def _flattened_from_bytes(name: str, lengths: tuple[int, ...], values: bytes) -> torch.Tensor:
+def _model_from_bytes(name: str, lengths: tuple[int, ...], values: bytes) -> CameraModel:
     parts = np.split(np.frombuffer(values), np.cumsum(lengths)[:-1])
     if not all(np.isfinite(part).all() for part in parts):
         raise ValueError(f"the parameters of the {name} camera are not finite: lower the learning rate")
@@ -42,7 +55,12 @@ def _flattened_from_bytes(name: str, lengths: tuple[int, ...], values: bytes) ->
         tuple(map(float, part)) if field.type == tuple[float, ...] else float(part[0])
         for field, part in zip(fields, parts, strict=True)
     ]
-    return torch.from_numpy(flattened(model_class(name)(*arguments)))
+    return model_class(name)(*arguments)
+
+
+@lru_cache(maxsize=CACHED_CAMERAS)
+def _flattened_of_model(model: CameraModel) -> torch.Tensor:
+    return torch.from_numpy(flattened(model))
 
 
 # Constants of the last cameras on other devices, by the memory and the version of their parameters, which are kept: the
@@ -61,9 +79,7 @@ def cached_by_version(parameters: list[torch.Tensor], model: str) -> torch.Tenso
 
 
 def cached_by_values(parameters: list[torch.Tensor], model: str) -> torch.Tensor:
-    lengths = tuple(parameter.numel() for parameter in parameters)
-    values = torch.cat([parameter.detach().double().reshape(-1) for parameter in parameters]).cpu().numpy()
-    return _flattened_from_bytes(model, lengths, values.tobytes()).to(parameters[0].device)
+    return _flattened_of_model(numpy_model(parameters, model)).to(parameters[0].device)
 
 
 @torch.library.custom_op("omnisight::domain_constants", mutates_args=())

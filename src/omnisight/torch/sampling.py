@@ -73,7 +73,9 @@ def sample(
     shape = pixels.shape[-3:-1]
     valid = torch.isfinite(pixels).all(-1) if valid is None else valid
     image = image.expand(*lead, *image.shape[-3:]).reshape(-1, *image.shape[-3:])
-    pixels = torch.where(valid[..., None], pixels, 0.0).to(image.dtype)
+    if torch.is_grad_enabled():  # grid_sample takes NaN, but its derivative is NaN
+        pixels = torch.where(valid[..., None], pixels, 0.0)
+    pixels = pixels.to(image.dtype)
     flat_pixels = pixels.expand(*lead, *shape, 2).reshape(-1, *shape, 2)
     if footprint is not None:
         footprint = footprint.expand(*lead, *shape).reshape(-1, *shape).to(image.dtype)
@@ -168,11 +170,12 @@ def _halved(image: Tensor) -> Tensor:
 def _interpolated(atlas: Atlas, pixels: Tensor, level: Tensor | None) -> Tensor:
     """Return the values at pixels (B, h, w, 2) of the finest level, from levels (B, h, w) or the finest."""
     height, width = atlas.image.shape[-2:]
-    index: Tensor | int = 0 if level is None else level
-    low, high = atlas.limits[index].unbind(-2)
-    scaled = pixels if level is None else pixels * torch.exp2(-level.to(pixels.dtype))[..., None]
-    at = torch.minimum(torch.maximum(scaled, low), high) + atlas.corners[index]
-    extent = pixels.new_tensor((width, height))
-    return nn_functional.grid_sample(
-        atlas.image, (2.0 * at + 1.0) / extent - 1.0, mode="bilinear", padding_mode="border", align_corners=False
-    )
+    to_grid = 2.0 / pixels.new_tensor((width, height))
+    if level is None:
+        grid = torch.addcmul((atlas.corners[0] + 0.5) * to_grid - 1.0, pixels, to_grid)
+    else:
+        low, high = atlas.limits[level].unbind(-2)
+        scaled = pixels * torch.exp2(-level.to(pixels.dtype))[..., None]
+        at = torch.minimum(torch.maximum(scaled, low), high) + atlas.corners[level]
+        grid = (at + 0.5) * to_grid - 1.0
+    return nn_functional.grid_sample(atlas.image, grid, "bilinear", "border", align_corners=False)
