@@ -87,11 +87,11 @@ def remaps(device: str, options: argparse.Namespace) -> list[Race]:
     """Compare a perspective view of a panorama with PyEquilib, and a 4K remap with `grid_sample` alone."""
     from equilib import equi2pers
 
-    sphere, view = Camera(om.sphere(4096), device=device), Camera(om.perspective(90, (1920, 1080)), device=device)
+    sphere, view = Camera(om.sphere(4096), device=device), Camera(om.perspective((1920, 1080), 90), device=device)
     image = torch.rand(1, 3, 2048, 4096, device=device)
     rotation = torch.tensor(om.look(yaw=30, pitch=10), dtype=torch.float32, device=device)
     rots = [{"roll": 0.0, "pitch": np.radians(10), "yaw": np.radians(30)}]
-    fisheye, target = Camera(FISHEYE, device=device), Camera(om.perspective(100, (3840, 2160)), device=device)
+    fisheye, target = Camera(FISHEYE, device=device), Camera(om.perspective((3840, 2160), 100), device=device)
     large = torch.rand(1, 3, 2160, 3840, device=device)
     with torch.no_grad():
         pixels, valid = fisheye.map(target)

@@ -27,8 +27,8 @@ EXPECTED = {
     ),
     "10_notebook": ({"map.npy", "camera.html"}, "the cameras are the same within their uncertainties"),
     "09_surround": ({"car.json", "front.jpg", "right.jpg", "back.jpg", "left.jpg", "above.jpg"}, "98 % of the ground"),
-    "10_refine_photometrically": ({"first.jpg"}, "step 99: error of the projection 0."),
-    "11_training_data": ({"0.jpg", "3.jpg"}, "learned: True"),
+    "11_refine_photometrically": ({"first.jpg"}, "step 99: error of the projection 0."),
+    "12_training_data": ({"0.jpg", "3.jpg"}, "learned: True"),
 }
 
 

@@ -28,7 +28,7 @@ def array_of(view):
 
 
 @pytest.mark.parametrize(
-    "target", [om.perspective(90, (160, 120)), om.sphere(200), om.cube_face(64), om.fisheye(100), om.cylinder(160)]
+    "target", [om.perspective((160, 120), 90), om.sphere(200), om.cube_face(64), om.fisheye(100), om.cylinder(160)]
 )
 def test_views_equal_those_of_numpy(picture, target):
     source = om.sphere(256)
@@ -41,12 +41,12 @@ def test_views_equal_those_of_numpy(picture, target):
 
 
 def test_a_view_across_the_seam_is_as_smooth_as_elsewhere(picture):
-    camera, target = Camera(om.sphere(256)), Camera(om.perspective(60, (90, 60)))
+    camera, target = Camera(om.sphere(256)), Camera(om.perspective((90, 60), 60))
     for antialias in (False, True):
         back, valid = camera.remap(tensor_of(picture), target, torch.tensor(om.look(yaw=180)), antialias=antialias)
         assert valid.all()
         expected = 0.5 + 0.4 * np.sin(
-            3 * om.perspective(60, (90, 60)).unproject(target.grid().numpy())[0] @ om.look(yaw=180)
+            3 * om.perspective((90, 60), 60).unproject(target.grid().numpy())[0] @ om.look(yaw=180)
         )
         assert np.abs(array_of(back) - expected).max() < 0.005
 
@@ -54,7 +54,7 @@ def test_a_view_across_the_seam_is_as_smooth_as_elsewhere(picture):
 def test_a_smaller_view_is_averaged():
     rng = np.random.default_rng(0)
     noise = rng.uniform(size=(480, 640, 1))
-    source, target = om.perspective(80, (640, 480)), om.perspective(80, (40, 30))
+    source, target = om.perspective((640, 480), 80), om.perspective((40, 30), 80)
     averaged, _ = Camera(source).remap(tensor_of(noise), Camera(target))
     aliased, _ = Camera(source).remap(tensor_of(noise), Camera(target), antialias=False)
     assert aliased.std() > 0.12
@@ -75,7 +75,7 @@ def test_pixels_outside_the_image_are_zero_and_not_valid():
 
 
 def test_batches_of_rotations():
-    camera, target = Camera(RIM), Camera(om.perspective(50, (32, 24)))
+    camera, target = Camera(RIM), Camera(om.perspective((32, 24), 50))
     image = torch.rand(3, 240, 240, generator=torch.Generator().manual_seed(0))
     rotations = torch.stack([torch.tensor(om.look(yaw=yaw), dtype=torch.float32) for yaw in (0, 40)])
     views, valid = camera.remap(image, target, rotations)
