@@ -55,12 +55,14 @@ def test_a_smaller_view_is_averaged():
     rng = np.random.default_rng(0)
     noise = rng.uniform(size=(480, 640, 1))
     source, target = om.perspective((640, 480), 80), om.perspective((40, 30), 80)
-    averaged, _ = Camera(source).remap(tensor_of(noise), Camera(target))
+    averaged = array_of(Camera(source).remap(tensor_of(noise), Camera(target))[0])
     aliased, _ = Camera(source).remap(tensor_of(noise), Camera(target), antialias=False)
     assert aliased.std() > 0.12
     assert averaged.std() < 0.03
-    assert averaged.std().item() == pytest.approx(om.remap(noise, source, target).std(), rel=0.3)
-    assert averaged.mean().item() == pytest.approx(0.5, abs=0.01)
+    assert averaged.mean() == pytest.approx(0.5, abs=0.01)
+    # At the border the NumPy view is blended with the border value 0.
+    interior = np.s_[1:-1, 1:-1]
+    np.testing.assert_allclose(averaged[interior], om.remap(noise, source, target)[interior], rtol=0, atol=1e-6)
 
 
 def test_pixels_outside_the_image_are_zero_and_not_valid():
