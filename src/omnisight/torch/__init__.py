@@ -4,7 +4,7 @@ Needs the extra `torch`: pip install 'omnisight[torch]'. `import omnisight` does
 """
 
 try:
-    import omnisight.torch.tensor_functions  # noqa: F401 (elementwise formulas then take tensors)
+    import omnisight.torch.tensor_functions  # noqa: F401  # pyright: ignore[reportUnusedImport] -- formulas then take tensors
 except ModuleNotFoundError as error:
     raise ImportError("omnisight.torch needs PyTorch: pip install 'omnisight[torch]'") from error
 

@@ -213,7 +213,8 @@ class Camera(nn.Module):
         if torch.compiler.is_compiling() or array.device.type != "cpu":
             return None
         parameters = self._parameters_of_model()
-        if any(torch._C._functorch.is_functorch_wrapped_tensor(x) for x in (array, *parameters)):
+        functorch = torch._C._functorch  # pyright: ignore[reportPrivateUsage, reportAttributeAccessIssue]
+        if any(functorch.is_functorch_wrapped_tensor(x) for x in (array, *parameters)):
             return None
         values, valid = getattr(numpy_model(parameters, self._model.name), method)(array.detach().numpy())
         return torch.from_numpy(values).to(array.dtype), torch.from_numpy(valid)
