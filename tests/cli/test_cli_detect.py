@@ -195,7 +195,7 @@ def test_images_and_known_options_are_required(run, refuses, shots, tmp_path):
 
 
 def test_target_file_that_was_made_is_used_by_detect_and_calibrate(run, refuses, shots, elsewhere):
-    assert run("target", "make", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
+    assert run("target", "checkerboard", "9x6", "--square", "24mm", "-o", "board.pdf")[0] == 0
     message = json.loads(run("detect", shots, "--target", "board.json", "--json")[1])
     assert message["target"]["square"] == "24mm"
     assert [len(p["boards"]) for p in message["images"]] == [1] * 6
@@ -212,7 +212,7 @@ def test_target_file_that_was_made_is_used_by_detect_and_calibrate(run, refuses,
 
 def test_board_with_markers_is_detected_by_its_target_file(run, charucos):
     made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
-    assert run("target", "make", *made)[0] == 0
+    assert run("target", *made)[0] == 0
     status, out, _ = run("detect", charucos, "--target", "charuco.json")
     assert status == 0
     assert "detected  charuco 9x6 in 6 of 6 images" in out
@@ -225,7 +225,7 @@ def test_board_with_markers_is_detected_by_its_target_file(run, charucos):
 
 def test_images_of_a_board_with_markers_calibrate_a_camera(run, charucos, elsewhere):
     made = ("charuco", "9x6", "--square", "24mm", "--marker", "18mm", "-o", "charuco.pdf")
-    assert run("target", "make", *made)[0] == 0
+    assert run("target", *made)[0] == 0
     options = ("--target", "charuco.json", "--model", "equidistant", "-o", "camera.json", "--json")
     status, out, _ = run("calibrate", charucos, *options)
     assert status == 0
