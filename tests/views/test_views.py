@@ -201,3 +201,11 @@ def test_360_image_to_cube_and_back():
     assert (seen > 1).mean() < 0.01
     assert np.abs(back - image).max() < 0.02
     assert np.abs(back - image).mean() < 5e-4
+
+
+def test_strong_reduction_keeps_the_brightness_of_the_last_row_and_column():
+    source, target = om.perspective((640, 480), 90), om.perspective((40, 30), 90)
+    view = om.remap(np.full((480, 640), 100, np.uint8), source, target, border=7)
+    assert (view == 100).all()
+    outside = om.remap(np.full((480, 640), 100, np.uint8), source, target, om.look(yaw=60), border=7)
+    assert set(np.unique(outside)) == {7, 100}

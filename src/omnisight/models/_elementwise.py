@@ -53,10 +53,10 @@ class NumpyFunctions:
 
 
 # The types of arrays of other libraries, and their functions: `omnisight.torch` adds its tensors.
-LIBRARIES: dict[type, type[NumpyFunctions]] = {}
+LIBRARIES: dict[type, Any] = {}
 
 
-def functions_of(x: Any) -> type[NumpyFunctions]:
+def functions_of(x: Any) -> Any:
     """Return the functions of the library of an array."""
     for kind, functions in LIBRARIES.items():
         if isinstance(x, kind):

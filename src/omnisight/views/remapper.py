@@ -154,12 +154,15 @@ class Remapper:
         channels = padded.shape[2:]
         total = np.zeros((self.target.height, self.target.width, *channels), np.float32)
         current, reached = padded, 0
+        # The last pixel of a coarse level is up to one of its pixels inside the image: do not blend it with the border.
+        inside = cv2.BORDER_REPLICATE if mode == cv2.BORDER_CONSTANT else mode
         for level, weight, first, second, rows in self._levels:
             while reached < level:
                 current, reached = cv2.pyrDown(current), reached + 1
-            part = cv2.remap(current, first, second, self._flag, borderMode=mode, borderValue=value)
+            part = cv2.remap(current, first, second, self._flag, borderMode=inside)
             part = part.reshape(*part.shape[:2], *channels).astype(np.float32)
             total[rows] += part * (weight[..., None] if channels else weight)
+        total[~self.mask] = value[: channels[0]] if channels else value[0]
         if np.issubdtype(image.dtype, np.integer):
             limits = np.iinfo(image.dtype)
             total = np.clip(np.rint(total), limits.min, limits.max)
