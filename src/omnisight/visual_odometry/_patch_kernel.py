@@ -216,28 +216,42 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
 
 
 @njit_helper
-def _align_on_level(image, template, gradient, inverse, a, u, v, samples):
-    """Return whether the alignment converged, the position, the correlation and the rms difference."""
+def _energy(template):
+    """Return the sum of the squared intensities of a template, whose mean is 0."""
     energy = 0.0
     for k in range(SAMPLES):
         energy += template[k] * template[k]
+    return energy
+
+
+@njit_helper
+def _compare(image, template, energy, a, u, v, samples):
+    """Sample a patch; return whether it is similar to its template, its mean, its contrast, and the correlation."""
+    if not _sample_patch(image, u, v, a, HALF, samples):
+        return False, 0.0, 0.0, -1.0
+    mean, product, square = 0.0, 0.0, 0.0
+    for k in range(SAMPLES):
+        mean += samples[k]
+    mean /= SAMPLES
+    for k in range(SAMPLES):
+        value = samples[k] - mean
+        product += value * template[k]
+        square += value * value
+    if not product > 0.0:
+        return False, mean, 0.0, -1.0
+    # Not the contrast of least squares, which tends to zero far from the solution.
+    return True, mean, np.sqrt(square / energy), product / np.sqrt(max(energy * square, 1e-12))
+
+
+@njit_helper
+def _align_on_level(image, template, gradient, inverse, a, u, v, samples):
+    """Return whether the alignment converged, the position, the correlation and the rms difference."""
+    energy = _energy(template)
     x, y, similar, rms = u, v, -1.0, 0.0
     for _ in range(MAX_STEPS):
-        if not _sample_patch(image, x, y, a, HALF, samples):
+        found, mean, contrast, similar = _compare(image, template, energy, a, x, y, samples)
+        if not found:
             return False, u, v, -1.0, 0.0
-        mean, product, square = 0.0, 0.0, 0.0
-        for k in range(SAMPLES):
-            mean += samples[k]
-        mean /= SAMPLES
-        for k in range(SAMPLES):
-            value = samples[k] - mean
-            product += value * template[k]
-            square += value * value
-        similar = product / np.sqrt(max(energy * square, 1e-12))
-        if not product > 0.0:
-            return False, u, v, -1.0, 0.0
-        # Not the contrast of least squares, which tends to zero far from the solution.
-        contrast = np.sqrt(square / energy)
         dx, dy, total = 0.0, 0.0, 0.0
         for k in range(SAMPLES):
             difference = (samples[k] - mean) / contrast - template[k]
@@ -274,9 +288,7 @@ def _fill_information(affine, slant, noise, information):
 @njit_helper
 def _refine(image, template, affine, information, a, u, v, samples, gradient):
     """Refine position and map a (2, 2), in place; return as `_align_on_level`."""
-    energy = 0.0
-    for k in range(SAMPLES):
-        energy += template[k] * template[k]
+    energy = _energy(template)
     start, x, y, similar, rms = a.copy(), u, v, -1.0, 0.0
     prior = information[2, 2]
     for k in range(SAMPLES):
@@ -284,20 +296,10 @@ def _refine(image, template, affine, information, a, u, v, samples, gradient):
     change = np.zeros((2, 2))
     inverse = np.linalg.inv(information)
     for _ in range(MAX_AFFINE_STEPS):
-        if not _sample_patch(image, x, y, a, HALF, samples):
+        found, mean, contrast, similar = _compare(image, template, energy, a, x, y, samples)
+        if not found:
             return False, u, v, -1.0, 0.0
-        mean, product, square = 0.0, 0.0, 0.0
-        for k in range(SAMPLES):
-            mean += samples[k]
-        mean /= SAMPLES
-        for k in range(SAMPLES):
-            value = samples[k] - mean
-            product += value * template[k]
-            square += value * value
-        similar = product / np.sqrt(max(energy * square, 1e-12))
-        if not product > 0.0:
-            return False, u, v, -1.0, 0.0
-        contrast, total = np.sqrt(square / energy), 0.0
+        total = 0.0
         gradient[:] = 0.0
         for k in range(SAMPLES):
             difference = (samples[k] - mean) / contrast - template[k]
