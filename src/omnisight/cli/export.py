@@ -5,12 +5,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from omnisight.cli._size import parse_range, parse_size
+from omnisight.cli._size import parse_size
+from omnisight.cli._view_options import SharedViewOptions, ViewType
 
 GROUP = "Views"
-
-# A range usually starts with a minus sign.
-Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
 
 def export(
@@ -21,20 +19,14 @@ def export(
     output: Annotated[Path, Parameter(alias="-o")],
     images: Path | None = None,
     size: str | None = None,
-    view: Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"] | None = None,
+    view: ViewType | None = None,
     fov: float | None = None,
     yaw: float = 0.0,
     pitch: float | None = None,
     roll: float = 0.0,
-    up: Literal["top", "back", "front"] | None = None,
-    flip: bool = False,
-    elevation: Angles = None,
-    azimuth: Angles = None,
-    projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant",
     interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
     image_size: str | None = None,
-    name: str | None = None,
-    distance: str | None = None,
+    shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
     json: bool = False,
 ) -> None:
     """Write a view of a camera, or a reconstruction, for another program.
@@ -68,25 +60,10 @@ def export(
         View direction, positive up; 0 by default, and -90 for a planet.
     roll
         Rotation about the view direction, positive clockwise.
-    up
-        Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
-        front, for one that looks up. By default back for a mirror camera, top for others.
-    flip
-        Exchange left and right, for a camera that looks into one mirror.
-    elevation
-        Vertical field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
-    azimuth
-        Horizontal field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
-    projection
-        Projection of a fisheye.
     interpolation
         Interpolation between image pixels, if the program offers it.
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
-    name
-        Name of the camera in a file of several, such as a rig.
-    distance
-        Scene distance with its unit (2m, or inf), for a non-central camera.
     json
         Print one JSON object and nothing else.
     """
@@ -119,15 +96,9 @@ def export(
         yaw=yaw,
         pitch=pitch,
         roll=roll,
-        up=up,
-        flip=flip,
         size=parse_size(size) if size else None,
-        elevation=parse_range(elevation, "--elevation") if elevation else None,
-        azimuth=parse_range(azimuth, "--azimuth") if azimuth else None,
-        projection=projection,
         interpolation=interpolation,
-        name=name,
-        distance=distance,
+        **shared.values,
     )
     result = export_map(
         source, output, to, options, image_size=parse_size(image_size, "--image-size") if image_size else None

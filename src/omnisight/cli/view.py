@@ -7,15 +7,11 @@ from cyclopts import Parameter
 
 from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
+from omnisight.cli._view_options import Angles, SharedViewOptions, ViewType, view_options
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.video_options import VideoOptions
 
-ViewType = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
-
 GROUP = "Views"
-
-# A range usually starts with a minus sign.
-Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
 
 
 def view(
@@ -29,20 +25,14 @@ def view(
     yaw: list[float] | None = None,
     pitch: list[float] | None = None,
     roll: list[float] | None = None,
-    up: Literal["top", "back", "front"] | None = None,
-    flip: bool = False,
+    shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
     size: list[str] | None = None,
-    elevation: Angles = None,
-    azimuth: Angles = None,
-    projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant",
     interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] | None = None,
     antialias: bool = True,
     mask: Path | None = None,
     mark: bool = False,
     view_camera: Path | None = None,
     scale_camera: bool = False,
-    name: str | None = None,
-    distance: str | None = None,
     apply_exif: bool = False,
     path: Path | None = None,
     pan: Angles = None,
@@ -85,19 +75,8 @@ def view(
         View direction, positive up; 0 by default, and -90 for a planet.
     roll
         Rotation about the view direction, positive clockwise.
-    up
-        Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
-        front, for one that looks up. By default back for a mirror camera, top for others.
-    flip
-        Exchange left and right, for a camera that looks into one mirror.
     size
         WIDTHxHEIGHT, px; cylinder, mercator and sphere use only the width.
-    elevation
-        Vertical field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
-    azimuth
-        Horizontal field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
-    projection
-        Projection of a fisheye.
     interpolation
         Interpolation between image pixels: bicubic by default, and bilinear for clips.
     antialias
@@ -110,10 +89,6 @@ def view(
         Write the camera of the view; its provenance has the rotation.
     scale_camera
         Scale the camera, if the images were resized after the calibration.
-    name
-        Name of the camera in a file of several, such as a rig.
-    distance
-        Scene distance with its unit (2m, or inf), for a non-central camera.
     apply_exif
         Rotate images by their EXIF orientation.
     path
@@ -130,7 +105,6 @@ def view(
         Show no progress.
     """
     from omnisight.cli._batch_report import print_batch, print_batch_json
-    from omnisight.cli._view_options import view_options
     from omnisight.cli._view_report import print_json, print_report
     from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.batch.batch import is_batch
@@ -140,19 +114,12 @@ def view(
     from omnisight.pipeline.view_clip import view_clip
     from omnisight.pipeline.view_motion import ViewMotion
 
-    common = {
-        "up": up,
-        "flip": flip,
-        "projection": projection,
+    common = shared.values | {
         "interpolation": interpolation,
         "antialias": antialias,
         "mark": mark,
         "scale_camera": scale_camera,
-        "name": name,
-        "distance": distance,
         "apply_exif": apply_exif,
-        "elevation": parse_range(elevation, "--elevation") if elevation else None,
-        "azimuth": parse_range(azimuth, "--azimuth") if azimuth else None,
     }
     each = {"to": to, "fov": fov, "yaw": yaw, "pitch": pitch, "roll": roll, "size": size}
     motion = ViewMotion(path=path, pan=parse_range(pan, "--pan") if pan else None, stabilize=stabilize, follow=follow)
@@ -187,7 +154,7 @@ def view(
     if json:
         print_json(results, written)
     else:
-        print_report(results, output, written, is_up_given=up is not None)
+        print_report(results, output, written, is_up_given=shared.up is not None)
     errors = results[0].errors
     if errors:
         raise ValueError(skipped_message(errors, len(results[0].files) + len(errors)))
