@@ -98,7 +98,7 @@ def view(
     stabilize
         Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
     follow
-        With --stabilize, follow the camera smoothly over so many seconds, instead of keeping the direction.
+        With --stabilize, follow the camera smoothly over this number of seconds, instead of keeping the direction.
     json
         Print one JSON object and nothing else.
     quiet

@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 SATURATED, BLACK = 250, 6
 # Images of a run of consecutive ones, in which patches are tracked.
 RUN = 8
-# Every so many images are compared to find static regions.
+# Step between the images that are compared to find static regions.
 STATIC_STEP = 3
 # Share of the patches that the next image shows below which a run ends.
 MIN_KEPT = 0.3

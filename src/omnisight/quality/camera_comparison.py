@@ -94,7 +94,7 @@ class CameraComparison(Displayed):
 
     @classmethod
     def of(cls, a: Camera, b: Camera, names: tuple[str, str] = ("a", "b"), *, columns: int = 64) -> Self:
-        """Compare two cameras of images of one size on a grid of so many columns.
+        """Compare two cameras of images of one size on a grid with this number of columns.
 
         Raises
         ------

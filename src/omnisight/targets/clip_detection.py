@@ -160,7 +160,7 @@ def _assigned(frame: _Searched, board: Board | None) -> FrameDetections:
 
 
 def best_of_intervals(frames: Iterable[Frame | CameraFrame], interval: int) -> Iterator[Candidate]:
-    """Yield the sharpest and stillest frame of each interval of so many frames."""
+    """Yield the sharpest and stillest frame of each interval of `interval` frames."""
     best, previous, previous_thumbnail = None, None, None
     for count, frame in enumerate(frames, 1):
         gray = to_gray8(frame.image)

@@ -26,7 +26,7 @@ FROM_BEHIND = np.diag([1.0, 1.0, -1.0])
 
 @dataclass(frozen=True)
 class MirroredPair:
-    """Two cameras of which one has mirror images.
+    """Two cameras, one of them with mirror images.
 
     Attributes
     ----------

@@ -7,7 +7,7 @@ from omnisight.diagnosis.recording import Recording
 
 PRIORITY = 80
 
-# Median parallax of a run of images over its noise: below, the camera turns or stands still.
+# Median parallax of a run of images over its noise: below, the camera turns or does not move.
 MIN_PARALLAX_SIGMAS = 3.0
 # Share of the runs with a parallax, and share of the patches that the next image shows.
 MIN_MOVING_SHARE, MIN_KEPT = 0.3, 0.5

@@ -18,7 +18,7 @@ class BatchOptions(Displayed):
     Attributes
     ----------
     workers
-        Process a folder with its sub-folders in so many processes on this machine, and continue a run that was
+        Process a folder with its sub-folders by this number of processes on this machine, and continue a run that was
         interrupted. By default one for each core if images or output are URLs, such as s3://bucket/folder.
     cluster
         The same on a Dask cluster: the address of its scheduler, such as tcp://host:8786, or local.
