@@ -7,23 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from omnisight.pipeline.sequence_options import SequenceOptions
 from omnisight.visual_odometry.motion_options import MotionOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class OdometryOptions(MotionOptions):
+class OdometryOptions(SequenceOptions, MotionOptions):
     """Options of visual odometry.
 
     Attributes
     ----------
-    fps
-        Images per second of a folder without times.csv (lines of name,seconds). A clip has its own times. By default
-        10.
     mask
         Image that is white where the images may be used, such as without the vehicle; for a rig a folder with one of
         the name of each camera.
-    scale
-        Scale the camera to the size of the images, if they were resized.
     to
         Format of the trajectory: tum has the poses that are known, with times; kitti has a row for each image, of NaN
         where the pose is not known. By default kitti for a file that ends in .kitti, else tum.
@@ -40,9 +36,7 @@ class OdometryOptions(MotionOptions):
         Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     """
 
-    fps: float | None = None
     mask: Path | None = None
-    scale: bool = False
     to: Literal["tum", "kitti"] | None = None
     height: str | None = None
     wheels: Path | None = None
@@ -51,7 +45,6 @@ class OdometryOptions(MotionOptions):
     topic: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the rate."""
-        super().__post_init__()
-        if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise ValueError(f"--fps must be positive, got {self.fps:g}")
+        """Check the rate and the numbers."""
+        SequenceOptions.__post_init__(self)
+        MotionOptions.__post_init__(self)

@@ -1,0 +1,30 @@
+"""Options of commands that read a sequence of images.
+
+This module imports nothing heavy, because the command line imports it for its help.
+"""
+
+from dataclasses import dataclass
+
+from omnisight.display import Displayed
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequenceOptions(Displayed):
+    """How a clip or a folder of images is read.
+
+    Attributes
+    ----------
+    fps
+        Images per second of a folder without times.csv (lines of name,seconds). A clip has its own times. By default
+        10.
+    scale
+        Scale the camera to the size of the images, if they were resized.
+    """
+
+    fps: float | None = None
+    scale: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the rate."""
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise ValueError(f"--fps must be positive, got {self.fps:g}")
