@@ -71,9 +71,9 @@ class ViewRenderer:
         """Whether there was an image."""
         return bool(self._remappers)
 
-    @property
+    @cached_property
     def covered(self) -> Mask:
-        """Pixels (H, W) of the view that the images cover."""
+        """Pixels (H, W) of the view that the images cover, after the first one."""
         return cube_cross([remap.mask for remap in self._remappers])
 
     @cached_property

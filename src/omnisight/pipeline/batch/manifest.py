@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from omnisight.pipeline.batch.storage import list_below, read_below, write_file
+from omnisight.pipeline.batch.storage import read_all_below, read_below, write_file
 from omnisight.pipeline.batch.task import Task
 
 FOLDER = ".omnisight"
@@ -128,9 +128,9 @@ def open_manifest(task: Task, source: str, paths: Sequence[str], output: str, sh
 def read_records(output: str) -> dict[int, ShardRecord]:
     """Return the records of finished shards; unreadable ones count as not finished."""
     records = dict[int, ShardRecord]()
-    for name in list_below(output, RECORDS):
+    for text in read_all_below(output, RECORDS):
         try:
-            values = json.loads(read_below(output, f"{RECORDS}/{name}") or b"")
+            values = json.loads(text)
             failed = tuple((str(path), str(reason)) for path, reason in values.pop("failed"))
             record = ShardRecord(**values, failed=failed)
         except (ValueError, KeyError, TypeError):

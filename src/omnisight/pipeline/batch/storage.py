@@ -62,11 +62,12 @@ def write_file(url: str, name: str, data: bytes) -> None:
     """Write a file below a folder. It has all of its bytes or does not exist: object stores guarantee the same."""
     files, root = _filesystem(url)
     path = posixpath.join(root, name)
-    files.makedirs(posixpath.dirname(path), exist_ok=True)
-    if is_local(url):
-        write_bytes(Path(path), data)
-    else:
-        files.pipe_file(path, data)
+    write = (lambda: write_bytes(Path(path), data)) if is_local(url) else (lambda: files.pipe_file(path, data))
+    try:
+        write()
+    except FileNotFoundError:  # the first file of a folder; a check before each would be a request to an object store
+        files.makedirs(posixpath.dirname(path), exist_ok=True)
+        write()
 
 
 def read_below(url: str, name: str) -> bytes | None:
@@ -78,14 +79,15 @@ def read_below(url: str, name: str) -> bytes | None:
         return None
 
 
-def list_below(url: str, folder: str) -> list[str]:
-    """Return the names of the files in a folder below a folder, in order; none if it does not exist."""
+def read_all_below(url: str, folder: str) -> list[bytes]:
+    """Read the files in a folder below a folder, several at a time from an object store; none if it does not exist."""
     files, root = _filesystem(url)
     files.invalidate_cache()
     try:
-        return sorted(posixpath.basename(name) for name in files.ls(posixpath.join(root, folder), detail=False))
+        paths = sorted(files.ls(posixpath.join(root, folder), detail=False))
     except FileNotFoundError:
         return []
+    return list(files.cat(paths, on_error="omit").values()) if paths else []
 
 
 def is_local(url: str) -> bool:
