@@ -155,6 +155,19 @@ def test_two_motions_are_ambiguous(run, photos, tmp_path):
     assert reason.endswith("structures repeat or move")
 
 
+@pytest.mark.parametrize("size", [12, 16])
+def test_one_object_in_two_places_lacks_matches(run, size, tmp_path):
+    """The same poster hangs in two rooms: its matches agree with a pose, but nothing else matches."""
+    rng = np.random.default_rng(1)
+    poster = np.kron(rng.integers(0, 256, (size, size), np.uint8), np.ones((6, 6), np.uint8))
+    for name, column in (("a", 60), ("b", 200)):
+        image = np.kron(rng.integers(0, 256, (40, 80), np.uint8), np.ones((10, 10), np.uint8))
+        image[60 : 60 + 6 * size, column : column + 6 * size] = poster
+        om.write_image(tmp_path / f"{name}.png", image)
+    reason = failure(run, tmp_path / "a.png", tmp_path / "b.png")
+    assert reason.startswith("the pose lacks matches: from there, both images would show")
+
+
 def test_identical_images(run, photos):
     assert failure(run, photos / "a.png", photos / "a.png").startswith("the images are identical")
 

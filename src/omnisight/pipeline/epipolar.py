@@ -15,6 +15,8 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.options import EpipolarOptions
 from omnisight.pipeline.photo import MIN_KEYPOINTS, ImageSource, Photo, read_source
+from omnisight.sfm.missing_matches import missing_matches, predicted_matches_of_edge
+from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, largest_sigma_deg
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
@@ -144,7 +146,7 @@ def epipolar(
     of_a, of_b = (detect_features(p.image, p.camera, features, mask=p.mask) for p in (a, b))
     matches = match_features(of_a, of_b)
     pose = estimate_relative_pose(_pairs(of_a, of_b, matches), RansacOptions(seed=options.seed))
-    reason = _failure((a, b), (of_a, of_b), pose)
+    reason = _failure((a, b), (of_a, of_b), pose) or _lack_of_matches((of_a, of_b), matches, pose)
     motion = pose.motion if not reason or pose.motion.name == "ambiguous" else MotionModel("no overlap", reason)
     return EpipolarResult((a, b), (of_a, of_b), matches, pose, motion, time.perf_counter() - start, reason)
 
@@ -172,6 +174,19 @@ def _failure(photos: tuple[Photo, Photo], keypoints: tuple[Keypoints, Keypoints]
     if pose:
         return ""
     return f"{'the pose is ambiguous' if pose.motion.name == 'ambiguous' else 'no overlap was found'}: {pose.reason}"
+
+
+def _lack_of_matches(keypoints: tuple[Keypoints, Keypoints], matches: Matches, pose: RelativePose) -> str:
+    """Return why a pose is wrong, if the images would have far more matches from there; empty otherwise."""
+    assert pose.b_from_a is not None
+    edge = Edge(0, 1, pose.b_from_a, pose.covariance, pose.motion.name, matches.pairs[pose.inliers])
+    prediction = predicted_matches_of_edge(edge, keypoints)
+    if not missing_matches([prediction])[0]:
+        return ""
+    return (
+        f"the pose lacks matches: from there, both images would show {prediction.predicted:.0f} keypoints, and "
+        f"{prediction.found:.0f} match; they are of structures that repeat"
+    )
 
 
 def _load_photos(

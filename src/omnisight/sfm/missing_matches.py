@@ -80,6 +80,11 @@ class KnownPoints:
         gap, nearest = tree.query(_cell_centers(), distance_upper_bound=reach)
         return cls(keypoint, bearings, distances, np.append(distances, 0.0)[nearest])
 
+    @classmethod
+    def at_infinity(cls, bearings: Array) -> Self:
+        """Return keypoints (K, 3) whose directions change only with the rotation of the camera."""
+        return cls.of(bearings, np.arange(len(bearings)), np.ones(len(bearings)))
+
     def visible_from(self, other: "KnownPoints", pose: Pose) -> tuple[Indices, float]:
         """Return the keypoints that another image with a pose other_from_this should match, and how many will.
 
@@ -140,6 +145,19 @@ def predicted_matches(a: KnownPoints | None, b: KnownPoints | None, b_from_a: Po
     in_b, of_b = b.visible_from(a, b_from_a.inverse())
     found = np.isin(pairs[:, 0], in_a).sum() + np.isin(pairs[:, 1], in_b).sum()
     return PredictedMatches(0.5 * (of_a + of_b), 0.5 * float(found), min(len(a.keypoint), len(b.keypoint)))
+
+
+def predicted_matches_of_edge(edge: Edge, keypoints: Sequence[Keypoints]) -> PredictedMatches:
+    """Return the matches that the relative pose of an edge predicts on its own, without those of other edges.
+
+    All points are at infinity if the direction of its translation or all distances are unknown.
+    """
+    distances = edge_distances(edge, keypoints)
+    if edge.has_translation and len(distances.camera):
+        known = known_points([distances], np.zeros(1), keypoints)
+        return predicted_matches(known[edge.a], known[edge.b], edge.b_from_a, edge.pairs)
+    a, b = (KnownPoints.at_infinity(keypoints[image].bearings) for image in edge.images)
+    return predicted_matches(a, b, Pose(edge.b_from_a.rotation), edge.pairs)
 
 
 def missing_matches(predictions: Sequence[PredictedMatches]) -> Array:
