@@ -125,7 +125,7 @@ def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
 
 
 def _covariance(problem: HeadProblem, x: Array) -> Array:
-    """Return the covariance at the solution: the inverse of the normal equations.
+    """Return the covariance at the solution, with the correlation of its residuals (sandwich estimator).
 
     The overlap of a head at rest does not determine the profile of the lenses, only the radius of 90 degrees: what its
     matches seem to determine of the profile is mostly parallax, so that the focal lengths from single frames of a real
@@ -134,7 +134,9 @@ def _covariance(problem: HeadProblem, x: Array) -> Array:
     """
     scales, base = _scales(problem) * 1e-4, problem.residuals(x)
     jacobian = np.stack([(problem.residuals(x + step) - base) / step.sum() for step in np.diag(scales)], -1)
-    covariance = np.asarray(np.linalg.inv(jacobian.T @ jacobian), float)
+    inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian), float)
+    correlated = jacobian * problem.correlations()[:, None]
+    covariance = inverse @ (correlated.T @ correlated) @ inverse
     if problem.motions:
         return covariance
     theta, power = np.pi / 2, np.array([3.0, 5.0])  # r = f (theta + k1 theta^3 + k2 theta^5)

@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
 # Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
 SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
-# Parallax is common to neighbouring matches: an overlap has about as many independent ones in each frame.
+# Parallax, and errors of the profile, are common to neighbouring matches: the overlap of a frame, and a motion between
+# two frames, have about as many independent ones.
 INDEPENDENT_MATCHES = 30
 # Standard deviation of the principal point about the centre of the image circle, as a share of its radius.
 CENTER_SIGMA = 0.006
@@ -59,6 +60,17 @@ class HeadProblem:
         robust = np.arctan(np.concatenate(parts) / 3) * 3
         robust[: 3 * len(a)] /= correlation
         return np.concatenate([robust, self._priors(x)])
+
+    def correlations(self) -> Array:
+        """Return by how much the error of each residual weighs more than that of an independent one.
+
+        Motions have their full weight in the estimate: with less, the prior pulls the profile from where the epipolar
+        constraint holds best. The overlap has the weight of its independent matches already.
+        """
+        matches = [sum(len(before) for before, _ in lenses) for _, _, lenses in self.motions]
+        of_motions = [np.full(n, np.sqrt(max(1.0, n / INDEPENDENT_MATCHES))) for n in matches]
+        priors = len(self._priors(np.zeros(self.size)))
+        return np.concatenate([np.ones(3 * len(self.overlap)), *of_motions, np.ones(priors)])
 
     def epipolar(
         self,
