@@ -23,7 +23,12 @@ def image(shift=(0.0, 0.0), matrix=IDENTITY, gain=1.0, offset=0.0):
     return np.clip(gain * scene(at[0] + 50 + shift[0], at[1] + 40 + shift[1]) + offset, 0, 255).round().astype(np.uint8)
 
 
-def aligned(second, maps=IDENTITY, start=(50.0, 40.0), slant=0.0):
+def quadratic(matrix, bend=np.zeros((2, 3))):
+    """Return the map (1, 2, 5) of a patch."""
+    return np.hstack([matrix, bend])[None]
+
+
+def aligned(second, maps=IDENTITY, start=(50.0, 40.0), slant=0.0, bend=np.zeros((2, 3))):
     """Return the position, the correlation and the covariance of the shift over the variance of the intensities."""
     levels = (image(),)
     arrays = (
@@ -33,10 +38,10 @@ def aligned(second, maps=IDENTITY, start=(50.0, 40.0), slant=0.0):
         np.zeros((1, SAMPLES, 6), np.float32),
         np.zeros((1, 1), bool),
     )
-    extract(levels, np.array([[50.0, 40.0]]), np.eye(2)[None], *arrays, 0, 1)
+    extract(levels, np.array([[50.0, 40.0]]), quadratic(np.eye(2)), *arrays, 0, 1)
     assert arrays[4].all()
     pixels, correlation, noise, uncertainty = np.array([start]), np.empty(1), np.empty(1), np.zeros((1, 2, 2))
-    maps, level, slants = np.ascontiguousarray(maps)[None], np.zeros(1, np.intp), np.array([slant])
+    maps, level, slants = quadratic(maps, bend), np.zeros(1, np.intp), np.array([slant])
     align((second,), arrays, maps, level, slants, pixels, correlation, noise, uncertainty, 0, 1)
     return pixels[0], correlation[0], uncertainty[0]
 

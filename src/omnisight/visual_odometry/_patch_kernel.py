@@ -1,7 +1,7 @@
 """Compiled alignment of patches of the tangent plane with an image (Kanade-Lucas-Tomasi).
 
-A patch is a grid of samples with coordinates x in a plane that touches the sphere. An affine map takes them to pixels,
-p + A x. Patches are aligned by the inverse compositional algorithm (S. Baker and I. Matthews, Lucas-Kanade 20 years on,
+A patch is a grid of samples with coordinates x in a plane that touches the sphere. A quadratic map takes them to pixels,
+p + A x + B (x1^2, x1 x2, x2^2): straight lines are curved in the image of a fisheye. Patches are aligned by the inverse compositional algorithm (S. Baker and I. Matthews, Lucas-Kanade 20 years on,
 IJCV 2004), coarse to fine. Contrast and brightness are eliminated, so that changes of the exposure have no effect.
 """
 
@@ -39,17 +39,25 @@ def _sample(image, x, y):
 
 
 @njit_helper
-def _sample_patch(image, u, v, a, half, samples):
+def _sample_patch(image, u, v, a, b, half, samples):
     """Fill the samples of a patch of 2 half + 1 rows; return whether all are inside the image."""
     k = 0
     for j in range(-half, half + 1):
         for i in range(-half, half + 1):
-            value = _sample(image, u + a[0, 0] * i + a[0, 1] * j, v + a[1, 0] * i + a[1, 1] * j)
+            x = u + a[0, 0] * i + a[0, 1] * j + b[0, 0] * i * i + b[0, 1] * i * j + b[0, 2] * j * j
+            y = v + a[1, 0] * i + a[1, 1] * j + b[1, 0] * i * i + b[1, 1] * i * j + b[1, 2] * j * j
+            value = _sample(image, x, y)
             if value < 0.0:
                 return False
             samples[k] = value
             k += 1
     return True
+
+
+@njit_helper
+def _on_level(maps, scale):
+    """Return the matrices A and B of a map on a level, whose unit of the patches is as much larger as its pixels."""
+    return maps[:, :2], maps[:, 2:] / scale
 
 
 @njit_driver
@@ -63,7 +71,7 @@ def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable
     pixels
         (N, 2) centres of the patches.
     maps
-        (N, 2, 2) matrices A, px per unit of the patches.
+        (N, 2, 5) matrices A and B, px per unit of the patches and its square.
     templates
         (N, L, S), receives the samples less their mean.
     gradients
@@ -84,7 +92,8 @@ def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable
             scale = 1.0 / (1 << level)
             usable[n, level] = False
             # Patches of level l cover 2^l times the angle with samples that are as far apart.
-            if not _sample_patch(levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, maps[n], HALF + 1, samples):
+            a, b = _on_level(maps[n], scale)
+            if not _sample_patch(levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, a, b, HALF + 1, samples):
                 continue
             template, gradient = templates[n, level], gradients[n, level]
             mean = np.float32(0.0)
@@ -180,17 +189,18 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
     for n in range(first, last):
         u, v = pixels[n, 0], pixels[n, 1]
         correlation[n], noise[n] = -1.0, 0.0
-        a = maps[n]
         for level in range(start[n], -1, -1):
             if not usable[n, level]:
                 continue
             scale = 1.0 / (1 << level)
+            a, b = _on_level(maps[n], scale)
             found, x, y, similar, rms = _align_on_level(
                 levels[level],
                 templates[n, level],
                 gradients[n, level],
                 inverses[n, level],
                 a,
+                b,
                 u * scale,
                 v * scale,
                 samples,
@@ -203,11 +213,12 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
                     correlation[n], noise[n] = similar, rms
                     uncertainty[n] = inverses[n, 0]
         if correlation[n] > 0.0 and slants[n] > 0.0:
+            a, b = _on_level(maps[n], 1.0)
             refined[:] = a
             image, template = levels[0], templates[n, 0]
             _fill_information(affine[n], slants[n], max(noise[n], 1.0), information)
             found, x, y, similar, rms = _refine(
-                image, template, affine[n], information, refined, u, v, samples, gradient
+                image, template, affine[n], information, refined, b, u, v, samples, gradient
             )
             if found and similar > correlation[n]:
                 u, v, correlation[n], noise[n] = x, y, similar, rms
@@ -225,9 +236,9 @@ def _energy(template):
 
 
 @njit_helper
-def _compare(image, template, energy, a, u, v, samples):
+def _compare(image, template, energy, a, b, u, v, samples):
     """Sample a patch; return whether it is similar to its template, its mean, its contrast, and the correlation."""
-    if not _sample_patch(image, u, v, a, HALF, samples):
+    if not _sample_patch(image, u, v, a, b, HALF, samples):
         return False, 0.0, 0.0, -1.0
     mean, product, square = 0.0, 0.0, 0.0
     for k in range(SAMPLES):
@@ -244,12 +255,12 @@ def _compare(image, template, energy, a, u, v, samples):
 
 
 @njit_helper
-def _align_on_level(image, template, gradient, inverse, a, u, v, samples):
+def _align_on_level(image, template, gradient, inverse, a, b, u, v, samples):
     """Return whether the alignment converged, the position, the correlation and the rms difference."""
     energy = _energy(template)
     x, y, similar, rms = u, v, -1.0, 0.0
     for _ in range(MAX_STEPS):
-        found, mean, contrast, similar = _compare(image, template, energy, a, x, y, samples)
+        found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
         if not found:
             return False, u, v, -1.0, 0.0
         dx, dy, total = 0.0, 0.0, 0.0
@@ -286,8 +297,8 @@ def _fill_information(affine, slant, noise, information):
 
 
 @njit_helper
-def _refine(image, template, affine, information, a, u, v, samples, gradient):
-    """Refine position and map a (2, 2), in place; return as `_align_on_level`."""
+def _refine(image, template, affine, information, a, b, u, v, samples, gradient):
+    """Refine position and linear map a (2, 2), in place; return as `_align_on_level`."""
     energy = _energy(template)
     start, x, y, similar, rms = a.copy(), u, v, -1.0, 0.0
     prior = information[2, 2]
@@ -296,7 +307,7 @@ def _refine(image, template, affine, information, a, u, v, samples, gradient):
     change = np.zeros((2, 2))
     inverse = np.linalg.inv(information)
     for _ in range(MAX_AFFINE_STEPS):
-        found, mean, contrast, similar = _compare(image, template, energy, a, x, y, samples)
+        found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
         if not found:
             return False, u, v, -1.0, 0.0
         total = 0.0

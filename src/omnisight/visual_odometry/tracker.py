@@ -30,6 +30,8 @@ MIN_CORRELATION = 0.8
 POSITION_SIGMA_PX, SLANT_SIGMA_PX = 0.08, 0.3
 # Standard deviation of the change of a map, per radian between both views: a surface with a slant of 45 degrees has 1.
 MAP_SIGMA = 0.5
+# Steps along the axes of a patch from which its map follows.
+STEPS = (0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)
 # Patches per task of a thread.
 PATCHES_PER_TASK = 32
 # Half a patch of the finest level with its derivatives, px.
@@ -179,15 +181,17 @@ class Tracker:
         return replace(patches, pixels=pixels, noise=noise, uncertainty=uncertainty, is_seen=seen)
 
     def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
-        """Return the predicted pixels (N, 2) and maps (N, 2, 2), px per unit of the patches; NaN where not visible."""
+        """Return the predicted pixels (N, 2) and maps (N, 2, 5) of the patches; NaN where not visible."""
         centers, offsets = self._places(patches, rig_from_world)
         sensor_from_world = self.rig.sensor_from_rig[sensor] @ rig_from_world
-        ends = [centers, *(centers + sign * offsets[:, :, axis] for axis in (0, 1) for sign in (1, -1))]
+        ends = [centers + offsets @ np.array(steps) for steps in STEPS]
         pixels, valid = self.rig.cameras[sensor].project(sensor_from_world @ np.stack(ends))
         pixels = np.where(valid[..., None], pixels, np.nan)
-        period = self._pyramids[sensor].period
-        right, left, below, above = (self._difference(p, pixels[0], period) for p in pixels[1:])
-        return pixels[0], np.stack([(right - left) / 2, (below - above) / 2], -1)
+        at, period = pixels[0], self._pyramids[sensor].period
+        right, left, below, above, later, before = (self._difference(p, at, period) for p in pixels[1:])
+        along = [(right + left) / 2, (below + above) / 2]
+        mixed = (later + before) / 2 - along[0] - along[1]
+        return at, np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
 
     @staticmethod
     def _difference(a: Array, b: Array, period: int) -> Array:
@@ -225,7 +229,7 @@ class Tracker:
 
     def _axes(self, sensor: int, patches: Patches, rig_from_world: Pose, bearings: Array) -> Array:
         """Return the whitened tangents (N, 2, 3) of measured positions in the frame of the rig."""
-        _, maps = self._project(sensor, patches, rig_from_world)
+        maps = self._project(sensor, patches, rig_from_world)[1][:, :, :2]
         points, offsets = self._places(patches, rig_from_world)
         center = (self.rig.sensor_from_rig[sensor] @ rig_from_world).inverse().translation
         units = rig_from_world.rotation @ (offsets / np.linalg.norm(points - center, axis=1)[:, None, None])
