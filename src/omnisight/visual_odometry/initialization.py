@@ -53,12 +53,15 @@ class WaitingFrame:
         Its rays.
     pose
         Its rotation, at the position of the first frame.
+    images
+        Its gray images; none but for the first frame.
     """
 
     frame: int
     seconds: float
     rays: FrameRays
     pose: Pose
+    images: tuple[NDArray[np.uint8], ...] = ()
 
 
 @dataclass
@@ -136,14 +139,15 @@ class Initialization:
         poses = self.first.pose, last_from_first @ self.first.pose
         sigma = GAUGE_SIGMA * float(np.linalg.norm(last_from_first.translation))
         prior = gauge_prior(np.array([pose.matrix for pose in poses]), sigma, has_scale=has_scale)
-        window = KeyframeWindow([Keyframe(self.first.frame, poses[0], first)], prior, size)
+        window = KeyframeWindow([Keyframe(self.first.frame, poses[0], first, self.first.images)], prior, size)
         window.add(Keyframe(self.frames[-1].frame, poses[1], last), last.number)
         return window
 
     def needs_restart(self) -> bool:
         """Return whether the last frame shows too few patches of the first one, or too many frames wait."""
         both, _ = common(self.first.rays, self.frames[-1].rays)
-        return len(both) < MIN_SHARE * len(self.first.rays) or len(self.frames) > MAX_WAITING
+        needed = max(MIN_COMMON, MIN_SHARE * len(self.first.rays))
+        return len(both) < needed or len(self.frames) > MAX_WAITING
 
     def turned_only(self) -> bool:
         """Return whether the camera turned without moving since the first frame."""

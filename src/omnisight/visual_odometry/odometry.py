@@ -232,7 +232,7 @@ class Odometry:
     def _start(self, frame: Frame, tracker: Tracker, pose: Pose) -> Initialization:
         """Return a new initialization that starts with a frame."""
         tracker.detect(frame.images, pose)
-        first = WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose)
+        first = WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose, frame.images)
         vehicle_from_rig = so3.look(up=self._options.up) if self._options.motion == "car" else None
         return Initialization([first], self._speed, vehicle_from_rig)
 
@@ -264,7 +264,7 @@ class Odometry:
         """Start tracking in a window with the first two keyframes."""
         if self._history is not None and len(self._history):
             self._history.start_segment()
-        self._end_of_loss(waiting.first.frame, "new segment")
+        self._end_of_loss(waiting.first.frame, "new segment" if self.trajectory else "tracking")
         self._window, self._waiting, self._relocalizer = window, None, None
         poses, missing = waiting.trajectory(window, self._options.seed)
         self.lost += [LostSegment(a, b, TOO_FEW_POINTS, "tracking") for a, b in lost_ranges(missing)]
@@ -344,4 +344,6 @@ class Odometry:
 
 def _no_position(waiting: Initialization) -> str:
     """Return why waiting frames have no position."""
+    if (corners := len(waiting.first.rays)) < MIN_CORNERS:
+        return COVERED.format(corners)
     return NO_PARALLAX.format(waiting.parallax) if np.isfinite(waiting.parallax) else NO_PATCHES
