@@ -61,6 +61,8 @@ class KeyframeHistory:
         Their rig_from_world, the last ones that the window estimated.
     segments
         Number of the segment of each keyframe; the relative pose of different segments is not known.
+    losses
+        Numbers of keyframes before frames without a pose.
     points
         (P, 3) points of patches in the world, by their numbers; NaN where unknown.
     """
@@ -71,6 +73,7 @@ class KeyframeHistory:
         self.frames: list[int] = []
         self.poses: list[Pose] = []
         self.segments: list[int] = []
+        self.losses = [0]
         self.points = np.full((0, 3), np.nan)
         self._row_of = dict[int, int]()
         self._rays: list[tuple[Indices, NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]] = []
@@ -85,6 +88,12 @@ class KeyframeHistory:
     def start_segment(self) -> None:
         """Number patches anew: those of the next keyframes are in another world."""
         self._base, self._segment = len(self.points), self._segment + 1
+        self.note_loss()
+
+    def note_loss(self) -> None:
+        """Note that frames without a pose follow the last keyframe; the next one is another place."""
+        self.losses.append(len(self))
+        self._at_place = np.zeros(0, np.intp)
 
     def update(self, window: KeyframeWindow, rig: Rig) -> None:
         """Add the keyframes of a window that are new, with the rig by which they were observed."""

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-# Last places that show the same as a place, because the camera has hardly left it.
+# Last places that show the same as a place, because the camera has hardly left it, unless tracking was lost in between.
 RECENT_PLACES = 10
 # Similar places that are verified for each place.
 CANDIDATES = 3
@@ -163,10 +163,16 @@ class LoopDetector:
     def _candidates(self, b: int) -> list[DetectedLoop]:
         """Return the similar places before one that agree with its geometry, and add it to the index."""
         words = self._index.words(self.places[b].place.keypoints)
-        similar = self._index.query_words(words, CANDIDATES, before=b - RECENT_PLACES)
+        similar = self._index.query_words(words, CANDIDATES, before=max(b - RECENT_PLACES, self._before_loss(b)))
         self._index.add_words(words)
         found = [self._verify(place.image, b) for place in similar]
         return [loop for loop in found if loop is not None]
+
+    def _before_loss(self, b: int) -> int:
+        """Return the number of places before the last loss of tracking before a place."""
+        keyframes = [each.place.keyframe for each in self.places]
+        loss = max(row for row in self._history.losses if row <= keyframes[b])
+        return sum(row < loss for row in keyframes)
 
     def _verify(self, a: int, b: int) -> DetectedLoop | None:
         """Return the loop if the keypoints of a place agree with the points of an earlier one."""

@@ -136,7 +136,7 @@ class Odometry:
             frame, found = self._recover(frame, tracker, self._window)
         if found.rig_from_world is None:
             return self._wait(frame, tracker, found.reason)
-        self._resume(frame)
+        self._resume(frame, found.rig_from_world)
         agrees = found.is_inlier | ~frame.rays.has_point
         tracker.confirm(found.rig_from_world, frame.rays, agrees)
         pose, extends = found.rig_from_world, False
@@ -307,9 +307,13 @@ class Odometry:
         frame = replace(frame, predicted=pose, rays=tracker.track(frame.images, pose))
         return frame, self._checked(frame, MIN_RELOCALIZED)
 
-    def _resume(self, frame: Frame) -> None:
-        """Continue in the map after a loss."""
+    def _resume(self, frame: Frame, pose: Pose) -> None:
+        """Continue in the map after a loss; where descriptors determined the pose, the velocity is not known."""
+        if self._lost is not None and self._history is not None:
+            self._history.note_loss()
         self._end_of_loss(frame.index, "relocalization" if self._relocalizer is not None else "tracking")
+        if self._relocalizer is not None:
+            self._motion = MotionPrediction.still(frame.seconds, pose)
         self._waiting, self._relocalizer = None, None
 
     def _wait(self, frame: Frame, tracker: Tracker, reason: str) -> FrameResult:
