@@ -92,20 +92,20 @@ def test_a_camera_that_turns_is_recognized(sphere, run):
 def test_closing_loops_meanwhile_does_not_change_the_tracking(fisheye, run):
     tracking = om.Odometry(fisheye.camera)
     assert tracking.close_loops().reason == "there are no images"
-    for k, (image, seconds) in enumerate(zip(fisheye.images[:20], fisheye.seconds, strict=False)):
-        tracking.add(image, seconds)
+    for k, image in enumerate(fisheye.images[:20]):
+        tracking.add(image, 0.1 * k)
         if k == 12:
             closed = tracking.close_loops()
     assert not closed
     assert closed.reason == "no place was seen again"
     assert len(closed.trajectory) == 13
-    expected = run(fisheye._replace(seconds=fisheye.seconds[:20]), fisheye.images[:20])
+    expected = run(fisheye, fisheye.images[:20])
     assert all(
         np.array_equal(a.rig_from_world.matrix, b.rig_from_world.matrix)
         for a, b in zip(tracking.trajectory, expected.trajectory, strict=True)
     )
     with pytest.raises(ValueError, match=r"use MotionOptions\(loops=True\)"):
-        run(fisheye._replace(seconds=fisheye.seconds[:2]), fisheye.images[:2], loops=False).close_loops()
+        run(fisheye, fisheye.images[:2], loops=False).close_loops()
 
 
 def test_masked_pixels_are_not_used(fisheye):
@@ -138,3 +138,39 @@ def test_a_wrong_camera_has_large_residuals(fisheye, run):
     right = np.median(run(fisheye).residuals)
     assert np.median(run(fisheye._replace(camera=dataclasses.replace(fisheye.camera, model=wrong))).residuals) > 3
     assert 0.5 < right < 2
+
+
+def test_a_lens_that_is_covered_at_first_loses_only_these_images(fisheye, run):
+    images = [np.full_like(fisheye.images[0], 8)] * 6 + list(fisheye.images[6:])
+    tracking = run(fisheye, images)
+    assert [pose.frame for pose in tracking.trajectory] == list(range(6, 36))
+    (lost,) = tracking.lost
+    assert (lost.first, lost.last, lost.recovery) == (0, 5, "tracking")
+    assert "covered" in lost.reason
+    assert fisheye.errors(tracking.trajectory)[0] < 0.004
+
+
+def test_after_a_covered_lens_another_place_starts_a_new_segment(fisheye, run):
+    covered = [np.full_like(fisheye.images[0], 8)] * 4
+    tracking = run(fisheye, [*fisheye.images[:14], *covered, *(image[:, ::-1] for image in fisheye.images[18:])])
+    assert [lost.recovery for lost in tracking.lost] == ["new segment"]
+    assert (tracking.lost[0].first, len(tracking.trajectory)) == (14, 32)
+
+
+def test_a_cut_right_after_the_start_is_reported(fisheye, run):
+    """The keyframes are then those of the initialization."""
+    started = om.Odometry(fisheye.camera)
+    start = next(k for k, image in enumerate(fisheye.images) if started.add(image, 0.1 * k).is_keyframe)
+    images = [*fisheye.images[: start + 1], *(image[:, ::-1] for image in fisheye.images[start + 1 :])]
+    tracking = run(fisheye, images)
+    assert tracking.lost[0].first == start + 1
+    assert len(tracking.trajectory) >= len(images) - 3
+
+
+def test_after_a_cut_to_a_known_place_tracking_goes_on_there(fisheye, run):
+    """The jump is not a velocity."""
+    order = [*range(30), *range(8, 28)]
+    tracking = run(fisheye, [fisheye.images[k] for k in order])
+    assert len(tracking.trajectory) == len(order)
+    seen_again = [dataclasses.replace(pose, frame=order[pose.frame]) for pose in tracking.trajectory]
+    assert fisheye.errors(seen_again)[0] < 0.003

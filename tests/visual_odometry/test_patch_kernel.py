@@ -5,7 +5,7 @@ import pytest
 
 from omnisight.visual_odometry._patch_kernel import SAMPLES, align, extract
 
-IDENTITY = np.eye(2)
+IDENTITY, STRAIGHT = np.eye(2), np.zeros((2, 3))
 
 
 def scene(u, v):
@@ -16,19 +16,22 @@ def scene(u, v):
     return 120 + waves
 
 
-def image(shift=(0.0, 0.0), matrix=IDENTITY, gain=1.0, offset=0.0):
-    """Return an image whose pixel (50, 40) shows the scene at (50, 40) + shift, and its surroundings by a matrix."""
+def image(shift=(0.0, 0.0), matrix=IDENTITY, gain=1.0, offset=0.0, bend=0.0):
+    """Return an image whose pixel (50, 40) shows the scene at (50, 40) + shift, and its surroundings by a matrix.
+
+    Rows of the scene become parabolas v = bend u^2.
+    """
     v, u = np.mgrid[:80, :100]
-    at = np.einsum("ij,jhw->ihw", matrix, np.stack([u - 50.0, v - 40.0]))
+    at = np.einsum("ij,jhw->ihw", matrix, np.stack([u - 50.0, v - 40.0 - bend * (u - 50.0) ** 2]))
     return np.clip(gain * scene(at[0] + 50 + shift[0], at[1] + 40 + shift[1]) + offset, 0, 255).round().astype(np.uint8)
 
 
-def quadratic(matrix, bend=np.zeros((2, 3))):
+def quadratic(matrix, bend=STRAIGHT):
     """Return the map (1, 2, 5) of a patch."""
     return np.hstack([matrix, bend])[None]
 
 
-def aligned(second, maps=IDENTITY, start=(50.0, 40.0), slant=0.0, bend=np.zeros((2, 3))):
+def aligned(second, maps=IDENTITY, start=(50.0, 40.0), slant=0.0, bend=STRAIGHT):
     """Return the position, the correlation and the covariance of the shift over the variance of the intensities."""
     levels = (image(),)
     arrays = (
@@ -65,6 +68,15 @@ def test_an_affine_map_is_applied():
     assert np.allclose(pixel, (50.0, 40.0), atol=0.05)
     assert correlation > 0.99
     assert aligned(image(matrix=matrix), np.eye(2), (50.8, 39.5))[1] < correlation
+
+
+def test_a_curved_image_of_straight_lines_does_not_move_the_patch():
+    curved, down = image(bend=0.02), np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
+    pixel, correlation, _ = aligned(curved, start=(50.4, 39.7), bend=down)
+    assert np.allclose(pixel, (50.0, 40.0), atol=0.03)
+    straight, less_similar, _ = aligned(curved, start=(50.4, 39.7))
+    assert correlation > less_similar
+    assert np.linalg.norm(straight - (50, 40)) > 0.05
 
 
 def test_a_uniform_image_shows_no_patch():

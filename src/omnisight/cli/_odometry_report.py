@@ -38,6 +38,7 @@ def print_json(result: OdometryResult) -> None:
             {"first": lost.first, "last": lost.last, "reason": lost.reason, "recovery": lost.recovery}
             for lost in result.lost
         ],
+        "segments": [{"first": part.first, "last": part.last, "world": part.world} for part in result.segments],
         "residual": None if math.isnan(result.residual) else round(result.residual, 3),
         "warnings": list(result.warnings),
         "reason": result.reason,
@@ -57,6 +58,10 @@ def print_report(result: OdometryResult, output: Path) -> None:
         print(f"scale       from {result.scale.source}, {result.scale.relative_sigma:.1%} (1σ)")
     for lost in result.lost:
         print(f"lost        {_describe(lost)}")
+    if len(result.segments) > 1:
+        worlds = len({part.world for part in result.segments})
+        joined = "joined by loops" if worlds == 1 else f"in {worlds} worlds, whose relative scale is not known"
+        print(f"segments    {', '.join(f'{part.first} to {part.last}' for part in result.segments)}: {joined}")
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "
     print(f"time        {rate}{result.start_seconds:.1f} s for the start")
     print(f"written     {output}")

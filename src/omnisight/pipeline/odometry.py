@@ -27,6 +27,7 @@ from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
 from omnisight.visual_odometry.loop_result import Loop, LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
 from omnisight.visual_odometry.scale_estimate import ScaleEstimate
+from omnisight.visual_odometry.segments import Segment, trajectory_segments
 
 Progress = Callable[[str, int, int], None]
 
@@ -89,6 +90,11 @@ class OdometryResult(Displayed):
     def __bool__(self) -> bool:
         """Return whether there are poses of a camera that moves."""
         return any(pose.motion == "general" for pose in self.trajectory)
+
+    @cached_property
+    def segments(self) -> tuple[Segment, ...]:
+        """The parts of the trajectory between losses that no known place ended; loops can join their worlds."""
+        return trajectory_segments(self.trajectory, self.lost, self.loops)
 
     @cached_property
     def path_length(self) -> float:

@@ -136,10 +136,9 @@ class Odometry:
             frame, found = self._recover(frame, tracker, self._window)
         if found.rig_from_world is None:
             return self._wait(frame, tracker, found.reason)
-        self._resume(frame, found.rig_from_world)
-        agrees = found.is_inlier | ~frame.rays.has_point
-        tracker.confirm(found.rig_from_world, frame.rays, agrees)
         pose, extends = found.rig_from_world, False
+        self._resume(frame, pose)
+        tracker.confirm(pose, frame.rays, agrees := found.is_inlier | ~frame.rays.has_point)
         if is_keyframe(self._window.keyframes[-1], frame.rays[agrees], pose):
             pose, extends = self._extend(frame, tracker, self._window, pose), True
         self._append([TrackedPose(frame.index, seconds, pose)])
@@ -205,10 +204,8 @@ class Odometry:
     def _checked(self, frame: Frame, needed: float) -> FramePose:
         """Return the pose of a frame if the needed number of points agree with it."""
         found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
-        if found and found.is_inlier.sum() < needed:
-            return replace(
-                found, rig_from_world=None, reason=ANOTHER_PLACE.format(found.is_inlier.sum(), self._inliers)
-            )
+        if found and (agreeing := found.is_inlier.sum()) < needed:
+            return replace(found, rig_from_world=None, reason=ANOTHER_PLACE.format(agreeing, self._inliers))
         return found
 
     def _initialize(self, frame: Frame, tracker: Tracker) -> FrameResult:
@@ -309,7 +306,7 @@ class Odometry:
 
     def _resume(self, frame: Frame, pose: Pose) -> None:
         """Continue in the map after a loss; where descriptors determined the pose, the velocity is not known."""
-        if self._lost is not None and self._history is not None:
+        if self._lost and self._history:
             self._history.note_loss()
         self._end_of_loss(frame.index, "relocalization" if self._relocalizer is not None else "tracking")
         if self._relocalizer is not None:
