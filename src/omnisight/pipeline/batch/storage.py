@@ -1,14 +1,16 @@
 """Files by URL through fsspec: local folders, object stores, archives."""
 
 import posixpath
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import fsspec
 
+from omnisight.images.collect import IMAGE_SUFFIXES, natural_sort_key
 from omnisight.images.write import write_bytes
+
+ACCESS_ADVICE = "check the name, and that the credentials of this machine and of the workers allow it"
 
 
 @cache
@@ -22,14 +24,16 @@ def _filesystem(url: str) -> tuple[Any, str]:
         raise ValueError(f"{url}: cannot be opened: {error}") from None
 
 
-def list_files(url: str, suffixes: Sequence[str]) -> list[str]:
-    """Return the paths of the files with given suffixes: of a folder with its sub-folders, or of a pattern.
+def list_images(url: str, output: str) -> list[str]:
+    """Return the paths of the images of a folder with its sub-folders, or of a pattern, in natural order.
 
     Raises
     ------
     ValueError
-        If there is none, or the files cannot be listed.
+        If there is none, the files cannot be listed, or the output folder is among them.
     """
+    if is_below(output, url):
+        raise ValueError(f"{output}: is in the folder of the images, so that outputs would be read as images next time")
     files, path = _filesystem(url)
     try:
         if "*" in path or "?" in path:
@@ -39,11 +43,11 @@ def list_files(url: str, suffixes: Sequence[str]) -> list[str]:
         else:
             found = [path] if files.isfile(path) else []
     except OSError as error:
-        raise ValueError(f"{url}: cannot be listed: {error}") from None
+        raise ValueError(f"{url}: cannot be listed: {error}; {ACCESS_ADVICE}") from None
     visible = [str(name) for name in found if not posixpath.basename(str(name)).startswith(".")]
-    names = sorted(name for name in visible if name.lower().endswith(tuple(suffixes)))
+    names = sorted((name for name in visible if name.lower().endswith(IMAGE_SUFFIXES)), key=natural_sort_key)
     if not names:
-        raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(suffixes)}")
+        raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(IMAGE_SUFFIXES)}")
     return names
 
 
