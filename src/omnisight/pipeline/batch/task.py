@@ -50,7 +50,7 @@ class Task(Protocol):
 
 
 def describe(command: str, *, options: Any, **parts: str) -> dict[str, Any]:
-    """Return the description of a task: the command, the version, its options that are set, and texts of other parts."""
+    """Return the description of a task: the command, the version, the options that are set, and other parts."""
     chosen = {name: value for name, value in asdict(options).items() if value not in (None, ())}
     version = omnisight.__version__
     return {"command": command, "version": version, **parts, "options": json.loads(json.dumps(chosen, default=str))}
