@@ -5,7 +5,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -58,15 +58,26 @@ class WorkFolder:
 
 
 def digest(*parts: Any) -> str:
-    """Return a text that differs with the contents of arrays and other values, and with the version."""
+    """Return a text that differs with the contents of arrays, dataclasses and other values, and with the version."""
     total = hashlib.sha256(omnisight.__version__.encode())
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            total.update(f"{part.shape} {part.dtype.str}:".encode())
-            total.update(np.ascontiguousarray(part).data)
-        else:
-            total.update(f"{part!r}:".encode())
+    _update(total, parts)
     return total.hexdigest()[:40]
+
+
+def _update(total: Any, part: Any) -> None:
+    """Add the content of a value to a hash."""
+    if isinstance(part, np.ndarray):
+        total.update(f"{part.shape} {part.dtype.str}:".encode())
+        total.update(np.ascontiguousarray(part).data)
+    elif isinstance(part, list | tuple):
+        total.update(f"{len(part)}:".encode())
+        for each in part:
+            _update(total, each)
+    elif is_dataclass(part):
+        total.update(f"{type(part).__name__}:".encode())
+        _update(total, [getattr(part, field.name) for field in fields(part)])
+    else:
+        total.update(f"{part!r}:".encode())
 
 
 def _read(file: Path) -> Arrays | None:

@@ -1,6 +1,8 @@
 """Files by URL through fsspec: local folders, object stores, archives."""
 
 import posixpath
+from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,9 @@ from omnisight.images.collect import IMAGE_SUFFIXES, natural_sort_key
 from omnisight.images.write import write_bytes
 
 ACCESS_ADVICE = "check the name, and that the credentials of this machine and of the workers allow it"
+
+# Files that are read at the same time, of an object store that takes 20 ms for each, and in a row.
+READ_THREADS, READ_COUNT = 16, 1000
 
 
 @cache
@@ -92,6 +97,15 @@ def read_all_below(url: str, folder: str) -> list[bytes]:
     except FileNotFoundError:
         return []
     return list(files.cat(paths, on_error="omit").values()) if paths else []
+
+
+def read_each_below(url: str, names: Sequence[str]) -> Generator[bytes]:
+    """Read files below a folder, in their order, several at a time."""
+    files, root = _filesystem(url)
+    with ThreadPoolExecutor(READ_THREADS) as pool:
+        for first in range(0, len(names), READ_COUNT):
+            paths = [posixpath.join(root, name) for name in names[first : first + READ_COUNT]]
+            yield from pool.map(files.cat_file, paths)
 
 
 def is_local(url: str) -> bool:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any, Protocol
 
 import omnisight
@@ -49,8 +49,11 @@ class Task(Protocol):
         ...
 
 
-def describe(command: str, *, options: Any, **parts: str) -> dict[str, Any]:
-    """Return the description of a task: the command, the version, the options that are set, and other parts."""
-    chosen = {name: value for name, value in asdict(options).items() if value not in (None, ())}
-    version = omnisight.__version__
-    return {"command": command, "version": version, **parts, "options": json.loads(json.dumps(chosen, default=str))}
+def describe(command: str, **parts: Any) -> dict[str, Any]:
+    """Return the description of a task: the command, the version, and its parts, of options those that are set."""
+    values = {name: _set_options(part) if is_dataclass(part) else part for name, part in parts.items()}
+    return json.loads(json.dumps({"command": command, "version": omnisight.__version__, **values}, default=str))
+
+
+def _set_options(options: Any) -> dict[str, Any]:
+    return {name: value for name, value in asdict(options).items() if value not in (None, ())}
