@@ -56,8 +56,7 @@ class BatchResult(Displayed):
 
 def is_batch(images: Sequence[str], outputs: Sequence[str], options: BatchOptions) -> bool:
     """Return whether images are processed as a batch: if it is asked for, or if they are given by URL."""
-    asked = options.workers is not None or options.cluster is not None
-    return asked or any(map(is_url, [*images, *outputs]))
+    return options.has_workers or any(map(is_url, [*images, *outputs]))
 
 
 def run_batch(

@@ -62,6 +62,11 @@ def is_below(url: str, folder: str) -> bool:
     return files is others and f"{path.rstrip('/')}/".startswith(f"{root.rstrip('/')}/")
 
 
+def path_below(url: str, name: str) -> str:
+    """Return the path of a file below a folder in its file system."""
+    return posixpath.join(_filesystem(url)[1], name)
+
+
 def read_file(url: str, path: str) -> bytes:
     """Read a file of the file system of a URL."""
     return _filesystem(url)[0].cat_file(path)
@@ -69,8 +74,7 @@ def read_file(url: str, path: str) -> bytes:
 
 def write_file(url: str, name: str, data: bytes) -> None:
     """Write a file below a folder. It has all of its bytes or does not exist: object stores guarantee the same."""
-    files, root = _filesystem(url)
-    path = posixpath.join(root, name)
+    files, path = _filesystem(url)[0], path_below(url, name)
     write = (lambda: write_bytes(Path(path), data)) if is_local(url) else (lambda: files.pipe_file(path, data))
     try:
         write()
