@@ -17,8 +17,10 @@ from omnisight.camera import Camera
 from omnisight.formats import save
 from omnisight.images import read_image, write_image
 from omnisight.models import model_class
+from omnisight.pipeline.batch.batch import run_batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.batch.manifest import output_names
+from omnisight.pipeline.batch.manifest import items_of_images, output_names
+from omnisight.pipeline.batch.storage import list_images
 from omnisight.pipeline.view import view
 from omnisight.pipeline.view_batch import view_batch
 from omnisight.pipeline.view_options import ViewOptions
@@ -125,6 +127,26 @@ def test_a_killed_run_continues(source, tmp_path):
     result = run(Reverse(), str(source), str(out), ONE)
     assert 10 <= result.resumed < 23
     assert outputs(out) == expected(source)
+
+
+def test_a_full_disk_is_reported_and_the_run_continues(source, tmp_path):
+    blocking = tmp_path / "out" / "1" / "015.txt"
+    blocking.mkdir(parents=True)  # a file cannot replace a folder, nor be written to a full disk
+    with pytest.raises(OSError, match=r"cannot write .*015.txt: .*: resolve it, and the same command continues"):
+        run(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    blocking.rmdir()
+    assert run(Reverse(), str(source), str(tmp_path / "out"), ONE).resumed >= 15
+    assert outputs(tmp_path / "out") == expected(source)
+
+
+def test_a_file_that_cannot_be_read_is_tried_again(source, tmp_path):
+    items = items_of_images([*list_images(str(source), "out"), str(source / "0" / "late.png")], ".txt")
+    arguments = Reverse(), items, str(source), str(tmp_path / "out"), ONE
+    first = run_batch(*arguments)
+    assert [(path, reason.split(":")[0]) for path, reason in first.failed] == [(items[-1].inputs[0], "cannot be read")]
+    (source / "0" / "late.png").write_bytes(b"late")
+    assert run_batch(*arguments).failed == ()
+    assert outputs(tmp_path / "out") == expected(source)
 
 
 def test_another_task_or_other_images_are_refused(source, tmp_path):

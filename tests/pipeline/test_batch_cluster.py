@@ -133,3 +133,18 @@ def test_bucket_to_bucket_by_local_processes_and_again(bucket):
 def test_missing_bucket_is_reported(bucket):
     with pytest.raises(ValueError, match="s3://nothing/in"):
         run(Reverse(), "s3://nothing/in", "s3://nothing/out", BatchOptions(workers=1))
+
+
+def test_a_bucket_without_permission_is_reported(bucket, source, tmp_path, monkeypatch):
+    import moto.settings
+    from moto.core.authorization import ActionAuthenticatorMixin
+
+    url, files = bucket
+    files.pipe_file("photos/private/1.png", b"x")
+    monkeypatch.setattr(moto.settings, "INITIAL_NO_AUTH_ACTION_COUNT", 0)
+    monkeypatch.setattr(ActionAuthenticatorMixin, "request_count", 0)
+    files.invalidate_cache()
+    with pytest.raises(ValueError, match=r"s3://photos/private: cannot be listed: .*check the name, and that the cred"):
+        run(Reverse(), f"{url}/private", str(tmp_path / "out"), BatchOptions(workers=1))
+    with pytest.raises(OSError, match=r"s3://photos/written: cannot be read: .*check the name, and that the cred"):
+        run(Reverse(), str(source), f"{url}/written", BatchOptions(workers=1))

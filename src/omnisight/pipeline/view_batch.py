@@ -38,7 +38,7 @@ class ViewTask:
     @property
     def description(self) -> dict[str, Any]:
         """What determines the views."""
-        return describe("view", camera=digest(to_json(self.camera)), options=self.options)
+        return describe("view", camera=digest(to_json(self.camera))[:12], options=self.options)
 
     def prepare(self) -> Process:
         """Return the function from an image file to the file of its view; it computes the map once."""

@@ -104,9 +104,14 @@ def run_batch(
         with closing(_workers(options)) as pool:
             workers = pool.workers
             report = _reporter(progress, pool, resumed, len(items))
-            for record in pool.run(run_shard, (task, source, output), remaining):
-                records[record.index] = record
-                report(record.images)
+            try:
+                for record in pool.run(run_shard, (task, source, output), remaining):
+                    records[record.index] = record
+                    report(record.images)
+            except OSError as error:
+                raise OSError(
+                    f"{error}: resolve it, and the same command continues after the finished shards"
+                ) from None
     failed = tuple(failure for index in sorted(records) for failure in records[index].failed)
     return BatchResult(
         images=len(items),

@@ -1,5 +1,6 @@
 """Workers of a Dask cluster."""
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from typing import Any
@@ -55,11 +56,15 @@ class DaskCluster:
                     threads_per_worker=1,
                     host="127.0.0.1",
                     dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
                 )
         try:
             self._client: Any = Client(self._cluster or address, timeout=TIMEOUT_S)
         except (OSError, TimeoutError) as error:
-            raise ValueError(f"{address}: no Dask scheduler answers within {TIMEOUT_S} s: {error}") from None
+            raise ValueError(
+                f"{address}: no Dask scheduler answers within {TIMEOUT_S} s: start one (dask scheduler), or check the"
+                f" address, the network and TLS ({error})"
+            ) from None
         self.link = str(self._client.dashboard_link)
         self.workers = sum(self._client.nthreads().values())
         self._check_workers(address)
@@ -69,13 +74,17 @@ class DaskCluster:
 
         if self.workers == 0:
             raise ValueError(f"{address}: the scheduler has no workers: start some (dask worker {address})")
-        versions = self._client.run(worker_version)
+        try:
+            versions = self._client.run(worker_version)
+        except ImportError as error:  # of this module
+            raise ValueError(
+                f"{address}: a worker has no omnisight ({error}): install {omnisight.__version__} on all of them"
+            ) from None
         if others := {worker: version for worker, version in versions.items() if version != omnisight.__version__}:
             worker, version = next(iter(others.items()))
-            has = f"omnisight {version}" if version else "no omnisight"
             raise ValueError(
-                f"{address}: the worker {worker} has {has}, this machine {omnisight.__version__}: install the same"
-                " version on all of them"
+                f"{address}: the worker {worker} has omnisight {version}, this machine {omnisight.__version__}: install"
+                " the same version on all of them"
             )
 
     def run(
@@ -125,9 +134,7 @@ class DaskCluster:
 
 
 def worker_version() -> str:
-    """Return the version of omnisight in a worker; empty without it."""
-    try:
-        import omnisight
-    except ImportError:
-        return ""
+    """Return the version of omnisight in a worker."""
+    import omnisight
+
     return omnisight.__version__

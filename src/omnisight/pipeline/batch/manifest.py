@@ -117,11 +117,12 @@ def open_manifest(task: Task, items: Sequence[Item], source: str, output: str, s
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{output}/{MANIFEST}: is not a manifest; delete the folder {FOLDER} to start again") from None
     advice = f"choose another output, or delete {output}/{FOLDER} to start again"
-    if changed := [name for name in manifest.task if before.task.get(name) != manifest.task[name]]:
+    was, now = _flat(before.task), _flat(manifest.task)
+    if changed := [name for name in now | was if was.get(name) != now.get(name)]:
         name = changed[0]
         raise ValueError(
-            f"{output}: holds a run with another {name.replace('_', ' ')} ({before.task.get(name)!r}, now"
-            f" {manifest.task[name]!r}): {advice}"
+            f"{output}: holds a run with another {name.replace('_', ' ')} ({was.get(name)}, now {now.get(name)}):"
+            f" {advice}"
         )
     if before.items != manifest.items:
         old, new = ({path for item in each.items for path in item.inputs} for each in (before, manifest))
@@ -130,6 +131,11 @@ def open_manifest(task: Task, items: Sequence[Item], source: str, output: str, s
             f" missing): {advice}"
         )
     return before
+
+
+def _flat(task: dict[str, Any]) -> dict[str, Any]:
+    """Return a description with the options of a command beside the other parts."""
+    return {name: value for name, value in task.items() if name != "options"} | task.get("options", {})
 
 
 def read_records(output: str) -> dict[int, ShardRecord]:

@@ -18,7 +18,8 @@ _preparing = threading.Lock()
 def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord:
     """Process the items of a shard, write their outputs, and then the record that it is finished.
 
-    A shard may be repeated: it writes the same bytes. Items that cannot be used are listed in the record.
+    A shard may be repeated: it writes the same bytes. Items that cannot be used are listed in the record; if one cannot
+    be read, because of the network or credentials, the record is not stored, so that the next run tries again.
 
     Raises
     ------
@@ -27,7 +28,7 @@ def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord
     """
     start = time.perf_counter()
     process = _function(task)
-    failed = list[tuple[str, str]]()
+    failed, is_finished = list[tuple[str, str]](), True
     for item in shard.items:
         try:
             written = process(item, [read_file(source, path) for path in item.inputs])
@@ -36,12 +37,14 @@ def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord
             continue
         except OSError as error:
             failed.append((item.inputs[0], f"cannot be read: {error}"))
+            is_finished = False
             continue
         for name, data in zip(item.outputs, written, strict=True):
             write_file(output, name, data)
     seconds = time.perf_counter() - start
     record = ShardRecord(shard.index, len(shard.items), tuple(failed), seconds, (peak_memory_bytes() or 0) / 1e6)
-    record.write(output)
+    if is_finished:
+        record.write(output)
     return record
 
 

@@ -75,7 +75,7 @@ def read_file(url: str, path: str) -> bytes:
 def write_file(url: str, name: str, data: bytes) -> None:
     """Write a file below a folder. It has all of its bytes or does not exist: object stores guarantee the same."""
     files, path = _filesystem(url)[0], path_below(url, name)
-    write = (lambda: write_bytes(Path(path), data)) if is_local(url) else (lambda: files.pipe_file(path, data))
+    write = (lambda: write_bytes(Path(path), data)) if is_local(url) else (lambda: _put(files, url, path, data))
     try:
         write()
     except FileNotFoundError:  # the first file of a folder; a check before each would be a request to an object store
@@ -83,13 +83,24 @@ def write_file(url: str, name: str, data: bytes) -> None:
         write()
 
 
+def _put(files: Any, url: str, path: str, data: bytes) -> None:
+    """Write an object; errors of object stores do not name it."""
+    try:
+        files.pipe_file(path, data)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise type(error)(f"{url}: {path} cannot be written: {error}; {ACCESS_ADVICE}") from None
+
+
 def read_below(url: str, name: str) -> bytes | None:
     """Read a file below a folder; None if there is none."""
-    files, root = _filesystem(url)
     try:
-        return files.cat_file(posixpath.join(root, name))
+        return read_file(url, path_below(url, name))
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise OSError(f"{url}: cannot be read: {error}; {ACCESS_ADVICE}") from None
 
 
 def read_all_below(url: str, folder: str) -> list[bytes]:
