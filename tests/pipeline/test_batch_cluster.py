@@ -148,3 +148,23 @@ def test_a_bucket_without_permission_is_reported(bucket, source, tmp_path, monke
         run(Reverse(), f"{url}/private", str(tmp_path / "out"), BatchOptions(workers=1))
     with pytest.raises(OSError, match=r"s3://photos/written: cannot be read: .*check the name, and that the cred"):
         run(Reverse(), str(source), f"{url}/written", BatchOptions(workers=1))
+
+
+def test_both_workers_killed_at_once_lose_nothing(source, tmp_path, scheduler):
+    address, workers = scheduler
+    killed = []
+
+    def kill_all(stage, done, total):
+        if done and not killed:
+            killed.extend(workers)
+            for worker in killed:
+                os.kill(worker.pid, signal.SIGKILL)
+            start = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1"]
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+            workers.append(subprocess.Popen(start, cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL))
+
+    options = BatchOptions(cluster=address, shard_size=4)
+    result = run(Reverse(seconds=0.05), str(source), str(tmp_path / "out"), options, kill_all)
+    assert len(killed) == 2
+    assert result.failed == ()
+    assert texts(tmp_path / "out") == WRITTEN
