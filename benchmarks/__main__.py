@@ -21,7 +21,7 @@ The following run one at a time and take options, for example `python -m benchma
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
     stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
     video        720p views of a 1080p clip, end to end; ffmpeg. 10 minutes, with --quick 1
-    batch        views of many images by workers; a plain loop, ffmpeg. 3 minutes
+    batch        views of many images by workers, with --interrupt killed ones; a plain loop, ffmpeg. 3 minutes
     motion       visual odometry of rendered sequences, and loop closing. 1 hour, with --quick 10 minutes
     boards       board detection; OpenCV. 15 minutes, with --quick 5
     solvers      calibration solvers on corners of real cameras; cv2.omnidir, cv2.fisheye. 5 minutes

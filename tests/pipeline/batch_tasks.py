@@ -6,6 +6,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnisight.pipeline.batch.batch import run_batch
+from omnisight.pipeline.batch.manifest import items_of_images
+from omnisight.pipeline.batch.storage import list_images
+
 
 @dataclass(frozen=True)
 class Reverse:
@@ -13,14 +17,14 @@ class Reverse:
 
     marker: str = ""
     seconds: float = 0.0
-    suffix: str = ".txt"
 
     @property
     def description(self):
         return {"command": "reverse", "version": 1}
 
     def prepare(self):
-        def work(data, name):
+        def work(item, contents):
+            (name,), (data,) = item.names, contents
             time.sleep(self.seconds)
             if name.startswith("refused"):
                 raise ValueError(f"{name}: refused")
@@ -29,7 +33,7 @@ class Reverse:
             if name.startswith("once") and not Path(self.marker).exists():
                 Path(self.marker).touch()
                 os.kill(os.getpid(), signal.SIGKILL)
-            return data[::-1]
+            return [data[::-1]]
 
         return work
 
@@ -41,3 +45,8 @@ class OtherReverse(Reverse):
     @property
     def description(self):
         return {"command": "reverse", "version": 2}
+
+
+def run(task, source, output, *arguments):
+    """Run a task for all images of a folder."""
+    return run_batch(task, items_of_images(list_images(source, output), ".txt"), source, output, *arguments)

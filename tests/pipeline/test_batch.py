@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from batch_tasks import OtherReverse, Reverse
+from batch_tasks import OtherReverse, Reverse, run
 
 from omnisight.camera import Camera
 from omnisight.formats import save
@@ -19,7 +19,8 @@ from omnisight.images import read_image, write_image
 from omnisight.models import model_class
 from omnisight.pipeline.batch.batch import run_batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.batch.manifest import output_names
+from omnisight.pipeline.batch.manifest import items_of_images, output_names
+from omnisight.pipeline.batch.storage import list_images
 from omnisight.pipeline.view import view
 from omnisight.pipeline.view_batch import view_batch
 from omnisight.pipeline.view_options import ViewOptions
@@ -54,7 +55,7 @@ def test_every_file_has_its_output_and_progress_counts_files(source, tmp_path):
     (source / "0" / "refused.png").write_bytes(b"x")
     (source / ".hidden.png").write_bytes(b"x")
     seen = []
-    result = run_batch(Reverse(), str(source), str(tmp_path / "out"), TWO, lambda *event: seen.append(event[1:]))
+    result = run(Reverse(), str(source), str(tmp_path / "out"), TWO, lambda *event: seen.append(event[1:]))
     written = outputs(tmp_path / "out")
     assert len(written) == 23
     assert written == {name: data for name, data in expected(source).items() if not name.startswith(".")}
@@ -66,20 +67,20 @@ def test_every_file_has_its_output_and_progress_counts_files(source, tmp_path):
 
 
 def test_a_second_run_does_nothing_again(source, tmp_path):
-    run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    run(Reverse(), str(source), str(tmp_path / "out"), ONE)
     before = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*.txt")}
-    again = run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    again = run(Reverse(), str(source), str(tmp_path / "out"), ONE)
     assert (again.resumed, again.images, again.written) == (23, 23, 23)
     assert before == {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*.txt")}
 
 
 def test_a_shard_without_its_record_is_done_again(source, tmp_path):
-    run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    run(Reverse(), str(source), str(tmp_path / "out"), ONE)
     records = sorted((tmp_path / "out" / ".omnisight" / "shards").iterdir())
     assert len(records) == 5
     records[1].unlink()
     records[3].write_text('{"index": 3')
-    assert run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE).resumed == 23 - 10
+    assert run(Reverse(), str(source), str(tmp_path / "out"), ONE).resumed == 23 - 10
     assert outputs(tmp_path / "out") == expected(source)
 
 
@@ -87,7 +88,7 @@ def test_a_shard_without_its_record_is_done_again(source, tmp_path):
 def test_a_worker_that_dies_is_replaced_and_nothing_is_lost(source, tmp_path):
     (source / "1" / "once.png").write_bytes(b"once")
     task = Reverse(marker=str(tmp_path / "died"))
-    result = run_batch(task, str(source), str(tmp_path / "out"), TWO)
+    result = run(task, str(source), str(tmp_path / "out"), TWO)
     assert (tmp_path / "died").exists()
     assert result.failed == ()
     assert outputs(tmp_path / "out") == expected(source)
@@ -96,13 +97,13 @@ def test_a_worker_that_dies_is_replaced_and_nothing_is_lost(source, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")
 def test_images_that_kill_every_worker_are_reported_and_the_others_written(source, tmp_path):
     (source / "0" / "deadly.png").write_bytes(b"x")
-    result = run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    result = run(Reverse(), str(source), str(tmp_path / "out"), ONE)
     reasons = dict(result.failed)
     assert str(source / "0" / "deadly.png") in reasons
     assert 1 <= len(reasons) <= 5  # at most its shard
     assert "died 3 times" in reasons[str(source / "0" / "deadly.png")]
     (source / "0" / "deadly.png").write_bytes(b"y")
-    retried = run_batch(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    retried = run(Reverse(), str(source), str(tmp_path / "out"), ONE)
     assert retried.resumed == 24 - len(reasons)  # what failed in this way is tried again
 
 
@@ -110,11 +111,10 @@ def test_images_that_kill_every_worker_are_reported_and_the_others_written(sourc
 def test_a_killed_run_continues(source, tmp_path):
     out = tmp_path / "out"
     code = (
-        "import sys; from batch_tasks import Reverse\n"
-        "from omnisight.pipeline.batch.batch import run_batch\n"
+        "import sys; from batch_tasks import Reverse, run\n"
         "from omnisight.pipeline.batch.batch_options import BatchOptions\n"
         "options = BatchOptions(workers=1, shard_size=5)\n"
-        "if __name__ == '__main__': run_batch(Reverse(seconds=0.2), *sys.argv[1:], options)\n"
+        "if __name__ == '__main__': run(Reverse(seconds=0.2), *sys.argv[1:], options)\n"
     )
     (tmp_path / "client.py").write_text(code)
     command = [sys.executable, str(tmp_path / "client.py"), str(source), str(out)]
@@ -124,22 +124,42 @@ def test_a_killed_run_continues(source, tmp_path):
             assert client.poll() is None, "the run ended before it could be killed"
             time.sleep(0.02)
         os.killpg(client.pid, signal.SIGKILL)
-    result = run_batch(Reverse(), str(source), str(out), ONE)
+    result = run(Reverse(), str(source), str(out), ONE)
     assert 10 <= result.resumed < 23
     assert outputs(out) == expected(source)
 
 
+def test_a_full_disk_is_reported_and_the_run_continues(source, tmp_path):
+    blocking = tmp_path / "out" / "1" / "015.txt"
+    blocking.mkdir(parents=True)  # a file cannot replace a folder, nor be written to a full disk
+    with pytest.raises(OSError, match=r"cannot write .*015.txt: .*: resolve it, and the same command continues"):
+        run(Reverse(), str(source), str(tmp_path / "out"), ONE)
+    blocking.rmdir()
+    assert run(Reverse(), str(source), str(tmp_path / "out"), ONE).resumed >= 15
+    assert outputs(tmp_path / "out") == expected(source)
+
+
+def test_a_file_that_cannot_be_read_is_tried_again(source, tmp_path):
+    items = items_of_images([*list_images(str(source), "out"), str(source / "0" / "late.png")], ".txt")
+    arguments = Reverse(), items, str(source), str(tmp_path / "out"), ONE
+    first = run_batch(*arguments)
+    assert [(path, reason.split(":")[0]) for path, reason in first.failed] == [(items[-1].inputs[0], "cannot be read")]
+    (source / "0" / "late.png").write_bytes(b"late")
+    assert run_batch(*arguments).failed == ()
+    assert outputs(tmp_path / "out") == expected(source)
+
+
 def test_another_task_or_other_images_are_refused(source, tmp_path):
     out = str(tmp_path / "out")
-    run_batch(Reverse(), str(source), out, ONE)
+    run(Reverse(), str(source), out, ONE)
     with pytest.raises(ValueError, match=r"another version \(1, now 2\): choose another output, or delete"):
-        run_batch(OtherReverse(), str(source), out, ONE)
+        run(OtherReverse(), str(source), out, ONE)
     (source / "0" / "new.png").write_bytes(b"x")
     with pytest.raises(ValueError, match=r"other images of .* \(1 new, 0 missing\)"):
-        run_batch(Reverse(), str(source), out, ONE)
+        run(Reverse(), str(source), out, ONE)
     (tmp_path / "out" / ".omnisight" / "manifest.json").write_text("[]")
     with pytest.raises(ValueError, match=r"is not a manifest"):
-        run_batch(Reverse(), str(source), out, ONE)
+        run(Reverse(), str(source), out, ONE)
 
 
 @pytest.mark.parametrize(
@@ -153,7 +173,7 @@ def test_another_task_or_other_images_are_refused(source, tmp_path):
 def test_unusable_folders_are_reported(source, output, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match=message):
-        run_batch(Reverse(), source, output, ONE)
+        run(Reverse(), source, output, ONE)
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from batch_tasks import Reverse
+from batch_tasks import Reverse, run
 
-from omnisight.pipeline.batch.batch import run_batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
 
 pytestmark = pytest.mark.peer
@@ -69,7 +68,7 @@ def test_workers_over_tcp_one_of_which_is_killed(source, tmp_path, scheduler):
             os.kill(workers[0].pid, signal.SIGKILL)
 
     options = BatchOptions(cluster=address, shard_size=4)
-    result = run_batch(Reverse(seconds=0.05), str(source), str(tmp_path / "out"), options, kill_one)
+    result = run(Reverse(seconds=0.05), str(source), str(tmp_path / "out"), options, kill_one)
     assert killed
     assert (result.images, result.failed, result.workers) == (40, (), 2)
     assert texts(tmp_path / "out") == WRITTEN
@@ -78,7 +77,7 @@ def test_workers_over_tcp_one_of_which_is_killed(source, tmp_path, scheduler):
 def test_local_cluster(source, tmp_path):
     pytest.importorskip("distributed")
     options = BatchOptions(cluster="local", workers=2, shard_size=7)
-    result = run_batch(Reverse(), str(source), str(tmp_path / "out"), options)
+    result = run(Reverse(), str(source), str(tmp_path / "out"), options)
     assert (result.written, result.workers) == (40, 2)
     assert texts(tmp_path / "out") == WRITTEN
 
@@ -88,14 +87,14 @@ def test_scheduler_that_does_not_answer_is_reported(source, tmp_path, monkeypatc
     monkeypatch.setattr("omnisight.pipeline.batch.dask_cluster.TIMEOUT_S", 1)
     options = BatchOptions(cluster="tcp://127.0.0.1:9")
     with pytest.raises(ValueError, match=r"tcp://127.0.0.1:9: no Dask scheduler answers within 1 s"):
-        run_batch(Reverse(), str(source), str(tmp_path / "out"), options)
+        run(Reverse(), str(source), str(tmp_path / "out"), options)
 
 
 def test_workers_of_another_version_are_reported(source, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr("omnisight.__version__", "9.9")
     with pytest.raises(ValueError, match=r"has omnisight .*, this machine 9.9: install the same version"):
-        run_batch(Reverse(), str(source), str(tmp_path / "out"), BatchOptions(cluster="local", workers=1))
+        run(Reverse(), str(source), str(tmp_path / "out"), BatchOptions(cluster="local", workers=1))
 
 
 @pytest.fixture(scope="module")
@@ -123,14 +122,49 @@ def test_bucket_to_bucket_by_local_processes_and_again(bucket):
     for name, data in FILES.items():
         files.pipe_file(f"photos/in/{name}", data)
     options = BatchOptions(workers=2, shard_size=9)
-    result = run_batch(Reverse(), f"{url}/in", f"{url}/out", options)
+    result = run(Reverse(), f"{url}/in", f"{url}/out", options)
     assert (result.written, result.resumed) == (40, 0)
     files.invalidate_cache()
     found = {name.rsplit("/", 1)[-1]: files.cat_file(name) for name in files.glob("photos/out/*.txt")}
     assert found == WRITTEN
-    assert run_batch(Reverse(), f"{url}/in", f"{url}/out", options).resumed == 40
+    assert run(Reverse(), f"{url}/in", f"{url}/out", options).resumed == 40
 
 
 def test_missing_bucket_is_reported(bucket):
     with pytest.raises(ValueError, match="s3://nothing/in"):
-        run_batch(Reverse(), "s3://nothing/in", "s3://nothing/out", BatchOptions(workers=1))
+        run(Reverse(), "s3://nothing/in", "s3://nothing/out", BatchOptions(workers=1))
+
+
+def test_a_bucket_without_permission_is_reported(bucket, source, tmp_path, monkeypatch):
+    import moto.settings
+    from moto.core.authorization import ActionAuthenticatorMixin
+
+    url, files = bucket
+    files.pipe_file("photos/private/1.png", b"x")
+    monkeypatch.setattr(moto.settings, "INITIAL_NO_AUTH_ACTION_COUNT", 0)
+    monkeypatch.setattr(ActionAuthenticatorMixin, "request_count", 0)
+    files.invalidate_cache()
+    with pytest.raises(ValueError, match=r"s3://photos/private: cannot be listed: .*check the name, and that the cred"):
+        run(Reverse(), f"{url}/private", str(tmp_path / "out"), BatchOptions(workers=1))
+    with pytest.raises(OSError, match=r"s3://photos/written: cannot be read: .*check the name, and that the cred"):
+        run(Reverse(), str(source), f"{url}/written", BatchOptions(workers=1))
+
+
+def test_both_workers_killed_at_once_lose_nothing(source, tmp_path, scheduler):
+    address, workers = scheduler
+    killed = []
+
+    def kill_all(stage, done, total):
+        if done and not killed:
+            killed.extend(workers)
+            for worker in killed:
+                os.kill(worker.pid, signal.SIGKILL)
+            start = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1"]
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
+            workers.append(subprocess.Popen(start, cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL))
+
+    options = BatchOptions(cluster=address, shard_size=4)
+    result = run(Reverse(seconds=0.05), str(source), str(tmp_path / "out"), options, kill_all)
+    assert len(killed) == 2
+    assert result.failed == ()
+    assert texts(tmp_path / "out") == WRITTEN

@@ -18,9 +18,18 @@ def print_batch(result: "BatchResult", output: str) -> None:
         print(f"          {path}: {reason}")
     if len(result.failed) > MAX_FAILED:
         print(f"          and {len(result.failed) - MAX_FAILED} more: see {output}/.omnisight/shards")
+    if not result.workers:
+        print(f"finished  by earlier runs: {output}")
+        return
     speed = f"{result.images_per_second:.1f} images/s, {result.workers} workers"
     print(f"speed     {speed}; at most {result.peak_mb:.0f} MB a worker; {result.seconds:.1f} s")
     print(f"written   {output}")
+
+
+def check_batch(result: "BatchResult") -> None:
+    """Raise `ValueError` if images have no output, for the exit status."""
+    if result.failed:
+        raise ValueError(f"{len(result.failed)} of {result.images} images have no result; the others are finished")
 
 
 def print_batch_json(result: "BatchResult", output: str) -> None:

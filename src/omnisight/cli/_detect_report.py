@@ -1,45 +1,15 @@
 """Output of `omnisight detect`."""
 
-import json
 import math
-from typing import Any
 
 from omnisight.cli._console import console
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.detection_advice import board_advice, light_problems
-from omnisight.targets import Checkerboard, Detection, Detections
+from omnisight.targets import Checkerboard, Detections
 
 
-def as_json(search: Detections) -> None:
-    """Print one JSON object on stdout, and nothing else."""
-    names = image_labels([image.path for image in search.images])
-    field = search.field
-    result = {
-        "format": "omnisight-corners",
-        "pattern": None if search.board is None else str(search.board),
-        "target": None if search.board is None else search.board.to_dict(),
-        "assumption": search.assumption,
-        "hint": search.hint,
-        "notes": list(search.notes),
-        "field": None if field is None else field.describe(),
-        "images": [
-            {
-                "name": name,
-                "size": image.size,
-                "boards": [_board(search, d) for d in image.boards],
-                "sharpness": _finite(image.sharpness),
-                "blur": _finite(image.blur),
-                "exposure": _finite(image.exposure),
-                "note": image.note,
-            }
-            for name, image in zip(names, search.images, strict=True)
-        ],
-    }
-    print(json.dumps(result, indent=2, allow_nan=False))
-
-
-def print_report(search: Detections) -> None:
-    """Print one row per image, notes on the set, and the result last."""
+def print_table(search: Detections) -> None:
+    """Print one row per image."""
     from rich.table import Table
 
     out = console()
@@ -58,6 +28,11 @@ def print_report(search: Detections) -> None:
         )
     out.print(table)
     out.print()
+
+
+def print_report(search: Detections) -> None:
+    """Print notes on the set, and the result last."""
+    out = console()
     if search.assumption:
         out.print(f"board     {search.assumption}", soft_wrap=True)
     notes = [*search.notes]
@@ -78,23 +53,6 @@ def _result(search: Detections) -> str:
     kind = "" if isinstance(search.board, Checkerboard) else f"{search.board.kind} "
     corners = sum(len(d) for image in search.images for d in image.boards)
     return f"{kind}{search.board} in {len(search.found)} of {len(search.images)} images, {corners} corners"
-
-
-def _board(search: Detections, detection: Detection) -> dict[str, Any]:
-    field = search.field
-    outside = [] if field is None else detection.ids[~field.contains(detection.pixels)].tolist()
-    return {
-        "pattern": str(search.board),
-        "ids": detection.ids.tolist(),
-        "pixels": detection.pixels.tolist(),
-        "covariance": detection.covariance.tolist(),
-        "located": detection.located,
-        "outside": outside,
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _number(value: float, spec: str) -> str:

@@ -41,7 +41,7 @@ def print_json(result: StitchResult) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def print_report(result: StitchResult, output: Path, save_rig: Path | None) -> None:
+def print_report(result: StitchResult, output: str, save_rig: Path | None) -> None:
     """Print lenses, rotation, seams and the files written."""
     head, worst = result.head, _worst(result)
     lenses = [""] * len(result.rig) if head is None else [_focal_length(head, k) for k in range(2)]

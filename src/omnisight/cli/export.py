@@ -5,8 +5,10 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_size
 from omnisight.cli._view_options import SharedViewOptions, ViewType
+from omnisight.pipeline.batch.batch_options import BatchOptions
 
 GROUP = "Views"
 
@@ -16,8 +18,8 @@ def export(
     /,
     *,
     to: str,
-    output: Annotated[Path, Parameter(alias="-o")],
-    images: Path | None = None,
+    output: Annotated[str, Parameter(alias="-o")],
+    images: str | None = None,
     size: str | None = None,
     view: ViewType | None = None,
     fov: float | None = None,
@@ -27,7 +29,9 @@ def export(
     interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
     image_size: str | None = None,
     shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
+    batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
     json: bool = False,
+    quiet: bool = False,
 ) -> None:
     """Write a view of a camera, or a reconstruction, for another program.
 
@@ -45,7 +49,8 @@ def export(
     output
         The file of the remap table, with or without its extension; or the folder of the reconstruction.
     images
-        The folder of the images, for splat and viewer.
+        The folder of the images, for splat and viewer. For splat with --workers, --cluster or a URL they are processed
+        by workers.
     size
         WIDTHxHEIGHT of the view, px. For splat, the width of a view of 90 degrees; by default the resolution of the
         image is kept.
@@ -66,9 +71,14 @@ def export(
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
     json
         Print one JSON object and nothing else.
+    quiet
+        Show no progress.
     """
+    from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.extensions import unknown_name
     from omnisight.map_formats import map_format_names
+    from omnisight.pipeline.batch.batch import is_batch
+    from omnisight.pipeline.export_batch import export_batch
     from omnisight.reconstructions import reconstruction_format_names
 
     views, models = map_format_names(), (*reconstruction_format_names(), "viewer")
@@ -80,7 +90,16 @@ def export(
                 f"{source}: is a file, and {to} is a format of reconstructions: specify the folder of one, or a format"
                 f" of views: {', '.join(views)}"
             )
-        _export_reconstruction(source, to, output, images, parse_size(size)[0] if size else None, json)
+        width = parse_size(size)[0] if size else None
+        if is_batch([images or ""], [output], batch):
+            if to != "splat" or images is None:
+                raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
+            with progress(quiet or json) as report:
+                result = export_batch(source, output, images, width, batch, report)
+            (print_batch_json if json else print_batch)(result, output)
+            check_batch(result)
+            return
+        _export_reconstruction(source, to, Path(output), Path(images) if images else None, width, json)
         return
     if source.is_dir():
         raise ValueError(
@@ -101,7 +120,7 @@ def export(
         **shared.values,
     )
     result = export_map(
-        source, output, to, options, image_size=parse_size(image_size, "--image-size") if image_size else None
+        source, Path(output), to, options, image_size=parse_size(image_size, "--image-size") if image_size else None
     )
     from omnisight.cli._export_report import print_map, print_map_json
 

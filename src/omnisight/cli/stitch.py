@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.video_options import VideoOptions
 
@@ -12,14 +13,15 @@ GROUP = "Views"
 
 
 def stitch(
-    images: list[Path],
+    images: list[str],
     /,
     *,
     rig: Path | None = None,
     camera: list[Path] | None = None,
-    output: Annotated[Path, Parameter(alias="-o")],
+    output: Annotated[str, Parameter(alias="-o")],
     options: Annotated[StitchOptions, Parameter(name="*")] = StitchOptions(),
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
+    batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
     save_rig: Path | None = None,
     json: bool = False,
     quiet: bool = False,
@@ -33,7 +35,7 @@ def stitch(
     ----------
     images
         An image, folder or clip for each camera, such as front.jpg back.jpg; or one with two circles side by side; or a
-        folder with front_1.jpg, back_1.jpg, ...
+        folder with front_1.jpg, back_1.jpg, ... With --workers, --cluster or a URL folders.
     rig
         File of the rig; images in the order of its cameras.
     camera
@@ -47,19 +49,30 @@ def stitch(
     quiet
         Show no progress.
     """
+    from omnisight.cli._batch_report import check_batch, print_batch
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._progress import progress
     from omnisight.cli._stitch_report import print_json, print_report
     from omnisight.formats import save
+    from omnisight.pipeline.batch.batch import is_batch
     from omnisight.pipeline.stitch import stitch as run
+    from omnisight.pipeline.stitch_batch import stitch_batch
 
     if save_rig is not None:
         must_be_writable(save_rig)
+    done = None
     with progress(quiet or json) as report:
-        result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)
+        if is_batch(images, [output], batch):
+            result, done = stitch_batch(images, output, rig, camera or (), options, batch, report)
+        else:
+            result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)
     if save_rig is not None:
         save(result.rig, save_rig)
     if json:
         print_json(result)
     else:
         print_report(result, output, save_rig)
+    if done is not None:
+        if not json:
+            print_batch(done, output)
+        check_batch(done)

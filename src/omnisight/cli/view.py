@@ -104,7 +104,7 @@ def view(
     quiet
         Show no progress.
     """
-    from omnisight.cli._batch_report import print_batch, print_batch_json
+    from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.cli._view_report import print_json, print_report
     from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.batch.batch import is_batch
@@ -130,8 +130,7 @@ def view(
         with progress(quiet or json) as report:
             result = view_batch(images[0], camera, output[0], views[0][1], batch, progress=report)
         (print_batch_json if json else print_batch)(result, output[0])
-        if result.failed:
-            raise ValueError(f"{len(result.failed)} of {result.images} images have no view")
+        check_batch(result)
         return
     clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
     if clips and len(images) > 1:

@@ -1,6 +1,7 @@
 """omnisight's own JSON of corners, as `omnisight detect --json` prints it."""
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ import numpy as np
 from omnisight.corners._protocol import CornerFile, ImageCorners, ReadOptions, as_rows
 from omnisight.formats._limits import HEAD_CHARS
 from omnisight.formats._values import image_size
-from omnisight.targets import Board, board_class
+from omnisight.images.output_paths import image_labels
+from omnisight.targets import Board, Detection, Detections, board_class
 
 TITLE = "omnisight corners"
 SUFFIX = ".json"
@@ -40,6 +42,51 @@ def parse(text: str, options: ReadOptions) -> CornerFile:
         boards = [_board_corners(name, size, detection, board) for detection in entry["boards"]]
         images += boards or [ImageCorners.empty(name, size)]
     return CornerFile(images, in_metres=board.unit == "m")
+
+
+def serialize(detections: Detections) -> str:
+    """Return the content of a file."""
+    names = image_labels([image.path for image in detections.images])
+    field = detections.field
+    result = {
+        "format": FORMAT,
+        "pattern": None if detections.board is None else str(detections.board),
+        "target": None if detections.board is None else detections.board.to_dict(),
+        "assumption": detections.assumption,
+        "hint": detections.hint,
+        "notes": list(detections.notes),
+        "field": None if field is None else field.describe(),
+        "images": [
+            {
+                "name": name,
+                "size": image.size,
+                "boards": [_board_entry(detection, detections) for detection in image.boards],
+                "sharpness": _finite(image.sharpness),
+                "blur": _finite(image.blur),
+                "exposure": _finite(image.exposure),
+                "note": image.note,
+            }
+            for name, image in zip(names, detections.images, strict=True)
+        ],
+    }
+    return json.dumps(result, indent=2, allow_nan=False)
+
+
+def _board_entry(detection: Detection, detections: Detections) -> dict[str, Any]:
+    field = detections.field
+    outside = [] if field is None else detection.ids[~field.contains(detection.pixels)].tolist()
+    return {
+        "pattern": str(detections.board),
+        "ids": detection.ids.tolist(),
+        "pixels": detection.pixels.tolist(),
+        "covariance": detection.covariance.tolist(),
+        "located": detection.located,
+        "outside": outside,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _board_corners(name: str, size: tuple[int, int], detection: Any, board: Board) -> ImageCorners:

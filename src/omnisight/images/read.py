@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.images.channel_order import swap_red_and_blue
 from omnisight.images.exif import exif_orientation
 from omnisight.images.headers import (
     JPEG_MAGIC,
@@ -85,7 +86,7 @@ def decode_image(data: bytes, name: str, *, apply_exif: bool = False) -> NDArray
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     elif image.ndim == 3:
-        image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
+        image = swap_red_and_blue(image)
     if apply_exif:
         image = apply_orientation(image, exif_orientation(data))
     return np.ascontiguousarray(image)

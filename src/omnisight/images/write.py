@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.images.channel_order import swap_red_and_blue
+
 EXTENSIONS_16_BIT = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm", ".pnm"})
 EXTENSIONS_WITH_ALPHA = frozenset({".png", ".tif", ".tiff", ".webp"})
 WRITABLE_EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm")
@@ -57,8 +59,8 @@ def encode_image(image: NDArray[Any], name: str) -> bytes:
         raise ValueError(f"{path.name}: {extension[1:]} supports no transparency; use png, tif or webp")
     if extension == ".pgm" and image.ndim == 3:
         raise ValueError(f"{path.name}: pgm supports gray images only; use ppm or png")
-    channels = image if image.ndim == 2 else image[:, :, [2, 1, 0, 3][: image.shape[2]]]
-    success, encoded = cv2.imencode(extension, np.ascontiguousarray(channels))
+    channels = np.ascontiguousarray(image) if image.ndim == 2 else swap_red_and_blue(image)
+    success, encoded = cv2.imencode(extension, channels)
     if not success:
         raise ValueError(f"{path.name}: OpenCV could not encode shape {image.shape} as {extension[1:]}")
     return encoded.tobytes()

@@ -1,8 +1,7 @@
 """Keypoints of a set of images, through the cameras that took them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -10,18 +9,13 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints
-from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
+from omnisight.images import read_image
 from omnisight.pipeline.camera_sources import CameraSources
-from omnisight.pipeline.central_camera import camera_of_image
+from omnisight.pipeline.image_cameras import ImageCameras, cameras_of_images
 from omnisight.pipeline.image_set import ImageSet
+from omnisight.pipeline.keypoint_batch import detect_by_workers
 from omnisight.pipeline.options import ReconstructOptions
-from omnisight.pipeline.self_calibration import (
-    candidate_cameras,
-    change_of_rays,
-    prior_sigmas,
-    relocated,
-    select_camera,
-)
+from omnisight.pipeline.self_calibration import change_of_rays, prior_sigmas, relocated, select_camera
 from omnisight.pipeline.stored_stages import detect
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.sfm.pixel_rays import FreeCameras
@@ -30,9 +24,6 @@ Indices = NDArray[np.intp]
 Bytes = NDArray[np.uint8]
 # Called with the stage, the work done and the total.
 Progress = Callable[[str, int, int], None]
-
-# Images of a camera in which its image circle is detected.
-FIELD_IMAGES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,51 +96,31 @@ def detect_images(
     ValueError
         If an image cannot be read or does not fit its camera, or a camera has no images.
     """
-    cameras, masks, candidates = dict[int, Camera](), dict[int, NDArray[np.bool_] | None](), dict[int, list[Camera]]()
-    keypoints, colors = list[Keypoints](), list[Bytes]()
-    for path, k in zip(files.paths, files.camera.tolist(), strict=True):
-        image = read_image(path, apply_exif=options.apply_exif)
-        size = image.shape[1], image.shape[0]
-        if k not in cameras:
-            if sources.is_unknown(k, size):
-                candidates[k] = _candidates(files, k, options)
-            source = candidates[k][0] if k in candidates else sources.sources[k]
-            cameras[k] = camera_of_image(source, size, str(path), name=options.name, scale=options.scale_camera)
-            masks[k] = _read_mask(options.mask, sources.names[k] if sources.names else "", size)
-        elif size != cameras[k].size:
-            first = files.paths[files.camera.tolist().index(k)]
-            raise ValueError(
-                f"{path}: is {size[0]}x{size[1]} px, and {first} {cameras[k].width}x{cameras[k].height}: images of one"
-                " camera have one size; leave it out, or reconstruct it separately"
-            )
-        found, rgb = detect(work, image, cameras[k], FeatureOptions(max_keypoints=options.max_keypoints), masks[k])
-        keypoints.append(found)
-        colors.append(rgb)
-        progress("keypoints", len(keypoints), len(files))
-    if missing := [name for k, name in enumerate(sources.names) if k not in cameras]:
-        raise ValueError(f"{files.paths[0].parent}: no images of the camera {missing[0]!r}: leave the camera out")
-    order = range(len(cameras))
-    is_guessed = tuple(k in candidates for k in order)
-    detected = DetectedImages(tuple(cameras[k] for k in order), is_guessed, files.camera, keypoints, colors)
-    if not candidates:
+    chosen = cameras_of_images(files, sources, options)
+    detect = detect_by_workers if options.has_workers else _detect_in_turn
+    keypoints, colors = zip(*detect(files, chosen, options, progress, work), strict=True)
+    is_guessed = tuple(bool(candidates) for candidates in chosen.candidates)
+    detected = DetectedImages(chosen.cameras, is_guessed, files.camera, list(keypoints), list(colors))
+    if not any(is_guessed):
         return replace(detected, refines_cameras=options.refine_camera)
     if options.refine_camera:
         raise ValueError("a camera without calibration is estimated already: leave refine_camera out")
     return detected.seen_by(
-        [select_camera(candidates[k], detected.of_camera(k)) if k in candidates else cameras[k] for k in order]
+        [
+            select_camera(candidates, detected.of_camera(k)) if candidates else camera
+            for k, (camera, candidates) in enumerate(zip(chosen.cameras, chosen.candidates, strict=True))
+        ]
     )
 
 
-def _candidates(files: ImageSet, camera: int, options: ReconstructOptions) -> list[Camera]:
-    """Return possible cameras of the images of a camera without calibration."""
-    paths = [path for path, k in zip(files.paths, files.camera, strict=True) if k == camera][:FIELD_IMAGES]
-    images = [to_gray8(read_image(path, apply_exif=options.apply_exif)) for path in paths]
-    return candidate_cameras(estimate_image_field([image for image in images if image.shape == images[0].shape]))
-
-
-def _read_mask(path: Path | None, camera: str, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-    """Return the mask of a camera: that of all, or the file with its name in a folder; None if there is none."""
-    if path is None or not path.is_dir():
-        return None if path is None else read_mask(path, size)
-    named = [file for file in sorted(path.iterdir()) if file.stem == camera]
-    return read_mask(named[0], size) if named else None
+def _detect_in_turn(
+    files: ImageSet, chosen: ImageCameras, options: ReconstructOptions, progress: Progress, work: WorkFolder
+) -> Iterator[tuple[Keypoints, Bytes]]:
+    """Yield the keypoints of each image and their colours, which the work folder keeps."""
+    for done, (path, k) in enumerate(zip(files.paths, files.camera.tolist(), strict=True)):
+        image = read_image(path, apply_exif=options.apply_exif)
+        chosen.check_size(image, str(path), k)
+        yield detect(
+            work, image, chosen.cameras[k], FeatureOptions(max_keypoints=options.max_keypoints), chosen.masks[k]
+        )
+        progress("keypoints", done + 1, len(files))

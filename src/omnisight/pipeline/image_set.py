@@ -72,6 +72,11 @@ def image_set(
     is_folder = len(inputs) == 1 and Path(inputs[0]).is_dir()
     parent = os.path.abspath(inputs[0]) if is_folder else os.path.commonpath([os.path.dirname(p) for p in absolute])
     names = [Path(path).relative_to(parent).as_posix() for path in absolute]
+    return assign_images(paths, names, cameras, is_rig=is_rig)
+
+
+def assign_images(paths: list[Path], names: list[str], cameras: Sequence[str], *, is_rig: bool) -> ImageSet:
+    """Assign images to cameras and, for a rig, to times; see `image_set`."""
     alone = np.arange(len(paths))
     if not cameras:
         return ImageSet(paths, names, np.zeros(len(paths), np.intp), alone)

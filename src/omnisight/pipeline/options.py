@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from omnisight.calibration.estimation_options import EstimationOptions
 from omnisight.display import Displayed
+from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.image_options import ImageOptions
 
 if TYPE_CHECKING:
@@ -246,7 +247,7 @@ class StereoOptions(Displayed):
 
 
 @dataclass(frozen=True)
-class ReconstructOptions(Displayed):
+class ReconstructOptions(BatchOptions):
     """Options of `reconstruct`.
 
     Attributes
@@ -300,6 +301,7 @@ class ReconstructOptions(Displayed):
     apply_exif: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.window < 1:
             raise ValueError(f"window is {self.window}; choose at least 1 following image")
         if not self.fps > 0:

@@ -1,6 +1,5 @@
 """Stitching of the images of a rig or head to a sphere: the counterpart of `omnisight stitch`."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -12,28 +11,27 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
-from omnisight.geometry.rotation import look
 from omnisight.pipeline.camera_sources import RigSource
-from omnisight.pipeline.stitch_files import StitchJob, check_output, check_suffix, stitch_clip, stitch_images
+from omnisight.pipeline.stitch_files import (
+    StitchedFrames,
+    StitchJob,
+    check_output,
+    check_suffix,
+    stitch_clip,
+    stitch_images,
+)
 from omnisight.pipeline.stitch_inputs import Bytes, StitchSource, head_frames
 from omnisight.pipeline.stitch_options import StitchOptions
-from omnisight.pipeline.stitch_rig import head_rig
+from omnisight.pipeline.stitch_plan import StitchPlan, latitudes, plan_frames
 from omnisight.rig import Rig
 from omnisight.sfm.head_result import HeadCalibration
-from omnisight.targets.length import parse_length
 from omnisight.video_options import VideoOptions
-from omnisight.views.stitching.levelling import Vertical, estimate_vertical
-from omnisight.views.stitching.sampling import Sampler
-from omnisight.views.stitching.stitcher import SeamQuality, plan_stitch
-from omnisight.views.view_cameras import sphere
+from omnisight.views.stitching.levelling import Vertical
+from omnisight.views.stitching.stitcher import SeamQuality
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-# Width of the spheres on which distances and the vertical are estimated.
-COARSE_WIDTH = 1024
-# Distances that are tried, in largest baselines: below the nearest the overlap of two lenses vanishes.
-NEAREST_BASELINES, TRIALS = 10.0, 12
 # Disparity along a seam above which it is visible, degrees: five times the resolution of the eye at a full sphere.
 MAX_SEAM_DISPARITY_DEG = 0.3
 
@@ -144,101 +142,29 @@ def stitch(
     frames = head_frames(sources, rig.names if isinstance(rig, Rig) else ())
     target = None if output is None else check_output(Path(output), frames, video)
     progress("estimate the cameras", 0, 1)
-    head = head_rig(frames, rig, cameras, options)
-    first = next(iter(frames))
-    samplers, distance = _placed(head.samplers(), first, options.at)
-    vertical = _vertical(samplers, first, options)
-    sphere_from_rig = _orientation(vertical, options)
-    camera = sphere(options.width or head.native_width())
-    bearings = _bearings(camera, sphere_from_rig)
+    planned = plan_frames(frames, rig, cameras, options)
     progress("estimate the cameras", 1, 1)
-    plan = plan_stitch(samplers, first, camera.width, warp=options.warp)
     estimated = time.perf_counter()
-    job = StitchJob(frames, plan, bearings, options, target, video)
+    job = StitchJob(frames, planned.stitcher, planned.bearings, options, target, video)
     done = stitch_clip(job, progress) if frames.is_clip else stitch_images(job, progress)
     seconds = time.perf_counter()
+    return stitch_result(planned, done, seconds - start, seconds - estimated)
+
+
+def stitch_result(planned: StitchPlan, done: StitchedFrames, seconds: float, stitching_seconds: float) -> StitchResult:
+    """Return the result of frames that were stitched by a plan."""
     return StitchResult(
         done.first,
-        camera,
-        head.rig,
-        sphere_from_rig,
-        distance,
-        tuple(plan.quality),
-        head.calibration,
-        vertical,
-        float(np.average(done.covered.mean(1), weights=np.cos(_latitudes(camera.height)))),
+        planned.camera,
+        planned.head.rig,
+        planned.sphere_from_rig,
+        planned.distance,
+        tuple(planned.stitcher.quality),
+        planned.head.calibration,
+        planned.vertical,
+        float(np.average(done.covered.mean(1), weights=np.cos(latitudes(planned.camera.height)))),
         done.count,
-        seconds - start,
-        (seconds - estimated) / done.count,
+        seconds,
+        stitching_seconds / done.count,
         done.files,
     )
-
-
-def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:
-    """Return the samplers for the specified or estimated distance, and that distance."""
-    if at not in ("auto", "inf"):
-        distance = parse_length(at)
-        return [dataclasses.replace(s, distance=distance) for s in samplers], distance
-    baseline = max(float(np.linalg.norm(s.sensor_from_rig.translation)) for s in samplers)
-    if at == "inf" or baseline == 0:
-        return samplers, float("inf")
-    inverse = np.linspace(0, 1 / (NEAREST_BASELINES * baseline), TRIALS)
-    placed = [[dataclasses.replace(s, distance=1 / i if i else np.inf) for s in samplers] for i in inverse]
-    scores = [_overlap_error(trial, images) for trial in placed]
-    best = int(np.argmin(scores))
-    return placed[best], float(1 / inverse[best]) if best else float("inf")
-
-
-def _overlap_error(samplers: list[Sampler], images: Sequence[Bytes]) -> float:
-    """Return the disparity that remains along all seams."""
-    try:
-        plan = plan_stitch(samplers, images, COARSE_WIDTH, warp=False)
-    except ValueError:  # a sphere so near that the overlap vanishes
-        return float("inf")
-    return float(np.nan_to_num(np.sum([q.disparity_deg for q in plan.quality]), nan=np.inf))
-
-
-def _vertical(samplers: list[Sampler], images: Sequence[Bytes], options: StitchOptions) -> Vertical | None:
-    """Estimate the vertical on a coarse sphere."""
-    if not options.level:
-        return None
-    guess = look(0, options.pitch, options.roll).T
-    bearings = _bearings(sphere(COARSE_WIDTH), guess)
-    coarse = plan_stitch(samplers, images, COARSE_WIDTH, warp=False)
-    coarse.prepare(bearings)
-    return estimate_vertical(coarse(images), bearings, -guess[1])
-
-
-def _orientation(vertical: Vertical | None, options: StitchOptions) -> Array:
-    """Return sphere_from_rig."""
-    if vertical is None or vertical.reason:
-        # The camera's own pitch and roll are undone: the sphere is level.
-        level = look(0, options.pitch, options.roll).T
-    else:
-        down = -vertical.up
-        forward = np.array([0.0, 0.0, 1.0]) - down[2] * down
-        if np.linalg.norm(forward) < 1e-3:
-            forward = np.array([0.0, 1.0, 0.0]) - down[1] * down
-        forward /= np.linalg.norm(forward)
-        level = np.stack([np.cross(down, forward), down, forward])
-    return np.asarray(look(options.yaw) @ level, float)
-
-
-def _bearings(camera: Camera, sphere_from_rig: Array) -> NDArray[np.float32]:
-    """Return the directions (H, W, 3) of the pixels of a sphere in the rig frame."""
-    lon = (np.arange(camera.width) + 0.5) * 2 * np.pi / camera.width - np.pi
-    lat = _latitudes(camera.height)[:, None]
-    local = np.stack(
-        [
-            np.cos(lat) * np.sin(lon),
-            np.broadcast_to(np.sin(lat), (camera.height, camera.width)),
-            np.cos(lat) * np.cos(lon),
-        ],
-        -1,
-    )
-    return (local @ sphere_from_rig).astype(np.float32)
-
-
-def _latitudes(height: int) -> Array:
-    """Return the latitudes (H,) of rows, radians, positive down."""
-    return ((np.arange(height) + 0.5) / height - 0.5) * np.pi

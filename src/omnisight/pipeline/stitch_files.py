@@ -123,18 +123,22 @@ def _of_cameras(frames: list[Yuv], cameras: int) -> list[Yuv]:
 
 
 def _write_image(job: StitchJob, sphere: Bytes, index: int) -> list[Path]:
-    """Write the sphere (H, W, 3) of a frame, with tags if it is a JPEG file, and return its file."""
+    """Write the sphere (H, W, 3) of a frame, and return its file."""
     if job.target is None:
         return []
     path = job.target / f"{job.frames.labels[index]}.jpg" if job.frames.count > 1 else job.target
-    data = encode_image(sphere, path.name)
-    if path.suffix.lower() in (".jpg", ".jpeg"):
-        options = job.options
-        is_level = options.level or bool(options.pitch or options.roll)
-        data = with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=options.heading, is_level=is_level)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, data)
+    write_bytes(path, encode_sphere(sphere, path.name, job.options))
     return [path]
+
+
+def encode_sphere(sphere: Bytes, name: str, options: StitchOptions) -> bytes:
+    """Return the bytes of an image file of a sphere (H, W, 3), with tags if it is a JPEG file."""
+    data = encode_image(sphere, name)
+    if Path(name).suffix.lower() not in (".jpg", ".jpeg"):
+        return data
+    is_level = options.level or bool(options.pitch or options.roll)
+    return with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=options.heading, is_level=is_level)
 
 
 def check_suffix(target: Path) -> None:

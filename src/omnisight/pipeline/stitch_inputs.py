@@ -1,6 +1,6 @@
 """Simultaneous images of several lenses: files, folders, clips, or two circles side by side in one image."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from os import PathLike
@@ -22,7 +22,7 @@ from omnisight.images import (
 )
 from omnisight.images.image_field import ImageField
 from omnisight.parallel import prefetch
-from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.image_set import ImageSet, image_set
 
 Bytes = NDArray[np.uint8]
 StitchSource = str | PathLike[str] | NDArray[Any]
@@ -33,6 +33,11 @@ MAX_CALIBRATION_FRAMES = 6
 MAX_RADIUS_DIFFERENCE = 0.02
 # Names of the lenses of a head in a single folder.
 HEAD_NAMES = ("front", "back")
+
+
+def read_source(source: StitchSource) -> NDArray[Any]:
+    """Return an image, read if it is a file."""
+    return source if isinstance(source, np.ndarray) else read_image(Path(source))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +54,20 @@ class HeadFrames:
         Whether an image shows two lenses side by side.
     labels
         Name of each frame.
+    read
+        Reads the image of a source.
     """
 
     sources: tuple[tuple[StitchSource, ...], ...]
     is_clip: bool
     is_split: bool
     labels: tuple[str, ...]
+    read: Callable[[StitchSource], NDArray[Any]] = read_source
 
     def __iter__(self) -> Iterator[list[Bytes]]:
         """Read the images of each frame, RGB."""
         if not self.is_clip:
-            yield from (self._split([_rgb8(read_source(s)) for s in frame]) for frame in self.sources)
+            yield from (self._split([self.read(s) for s in frame]) for frame in self.sources)
             return
         with closing(self.clip_frames()) as moments:
             yield from (self.images(frames) for frames in moments)
@@ -90,15 +98,16 @@ class HeadFrames:
         """Return a few frames, evenly distributed."""
         chosen = set(np.unique(np.linspace(0, self.count - 1, MAX_CALIBRATION_FRAMES).round().astype(int)).tolist())
         if not self.is_clip:
-            return [self._split([_rgb8(read_source(s)) for s in self.sources[k]]) for k in sorted(chosen)]
+            return [self._split([self.read(s) for s in self.sources[k]]) for k in sorted(chosen)]
         together = zip(*(clip.frames(chosen) for clip in self.clips), strict=False)
         return [self.images(frames) for frames in together]
 
-    def _split(self, images: list[Bytes]) -> list[Bytes]:
+    def _split(self, images: Sequence[NDArray[Any]]) -> list[Bytes]:
+        colors = [rgb8(image) for image in images]
         if not self.is_split:
-            return images
-        half = images[0].shape[1] // 2
-        return [np.ascontiguousarray(images[0][:, :half]), np.ascontiguousarray(images[0][:, half : 2 * half])]
+            return colors
+        half = colors[0].shape[1] // 2
+        return [np.ascontiguousarray(colors[0][:, :half]), np.ascontiguousarray(colors[0][:, half : 2 * half])]
 
 
 def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> HeadFrames:
@@ -123,9 +132,10 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     if any(is_folder) and not all(is_folder):
         raise ValueError("specify images or folders of all lenses, not both")
     if len(images) == 1 and all(is_folder):
-        return _one_folder(images[0], names or HEAD_NAMES)
+        found = image_set(str(images[0]), names or HEAD_NAMES, is_rig=True)
+        return frames_of_folder(found, images[0], names or HEAD_NAMES)
     if all(is_folder):
-        return _folders([path for path in paths if path is not None])
+        return frames_of_folders(images, [collect_images([str(folder)]) for folder in images])
     clips = [path is not None and path.suffix.lower() in VIDEO_SUFFIXES for path in paths]
     if any(clips) and not all(clips):
         raise ValueError("specify images or clips of all lenses, not both")
@@ -134,11 +144,6 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     if is_split and len(names) == 1:
         raise ValueError("the rig has one camera: a single image needs no stitching, use omnisight view")
     return HeadFrames((tuple(images),), all(clips), is_split, (label,))
-
-
-def read_source(source: StitchSource) -> NDArray[Any]:
-    """Return an image, read if it is a file."""
-    return source if isinstance(source, np.ndarray) else read_image(Path(source))
 
 
 def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[ImageField, ImageField]:
@@ -178,9 +183,8 @@ def _common_circle(fields: list[ImageField]) -> list[ImageField]:
     return fields
 
 
-def _one_folder(folder: StitchSource, names: Sequence[str]) -> HeadFrames:
+def frames_of_folder(found: ImageSet, folder: StitchSource, names: Sequence[str]) -> HeadFrames:
     """Return the frames of a folder with the images of all lenses."""
-    found = image_set(str(folder), names, is_rig=True)
     frames: list[tuple[StitchSource, ...]] = []
     for frame in np.unique(found.frame):
         of = {int(found.camera[i]): found.paths[i] for i in np.flatnonzero(found.frame == frame)}
@@ -191,9 +195,8 @@ def _one_folder(folder: StitchSource, names: Sequence[str]) -> HeadFrames:
     return HeadFrames(tuple(frames), False, False, tuple(Path(str(f[0])).stem for f in frames))
 
 
-def _folders(folders: Sequence[Path]) -> HeadFrames:
+def frames_of_folders(folders: Sequence[StitchSource], lists: Sequence[Sequence[Path]]) -> HeadFrames:
     """Return the frames of a folder for each lens, in natural order."""
-    lists = [collect_images([folder]) for folder in folders]
     counts = [len(files) for files in lists]
     if len(set(counts)) > 1:
         listed = ", ".join(f"{folder}: {count}" for folder, count in zip(folders, counts, strict=True))
@@ -202,7 +205,7 @@ def _folders(folders: Sequence[Path]) -> HeadFrames:
     return HeadFrames(frames, False, len(folders) == 1, tuple(frame[0].stem for frame in frames))
 
 
-def _rgb8(image: NDArray[Any]) -> Bytes:
+def rgb8(image: NDArray[Any]) -> Bytes:
     """Return an image as (H, W, 3) of uint8."""
     if image.ndim == 3 and image.dtype == np.uint8:
         return np.ascontiguousarray(image[..., :3])

@@ -30,13 +30,21 @@ def detect(
     mask: NDArray[np.bool_] | None,
 ) -> tuple[Keypoints, Bytes]:
     """Return the keypoints of an image and their colours (K, 3), RGB."""
+    key = f"keypoints-{digest(image, to_json(camera), options, mask)}"
+    return from_detected_arrays(work.arrays(key, lambda: detected_arrays(image, camera, options, mask)))
 
-    def compute() -> Arrays:
-        keypoints = detect_features(image, camera, options, mask=mask)
-        arrays = {name: getattr(keypoints, name) for name in KEYPOINT_ARRAYS}
-        return {**arrays, "colors": colors_at(image, keypoints.pixels)}
 
-    arrays = work.arrays(f"keypoints-{digest(image, to_json(camera), options, mask)}", compute)
+def detected_arrays(
+    image: NDArray[Any], camera: Camera, options: FeatureOptions, mask: NDArray[np.bool_] | None
+) -> Arrays:
+    """Detect keypoints; return them and their colours as arrays that can be stored."""
+    keypoints = detect_features(image, camera, options, mask=mask)
+    arrays = {name: getattr(keypoints, name) for name in KEYPOINT_ARRAYS}
+    return {**arrays, "colors": colors_at(image, keypoints.pixels)}
+
+
+def from_detected_arrays(arrays: Arrays) -> tuple[Keypoints, Bytes]:
+    """Return the keypoints and colours of stored arrays."""
     return Keypoints(**{name: arrays[name] for name in KEYPOINT_ARRAYS}), arrays["colors"]
 
 

@@ -1,22 +1,23 @@
 """Views of many images: the counterpart of `omnisight view` with workers or URLs."""
 
-import dataclasses
-import hashlib
-import json
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import omnisight
 from omnisight.camera import Camera
+from omnisight.formats.native import to_json
 from omnisight.images.read import decode_image
 from omnisight.images.write import encode_image
 from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.manifest import items_of_images
+from omnisight.pipeline.batch.storage import list_images
+from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.central_camera import central_camera
 from omnisight.pipeline.view_options import ViewOptions
 from omnisight.pipeline.view_renderer import ViewRenderer
+from omnisight.pipeline.work_folder import digest
 
 
 @dataclass(frozen=True)
@@ -33,27 +34,20 @@ class ViewTask:
 
     camera: Camera
     options: ViewOptions
-    suffix: str = ".png"
 
     @property
     def description(self) -> dict[str, Any]:
         """What determines the views."""
-        model = json.dumps([self.camera.model.name, self.camera.model.to_dict(), self.camera.size], sort_keys=True)
-        options = {name: value for name, value in dataclasses.asdict(self.options).items() if value is not None}
-        return {
-            "command": "view",
-            "version": omnisight.__version__,
-            "camera": hashlib.sha256(model.encode()).hexdigest()[:16],
-            "options": json.loads(json.dumps(options)),
-        }
+        return describe("view", camera=digest(to_json(self.camera))[:12], options=self.options)
 
-    def prepare(self) -> Callable[[bytes, str], bytes]:
+    def prepare(self) -> Process:
         """Return the function from an image file to the file of its view; it computes the map once."""
         render = ViewRenderer(self.camera, self.options)
 
-        def view(data: bytes, name: str) -> bytes:
-            image = decode_image(data, name, apply_exif=self.options.apply_exif)
-            return encode_image(render(image, name), f"{name}{self.suffix}")
+        def view(item: Item, data: Sequence[bytes]) -> list[bytes]:
+            (name,), (content,) = item.names, data
+            image = decode_image(content, name, apply_exif=self.options.apply_exif)
+            return [encode_image(render(image, name), item.outputs[0])]
 
         return view
 
@@ -78,4 +72,5 @@ def view_batch(
         raise ValueError("--scale-camera applies to images of one size: convert the camera first, or view them apart")
     if isinstance(camera, Path):
         camera = central_camera(camera, name=options.name, distance=options.distance)
-    return run_batch(ViewTask(camera, options), images, output, batch, progress)
+    items = items_of_images(list_images(images, output), ".png")
+    return run_batch(ViewTask(camera, options), items, images, output, batch, progress)

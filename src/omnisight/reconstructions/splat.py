@@ -3,7 +3,8 @@
 The folder has `images`, `masks` and `sparse/0`, as the programs for Gaussian splatting and COLMAP expect them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -28,37 +29,100 @@ NUM_FIELD_IMAGES = 8  # in whose maximum the image circle is detected
 MIN_SIZE_PX, MAX_SIZE_PX = 16, 16384
 
 
+@dataclass(frozen=True, eq=False)
+class CameraViews:
+    """What determines the views of the images of a camera.
+
+    Attributes
+    ----------
+    camera
+        The camera.
+    field
+        Its image circle, if it has no calibrated field of view.
+    size
+        Width of a view of 90 degrees, px; None for the resolution of the image.
+    """
+
+    camera: Camera
+    field: ImageField | None
+    size: int | None
+
+    def views(self) -> list[PerspectiveView]:
+        """Return the views, with their maps."""
+        return perspective_views(self.camera, self.field, self.size)
+
+    def renderer(self) -> Callable[[NDArray[Any], str, Sequence[str]], list[bytes]]:
+        """Return the function from an image, its name and those of its views to the files of views and masks."""
+        views = self.views()
+        masks = [encode_image(np.where(view.mask, 255, 0).astype(np.uint8), "mask.png") for view in views]
+
+        def render(image: NDArray[Any], label: str, names: Sequence[str]) -> list[bytes]:
+            content = _to_8_bit(image, label)
+            pairs = zip(views, masks, names, strict=True)
+            return [data for view, mask, name in pairs for data in (encode_image(view.remapper(content), name), mask)]
+
+        return render
+
+
+@dataclass(frozen=True, eq=False)
+class SplatExport:
+    """An export before its images are read.
+
+    Attributes
+    ----------
+    cameras
+        Views of each camera; None for one without images.
+    names
+        Names of the views of each image.
+    model
+        Files of the model.
+    """
+
+    cameras: tuple[CameraViews | None, ...]
+    names: list[list[str]]
+    model: list[OutputFile]
+
+    def outputs(self, image: int) -> list[str]:
+        """Return the paths of the views and masks of an image."""
+        names = self.names[image]
+        return [path for name in names for path in (f"{IMAGE_FOLDER}/{name}", f"{MASK_FOLDER}/{name}.png")]
+
+
 def files(reconstruction: Reconstruction, options: ExportOptions) -> Iterator[OutputFile]:
     """Return the views one by one, then the model: a folder without it is incomplete."""
     paths = _image_paths(reconstruction, options)
-    if options.size is not None and not MIN_SIZE_PX <= options.size <= MAX_SIZE_PX:
-        raise ValueError(f"--size must be from {MIN_SIZE_PX} to {MAX_SIZE_PX} px, got {options.size}")
-    views = [_views(reconstruction, sensor, paths, options.size) for sensor in range(len(reconstruction.rig))]
-    stems = _flat_names(reconstruction.names)
+    return _files(
+        reconstruction, paths, plan_splat(reconstruction, options.size, lambda image: read_image(paths[image]))
+    )
+
+
+def plan_splat(reconstruction: Reconstruction, size: int | None, read: Callable[[int], NDArray[Any]]) -> SplatExport:
+    """Return the views of all images and their model; `read` returns an image.
+
+    Raises
+    ------
+    ValueError
+        If the size is not usable, or a camera has no views.
+    """
+    if size is not None and not MIN_SIZE_PX <= size <= MAX_SIZE_PX:
+        raise ValueError(f"--size must be from {MIN_SIZE_PX} to {MAX_SIZE_PX} px, got {size}")
+    cameras = tuple(_camera_views(reconstruction, sensor, size, read) for sensor in range(len(reconstruction.rig)))
+    views = [_views(reconstruction, sensor, each) for sensor, each in enumerate(cameras)]
     names = [
         [f"{stem}_{view.name}.jpg" for view in views[sensor]]
-        for stem, sensor in zip(stems, reconstruction.sensor.tolist(), strict=True)
+        for stem, sensor in zip(_flat_names(reconstruction.names), reconstruction.sensor.tolist(), strict=True)
     ]
-    model = colmap_model(in_perspective_views(reconstruction, views, names))
-    return _files(reconstruction, paths, views, names, colmap_binary_files(model))
+    model = colmap_binary_files(colmap_model(in_perspective_views(reconstruction, views, names)))
+    return SplatExport(cameras, names, [(f"{MODEL_FOLDER}/{name}", data) for name, data in model])
 
 
-def _files(
-    reconstruction: Reconstruction,
-    paths: Sequence[Path],
-    views: Sequence[Sequence[PerspectiveView]],
-    names: Sequence[Sequence[str]],
-    model: Sequence[OutputFile],
-) -> Iterator[OutputFile]:
+def _files(reconstruction: Reconstruction, paths: Sequence[Path], export: SplatExport) -> Iterator[OutputFile]:
     """Yield the views and masks of all images, and the model."""
-    masks = [[encode_image(np.where(v.mask, 255, 0).astype(np.uint8), "mask.png") for v in own] for own in views]
+    renderers = [None if each is None else each.renderer() for each in export.cameras]
     for image, path in enumerate(paths):
-        content, sensor = _read_8_bit(path), int(reconstruction.sensor[image])
-        for name, view, mask in zip(names[image], views[sensor], masks[sensor], strict=True):
-            yield f"{IMAGE_FOLDER}/{name}", encode_image(view.remapper(content), name)
-            yield f"{MASK_FOLDER}/{name}.png", mask
-    for name, data in model:
-        yield f"{MODEL_FOLDER}/{name}", data
+        if (render := renderers[int(reconstruction.sensor[image])]) is not None:
+            yield from zip(export.outputs(image), render(read_image(path), str(path), export.names[image]), strict=True)
+    yield from export.model
 
 
 def _image_paths(reconstruction: Reconstruction, options: ExportOptions) -> list[Path]:
@@ -75,35 +139,39 @@ def _image_paths(reconstruction: Reconstruction, options: ExportOptions) -> list
     return paths
 
 
-def _views(
-    reconstruction: Reconstruction, sensor: int, paths: Sequence[Path], size: int | None
-) -> list[PerspectiveView]:
-    """Return the views of a camera; without a calibrated field of view their masks are those of its image circle."""
+def _camera_views(
+    reconstruction: Reconstruction, sensor: int, size: int | None, read: Callable[[int], NDArray[Any]]
+) -> CameraViews | None:
+    """Return what determines the views of a camera: without a calibrated field of view also its image circle."""
     camera, name = reconstruction.rig.cameras[sensor], reconstruction.rig.names[sensor]
     if not isinstance(camera, Camera):
         raise ValueError(
             f"camera {name} is non-central ({camera.model.name}), and a view needs one viewpoint: reconstruct with the"
             " central camera that fits (omnisight convert --distance)"
         )
-    own = [paths[image] for image in np.flatnonzero(reconstruction.sensor == sensor).tolist()]
+    own = np.flatnonzero(reconstruction.sensor == sensor).tolist()
     if not own:
-        return []
+        return None
     field: ImageField | None = None
     if camera.theta_max is None and camera.model.period is None:
         step = max(1, len(own) // NUM_FIELD_IMAGES)
-        field = estimate_image_field(to_gray8(read_image(path)) for path in own[::step][:NUM_FIELD_IMAGES])
+        field = estimate_image_field(to_gray8(read(image)) for image in own[::step][:NUM_FIELD_IMAGES])
+    return CameraViews(camera, field, size)
+
+
+def _views(reconstruction: Reconstruction, sensor: int, camera: CameraViews | None) -> list[PerspectiveView]:
+    """Return the views of a camera; messages start with its name."""
     try:
-        return perspective_views(camera, field, size)
+        return [] if camera is None else camera.views()
     except ValueError as error:
-        raise ValueError(f"camera {name}: {error}") from error
+        raise ValueError(f"camera {reconstruction.rig.names[sensor]}: {error}") from error
 
 
-def _read_8_bit(path: Path) -> NDArray[Any]:
+def _to_8_bit(image: NDArray[Any], label: str) -> NDArray[Any]:
     """Return an image (H, W) or (H, W, 3) of uint8: JPEG has 8 bits and no transparency."""
-    image = read_image(path)
     image = image[:, :, :3] if image.ndim == 3 else image
     if image.dtype.name not in ("uint8", "uint16"):
-        raise ValueError(f"{path}: is {image.dtype}; convert it to 8 or 16 bits per channel")
+        raise ValueError(f"{label}: is {image.dtype}; convert it to 8 or 16 bits per channel")
     return image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
 
 

@@ -1,8 +1,6 @@
 """Detect a board in a set of images: determine which board it is, and explain every image without one."""
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,15 +19,15 @@ from omnisight.targets.detectors.checkerboard.board_assignment import (
 )
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.drawn_corners import leave_out_drawn_corners
+from omnisight.targets.image_files import BoardImages, ImageFiles, Progress
 from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, sizes_note
-from omnisight.targets.raw_detections import RawDetections, detect_in_file
+from omnisight.targets.raw_detections import RawDetections
 from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
-from omnisight.targets.set_field import estimate_set_field, sample_indices
+from omnisight.targets.set_field import estimate_set_field
 from omnisight.targets.undistorted_copies import leave_out_undistorted_copies
 from omnisight.targets.unspecified_board import recognize_board
 
 Pattern = tuple[int, int]
-Progress = Callable[[int, int], None]
 
 
 def detect_boards(
@@ -61,19 +59,22 @@ def detect_boards(
     progress : callable, optional
         Called with (images done, number of images) after each.
     """
-    paths = [Path(path) for path in paths]
-    results = _detect_in_files(paths, board, apply_exif, cache, progress)
+    return detect_in_set(ImageFiles([Path(path) for path in paths], apply_exif, cache, progress), board, square)
+
+
+def detect_in_set(files: BoardImages, board: Board | None, square: float | None) -> Detections:
+    """Detect a board in images, wherever they are; see `detect_boards`."""
+    paths, results = files.paths, files.detect(board)
     readable = [(path, raw) for path, raw in zip(paths, results, strict=True) if isinstance(raw, RawDetections)]
     size = most_common_size([(raw.size, bool(raw.grids or raw.boards)) for _, raw in readable])
     used = [(path, raw) for path, raw in readable if raw.size == size]
     pattern = most_common_pattern([raw.grids for _, raw in used])
-    recognized = None if board else recognize_board(used, pattern, square=square, apply_exif=apply_exif)
+    recognized = None if board else recognize_board(used, pattern, files.read, square=square)
     if recognized is not None:
-        found = detect_boards(paths, recognized.board, apply_exif=apply_exif, cache=cache, progress=progress)
-        return replace(found, assumption=recognized.assumption)
+        return replace(detect_in_set(files, recognized.board, None), assumption=recognized.assumption)
     if board is None and pattern is not None:
         board = Checkerboard(*pattern, square=square)
-    field = estimate_set_field(used, apply_exif=apply_exif, cache=cache)
+    field = estimate_set_field(used, files.read, cache=files.cache)
     images = [_image_detection(path, raw, board, size) for path, raw in zip(paths, results, strict=True)]
     images = [with_field_remark(image, field) for image in images]
     drawn = [isinstance(raw, RawDetections) and raw.drawn_on for raw in results]
@@ -83,7 +84,7 @@ def detect_boards(
         notes += copies
     if size is not None:
         notes += filter(None, [sizes_note([(path.name, raw.size) for path, raw in readable], size)])
-        images = images if apply_exif else _with_orientation_remark(images, results)
+        images = images if files.apply_exif else _with_orientation_remark(images, results)
         images, note = with_duplicate_remarks(images, size)
         notes += note
     if board is not None:
@@ -111,28 +112,6 @@ def detect_checkerboard(gray: NDArray[np.uint8], board: Checkerboard) -> Detecti
         If `gray` is not an 8-bit gray image.
     """
     return next(iter(detect(gray, board)), None)
-
-
-def _detect_in_files(
-    paths: Sequence[Path], board: Board | None, apply_exif: bool, cache: bool, progress: Progress | None
-) -> list[RawDetections | UnreadableImage]:
-    """Detect in all files, in threads; the error for those that cannot be read."""
-    samples = set(sample_indices(len(paths)).tolist())
-
-    def detect_in(index: int) -> RawDetections | UnreadableImage:
-        keep = index in samples
-        try:
-            return detect_in_file(paths[index], board, apply_exif=apply_exif, cache=cache, keep_thumbnail=keep)
-        except UnreadableImage as error:
-            return error
-
-    results: list[RawDetections | UnreadableImage] = []
-    with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        for result in pool.map(detect_in, range(len(paths))):
-            results.append(result)
-            if progress is not None:
-                progress(len(results), len(paths))
-    return results
 
 
 def _image_detection(

@@ -1,13 +1,13 @@
 """Detections in one image file before the board is known, cached between runs."""
 
+import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import decode_image, downsample, exif_orientation, read_bytes, to_gray8
+from omnisight.images import decode_image, downsample, exif_orientation, to_gray8
 from omnisight.images.interlacing import deinterlace
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard
@@ -61,18 +61,30 @@ class RawDetections:
     key: str
     thumbnail: NDArray[np.uint8] | None = None
 
+    def to_json(self) -> str:
+        """Return the detections without the thumbnail as the content of a file."""
+        return json.dumps({"orientation": self.orientation, "key": self.key, "entry": _to_entry(self)})
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> "RawDetections":
+        """Return the detections of a file that `to_json` wrote; raise ValueError if it is damaged."""
+        values = json.loads(text)
+        raw = _from_entry(values["entry"], int(values["orientation"]), str(values["key"]))
+        if raw is None:
+            raise ValueError("the detections are damaged")
+        return raw
+
 
 def detect_in_file(
-    path: Path, board: Board | None, *, apply_exif: bool, cache: bool, keep_thumbnail: bool = False
+    data: bytes, name: str, board: Board | None, *, apply_exif: bool, cache: bool, keep_thumbnail: bool = False
 ) -> RawDetections:
-    """Read an image file and detect boards in it.
+    """Detect boards in the bytes of an image file; error messages start with `name`.
 
     Raises
     ------
     UnreadableImage
-        If it cannot be read.
+        If it cannot be decoded.
     """
-    data = read_bytes(path)
     orientation = exif_orientation(data)
     # The same grids serve all checkerboards.
     board = None if isinstance(board, Checkerboard) else board
@@ -80,7 +92,7 @@ def detect_in_file(
     entry = load_entry(key) if cache else None
     raw = None if entry is None else _from_entry(entry, orientation, key)
     if raw is None:
-        image = decode_image(data, path.name, apply_exif=apply_exif)
+        image = decode_image(data, name, apply_exif=apply_exif)
         raw = _detect_in_image(image, board, orientation, key)
         if cache:
             save_entry(key, _to_entry(raw))

@@ -1,6 +1,6 @@
 """Image field of a set of images: it is the same in all, so it is estimated from a sample."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import ImageField, downsample, estimate_image_field, read_image, to_gray8
+from omnisight.images import ImageField, downsample, estimate_image_field, to_gray8
 from omnisight.images.ellipse import Ellipse
 from omnisight.targets.cache import cache_key, load_entry, save_entry
 from omnisight.targets.raw_detections import RawDetections
+
+ReadImage = Callable[[Path], NDArray[Any]]
 
 # Images from which the field is estimated: more do not change it.
 MAX_SAMPLES = 16
@@ -23,11 +25,11 @@ def sample_indices(count: int) -> NDArray[np.intp]:
 
 
 def estimate_set_field(
-    images: Sequence[tuple[Path, RawDetections]], *, apply_exif: bool, cache: bool
+    images: Sequence[tuple[Path, RawDetections]], read: ReadImage, *, cache: bool
 ) -> ImageField | None:
     """Estimate the image circle or the mirror's boundaries from images of one camera and size; None without images.
 
-    An image file is read again if its detections came from the cache.
+    An image is read again if its detections came from the cache.
     """
     if not images:
         return None
@@ -36,15 +38,15 @@ def estimate_set_field(
     entry = load_entry(key) if cache else None
     field = None if entry is None else _from_entry(entry)
     if field is None:
-        field = estimate_image_field(_thumbnail(path, raw, apply_exif) for path, raw in images)
+        field = estimate_image_field(_thumbnail(path, raw, read) for path, raw in images)
         field = field.resized(images[0][1].size)
         if cache:
             save_entry(key, asdict(field))
     return field
 
 
-def _thumbnail(path: Path, raw: RawDetections, apply_exif: bool) -> NDArray[np.uint8]:
-    return downsample(to_gray8(read_image(path, apply_exif=apply_exif))) if raw.thumbnail is None else raw.thumbnail
+def _thumbnail(path: Path, raw: RawDetections, read: ReadImage) -> NDArray[np.uint8]:
+    return downsample(to_gray8(read(path))) if raw.thumbnail is None else raw.thumbnail
 
 
 def _from_entry(entry: dict[str, Any]) -> ImageField | None:

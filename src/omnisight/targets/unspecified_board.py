@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import read_image, to_gray8
+from omnisight.images import to_gray8
 from omnisight.images.interlacing import deinterlace
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.aprilgrid import AprilGrid
@@ -22,6 +22,7 @@ from omnisight.targets.detectors.circles.recognition import recognize_discs
 from omnisight.targets.detectors.markers.recognition import MarkerArrangement, recognize_markers
 from omnisight.targets.length import format_length
 from omnisight.targets.raw_detections import RawDetections
+from omnisight.targets.set_field import ReadImage
 
 # Images, evenly spaced in the set, in which markers and circles are searched.
 SEARCHED_IMAGES = 3
@@ -49,9 +50,9 @@ class RecognizedBoard(NamedTuple):
 def recognize_board(
     images: Sequence[tuple[Path, RawDetections]],
     pattern: tuple[int, int] | None,
+    read: ReadImage,
     *,
     square: float | None,
-    apply_exif: bool,
 ) -> RecognizedBoard | None:
     """Return the board with markers or circles that images show; None if they show none, or a checkerboard.
 
@@ -61,16 +62,16 @@ def recognize_board(
         Images of one size.
     pattern : (int, int) or None
         The checkerboard that most of them show.
+    read : callable
+        Reads the image of a path.
     square : float or None
         Side in metres of a square or of a marker, or the spacing of circles.
-    apply_exif : bool
-        Rotate images by their EXIF orientation.
     """
     complete = sum(any(grid.pattern == pattern and grid.present.all() for grid in raw.grids) for _, raw in images)
     if not images or complete >= MIN_COMPLETE_SHARE * len(images):
         return None
     sampled = np.unique(np.linspace(0, len(images) - 1, SEARCHED_IMAGES).round().astype(np.intp))
-    grays = [deinterlace(to_gray8(read_image(images[i][0], apply_exif=apply_exif))) for i in sampled]
+    grays = [deinterlace(to_gray8(read(images[i][0]))) for i in sampled]
     length = square or 1.0
     found = recognize_markers(grays)
     board: Board | None = None if found is None else _marker_board(found, grays, length)

@@ -6,15 +6,14 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from omnisight.display import Displayed
-from omnisight.images.collect import IMAGE_SUFFIXES
 from omnisight.parallel import thread_count
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.dask_cluster import DaskCluster
 from omnisight.pipeline.batch.local_processes import LocalProcesses
 from omnisight.pipeline.batch.manifest import open_manifest, read_records
 from omnisight.pipeline.batch.shard import run_shard
-from omnisight.pipeline.batch.storage import is_below, is_url, list_files
-from omnisight.pipeline.batch.task import Task
+from omnisight.pipeline.batch.storage import is_url
+from omnisight.pipeline.batch.task import Item, Task
 
 Progress = Callable[[str, int, int], None]
 
@@ -26,15 +25,15 @@ class BatchResult(Displayed):
     Attributes
     ----------
     images
-        Number of files.
+        Number of items: of images, or of frames of several images.
     written
-        Number of outputs.
+        Number of items with outputs.
     failed
-        Path and reason of each file without an output.
+        First input and reason of each item without outputs.
     resumed
-        Number of files that an earlier run had finished.
+        Number of items that an earlier run had finished.
     workers
-        Number of workers.
+        Number of workers; 0 if everything was finished.
     seconds
         Duration of this run.
     peak_mb
@@ -51,68 +50,75 @@ class BatchResult(Displayed):
 
     @property
     def images_per_second(self) -> float:
-        """Files of this run per second."""
+        """Items of this run per second."""
         return (self.images - self.resumed) / max(self.seconds, 1e-9)
 
 
 def is_batch(images: Sequence[str], outputs: Sequence[str], options: BatchOptions) -> bool:
     """Return whether images are processed as a batch: if it is asked for, or if they are given by URL."""
-    asked = options.workers is not None or options.cluster is not None
-    return asked or any(map(is_url, [*images, *outputs]))
+    return options.has_workers or any(map(is_url, [*images, *outputs]))
 
 
 def run_batch(
-    task: Task, source: str, output: str, options: BatchOptions = BatchOptions(), progress: Progress | None = None
+    task: Task,
+    items: Sequence[Item],
+    source: str,
+    output: str,
+    options: BatchOptions = BatchOptions(),
+    progress: Progress | None = None,
 ) -> BatchResult:
-    """Process all images of a folder, and write the results to another one.
+    """Process many files, and write the results to a folder.
 
-    Shards of images are processed by workers. Each stores a record of the shard after its outputs, so that a run that
+    Shards of items are processed by workers. Each stores a record of the shard after its outputs, so that a run that
     was killed continues where it stopped.
 
     Parameters
     ----------
     task
-        What is done with each image.
+        What is done with each item.
+    items
+        The files and their outputs.
     source
-        Folder, with its sub-folders, or pattern of images: a path or a URL that fsspec opens (s3://, gs://, az://,
+        A path or URL in the file system of the files, one that fsspec opens (s3://, gs://, az://,
         zip://*::archive.zip).
     output
         Folder of the results, a path or a URL.
     options
         Where the workers are.
     progress
-        Called with the stage, the number of files done, and of all.
+        Called with the stage, the number of items done, and of all.
 
     Raises
     ------
     ValueError
-        If there are no images, the output holds another run, or the cluster cannot be used.
+        If the output holds another run, or the cluster cannot be used.
     OSError
         If an output cannot be written; what is finished remains.
     """
-    report = progress or (lambda stage, done, total: None)
     start = time.perf_counter()
-    if is_below(output, source):
-        raise ValueError(f"{output}: is in the folder of the images, so that views would be read as images next time")
-    manifest = open_manifest(task, source, list_files(source, IMAGE_SUFFIXES), output, options.shard_size)
+    manifest = open_manifest(task, items, source, output, options.shard_size)
     records = read_records(output)
     remaining = [shard for shard in manifest.shards if shard.index not in records]
-    total, resumed = len(manifest.paths), sum(record.images for record in records.values())
-    done = resumed
-    with closing(_workers(options)) as workers:
-        stage = f"images, {workers.workers} workers" + (f", {workers.link}" if workers.link else "")
-        report(stage, done, total)
-        for record in workers.run(run_shard, (task, source, output), remaining):
-            records[record.index] = record
-            done += record.images
-            report(stage, done, total)
+    resumed, workers = sum(record.images for record in records.values()), 0
+    if remaining:
+        with closing(_workers(options)) as pool:
+            workers = pool.workers
+            report = _reporter(progress, pool, resumed, len(items))
+            try:
+                for record in pool.run(run_shard, (task, source, output), remaining):
+                    records[record.index] = record
+                    report(record.images)
+            except OSError as error:
+                raise OSError(
+                    f"{error}: resolve it, and the same command continues after the finished shards"
+                ) from None
     failed = tuple(failure for index in sorted(records) for failure in records[index].failed)
     return BatchResult(
-        images=total,
-        written=total - len(failed),
+        images=len(items),
+        written=len(items) - len(failed),
         failed=failed,
         resumed=resumed,
-        workers=workers.workers,
+        workers=workers,
         seconds=time.perf_counter() - start,
         peak_mb=max(record.peak_mb for record in records.values()),
     )
@@ -122,3 +128,19 @@ def _workers(options: BatchOptions) -> LocalProcesses | DaskCluster:
     if options.cluster is not None:
         return DaskCluster(options.cluster, options.workers)
     return LocalProcesses(options.workers or thread_count())
+
+
+def _reporter(
+    progress: Progress | None, pool: LocalProcesses | DaskCluster, done: int, total: int
+) -> Callable[[int], None]:
+    """Return a function that adds to the number of items done, and reports it with the workers and their dashboard."""
+    stage = f"images, {pool.workers} workers" + (f", {pool.link}" if pool.link else "")
+
+    def add(count: int) -> None:
+        nonlocal done
+        done += count
+        if progress is not None:
+            progress(stage, done, total)
+
+    add(0)
+    return add

@@ -30,6 +30,11 @@ class BatchOptions(Displayed):
     cluster: str | None = None
     shard_size: int = SHARD_SIZE
 
+    @property
+    def has_workers(self) -> bool:
+        """Whether workers are asked for."""
+        return self.workers is not None or self.cluster is not None
+
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"--workers must be 1 or more, got {self.workers}")

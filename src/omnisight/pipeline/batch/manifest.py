@@ -1,14 +1,14 @@
-"""The list of a batch's work: files in shards, which are done or not."""
+"""The list of a batch's work: items in shards, which are done or not."""
 
 import json
 import posixpath
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Self
 
 from omnisight.pipeline.batch.storage import read_all_below, read_below, write_file
-from omnisight.pipeline.batch.task import Task
+from omnisight.pipeline.batch.task import Item, Task
 
 FOLDER = ".omnisight"
 MANIFEST, RECORDS = f"{FOLDER}/manifest.json", f"{FOLDER}/shards"
@@ -16,21 +16,18 @@ MANIFEST, RECORDS = f"{FOLDER}/manifest.json", f"{FOLDER}/shards"
 
 @dataclass(frozen=True)
 class Shard:
-    """Files that one worker processes in a row.
+    """Items that one worker processes in a row.
 
     Attributes
     ----------
     index
         Number of the shard.
-    paths
-        The files, in the file system of the source.
-    outputs
-        The output of each, below the output folder.
+    items
+        The items.
     """
 
     index: int
-    paths: tuple[str, ...]
-    outputs: tuple[str, ...]
+    items: tuple[Item, ...]
 
 
 @dataclass(frozen=True)
@@ -42,9 +39,9 @@ class ShardRecord:
     index
         Number of the shard.
     images
-        Number of its files.
+        Number of its items.
     failed
-        Path and reason of each file without an output.
+        First input and reason of each item without outputs.
     seconds
         Time it took, without reading the task.
     peak_mb
@@ -64,7 +61,7 @@ class ShardRecord:
 
 @dataclass(frozen=True)
 class Manifest:
-    """All files of a run, in the order of their shards.
+    """All items of a run, in the order of their shards.
 
     Attributes
     ----------
@@ -72,27 +69,37 @@ class Manifest:
         Description of the task.
     source
         URL of the files.
-    paths, outputs
-        Each file, and its output below the output folder.
+    items
+        The items.
     shard_size
-        Number of files of a shard.
+        Number of items of a shard.
     """
 
     task: dict[str, Any]
     source: str
-    paths: tuple[str, ...]
-    outputs: tuple[str, ...]
+    items: tuple[Item, ...]
     shard_size: int
 
     @property
     def shards(self) -> list[Shard]:
         """The shards."""
-        starts = range(0, len(self.paths), self.shard_size)
-        parts = [slice(start, start + self.shard_size) for start in starts]
-        return [Shard(i, self.paths[part], self.outputs[part]) for i, part in enumerate(parts)]
+        starts = range(0, len(self.items), self.shard_size)
+        return [Shard(i, self.items[start : start + self.shard_size]) for i, start in enumerate(starts)]
+
+    def to_json(self) -> str:
+        """Return the content of the file of a manifest."""
+        items = [[item.inputs, item.outputs, item.group] for item in self.items]
+        return json.dumps({**vars(self), "items": items})
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Self:
+        """Return the manifest of a file; raise ValueError, KeyError or TypeError if it is none."""
+        values = json.loads(text)
+        items = tuple(Item(tuple(inputs), tuple(outputs), group) for inputs, outputs, group in values["items"])
+        return cls(**values | {"items": items})
 
 
-def open_manifest(task: Task, source: str, paths: Sequence[str], output: str, shard_size: int) -> Manifest:
+def open_manifest(task: Task, items: Sequence[Item], source: str, output: str, shard_size: int) -> Manifest:
     """Return the manifest of a run: that of the output folder if the run was started before, else a new one.
 
     Raises
@@ -100,29 +107,35 @@ def open_manifest(task: Task, source: str, paths: Sequence[str], output: str, sh
     ValueError
         If the folder has the manifest of another task or of other files.
     """
-    manifest = Manifest(task.description, source, tuple(paths), tuple(output_names(paths, task.suffix)), shard_size)
+    manifest = Manifest(task.description, source, tuple(items), shard_size)
     stored = read_below(output, MANIFEST)
     if stored is None:
-        write_file(output, MANIFEST, json.dumps(asdict(manifest)).encode())
+        write_file(output, MANIFEST, manifest.to_json().encode())
         return manifest
     try:
-        known = json.loads(stored)
-        before = Manifest(**known | {name: tuple(known[name]) for name in ("paths", "outputs")})
+        before = Manifest.from_json(stored)
     except (ValueError, KeyError, TypeError):
         raise ValueError(f"{output}/{MANIFEST}: is not a manifest; delete the folder {FOLDER} to start again") from None
     advice = f"choose another output, or delete {output}/{FOLDER} to start again"
-    if changed := [name for name in manifest.task if before.task.get(name) != manifest.task[name]]:
+    was, now = _flat(before.task), _flat(manifest.task)
+    if changed := [name for name in now | was if was.get(name) != now.get(name)]:
         name = changed[0]
         raise ValueError(
-            f"{output}: holds a run with another {name.replace('_', ' ')} ({before.task.get(name)!r}, now"
-            f" {manifest.task[name]!r}): {advice}"
+            f"{output}: holds a run with another {name.replace('_', ' ')} ({was.get(name)}, now {now.get(name)}):"
+            f" {advice}"
         )
-    if before.paths != manifest.paths:
-        added, removed = len(set(paths) - set(before.paths)), len(set(before.paths) - set(paths))
+    if before.items != manifest.items:
+        old, new = ({path for item in each.items for path in item.inputs} for each in (before, manifest))
         raise ValueError(
-            f"{output}: holds a run over other images of {before.source} ({added} new, {removed} missing): {advice}"
+            f"{output}: holds a run over other images of {before.source} ({len(new - old)} new, {len(old - new)}"
+            f" missing): {advice}"
         )
     return before
+
+
+def _flat(task: dict[str, Any]) -> dict[str, Any]:
+    """Return a description with the options of a command beside the other parts."""
+    return {name: value for name, value in task.items() if name != "options"} | task.get("options", {})
 
 
 def read_records(output: str) -> dict[int, ShardRecord]:
@@ -137,6 +150,12 @@ def read_records(output: str) -> dict[int, ShardRecord]:
             continue
         records[record.index] = record
     return records
+
+
+def items_of_images(paths: Sequence[str], suffix: str) -> list[Item]:
+    """Return an item for each image, whose output has its path below their common folder, with another suffix."""
+    names = output_names(paths, suffix)
+    return [Item((path,), (name,)) for path, name in zip(paths, names, strict=True)]
 
 
 def output_names(paths: Sequence[str], suffix: str) -> list[str]:

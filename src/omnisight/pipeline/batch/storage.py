@@ -1,14 +1,21 @@
 """Files by URL through fsspec: local folders, object stores, archives."""
 
 import posixpath
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import fsspec
 
+from omnisight.images.collect import IMAGE_SUFFIXES, natural_sort_key
 from omnisight.images.write import write_bytes
+
+ACCESS_ADVICE = "check the name, and that the credentials of this machine and of the workers allow it"
+
+# Files that are read at the same time, of an object store that takes 20 ms for each, and in a row.
+READ_THREADS, READ_COUNT = 16, 1000
 
 
 @cache
@@ -22,14 +29,16 @@ def _filesystem(url: str) -> tuple[Any, str]:
         raise ValueError(f"{url}: cannot be opened: {error}") from None
 
 
-def list_files(url: str, suffixes: Sequence[str]) -> list[str]:
-    """Return the paths of the files with given suffixes: of a folder with its sub-folders, or of a pattern.
+def list_images(url: str, output: str) -> list[str]:
+    """Return the paths of the images of a folder with its sub-folders, or of a pattern, in natural order.
 
     Raises
     ------
     ValueError
-        If there is none, or the files cannot be listed.
+        If there is none, the files cannot be listed, or the output folder is among them.
     """
+    if is_below(output, url):
+        raise ValueError(f"{output}: is in the folder of the images, so that outputs would be read as images next time")
     files, path = _filesystem(url)
     try:
         if "*" in path or "?" in path:
@@ -39,11 +48,11 @@ def list_files(url: str, suffixes: Sequence[str]) -> list[str]:
         else:
             found = [path] if files.isfile(path) else []
     except OSError as error:
-        raise ValueError(f"{url}: cannot be listed: {error}") from None
+        raise ValueError(f"{url}: cannot be listed: {error}; {ACCESS_ADVICE}") from None
     visible = [str(name) for name in found if not posixpath.basename(str(name)).startswith(".")]
-    names = sorted(name for name in visible if name.lower().endswith(tuple(suffixes)))
+    names = sorted((name for name in visible if name.lower().endswith(IMAGE_SUFFIXES)), key=natural_sort_key)
     if not names:
-        raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(suffixes)}")
+        raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(IMAGE_SUFFIXES)}")
     return names
 
 
@@ -53,6 +62,11 @@ def is_below(url: str, folder: str) -> bool:
     return files is others and f"{path.rstrip('/')}/".startswith(f"{root.rstrip('/')}/")
 
 
+def path_below(url: str, name: str) -> str:
+    """Return the path of a file below a folder in its file system."""
+    return posixpath.join(_filesystem(url)[1], name)
+
+
 def read_file(url: str, path: str) -> bytes:
     """Read a file of the file system of a URL."""
     return _filesystem(url)[0].cat_file(path)
@@ -60,9 +74,8 @@ def read_file(url: str, path: str) -> bytes:
 
 def write_file(url: str, name: str, data: bytes) -> None:
     """Write a file below a folder. It has all of its bytes or does not exist: object stores guarantee the same."""
-    files, root = _filesystem(url)
-    path = posixpath.join(root, name)
-    write = (lambda: write_bytes(Path(path), data)) if is_local(url) else (lambda: files.pipe_file(path, data))
+    files, path = _filesystem(url)[0], path_below(url, name)
+    write = (lambda: write_bytes(Path(path), data)) if is_local(url) else (lambda: _put(files, url, path, data))
     try:
         write()
     except FileNotFoundError:  # the first file of a folder; a check before each would be a request to an object store
@@ -70,13 +83,24 @@ def write_file(url: str, name: str, data: bytes) -> None:
         write()
 
 
+def _put(files: Any, url: str, path: str, data: bytes) -> None:
+    """Write an object; errors of object stores do not name it."""
+    try:
+        files.pipe_file(path, data)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise type(error)(f"{url}: {path} cannot be written: {error}; {ACCESS_ADVICE}") from None
+
+
 def read_below(url: str, name: str) -> bytes | None:
     """Read a file below a folder; None if there is none."""
-    files, root = _filesystem(url)
     try:
-        return files.cat_file(posixpath.join(root, name))
+        return read_file(url, path_below(url, name))
     except FileNotFoundError:
         return None
+    except OSError as error:
+        raise OSError(f"{url}: cannot be read: {error}; {ACCESS_ADVICE}") from None
 
 
 def read_all_below(url: str, folder: str) -> list[bytes]:
@@ -88,6 +112,15 @@ def read_all_below(url: str, folder: str) -> list[bytes]:
     except FileNotFoundError:
         return []
     return list(files.cat(paths, on_error="omit").values()) if paths else []
+
+
+def read_each_below(url: str, names: Sequence[str]) -> Generator[bytes]:
+    """Read files below a folder, in their order, several at a time."""
+    files, root = _filesystem(url)
+    with ThreadPoolExecutor(READ_THREADS) as pool:
+        for first in range(0, len(names), READ_COUNT):
+            paths = [posixpath.join(root, name) for name in names[first : first + READ_COUNT]]
+            yield from pool.map(files.cat_file, paths)
 
 
 def is_local(url: str) -> bool:

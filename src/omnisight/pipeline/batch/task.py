@@ -1,25 +1,59 @@
-"""What a batch does with each file."""
+"""What a batch does with each item of its work."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any, Protocol
+
+import omnisight
+
+
+@dataclass(frozen=True)
+class Item:
+    """Files that are processed together: one image, or the simultaneous images of several cameras.
+
+    Attributes
+    ----------
+    inputs
+        Paths in the file system of the source.
+    outputs
+        Names of the files that are written, below the output folder.
+    group
+        Which of several cameras or plans of a task applies.
+    """
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    group: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The inputs without their folders, for messages."""
+        return tuple(path.rsplit("/", 1)[-1] for path in self.inputs)
+
+
+# From an item and the bytes of its inputs to those of its outputs; raises `ValueError` if an input cannot be used.
+Process = Callable[[Item, Sequence[bytes]], Sequence[bytes]]
 
 
 class Task(Protocol):
-    """Work on one file at a time, with a result that depends on nothing but its bytes and `description`."""
+    """Work on one item at a time, with a result that depends on nothing but the item, its bytes and `description`."""
 
     @property
     def description(self) -> dict[str, Any]:
         """What determines the result, as JSON: a run continues only with an equal description."""
         ...
 
-    @property
-    def suffix(self) -> str:
-        """Suffix of the output files."""
+    def prepare(self) -> Process:
+        """Return the function that processes an item, once for each worker."""
         ...
 
-    def prepare(self) -> Callable[[bytes, str], bytes]:
-        """Return the function from the bytes and the name of a file to its output, once for each worker.
 
-        The function raises `ValueError` for a file that cannot be used.
-        """
-        ...
+def describe(command: str, **parts: Any) -> dict[str, Any]:
+    """Return the description of a task: the command, the version, and its parts, of options those that are set."""
+    values = {name: _set_options(part) if is_dataclass(part) else part for name, part in parts.items()}
+    return json.loads(json.dumps({"command": command, "version": omnisight.__version__, **values}, default=str))
+
+
+def _set_options(options: Any) -> dict[str, Any]:
+    return {name: value for name, value in asdict(options).items() if value not in (None, ())}

@@ -1,0 +1,94 @@
+"""Views of the images of a reconstruction: the counterpart of `omnisight export --to splat` with workers or URLs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from omnisight.images import decode_image
+from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
+from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.storage import list_images, path_below, read_file, write_file
+from omnisight.pipeline.batch.task import Item, Process, describe
+from omnisight.pipeline.work_folder import digest
+from omnisight.reconstructions import read_reconstruction
+from omnisight.reconstructions.splat import CameraViews, plan_splat
+
+
+@dataclass(frozen=True, eq=False)
+class ExportTask:
+    """The views and masks of each image; see `omnisight.pipeline.batch.task.Task`.
+
+    Attributes
+    ----------
+    cameras
+        Views of the images of each group.
+    """
+
+    cameras: tuple[CameraViews | None, ...]
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """What determines the views."""
+        return describe("export", cameras=digest(self.cameras))
+
+    def prepare(self) -> Process:
+        """Return the function from an image file to the files of its views; it computes the maps of a camera once."""
+        renderers = dict[int, Callable[[NDArray[Any], str, Sequence[str]], list[bytes]]]()
+
+        def export(item: Item, data: Sequence[bytes]) -> list[bytes]:
+            (name,), (content,), camera = item.names, data, self.cameras[item.group]
+            if item.group not in renderers and camera is not None:
+                renderers[item.group] = camera.renderer()
+            views = [output.rsplit("/", 1)[-1] for output in item.outputs[::2]]
+            return renderers[item.group](decode_image(content, name), name, views)
+
+        return export
+
+
+def export_batch(
+    model: str | Path,
+    output: str,
+    images: str,
+    size: int | None = None,
+    batch: BatchOptions = BatchOptions(),
+    progress: Progress | None = None,
+) -> BatchResult:
+    """Write perspective views of the images of a reconstruction by workers, and then its model; see `run_batch`.
+
+    The files are those of `omnisight.export` with the format splat.
+
+    Parameters
+    ----------
+    model
+        A folder that `omnisight reconstruct` wrote.
+    output
+        Folder of the views, masks and the model.
+    images
+        Folder of the images, to which their names in the reconstruction are relative.
+    size
+        Width of a view of 90 degrees, px; by default the resolution of the image is kept.
+    batch, progress
+        As of `run_batch`.
+
+    Raises
+    ------
+    ValueError
+        If an image is missing, the output holds another run, or the cluster cannot be used.
+    """
+    reconstruction = read_reconstruction(model)
+    paths = [path_below(images, name) for name in reconstruction.names]
+    if missing := sorted(set(paths).difference(list_images(images, output))):
+        raise ValueError(
+            f"{missing[0]}: no such file; {len(missing)} of {len(paths)} images are not in {images}: specify the folder"
+            " that was reconstructed with --images"
+        )
+    plan = plan_splat(reconstruction, size, lambda image: decode_image(read_file(images, paths[image]), paths[image]))
+    sensors = zip(paths, reconstruction.sensor.tolist(), strict=True)
+    items = [Item((path,), tuple(plan.outputs(image)), sensor) for image, (path, sensor) in enumerate(sensors)]
+    result = run_batch(ExportTask(plan.cameras), items, images, output, batch, progress)
+    for name, data in plan.model:
+        write_file(output, name, data)
+    return result

@@ -1,0 +1,161 @@
+"""Spheres of many frames: the counterpart of `omnisight stitch` with workers or URLs."""
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.images import IMAGE_SUFFIXES, decode_image
+from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
+from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.manifest import output_names
+from omnisight.pipeline.batch.storage import list_images, read_file
+from omnisight.pipeline.batch.task import Item, Process, describe
+from omnisight.pipeline.camera_sources import RigSource
+from omnisight.pipeline.image_set import assign_images
+from omnisight.pipeline.stitch import StitchResult, stitch_result
+from omnisight.pipeline.stitch_files import StitchedFrames, encode_sphere
+from omnisight.pipeline.stitch_inputs import (
+    HEAD_NAMES,
+    Bytes,
+    HeadFrames,
+    frames_of_folder,
+    frames_of_folders,
+    rgb8,
+)
+from omnisight.pipeline.stitch_options import StitchOptions
+from omnisight.pipeline.stitch_plan import plan_frames, sphere_bearings
+from omnisight.pipeline.work_folder import digest
+from omnisight.rig import Rig
+from omnisight.views.stitching.stitcher import Stitcher, plan_stitch
+
+
+@dataclass(frozen=True, eq=False)
+class StitchTask:
+    """The sphere of each frame; see `omnisight.pipeline.batch.task.Task`.
+
+    Attributes
+    ----------
+    stitcher
+        Colours and seams of the first frame, without maps.
+    camera
+        Equirectangular camera of the spheres.
+    sphere_from_rig
+        (3, 3) their rotation.
+    options
+        Options of the command.
+    """
+
+    stitcher: Stitcher
+    camera: Camera
+    sphere_from_rig: NDArray[np.float64]
+    options: StitchOptions
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """What determines the spheres."""
+        own = self.stitcher
+        plan = digest(own.samplers, own.photometry, own.seams, self.camera.size, self.sphere_from_rig)
+        return describe("stitch", options=self.options, plan_from_the_first_images=plan)
+
+    def prepare(self) -> Process:
+        """Return the function from the images of a frame to the file of its sphere; it computes the maps once.
+
+        An item of another group than 0 also has the images of the frame from which its seam is estimated.
+        """
+        stitchers, count = dict[int, Stitcher](), len(self.stitcher.samplers)
+
+        def stitch(item: Item, data: Sequence[bytes]) -> list[bytes]:
+            images = [rgb8(decode_image(content, name)) for content, name in zip(data, item.names, strict=True)]
+            if item.group not in stitchers:
+                stitchers.clear()
+                stitchers[item.group] = self.prepared(images[count:] if item.group else None)
+            return [encode_sphere(stitchers[item.group](images[:count]), item.outputs[0], self.options)]
+
+        return stitch
+
+    def prepared(self, images: Sequence[Bytes] | None) -> Stitcher:
+        """Return a stitcher with maps, with the seam of other images if there are any."""
+        if images is None:
+            stitcher = dataclasses.replace(self.stitcher)
+        else:
+            samplers = self.stitcher.samplers_before_warp
+            stitcher = plan_stitch(samplers, images, self.camera.width, warp=self.options.warp)
+        stitcher.prepare(sphere_bearings(self.camera, self.sphere_from_rig))
+        return stitcher
+
+
+def stitch_batch(
+    images: Sequence[str],
+    output: str,
+    rig: RigSource | None = None,
+    cameras: Sequence[Camera | str | PathLike[str]] = (),
+    options: StitchOptions = StitchOptions(),
+    batch: BatchOptions = BatchOptions(),
+    progress: Progress | None = None,
+) -> tuple[StitchResult, BatchResult]:
+    """Stitch all frames of a folder for each camera, or of one folder, by workers; see `run_batch`.
+
+    The spheres are those of `omnisight.stitch`, which this machine estimates from a few frames.
+
+    Parameters
+    ----------
+    images
+        A folder for each camera, or one with the images of all cameras, such as front_1.jpg and back_1.jpg.
+    output
+        Folder of the spheres, which are JPEG files.
+    rig, cameras, options
+        As of `omnisight.stitch`.
+    batch, progress
+        As of `run_batch`.
+
+    Raises
+    ------
+    ValueError
+        If images or cameras do not fit, the output holds another run, or the cluster cannot be used.
+    """
+    start = time.perf_counter()
+    if output.lower().endswith(IMAGE_SUFFIXES):
+        raise ValueError(f"{output}: has the name of an image; choose a folder for the spheres")
+    frames = _frames(images, output, rig.names if isinstance(rig, Rig) else HEAD_NAMES)
+    planned = plan_frames(frames, rig, cameras, options)
+    task = StitchTask(planned.stitcher, planned.camera, planned.sphere_from_rig, options)
+    estimated = time.perf_counter()
+    done = run_batch(task, _items(frames, options.every), images[0], output, batch, progress)
+    own = task.prepared(None)
+    stitched = StitchedFrames(own(planned.first), own.covered, frames.count, ())
+    seconds = time.perf_counter()
+    return stitch_result(planned, stitched, seconds - start, seconds - estimated), done
+
+
+def _frames(images: Sequence[str], output: str, names: Sequence[str]) -> HeadFrames:
+    """Return the frames of folders in any file system."""
+    lists = [[Path(path) for path in list_images(folder, output)] for folder in images]
+    if len(lists) > 1:
+        frames = frames_of_folders(images, lists)
+    else:
+        found = assign_images(lists[0], [path.as_posix() for path in lists[0]], names, is_rig=True)
+        frames = frames_of_folder(found, images[0], names)
+
+    def read(source: Any) -> NDArray[Any]:
+        return decode_image(read_file(images[0], Path(source).as_posix()), Path(source).name)
+
+    return dataclasses.replace(frames, read=read)
+
+
+def _items(frames: HeadFrames, every: int) -> list[Item]:
+    """Return an item for each frame, with the frame from which its seam is estimated."""
+    sources = [tuple(Path(str(source)).as_posix() for source in frame) for frame in frames.sources]
+    outputs = output_names([source[0] for source in sources], ".jpg")
+    first = [count // every * every if every else 0 for count in range(len(sources))]
+    return [
+        Item(source + (sources[k] if k else ()), (name,), k)
+        for source, name, k in zip(sources, outputs, first, strict=True)
+    ]

@@ -1,0 +1,151 @@
+"""The plan of a stitch: cameras, distance, orientation and seams, estimated from a few frames."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.geometry.rotation import look
+from omnisight.pipeline.camera_sources import RigSource
+from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames
+from omnisight.pipeline.stitch_options import StitchOptions
+from omnisight.pipeline.stitch_rig import HeadRig, head_rig
+from omnisight.targets.length import parse_length
+from omnisight.views.stitching.levelling import Vertical, estimate_vertical
+from omnisight.views.stitching.sampling import Sampler
+from omnisight.views.stitching.stitcher import Stitcher, plan_stitch
+from omnisight.views.view_cameras import sphere
+
+Array = NDArray[np.float64]
+
+# Width of the spheres on which distances and the vertical are estimated.
+COARSE_WIDTH = 1024
+# Distances that are tried, in largest baselines: below the nearest the overlap of two lenses vanishes.
+NEAREST_BASELINES, TRIALS = 10.0, 12
+
+
+@dataclass(frozen=True, eq=False)
+class StitchPlan:
+    """What is estimated once for all frames.
+
+    Attributes
+    ----------
+    first
+        The images of the first frame.
+    head
+        The rig.
+    camera
+        Equirectangular camera of the spheres.
+    sphere_from_rig
+        (3, 3) rotation of the spheres.
+    distance
+        Radius of the sphere on which the scene is assumed; infinite without parallax.
+    vertical
+        Estimate of the vertical; None without.
+    stitcher
+        Colours and seams of the first frame.
+    """
+
+    first: list[Bytes]
+    head: HeadRig
+    camera: Camera
+    sphere_from_rig: Array
+    distance: float
+    vertical: Vertical | None
+    stitcher: Stitcher
+
+    @property
+    def bearings(self) -> NDArray[np.float32]:
+        """Directions (H, W, 3) of the spheres in the rig frame."""
+        return sphere_bearings(self.camera, self.sphere_from_rig)
+
+
+def plan_frames(
+    frames: HeadFrames,
+    rig: RigSource | None,
+    cameras: Sequence[Camera | str | PathLike[str]],
+    options: StitchOptions,
+) -> StitchPlan:
+    """Estimate what is common to all frames; see `omnisight.stitch`."""
+    head = head_rig(frames, rig, cameras, options)
+    first = next(iter(frames))
+    samplers, distance = _placed(head.samplers(), first, options.at)
+    vertical = _vertical(samplers, first, options)
+    sphere_from_rig = _orientation(vertical, options)
+    camera = sphere(options.width or head.native_width())
+    stitcher = plan_stitch(samplers, first, camera.width, warp=options.warp)
+    return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, stitcher)
+
+
+def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:
+    """Return the samplers for the specified or estimated distance, and that distance."""
+    if at not in ("auto", "inf"):
+        distance = parse_length(at)
+        return [dataclasses.replace(s, distance=distance) for s in samplers], distance
+    baseline = max(float(np.linalg.norm(s.sensor_from_rig.translation)) for s in samplers)
+    if at == "inf" or baseline == 0:
+        return samplers, float("inf")
+    inverse = np.linspace(0, 1 / (NEAREST_BASELINES * baseline), TRIALS)
+    placed = [[dataclasses.replace(s, distance=1 / i if i else np.inf) for s in samplers] for i in inverse]
+    scores = [_overlap_error(trial, images) for trial in placed]
+    best = int(np.argmin(scores))
+    return placed[best], float(1 / inverse[best]) if best else float("inf")
+
+
+def _overlap_error(samplers: list[Sampler], images: Sequence[Bytes]) -> float:
+    """Return the disparity that remains along all seams."""
+    try:
+        plan = plan_stitch(samplers, images, COARSE_WIDTH, warp=False)
+    except ValueError:  # a sphere so near that the overlap vanishes
+        return float("inf")
+    return float(np.nan_to_num(np.sum([q.disparity_deg for q in plan.quality]), nan=np.inf))
+
+
+def _vertical(samplers: list[Sampler], images: Sequence[Bytes], options: StitchOptions) -> Vertical | None:
+    """Estimate the vertical on a coarse sphere."""
+    if not options.level:
+        return None
+    guess = look(0, options.pitch, options.roll).T
+    bearings = sphere_bearings(sphere(COARSE_WIDTH), guess)
+    coarse = plan_stitch(samplers, images, COARSE_WIDTH, warp=False)
+    coarse.prepare(bearings)
+    return estimate_vertical(coarse(images), bearings, -guess[1])
+
+
+def _orientation(vertical: Vertical | None, options: StitchOptions) -> Array:
+    """Return sphere_from_rig."""
+    if vertical is None or vertical.reason:
+        # The camera's own pitch and roll are undone: the sphere is level.
+        level = look(0, options.pitch, options.roll).T
+    else:
+        down = -vertical.up
+        forward = np.array([0.0, 0.0, 1.0]) - down[2] * down
+        if np.linalg.norm(forward) < 1e-3:
+            forward = np.array([0.0, 1.0, 0.0]) - down[1] * down
+        forward /= np.linalg.norm(forward)
+        level = np.stack([np.cross(down, forward), down, forward])
+    return np.asarray(look(options.yaw) @ level, float)
+
+
+def sphere_bearings(camera: Camera, sphere_from_rig: Array) -> NDArray[np.float32]:
+    """Return the directions (H, W, 3) of the pixels of a sphere in the rig frame."""
+    lon = (np.arange(camera.width) + 0.5) * 2 * np.pi / camera.width - np.pi
+    lat = latitudes(camera.height)[:, None]
+    local = np.stack(
+        [
+            np.cos(lat) * np.sin(lon),
+            np.broadcast_to(np.sin(lat), (camera.height, camera.width)),
+            np.cos(lat) * np.cos(lon),
+        ],
+        -1,
+    )
+    return (local @ sphere_from_rig).astype(np.float32)
+
+
+def latitudes(height: int) -> Array:
+    """Return the latitudes (H,) of rows, radians, positive down."""
+    return ((np.arange(height) + 0.5) / height - 0.5) * np.pi
