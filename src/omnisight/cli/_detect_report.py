@@ -1,10 +1,10 @@
 """Output of `omnisight detect`."""
 
-import json
 import math
 from typing import Any
 
 from omnisight.cli._console import console
+from omnisight.cli._output import write_json
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.detection_advice import board_advice, light_problems
 from omnisight.targets import Checkerboard, Detection, Detections
@@ -35,7 +35,7 @@ def as_json(search: Detections) -> None:
             for name, image in zip(names, search.images, strict=True)
         ],
     }
-    print(json.dumps(result, indent=2, allow_nan=False))
+    write_json(result)
 
 
 def print_report(search: Detections) -> None:

@@ -1,14 +1,13 @@
 """Report of `omnisight odometry`."""
 
-import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnisight.cli._output import warn, write_json
 from omnisight.pipeline.odometry import OdometryResult
 from omnisight.visual_odometry.frame_result import LostSegment
 from omnisight.visual_odometry.loop_result import Loop
@@ -42,7 +41,7 @@ def print_json(result: OdometryResult) -> None:
         "warnings": list(result.warnings),
         "reason": result.reason,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_report(result: OdometryResult, output: Path) -> None:
@@ -81,7 +80,7 @@ def print_loops(result: OdometryResult) -> None:
 def print_warnings(result: OdometryResult) -> None:
     """Print warnings on stderr."""
     for warning in result.warnings:
-        print(f"omnisight: warning: {warning}", file=sys.stderr)
+        warn(warning)
 
 
 def _loop(loop: Loop) -> dict[str, Any]:

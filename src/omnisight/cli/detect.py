@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import DetectOptions
 
@@ -19,8 +20,6 @@ def detect(
     *,
     options: Annotated[DetectOptions, Parameter(name="*")] = DetectOptions(),
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Detect the board in images and draw the detections, without calibrating.
 
@@ -34,10 +33,6 @@ def detect(
         are used.
     output
         Folder for the drawings; omnisight-detect by default, or no drawings with --json.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from functools import partial
 
@@ -47,20 +42,20 @@ def detect(
     from omnisight.pipeline.detect import detect as run
     from omnisight.report.drawings.detections import draw_detections
 
-    folder = output if output is not None or json else DEFAULT_FOLDER
+    folder = output if output is not None or is_json() else DEFAULT_FOLDER
     if folder is not None:
         drawing_paths(collect_images(images, videos=True), folder)
-    with progress(quiet or json) as report:
+    with progress() as report:
         detections = run(images, options, progress=report)
         if all(image.size is None for image in detections.images):
             notes = [f"  {image.note}" for image in detections.images[:5]]
             raise ValueError("\n".join(["none of the images can be read:", *notes]))
-        if json:
+        if is_json():
             as_json(detections)
         else:
             print_report(detections)
         if folder is not None:
             files = drawing_paths([image.path for image in detections.images], folder)
             draw_detections(detections, files, apply_exif=options.apply_exif, progress=partial(report, "draw"))
-    if folder is not None and not json:
+    if folder is not None:
         print(f"drawn     {folder}")

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json, write_json
 from omnisight.cli._size import parse_size
 from omnisight.cli._view_options import SharedViewOptions, ViewType
 
@@ -27,7 +28,6 @@ def export(
     interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
     image_size: str | None = None,
     shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
-    json: bool = False,
 ) -> None:
     """Write a view of a camera, or a reconstruction, for another program.
 
@@ -64,8 +64,6 @@ def export(
         Interpolation between image pixels, if the program offers it.
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.extensions import unknown_name
     from omnisight.map_formats import map_format_names
@@ -80,7 +78,7 @@ def export(
                 f"{source}: is a file, and {to} is a format of reconstructions: specify the folder of one, or a format"
                 f" of views: {', '.join(views)}"
             )
-        _export_reconstruction(source, to, output, images, parse_size(size)[0] if size else None, json)
+        _export_reconstruction(source, to, output, images, parse_size(size)[0] if size else None)
         return
     if source.is_dir():
         raise ValueError(
@@ -105,12 +103,10 @@ def export(
     )
     from omnisight.cli._export_report import print_map, print_map_json
 
-    (print_map_json if json else print_map)(result)
+    (print_map_json if is_json() else print_map)(result)
 
 
-def _export_reconstruction(
-    model: Path, to: str, output: Path, images: Path | None, size: int | None, as_json: bool
-) -> None:
+def _export_reconstruction(model: Path, to: str, output: Path, images: Path | None, size: int | None) -> None:
     """Write a reconstruction and print the files."""
     from omnisight.cli._export_report import print_files
     from omnisight.pipeline.export import export as run
@@ -122,10 +118,8 @@ def _export_reconstruction(
         chosen = get_reconstruction_format(to)
         title, convention = chosen.TITLE, chosen.CONVENTION
         files = run(model, output, ExportOptions(to, images, size))
-    if as_json:
-        from json import dumps
-
-        print(dumps({"format": to, "files": [str(file) for file in files]}))
+    if is_json():
+        write_json({"format": to, "files": [str(file) for file in files]})
         return
     print_files(title, convention, output, files)
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.odometry_options import OdometryOptions
 
 GROUP = "Geometry"
@@ -21,8 +22,6 @@ def odometry(
     rig: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[OdometryOptions, Parameter(name="*")] = OdometryOptions(),
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Compute the trajectory of a moving camera or rig from a clip, a ROS bag, or a folder of images.
 
@@ -42,10 +41,6 @@ def odometry(
     output
         Trajectory to write, world_from_camera (world_from_rig): TUM's format, timestamp tx ty tz qx qy qz qw, or
         KITTI's.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._odometry_report import print_json, print_report, print_warnings
@@ -53,13 +48,13 @@ def odometry(
     from omnisight.pipeline.odometry import odometry as run
 
     must_be_writable(output)
-    with _keeping_poses(output), progress(quiet or json) as report:
+    with _keeping_poses(output), progress() as report:
         result = run(images, camera, rig, options, output, report)
-    if json:
+    if is_json():
         print_json(result)
     if not result:
         raise ValueError(f"{images}: {result.reason}")
-    if not json:
+    if not is_json():
         print_report(result, output)
         print_warnings(result)
 

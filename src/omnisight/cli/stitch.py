@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.video_options import VideoOptions
 
@@ -21,8 +22,6 @@ def stitch(
     options: Annotated[StitchOptions, Parameter(name="*")] = StitchOptions(),
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     save_rig: Path | None = None,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Stitch simultaneous images of several cameras to a sphere (equirectangular).
 
@@ -42,10 +41,6 @@ def stitch(
         Sphere to write: .jpg, .png or .tif; a folder for several frames; .mp4 for clips.
     save_rig
         File for the estimated rig.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._progress import progress
@@ -55,11 +50,11 @@ def stitch(
 
     if save_rig is not None:
         must_be_writable(save_rig)
-    with progress(quiet or json) as report:
+    with progress() as report:
         result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)
     if save_rig is not None:
         save(result.rig, save_rig)
-    if json:
+    if is_json():
         print_json(result)
     else:
         print_report(result, output, save_rig)
