@@ -32,6 +32,7 @@ def print_json(result: OdometryResult) -> None:
         "scale_source": result.scale.source if result.scale else None,
         "scale_sigma": round(result.scale.relative_sigma, 5) if result.scale else None,
         "fps": None if math.isnan(result.fps) else round(result.fps, 2),
+        "dropped": result.dropped,
         "start_seconds": round(result.start_seconds, 3),
         "lost": [
             {"first": lost.first, "last": lost.last, "reason": lost.reason, "recovery": lost.recovery}
@@ -56,6 +57,9 @@ def print_report(result: OdometryResult, output: Path) -> None:
         print(f"scale       from {result.scale.source}, {result.scale.relative_sigma:.1%} (1σ)")
     for lost in result.lost:
         print(f"lost        {_describe(lost)}")
+    if result.dropped is not None:
+        arrived = result.frames + result.dropped
+        print(f"dropped     {result.dropped} of {arrived} frames, which arrived while an earlier one was processed")
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "
     print(f"time        {rate}{result.start_seconds:.1f} s for the start")
     print(f"written     {output}")

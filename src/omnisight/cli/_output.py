@@ -47,27 +47,35 @@ class _Run:
     start: float
 
 
-_run: ContextVar[_Run] = ContextVar("_run")
+_run: ContextVar[_Run | None] = ContextVar("_run", default=None)
+_NO_OPTIONS = OutputOptions()
+
+
+def _options() -> OutputOptions:
+    """Return the options of the running command; the defaults outside of one."""
+    run = _run.get()
+    return _NO_OPTIONS if run is None else run.options
 
 
 def is_json() -> bool:
     """Return whether the command prints a JSON object instead of its report."""
-    return _run.get().options.json
+    return _options().json
 
 
 def is_quiet() -> bool:
     """Return whether the command prints nothing but errors."""
-    return _run.get().options.quiet
+    return _options().quiet
 
 
 def is_verbose() -> bool:
     """Return whether the command prints all details."""
-    return _run.get().options.verbose
+    return _options().verbose
 
 
 def write_json(data: Mapping[str, Any]) -> None:
     """Print the JSON object of a command on stdout."""
-    print(json.dumps(data, indent=2, allow_nan=False), file=_run.get().stdout)
+    run = _run.get()
+    print(json.dumps(data, indent=2, allow_nan=False), file=sys.stdout if run is None else run.stdout)
 
 
 def warn(message: str) -> None:
@@ -78,7 +86,8 @@ def warn(message: str) -> None:
 
 def elapsed() -> float:
     """Return the time since the command began, seconds."""
-    return time.perf_counter() - _run.get().start
+    run = _run.get()
+    return 0.0 if run is None else time.perf_counter() - run.start
 
 
 def with_output_options(command: Callable[..., None]) -> Callable[..., None]:
