@@ -45,9 +45,11 @@ class LiveFigures:
         spent = self._arrivals[-1] - self._arrivals[0]
         return {
             "Frames": f"{frame.index + 1}, {self._poses} with a pose; {tracking.keyframes} keyframes",
+            "Dropped": f"{frame.dropped} that arrived while another one was processed",
             "Rate": f"{(len(self._arrivals) - 1) / spent:.1f} frames per second" if spent > 0 else "-",
             "Path": f"{self.length:.2f} {unit}",
             "Distance from the start": f"{np.linalg.norm(self._last):.2f} {unit}",
+            "Tracks": "green where the distance of the point is known, otherwise yellow",
         }
 
 
@@ -78,7 +80,8 @@ def live_view(source: str, *, has_page: bool) -> Generator[Watch]:
             figures.add(tracking)
             drawing.add(tracking)
             if has_line:
-                text = ", ".join(figures.rows(tracking, frame).values())
+                rows = figures.rows(tracking, frame)
+                text = f"{rows['Frames']}, {frame.dropped} dropped, {rows['Rate']}, path {rows['Path']}"
                 line = f"{advice(tracking, frame)}: {text}"[: get_terminal_size().columns - 1]
                 print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
             if page is not None and frame.images and time.perf_counter() - drawn > PAGE_PERIOD_S:

@@ -31,7 +31,7 @@ def doctor(
     Parameters
     ----------
     images
-        Video clip, or folder of images in the order of their names.
+        Video clip, ROS bag, or folder of images in the order of their names.
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images.
     write_mask

@@ -28,7 +28,7 @@ def map(
     Parameters
     ----------
     images
-        Folder of images, or a video clip.
+        Folder of images, a video clip, or a ROS bag.
     camera
         Calibration file, as of `omnisight reconstruct`.
     rig
@@ -44,9 +44,9 @@ def map(
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
-    folder, is_clip, options = folder_of_images(images, output, options)
+    folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
     with continuing(work), progress() as report:
-        files = extract_frames(images, folder, options.fps, report) if is_clip else images
+        files = extract_frames(images, folder, options.fps, report, topic=options.topic) if is_clip else images
         made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)
     if made is not None:
         write_map(output, made)

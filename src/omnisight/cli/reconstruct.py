@@ -31,7 +31,7 @@ def reconstruct(
     Parameters
     ----------
     images
-        Folder of images, or a video clip.
+        Folder of images, a video clip, or a ROS bag.
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images. Without it, or with auto, focal
         length and one distortion term are estimated from the images. Repeat it for several cameras, with their names:
@@ -52,9 +52,9 @@ def reconstruct(
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
-    folder, is_clip, options = folder_of_images(images, output, options)
+    folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
     with continuing(work), progress() as report:
-        files = extract_frames(images, folder, options.fps, report) if is_clip else images
+        files = extract_frames(images, folder, options.fps, report, topic=options.topic) if is_clip else images
         result = run(files, parse_cameras(camera or []), rig, options, report, work.folder)
     for number, model in enumerate(result.models):
         write_reconstruction(model_folder(output, number), model)

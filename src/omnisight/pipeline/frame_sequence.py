@@ -34,12 +34,15 @@ class SequenceFrame:
         One image (H, W) or (H, W, 3) of each camera; none if one is missing.
     reason
         Why there are no images; empty otherwise.
+    dropped
+        Of a connected camera the number of frames so far that arrived while an earlier one was processed.
     """
 
     index: int
     seconds: float
     images: tuple[NDArray[Any], ...]
     reason: str = ""
+    dropped: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +160,14 @@ class FrameSequence:
     def frames(self, indices: Collection[int] | None = None) -> Iterator[SequenceFrame]:
         """Read all frames, or those with indices, one at a time; one that cannot be read has a reason, not images."""
         if self.camera is not None:
-            return (SequenceFrame(frame.index, frame.seconds, (frame.image,)) for frame in self.camera.frames())
+            return self._of_camera(self.camera)
         if self.stream is not None:
             return self._of_stream(self.stream, indices)
         return self._of_clip(self.clip, indices) if self.clip is not None else self._of_files(indices)
+
+    def _of_camera(self, camera: LiveCamera) -> Generator[SequenceFrame]:
+        for frame in camera.frames():
+            yield SequenceFrame(frame.index, frame.seconds, (frame.image,), dropped=camera.dropped)
 
     def _of_clip(self, clip: Clip, indices: Collection[int] | None) -> Generator[SequenceFrame]:
         last = -math.inf
