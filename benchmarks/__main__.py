@@ -6,11 +6,11 @@ The speed comparisons with other libraries run in a few minutes, all of them or 
     views        remap images; OpenCV
     calibration  bundle adjustment; cv2.omnidir
     render       the renderer
-    startup      import and first use in a new process
     birdseye     four 1 MP fisheyes to a view of the ground; OpenCV
 
 The following run one at a time and take options, for example `python -m benchmarks boards --quick`:
 
+    startup      import, and every command in a new process, with and without compiled code. 10 minutes
     features     detection and matching of features on rendered pairs. 10 minutes, with --quick 2
     twoview      poses and points from bearings with outliers; pycolmap, PoseLib. 10 minutes, with --quick 1
     sfm          structure from motion of rendered images; pycolmap. 2 hours, with --quick 5 minutes
@@ -46,8 +46,9 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 
 import cv2
 
-RACES = ("points", "views", "calibration", "render", "startup", "birdseye")
+RACES = ("points", "views", "calibration", "render", "birdseye")
 EVALUATIONS = (
+    "startup",
     "features",
     "twoview",
     "sfm",

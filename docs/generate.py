@@ -7,7 +7,6 @@ import importlib
 import inspect
 import itertools
 import math
-import pkgutil
 import re
 import tempfile
 from collections.abc import Sequence
@@ -153,15 +152,9 @@ def candidates() -> str:
 
 def commands() -> str:
     """Return the help of every command."""
-    from cyclopts import App
+    from omnisight.cli import application
 
-    from omnisight import cli
-
-    app = App(name="omnisight", help_flags=(), version_flags=(), help_format="markdown")
-    for module in pkgutil.iter_modules(cli.__path__):
-        if not module.name.startswith("_"):
-            command = getattr(importlib.import_module(f"omnisight.cli.{module.name}"), module.name)
-            app.command(command, name=module.name.replace("_", "-"))
+    app = application()
     text = app.generate_docs(output_format="markdown")
     return text[text.index("## omnisight ") :]
 

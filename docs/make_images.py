@@ -1,5 +1,6 @@
 """Render the images of the README and the documentation; every run gives the same images."""
 
+import dataclasses
 import shutil
 import tempfile
 from pathlib import Path
@@ -8,11 +9,14 @@ import numpy as np
 
 import omnisight as om
 from omnisight.cli._capture_report import page_rows
+from omnisight.cli._odometry_live import LiveFigures, advice
 from omnisight.geometry.rotation import exp
 from omnisight.pipeline.capture_session import CaptureSession, Seen
 from omnisight.pipeline.demo import demo
+from omnisight.pipeline.frame_sequence import SequenceFrame
 from omnisight.report.drawings.capture import draw_capture
 from omnisight.report.drawings.next_view import draw_proposal
+from omnisight.report.drawings.odometry import OdometryDrawing
 from omnisight.report.drawings.stereo import draw_distances, draw_rectified
 from omnisight.report.live.server import LivePage
 from omnisight.simulation import (
@@ -41,6 +45,7 @@ def main() -> None:
     write_small(ASSETS / "stereo.jpg", stereo(), 80)
     write_small(ASSETS / "report.jpg", report(), 82)
     write_small(ASSETS / "capture.jpg", capture_page(), 82)
+    write_small(ASSETS / "odometry.jpg", odometry_page(), 82)
 
 
 def hero() -> np.ndarray:
@@ -142,6 +147,24 @@ def capture_page() -> np.ndarray:
         session, seen = shown[-1]
         page.show(draw_capture(session, seen), "stored", page_rows(session, options))
         return screenshot(page.url, {"width": 1100, "height": 1000}, 1.0)
+
+
+def odometry_page() -> np.ndarray:
+    """Return a screenshot of the page of `omnisight odometry --live` after most of a loop through the room."""
+    setup = fisheye_setup(640)
+    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
+    tracking, drawing, figures = om.Odometry(camera), OdometryDrawing(), LiveFigures()
+    with tempfile.TemporaryDirectory() as folder, LivePage("Odometry of camera 0") as page:
+        om.simulate(om.SimulateOptions("room", camera, Path(folder) / "room", frames=60, fps=10, rays=1, jpeg=95))
+        files = sorted((Path(folder) / "room" / "images").iterdir())[:50]
+        for index, file in enumerate(files):
+            frame = SequenceFrame(index, index / 10, (om.read_image(file),))
+            tracking.add(frame.images, frame.seconds)
+            drawing.add(tracking)
+            figures.add(tracking)
+        rows = {name: text for name, text in figures.rows(tracking, frame).items() if name != "Rate"}
+        page.show(drawing.draw(tracking, frame.images[0]), advice(tracking, frame), rows)
+        return screenshot(page.url, {"width": 1300, "height": 800}, 1.0)
 
 
 def screenshot(address: str, viewport: dict[str, int], scale: float) -> np.ndarray:

@@ -69,6 +69,7 @@ from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptio
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
 from omnisight.pipeline.odometry import OdometryResult as OdometryResult
+from omnisight.pipeline.odometry import live_odometry as live_odometry
 from omnisight.pipeline.odometry import odometry as odometry
 from omnisight.pipeline.odometry_options import OdometryOptions as OdometryOptions
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions

@@ -35,9 +35,14 @@ def module_in(package: str, name: str, what: str) -> ModuleType:
 def unknown_name(what: str, name: object, names: Iterable[str]) -> str:
     """Return the message that there is no `what` of a name, with the closest name and all of them."""
     known = list(names)
+    return f"unknown {what} {reprlib.repr(name)}{did_you_mean(name, known)}; there are: {', '.join(known)}"
+
+
+def did_you_mean(name: object, names: Iterable[str]) -> str:
+    """Return the part of a message about a name that does not exist which names the closest one; empty if none is."""
+    known = {known.lower(): known for known in names}
     closest = get_close_matches(str(name)[:80].lower(), known, n=1)
-    hint = f" (did you mean {closest[0]}?)" if closest else ""
-    return f"unknown {what} {reprlib.repr(name)}{hint}; there are: {', '.join(known)}"
+    return f" (did you mean {known[closest[0]]}?)" if closest else ""
 
 
 def class_in(package: str, name: str, kind: type[Kind], what: str) -> type[Kind]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
+from omnisight.extensions import did_you_mean
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.rotation import hat
@@ -124,7 +125,8 @@ class Rig(Displayed):
         """
         if isinstance(sensor, str):
             if sensor not in self.names:
-                raise ValueError(f"no camera {sensor!r}; the rig has {', '.join(self.names)}")
+                closest = did_you_mean(sensor, self.names)
+                raise ValueError(f"no camera {sensor!r}{closest}; the rig has {', '.join(self.names)}")
             return self.names.index(sensor)
         if not 0 <= sensor < len(self):
             raise ValueError(f"no camera {sensor}; the rig has {len(self)} cameras, numbered from 0")

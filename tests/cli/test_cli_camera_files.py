@@ -104,7 +104,7 @@ def test_convert_over_smaller_field_of_view_is_more_accurate(run, camera_file, t
     [
         (("--to", "nonsense"), "unknown format 'nonsense'; there are:"),
         (("--to", "mei"), "mei is a camera model, not a format: --to native --model mei"),
-        (("--to", "native", "--model", "nonsense"), "has no model nonsense; it has cassini"),
+        (("--to", "native", "--model", "nonsense"), "unknown camera model 'nonsense'; there are: cassini"),
         (("--to", "native", "--name", "left"), "no camera 'left'; it holds camera"),
         (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "almost no pixel of the camera"),
     ],

@@ -16,7 +16,7 @@ def corners(tmp_path):
     return tmp_path / "shots.npz"
 
 
-QUICK = ("--model", "equidistant", "--quiet")
+QUICK = ("--model", "equidistant")
 
 
 def test_corner_file_is_calibrated_like_images(run, corners, tmp_path):

@@ -18,7 +18,7 @@ def corners(tmp_path):
 
 
 def test_a_camera_is_evaluated_on_images(run, shots, camera_file):
-    status, out, err = run("evaluate", camera_file, shots, "--pattern", "9x6", "--quiet")
+    status, out, err = run("evaluate", camera_file, shots, "--pattern", "9x6")
     assert (status, err) == (0, "")
     assert "camera    camera.json (equidistant), unchanged; 6 poses estimated" in out
     assert "(Huber threshold 1.5 px, as BabelCalib)" in out

@@ -1,6 +1,7 @@
 """omnisight odometry of ROS bags, against the folder of the same images; its trajectories read by evo."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -65,3 +66,29 @@ def test_evo_reads_the_trajectories(run, room):
     assert np.allclose(of_tum.orientations_quat_wxyz, expected[:, [7, 4, 5, 6]])
     of_kitti = file_interface.read_kitti_poses_file("t.kitti")
     assert np.allclose(of_kitti.poses_se3, of_tum.poses_se3, atol=1e-7)
+
+
+def test_the_images_of_a_topic_are_reconstructed_and_checked(run, room, tmp_path):
+    pytest.importorskip("rosbags")
+    from tests.bags import raw, write_bag
+
+    files = sorted((room / "images").iterdir())
+    messages = [raw(om.read_image(file), "rgb8", FIRST_S + k / 10) for k, file in enumerate(files)]
+    bag = write_bag(tmp_path / "drive.bag", {"/cam0/image_raw": messages, "/cam1/image_raw": messages[:1]})
+    written = om.extract_frames(bag, tmp_path / "images", 5.0, topic="/cam0/image_raw")
+    assert len(written) == FRAMES // 2
+    numbers = [int(path.stem.removeprefix("drive-")) for path in written]
+    assert [number // 2 for number in numbers] == [0, 1, 2, 3]
+    assert np.abs(om.read_image(written[0]).astype(int) - om.read_image(files[numbers[0]])).mean() < 3
+
+    camera = ("--camera", room / "camera.json")
+    for command in ("doctor", "reconstruct", "map"):
+        output = () if command == "doctor" else ("-o", tmp_path / command)
+        status, _, err = run(command, bag, *camera, *output)
+        assert status == 2
+        assert "specify one (--topic)" in err
+    options = ("--images", "8", *camera, "--json")
+    of_bag = json.loads(run("doctor", bag, "--topic", "/cam0/image_raw", *options)[1])["findings"]
+    of_folder = json.loads(run("doctor", room / "images", *options)[1])["findings"]
+    assert [finding["level"] for finding in of_bag] == [finding["level"] for finding in of_folder]
+    assert "leave out --topic" in run("reconstruct", room / "images", *camera, "-o", "m", "--topic", "/a")[2]

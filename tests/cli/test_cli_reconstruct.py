@@ -300,7 +300,7 @@ def test_a_camera_without_calibration_is_estimated_with_a_warning(run, rig_image
 def test_the_demo_reconstructs_a_rendered_walk(run, tmp_path, monkeypatch):
     monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_COUNT", 12)
     monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_WIDTH_PX", 512)
-    status, out, _ = run("demo", tmp_path, "--map", "--quiet")
+    status, out, _ = run("demo", tmp_path, "--map")
     assert status == 0
     assert "model       12 of 12 images" in out
     assert float(re.search(r"^positions +error ([\d.]+) mm", out, re.MULTILINE)[1]) < 10

@@ -54,7 +54,7 @@ def test_report_and_drawings_of_real_fisheyes(run, data, tmp_path):
         "calibrate-rig",
         folder / "left1*.jpg",
         folder / "right1*.jpg",
-        *("--square", "24.23mm", "--model", "kannala_brandt", "--quiet"),
+        *("--square", "24.23mm", "--model", "kannala_brandt"),
         *("-o", rig, "--report", report, "--draw", drawings),
     )
     assert (status, err) == (0, "")

@@ -38,7 +38,7 @@ def test_time_and_weather_of_a_street(run, small, tmp_path):
     options = ("--rays", 1, "--frames", 1, "--time", "18:00", "--weather", "fog", "-o", tmp_path / "out")
     status, _, err = run("simulate", "street", "--camera", small, *options)
     assert status == 0
-    assert "note: the light is -" in err
+    assert "warning: the light is -" in err
     assert "add --exposure" in err
     settings = json.loads((tmp_path / "out" / "settings.json").read_text())
     assert (settings["time"], settings["weather"]) == ("18:00", "fog")

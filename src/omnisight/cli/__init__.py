@@ -2,13 +2,17 @@
 
 A command is the function named like its module; its signature defines the options, its docstring the help, and `GROUP`,
 if the module has it, where the list of commands shows it. Commands import slow modules inside the function, so that
-`--help` is fast.
+`--help` is fast. The options --json, --quiet and --verbose are those of `_output.py` in every command.
 """
 
 import importlib
 import os
 import pkgutil
 import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from cyclopts import App
 
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -20,15 +24,13 @@ Exit status: 0 success, 1 internal error, 2 invalid input or option, 130 interru
 """
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; raise `SystemExit` with an exit status other than 0."""
-    from cyclopts import App, CycloptsError, Group, Parameter
+def application() -> "App":
+    """Return the program with all commands."""
+    from cyclopts import App, Group, Parameter
 
     import omnisight
+    from omnisight.cli._output import with_output_options
 
-    tokens = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in tokens
-    tokens = [token for token in tokens if token != "--debug"]
     app = App(
         name="omnisight",
         help=HELP,
@@ -45,8 +47,19 @@ def main(arguments: list[str] | None = None) -> None:
     for name in (found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")):
         module = importlib.import_module(f"{__name__}.{name}")
         group = groups.get(getattr(module, "GROUP", ""))
-        app.command(getattr(module, name), name=name.replace("_", "-"), group=group)
+        app.command(with_output_options(getattr(module, name)), name=name.replace("_", "-"), group=group)
     app.register_install_completion_command(help="Complete commands and options in the shell with the Tab key.")
+    return app
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; raise `SystemExit` with an exit status other than 0."""
+    from cyclopts import CycloptsError
+
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in tokens
+    tokens = [token for token in tokens if token != "--debug"]
+    app = application()
     try:
         os.getcwd()
     except FileNotFoundError:  # numba needs an existing working directory

@@ -1,7 +1,8 @@
 """Report of commands that process many images."""
 
-import json
 from typing import TYPE_CHECKING
+
+from omnisight.cli._output import write_json
 
 if TYPE_CHECKING:
     from omnisight.pipeline.batch.batch import BatchResult
@@ -45,4 +46,4 @@ def print_batch_json(result: "BatchResult", output: str) -> None:
         "seconds": round(result.seconds, 3),
         "output": output,
     }
-    print(json.dumps(values, indent=2))
+    write_json(values)

@@ -1,9 +1,9 @@
 """Report of `omnisight birdseye`."""
 
-import json
 import math
 from typing import Any
 
+from omnisight.cli._output import write_json
 from omnisight.pipeline.birdseye import LengthErrors
 from omnisight.pipeline.birdseye_files import BirdseyeFiles
 
@@ -23,7 +23,7 @@ def print_json(written: BirdseyeFiles) -> None:
         "files": [str(path) for path in written.files],
         "seconds": round(written.seconds, 3),
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_report(written: BirdseyeFiles) -> None:

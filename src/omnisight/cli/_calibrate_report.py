@@ -1,6 +1,5 @@
 """Output of `omnisight calibrate`."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from omnisight.cli._console import console
+from omnisight.cli._output import is_verbose, write_json
 from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
 from omnisight.pipeline.calibration import Calibration
@@ -71,29 +71,29 @@ def print_json(calibration: Calibration) -> None:
         result["central"] = calibration.central.as_dict()
     if calibration.ocamcalib is not None:
         result["ocamcalib"] = calibration.ocamcalib.errors()
-    print(json.dumps(result, indent=2, allow_nan=False))
+    write_json(result)
 
 
-def print_report(calibration: Calibration, written: SaveResult | None, *, verbose: bool) -> None:
-    """Print images, models, camera, accuracy and verdict; with `verbose` all rows, tests, remarks and timings."""
+def print_report(calibration: Calibration, written: SaveResult | None) -> None:
+    """Print images, models, camera, accuracy and verdict; with --verbose all rows, tests, remarks and timings."""
     out, rows = console(), image_rows(calibration)
-    _print_images(out, rows, verbose)
+    _print_images(out, rows)
     _print_models(out, calibration)
     if (detections := calibration.observations.detections) is not None and detections.assumption:
         _print_row(out, "board", detections.assumption)
     _print_row(out, "camera", _camera_summary(calibration))
     _print_row(out, "accuracy", _accuracy_summary(calibration))
-    if verbose:
+    if is_verbose():
         _print_details(out, calibration, rows)
-    print_verdict(out, calibration.verdict, verbose)
+    print_verdict(out, calibration.verdict)
     _print_row(out, "written", str(written.path) if written else "nothing")
 
 
-def _print_images(out: "Console", rows: list[dict[str, Any]], verbose: bool) -> None:
+def _print_images(out: "Console", rows: list[dict[str, Any]]) -> None:
     from rich.table import Table
 
     shown = rows
-    if len(rows) > MAX_IMAGES and not verbose:
+    if len(rows) > MAX_IMAGES and not is_verbose():
         worst = sorted(range(len(rows)), key=lambda i: -(np.inf if rows[i]["rms"] is None else rows[i]["rms"]))
         shown = [rows[i] for i in sorted(worst[:MAX_IMAGES])]
     has_notes = any(row["note"] for row in shown)
@@ -186,11 +186,11 @@ def _print_central_error(out: "Console", test: NonCentralityTest) -> None:
     out.print(table)
 
 
-def print_verdict(out: "Console", verdict: Verdict, verbose: bool) -> None:
-    """Print a verdict and its first reasons; with `verbose` all of them."""
+def print_verdict(out: "Console", verdict: Verdict) -> None:
+    """Print a verdict and its first reasons; with --verbose all of them."""
     out.print(f"{'verdict':<10}", end="")
     out.print(str(verdict).upper(), style=STYLES[verdict.level])
-    reasons = verdict.reasons if verbose else verdict.reasons[:MAX_REASONS]
+    reasons = verdict.reasons if is_verbose() else verdict.reasons[:MAX_REASONS]
     for reason in reasons:
         out.print(f"{'':<10}- {reason}", soft_wrap=True)
     if len(reasons) < len(verdict.reasons):

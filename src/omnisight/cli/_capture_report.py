@@ -1,6 +1,5 @@
 """Progress and report of `omnisight capture`."""
 
-import json
 import sys
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from omnisight.cli._output import is_quiet, write_json
 from omnisight.pipeline.capture import CaptureResult, Show
 from omnisight.pipeline.capture_options import CaptureOptions
 from omnisight.pipeline.capture_session import CaptureSession, Seen
@@ -17,9 +17,9 @@ from omnisight.view_planning.description import describe_placement, direction_te
 
 
 @contextmanager
-def live_view(source: str, options: CaptureOptions, *, is_quiet: bool, has_page: bool) -> Generator[Show]:
+def live_view(source: str, options: CaptureOptions, *, has_page: bool) -> Generator[Show]:
     """Show the capture as a line on stderr, if it is a terminal, and as a page."""
-    has_line = not is_quiet and sys.stderr.isatty()
+    has_line = not is_quiet() and sys.stderr.isatty()
     with ExitStack() as stack:
         page = stack.enter_context(LivePage(f"Capture of {source}")) if has_page else None
         if page is not None:
@@ -68,7 +68,7 @@ def as_json(result: CaptureResult) -> None:
         "calibrated_deg": None if proposal is None else float(np.degrees(proposal.prior.theta_max)),
         "next": _next_pose(session) or None,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def _line(session: CaptureSession, seen: Seen, options: CaptureOptions) -> str:

@@ -1,12 +1,12 @@
 """Output of `omnisight compare`."""
 
-from json import dumps
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from omnisight.camera import Camera
+from omnisight.cli._output import write_json
 from omnisight.geometry import rotation as so3
 from omnisight.quality.camera_comparison import CameraComparison, DifferenceMap
 
@@ -57,7 +57,7 @@ def print_json(comparison: CameraComparison, output: Path | None) -> None:
         ],
         "written": None if output is None else str(output),
     }
-    print(dumps(data))
+    write_json(data)
 
 
 def _field(camera: Camera) -> str:

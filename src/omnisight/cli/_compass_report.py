@@ -1,9 +1,8 @@
 """Report of `omnisight compass`."""
 
-import json
-
 import numpy as np
 
+from omnisight.cli._output import write_json
 from omnisight.pipeline.compass import CompassResult
 
 
@@ -24,7 +23,7 @@ def print_json(result: CompassResult) -> None:
         "failed": result.failed,
         "reason": result.reason,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_report(result: CompassResult) -> None:

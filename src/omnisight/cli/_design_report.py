@@ -1,12 +1,12 @@
 """The output of `omnisight design mirror`."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnisight.cli._output import write_json
 from omnisight.optics.design.description import (
     describe_blind_spot,
     describe_field,
@@ -139,4 +139,4 @@ def print_json(result: DesignResult) -> None:
         "working_distance": specification.working_distance,
         "misalignments": [vars(row) for row in performance.misalignments],
     }
-    print(json.dumps(figures))
+    write_json(figures)

@@ -9,19 +9,19 @@ from omnisight.pipeline.rig_calibration import RigCalibration
 from omnisight.targets.observations import Observations
 
 
-def draw_calibration(calibration: Calibration, folder: Path, *, apply_exif: bool, quiet: bool) -> None:
+def draw_calibration(calibration: Calibration, folder: Path, *, apply_exif: bool) -> None:
     """Draw the residuals of a calibration over its images."""
     observations = calibration.observations
     residuals = calibration.state.residuals(observations)
-    _draw(observations, residuals, calibration.outliers, folder, apply_exif, quiet)
+    _draw(observations, residuals, calibration.outliers, folder, apply_exif)
 
 
-def draw_evaluation(evaluation: Evaluation, folder: Path, *, apply_exif: bool, quiet: bool) -> None:
+def draw_evaluation(evaluation: Evaluation, folder: Path, *, apply_exif: bool) -> None:
     """Draw the residuals of an evaluation over its images."""
-    _draw(evaluation.observations, evaluation.residuals, evaluation.outliers, folder, apply_exif, quiet)
+    _draw(evaluation.observations, evaluation.residuals, evaluation.outliers, folder, apply_exif)
 
 
-def draw_rig_calibration(calibration: RigCalibration, folder: Path, *, apply_exif: bool, quiet: bool) -> None:
+def draw_rig_calibration(calibration: RigCalibration, folder: Path, *, apply_exif: bool) -> None:
     """Draw the residuals of the cameras of a rig over their images, in a folder for each camera."""
     from omnisight.report.rigs.rig_report_data import RigReportData
 
@@ -30,15 +30,12 @@ def draw_rig_calibration(calibration: RigCalibration, folder: Path, *, apply_exi
         for k in calibration.parts_of(name):
             part = data.parts[k]
             observations = calibration.estimate.observations.parts[k].observations
-            _draw(observations, part.residuals, part.outliers, folder / name, apply_exif, quiet)
+            _draw(observations, part.residuals, part.outliers, folder / name, apply_exif)
 
 
-def _draw(
-    observations: Observations, residuals: Any, outliers: Any, folder: Path, apply_exif: bool, quiet: bool
-) -> None:
+def _draw(observations: Observations, residuals: Any, outliers: Any, folder: Path, apply_exif: bool) -> None:
     from omnisight.report.drawings.residuals import draw_residuals
 
     blank = draw_residuals(observations, residuals, outliers, folder, apply_exif=apply_exif)
-    if not quiet:
-        note = f" ({blank} images on a blank background: their files are missing)" if blank else ""
-        print(f"drawn     {folder}{note}")
+    note = f" ({blank} images on a blank background: their files are missing)" if blank else ""
+    print(f"drawn     {folder}{note}")

@@ -1,11 +1,11 @@
 """Report of `omnisight epipolar`."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from omnisight.cli._output import write_json
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.epipolar import EpipolarResult
@@ -31,7 +31,7 @@ def print_json(result: EpipolarResult) -> None:
         "seconds": round(result.seconds, 3),
         "reason": result.reason,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def _pose(pose: Pose) -> dict[str, list[float] | None]:

@@ -1,6 +1,5 @@
 """Output of `omnisight evaluate`."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.evaluation import Evaluation, Ring
 from omnisight.cli._console import console
+from omnisight.cli._output import write_json
 
 # Images that are printed, those with the largest rms.
 MAX_IMAGES = 8
@@ -62,7 +62,7 @@ def print_json(evaluations: Mapping[str, Evaluation]) -> None:
             {**_summary(*item), "common": item[1].statistics(common).as_dict()} for item in (first, *others) if others
         ],
     }
-    print(json.dumps(result, indent=2, allow_nan=False))
+    write_json(result)
 
 
 def print_report(evaluations: Mapping[str, Evaluation]) -> None:

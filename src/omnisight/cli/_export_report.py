@@ -1,9 +1,9 @@
 """Output of `omnisight export`."""
 
 from collections.abc import Sequence
-from json import dumps
 from pathlib import Path
 
+from omnisight.cli._output import write_json
 from omnisight.pipeline.export_map import MapExport
 
 # A remap table reads single pixels: a view that is smaller than the image by more than this factor shows aliasing.
@@ -40,18 +40,16 @@ def print_map_json(export: MapExport) -> None:
     """Print the files and their use as one JSON object."""
     table = export.table
     rows, columns = table.covered.shape
-    print(
-        dumps(
-            {
-                "format": export.title,
-                "convention": export.convention,
-                "files": [str(file) for file in export.files],
-                "usage": export.usage,
-                "view": export.options.to,
-                "size": [columns, rows],
-                "image_size": list(table.source.size),
-                "covered": float(table.covered.mean()),
-                "scale": table.scale,
-            }
-        )
+    write_json(
+        {
+            "format": export.title,
+            "convention": export.convention,
+            "files": [str(file) for file in export.files],
+            "usage": export.usage,
+            "view": export.options.to,
+            "size": [columns, rows],
+            "image_size": list(table.source.size),
+            "covered": float(table.covered.mean()),
+            "scale": table.scale,
+        }
     )

@@ -1,11 +1,10 @@
 """Report of `omnisight calibrate-lines`."""
 
-import json
-
 import numpy as np
 
 from omnisight.calibration.lines import LinesCalibration
 from omnisight.cli._console import console
+from omnisight.cli._output import write_json
 from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
 
@@ -28,7 +27,7 @@ def print_json(calibration: LinesCalibration) -> None:
         "warnings": list(calibration.warnings),
         "camera": to_json(camera),
     }
-    print(json.dumps(result, indent=2, allow_nan=False))
+    write_json(result)
 
 
 def print_report(calibration: LinesCalibration, written: SaveResult | None) -> None:

@@ -1,6 +1,5 @@
 """Output of `omnisight map` and `omnisight localize`."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.cli._console import console
+from omnisight.cli._output import write_json
 from omnisight.geometry.rotation import quaternions
 from omnisight.localization.visual_map import LocalizedImage, VisualMap
 from omnisight.pipeline.reconstruct import ReconstructionResult
@@ -28,7 +28,7 @@ def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None
         "seconds": round(result.seconds, 3),
         "reason": result.reason,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> None:
@@ -50,7 +50,7 @@ def print_json(found: Mapping[str, LocalizedImage], known: VisualMap) -> None:
         "images": images,
         "has_scale": known.reconstruction.has_scale,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def _as_dict(image: LocalizedImage) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """Report of `omnisight next`."""
 
-import json
 from typing import Any
 
 import numpy as np
 
+from omnisight.cli._output import write_json
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.targets import Detections, PointTarget
 from omnisight.view_planning.description import (
@@ -59,7 +59,7 @@ def print_json(proposal: Proposal, detections: Detections) -> None:
         "warnings": [detections.hint] if detections.hint else [],
         "next": [_view_json(proposal, view) for view in proposal.views],
     }
-    print(json.dumps(result, indent=2, allow_nan=False))
+    write_json(result)
 
 
 def _worst_json(prior: InformationPrior, worst: WorstDirection) -> dict[str, Any]:

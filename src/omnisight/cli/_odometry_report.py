@@ -1,14 +1,13 @@
 """Report of `omnisight odometry`."""
 
-import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnisight.cli._output import warn, write_json
 from omnisight.pipeline.odometry import OdometryResult
 from omnisight.visual_odometry.frame_result import LostSegment
 from omnisight.visual_odometry.loop_result import Loop
@@ -33,6 +32,7 @@ def print_json(result: OdometryResult) -> None:
         "scale_source": result.scale.source if result.scale else None,
         "scale_sigma": round(result.scale.relative_sigma, 5) if result.scale else None,
         "fps": None if math.isnan(result.fps) else round(result.fps, 2),
+        "dropped": result.dropped,
         "start_seconds": round(result.start_seconds, 3),
         "lost": [
             {"first": lost.first, "last": lost.last, "reason": lost.reason, "recovery": lost.recovery}
@@ -43,7 +43,7 @@ def print_json(result: OdometryResult) -> None:
         "warnings": list(result.warnings),
         "reason": result.reason,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_report(result: OdometryResult, output: Path) -> None:
@@ -62,6 +62,9 @@ def print_report(result: OdometryResult, output: Path) -> None:
         worlds = len({part.world for part in result.segments})
         joined = "joined by loops" if worlds == 1 else f"in {worlds} worlds, whose relative scale is not known"
         print(f"segments    {', '.join(f'{part.first} to {part.last}' for part in result.segments)}: {joined}")
+    if result.dropped is not None:
+        arrived = result.frames + result.dropped
+        print(f"dropped     {result.dropped} of {arrived} frames, which arrived while an earlier one was processed")
     rate = "" if math.isnan(result.fps) else f"{result.fps:.1f} frames per second after "
     print(f"time        {rate}{result.start_seconds:.1f} s for the start")
     print(f"written     {output}")
@@ -86,7 +89,7 @@ def print_loops(result: OdometryResult) -> None:
 def print_warnings(result: OdometryResult) -> None:
     """Print warnings on stderr."""
     for warning in result.warnings:
-        print(f"omnisight: warning: {warning}", file=sys.stderr)
+        warn(warning)
 
 
 def _loop(loop: Loop) -> dict[str, Any]:

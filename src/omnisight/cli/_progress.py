@@ -1,9 +1,12 @@
-"""Progress bars on stderr, so that stdout contains the result only."""
+"""Progress on stderr, so that stdout contains the result only."""
 
 import sys
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Protocol
+
+from omnisight.cli._output import is_quiet, is_verbose
 
 
 class Report(Protocol):
@@ -13,11 +16,21 @@ class Report(Protocol):
 
 
 @contextmanager
-def progress(quiet: bool) -> Generator[Report]:
-    """Show a progress bar per stage, unless quiet or stderr is not a terminal."""
-    if quiet or not sys.stderr.isatty():
+def progress() -> Generator[Report]:
+    """Show the stages: their times if verbose, otherwise progress bars if stderr is a terminal; nothing if quiet."""
+    if is_verbose():
+        with _stage_times() as report:
+            yield report
+    elif is_quiet() or not sys.stderr.isatty():
         yield lambda stage, done, total: None
-        return
+    else:
+        with _bars() as report:
+            yield report
+
+
+@contextmanager
+def _bars() -> Generator[Report]:
+    """Show a progress bar per stage."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -31,3 +44,26 @@ def progress(quiet: bool) -> Generator[Report]:
             bars.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+@contextmanager
+def _stage_times() -> Generator[Report]:
+    """Print each stage when the next one begins: its time, and how much was done."""
+    stages: list[tuple[str, float, int]] = []
+
+    def finish() -> None:
+        if stages:
+            name, start, done = stages.pop()
+            print(f"{name:<24} {time.perf_counter() - start:8.2f} s, {done} steps", file=sys.stderr, flush=True)
+
+    def report(stage: str, done: int, total: int) -> None:
+        if stages and stages[0][0] == stage:
+            stages[0] = (stage, stages[0][1], done)
+            return
+        finish()
+        stages.append((stage, time.perf_counter(), done))
+
+    try:
+        yield report
+    finally:
+        finish()

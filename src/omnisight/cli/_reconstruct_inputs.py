@@ -37,11 +37,18 @@ def parse_cameras(values: list[str]) -> str | dict[str, str] | None:
     return {name: file for name, _, file in pairs}
 
 
-def folder_of_images(images: Path, output: Path, options: ReconstructOptions) -> tuple[Path, bool, ReconstructOptions]:
-    """Return the folder or file of the images, whether they must be extracted from a clip, and the options for it."""
+def folder_of_images(
+    images: Path, output: Path, options: ReconstructOptions, *, has_rig: bool
+) -> tuple[Path, bool, ReconstructOptions]:
+    """Return the folder or file of the images, whether they are extracted from a clip or bag, and the options."""
     from omnisight.images import VIDEO_SUFFIXES
+    from omnisight.images.ros_bag import is_bag
 
-    is_clip = images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir()
+    is_clip = is_bag(images) or (images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir())
+    if options.topic is not None and not is_clip:
+        raise ValueError(f"{images}: not a ROS bag, which alone has topics: leave out --topic")
+    if is_bag(images) and has_rig:
+        raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")
     if is_clip and options.pairs == "auto":
         options = replace(options, pairs="sequential")
     return (output / "images" if is_clip else images), is_clip, options

@@ -1,11 +1,11 @@
 """Report of `omnisight reconstruct`."""
 
-import json
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
+from omnisight.cli._output import write_json
 from omnisight.pipeline.reconstruct import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
@@ -30,9 +30,14 @@ def remove_models(output: Path, first: int) -> None:
 
 def print_json(result: ReconstructionResult) -> None:
     """Print the result as one JSON object."""
+    write_json(summary(result))
+
+
+def summary(result: ReconstructionResult) -> dict[str, object]:
+    """Return the figures of a reconstruction for JSON."""
     model = result.models[0] if result else None
     has_points = model is not None and len(model.points) > 0
-    data = {
+    return {
         "registered": len(model) if model else 0,
         "images": result.images,
         "models": [len(each) for each in result.models],
@@ -53,7 +58,6 @@ def print_json(result: ReconstructionResult) -> None:
         "peak_memory_mb": _megabytes(result),
         "reason": result.reason,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
 
 
 def _georeference_json(result: ReconstructionResult) -> dict[str, object] | None:

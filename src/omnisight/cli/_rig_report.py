@@ -1,6 +1,5 @@
 """Output of `omnisight calibrate-rig`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from omnisight.cli._calibrate_report import print_verdict
 from omnisight.cli._console import console
+from omnisight.cli._output import is_verbose, write_json
 from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.rig_calibration import RigCalibration
 
@@ -60,7 +60,7 @@ def print_json(calibration: RigCalibration) -> None:
     }
     if not metric:
         data["note"] = "lengths are in squares of the board: translation and sigma are without unit, and *_m, *_mm null"
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def _pose(calibration: RigCalibration, name: str) -> dict[str, Any]:
@@ -95,8 +95,8 @@ def _board(calibration: RigCalibration, board: int) -> dict[str, Any]:
     }
 
 
-def print_report(calibration: RigCalibration, written: Path | None, *, verbose: bool) -> None:
-    """Print cameras, pairs, verdict and the file written; with `verbose` all reasons and timings."""
+def print_report(calibration: RigCalibration, written: Path | None) -> None:
+    """Print cameras, pairs, verdict and the file written; with --verbose all reasons and timings."""
     out = console()
     _print_cameras(out, calibration)
     _print_pairs(out, calibration)
@@ -107,8 +107,8 @@ def print_report(calibration: RigCalibration, written: Path | None, *, verbose: 
     if rig.time_offsets:
         offsets = ", ".join(f"{n} {1e3 * t:+.1f} ms" for n, t in zip(rig.names, rig.time_offsets, strict=True))
         out.print(f"{'time':<10}{offsets}")
-    print_verdict(out, calibration.verdict, verbose)
-    if verbose:
+    print_verdict(out, calibration.verdict)
+    if is_verbose():
         seconds = {name: value for name, value in calibration.seconds.items() if name != "total"}
         out.print(f"{'seconds':<10}" + ", ".join(f"{name} {value:.1f} s" for name, value in seconds.items()))
     out.print(f"{'written':<10}{written or 'nothing'}", soft_wrap=True)

@@ -1,13 +1,12 @@
 """Report of `omnisight stereo`."""
 
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnisight.cli._output import warn, write_json
 from omnisight.pipeline.stereo import StereoResult
 from omnisight.pipeline.stereo_files import MAX_UINT16
 
@@ -35,18 +34,17 @@ def print_json(result: StereoResult, steps: float) -> None:
         low, median, high = result.quantiles
         data["distance"] = {"low": low, "median": median, "high": high}
         data["relative_sigma"] = _relative_sigma(result)
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_warnings(result: StereoResult, too_far: int, steps: float) -> None:
     """Print warnings to stderr."""
     if result.check.warning:
-        print(f"omnisight: warning: {result.check.warning}", file=sys.stderr)
+        warn(result.check.warning)
     if too_far:
-        print(
-            f"omnisight: warning: {too_far} distances are larger than {MAX_UINT16 / steps:g} and are 0 in the 16-bit"
-            f" image: use fewer --steps than {steps:g}, or -o with .npy",
-            file=sys.stderr,
+        warn(
+            f"{too_far} distances are larger than {MAX_UINT16 / steps:g} and are 0 in the 16-bit image: use fewer"
+            f" --steps than {steps:g}, or -o with .npy"
         )
 
 

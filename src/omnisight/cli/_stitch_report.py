@@ -1,13 +1,12 @@
 """Report of `omnisight stitch`."""
 
-import json
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from omnisight.cli._output import warn, write_json
 from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.stitch import StitchResult
 from omnisight.sfm.head_result import HeadCalibration
@@ -38,7 +37,7 @@ def print_json(result: StitchResult) -> None:
         "frame_seconds": round(result.frame_seconds, 4),
         "warning": result.warning,
     }
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_report(result: StitchResult, output: str, save_rig: Path | None) -> None:
@@ -72,7 +71,7 @@ def print_report(result: StitchResult, output: str, save_rig: Path | None) -> No
     print(f"sphere     {width}x{height}, {result.covered:.1%} covered, {result.frames} of {result.frame_seconds:.2f} s")
     print(f"written    {', '.join(str(path) for path in (output, save_rig) if path is not None)}")
     if result.warning:
-        print(f"omnisight: warning: {result.warning}", file=sys.stderr)
+        warn(result.warning)
 
 
 def _worst(result: StitchResult) -> Any:

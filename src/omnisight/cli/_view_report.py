@@ -1,10 +1,10 @@
 """Report of `omnisight view`."""
 
-import json
 import math
 from collections.abc import Sequence
 from typing import Any
 
+from omnisight.cli._output import write_json
 from omnisight.pipeline.view import ViewResult
 from omnisight.pipeline.view_clip import ClipViews
 
@@ -19,7 +19,7 @@ def print_json(results: Sequence[ViewResult], written: ClipViews | None) -> None
         data["frames"] = written.frames
         data["seconds"] = round(written.seconds, 3)
         data["frames_per_second"] = round(written.frames / max(written.seconds, 1e-9), 2)
-    print(json.dumps(data, indent=2, allow_nan=False))
+    write_json(data)
 
 
 def print_report(

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
 from omnisight.video_options import VideoOptions
@@ -21,8 +22,6 @@ def birdseye(
     options: Annotated[BirdseyeOptions, Parameter(name="*")] = BirdseyeOptions(),
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     save_rig: Path | None = None,
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Show the ground around a vehicle from above, from simultaneous images or clips of its cameras.
 
@@ -39,17 +38,13 @@ def birdseye(
         Image to write; for clips and folders a video (.mp4) or a folder of images.
     save_rig
         File of the rig in the ground frame to write; later runs need no markings.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._birdseye_report import print_json, print_report
     from omnisight.pipeline.birdseye_files import write_birdseye
 
-    with progress(quiet or json) as report:
+    with progress() as report:
         written = write_birdseye(images, rig, output, options, video=video, save_rig=save_rig, progress=report)
-    if json:
+    if is_json():
         print_json(written)
     else:
         print_report(written)

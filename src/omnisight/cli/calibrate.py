@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import CalibrateOptions
 
@@ -20,9 +21,6 @@ def calibrate(
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
     report: Path | None = None,
-    json: bool = False,
-    quiet: bool = False,
-    verbose: Annotated[bool, Parameter(alias="-v")] = False,
 ) -> None:
     """Calibrate a camera from images of a board, or from corners that another program detected.
 
@@ -40,12 +38,6 @@ def calibrate(
         Folder for copies of the images with corners and residuals drawn.
     report
         HTML report to write: verdict, residuals of every image, uncertainty, and the camera in every format.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
-    verbose
-        Print all images, tests, remarks and timings.
     """
     from omnisight.cli._calibrate_report import print_json, print_report
     from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output, save_calibrated
@@ -55,7 +47,7 @@ def calibrate(
     from omnisight.pipeline.detect import source_paths
     from omnisight.pipeline.interruption import CalibrationInterrupted
 
-    if output is None and not json:
+    if output is None and not is_json():
         output = default_output("camera.json")
     files = check_calibration_outputs(output, report, "camera")
     paths = source_paths(images)
@@ -65,7 +57,7 @@ def calibrate(
     if draw is not None:
         drawing_paths(paths, draw)
     try:
-        with progress(quiet or json) as show:
+        with progress() as show:
             calibration = run(images, options, progress=show)
     except CalibrationInterrupted as interrupted:
         if output is not None:
@@ -73,19 +65,18 @@ def calibrate(
             print(f"written   {written}: the best camera so far, its accuracy was not assessed", file=sys.stderr)
         raise
     written, failure = save_calibrated(calibration.camera, output)
-    if json:
+    if is_json():
         print_json(calibration)
     else:
-        print_report(calibration, written, verbose=verbose)
+        print_report(calibration, written)
     if failure is not None:
         raise failure
     if draw is not None:
         from omnisight.cli._drawings import draw_calibration
 
-        draw_calibration(calibration, draw, apply_exif=options.apply_exif, quiet=json)
+        draw_calibration(calibration, draw, apply_exif=options.apply_exif)
     if report is not None:
         from omnisight.report import ReportOptions, write_report
 
         write_report(calibration, report, ReportOptions(["omnisight", *sys.argv[1:]], apply_exif=options.apply_exif))
-        if not json:
-            print(f"report    {report}")
+        print(f"report    {report}")

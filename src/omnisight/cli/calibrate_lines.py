@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 
 GROUP = "Calibration"
@@ -22,8 +23,6 @@ def calibrate_lines(
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
     apply_exif: bool = False,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Calibrate a camera from images of straight lines, without a board.
 
@@ -51,10 +50,6 @@ def calibrate_lines(
         Folder for copies of the images with the lines drawn: inliers green, outliers red, great circles blue.
     apply_exif
         Rotate images by their EXIF orientation; a calibration needs them as the sensor recorded them.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._files import check_camera_suffix, default_output, must_be_writable
     from omnisight.cli._lines_report import print_json, print_report
@@ -67,7 +62,7 @@ def calibrate_lines(
     options = CalibrateLinesOptions(model, _parse_fixed(fix or []), mask=mask, lines=lines, apply_exif=apply_exif)
     paths = collect_images(images)
     # Check the outputs before the calibration, which takes a while.
-    if output is None and not json:
+    if output is None and not is_json():
         output = default_output("camera.json")
     if output is not None:
         must_be_writable(output)
@@ -75,11 +70,11 @@ def calibrate_lines(
         check_camera_suffix(output)
     if draw is not None:
         drawing_paths(paths, draw)
-    with progress(quiet or json) as report:
+    with progress() as report:
         calibration = calibrate(paths, options, progress=report)
     # Write the camera first, so that a failed drawing does not lose it.
     written = save(calibration.camera, output) if output is not None else None
-    if json:
+    if is_json():
         print_json(calibration)
     else:
         print_report(calibration, written)
@@ -87,8 +82,7 @@ def calibrate_lines(
         from omnisight.report.drawings.lines import draw_lines
 
         draw_lines(calibration, paths, draw, apply_exif=apply_exif)
-        if not json:
-            print(f"drawn     {draw}")
+        print(f"drawn     {draw}")
 
 
 def _parse_fixed(texts: Sequence[str]) -> dict[str, float]:

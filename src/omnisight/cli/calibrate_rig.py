@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 
@@ -20,9 +21,6 @@ def calibrate_rig(
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     draw: Path | None = None,
     report: Path | None = None,
-    json: bool = False,
-    quiet: bool = False,
-    verbose: Annotated[bool, Parameter(alias="-v")] = False,
 ) -> None:
     """Calibrate several rigidly connected cameras, and their poses relative to each other.
 
@@ -40,12 +38,6 @@ def calibrate_rig(
         Folder for copies of the images with corners and residuals drawn, in a folder for each camera.
     report
         HTML report to write: verdict, rig in 3-D, fields of view, residuals, and the rig in every format.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
-    verbose
-        Print all reasons and timings.
     """
     from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output, save_calibrated
     from omnisight.cli._rig_report import print_json, print_report
@@ -54,7 +46,7 @@ def calibrate_rig(
     from omnisight.pipeline.detect import source_paths
     from omnisight.pipeline.rig_sources import named_sources
 
-    if output is None and not json:
+    if output is None and not is_json():
         output = default_output("rig.json")
     files = check_calibration_outputs(output, report, "rig")
     paths = {name: source_paths([source]) for name, source in named_sources(cameras).items()}
@@ -65,23 +57,22 @@ def calibrate_rig(
     if draw is not None:
         for name, found in paths.items():
             drawing_paths(found, draw / name)
-    with progress(quiet or json) as show:
+    with progress() as show:
         calibration = run(cameras, options, progress=show)
     written, failure = save_calibrated(calibration.rig, output)
-    if json:
+    if is_json():
         print_json(calibration)
     else:
-        print_report(calibration, written and written.path, verbose=verbose)
+        print_report(calibration, written and written.path)
     if failure is not None:
         raise failure
     if draw is not None:
         from omnisight.cli._drawings import draw_rig_calibration
 
-        draw_rig_calibration(calibration, draw, apply_exif=options.apply_exif, quiet=json)
+        draw_rig_calibration(calibration, draw, apply_exif=options.apply_exif)
     if report is not None:
         from omnisight.report import ReportOptions, write_rig_report
 
         command = ["omnisight", *sys.argv[1:]]
         write_rig_report(calibration, report, ReportOptions(command, apply_exif=options.apply_exif))
-        if not json:
-            print(f"report    {report}")
+        print(f"report    {report}")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.capture_options import CaptureOptions
 
 GROUP = "Calibration"
@@ -17,8 +18,6 @@ def capture(
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[CaptureOptions, Parameter(name="*")] = CaptureOptions(),
     page: bool = False,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Capture calibration images from a connected camera, and show where to hold the board next.
 
@@ -33,21 +32,17 @@ def capture(
         Folder of the images: capture-001.png, ...
     page
         Show the image, the covered field of view and the next pose in a page for the browser, on this computer only.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._capture_report import as_json, live_view, print_report
     from omnisight.pipeline.capture import capture as run
 
     if output.exists() and not output.is_dir():
         raise ValueError(f"{output}: is a file; name a folder for the images")
-    with live_view(source, options, is_quiet=quiet or json, has_page=page) as show:
+    with live_view(source, options, has_page=page) as show:
         result = run(source, output, options, show)
-    if json:
+    if is_json():
         as_json(result)
     if not result:
         raise ValueError(f"{source}: no image was stored: {result.found} of {result.searched} frames show the board")
-    if not json:
+    if not is_json():
         print_report(result, output, options)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.compare_options import CompareOptions
 
 GROUP = "Cameras"
@@ -17,7 +18,6 @@ def compare(
     *,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     options: Annotated[CompareOptions, Parameter(name="*")] = CompareOptions(),
-    json: bool = False,
 ) -> None:
     """Compare two calibrated cameras: their difference in px and degrees, and whether their uncertainties explain it.
 
@@ -32,8 +32,6 @@ def compare(
         Calibration file of any format.
     output
         Draw the difference and the uncertainties into this image.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._compare_report import print_json, print_report
     from omnisight.cli._files import must_be_writable
@@ -47,4 +45,4 @@ def compare(
         from omnisight.report.drawings.camera_comparison import draw_comparison
 
         write_image(output, draw_comparison(comparison))
-    (print_json if json else print_report)(comparison, output)
+    (print_json if is_json() else print_report)(comparison, output)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.compass_options import CompassOptions
 
 GROUP = "Geometry"
@@ -17,7 +18,6 @@ def compass(
     reference: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
     camera: Path | None = None,
     options: Annotated[CompassOptions, Parameter(name="*")] = CompassOptions(),
-    json: bool = False,
 ) -> None:
     """Estimate the heading of images from their appearance, relative to the most similar reference.
 
@@ -32,18 +32,16 @@ def compass(
         Folder or image files of the references, such as a route; by default the first image.
     camera
         Calibration file, for images that are no panoramas.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._compass_report import print_json, print_report
     from omnisight.cli._progress import progress
     from omnisight.pipeline.compass import compass as run
 
-    with progress(quiet=json) as report:
+    with progress() as report:
         result = run(images, reference or None, options, camera=camera, progress=report)
-    if json:
+    if is_json():
         print_json(result)
     if not result:
         raise ValueError(result.reason)
-    if not json:
+    if not is_json():
         print_report(result)

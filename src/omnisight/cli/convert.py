@@ -1,15 +1,11 @@
 """omnisight convert."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
-if TYPE_CHECKING:
-    from omnisight.camera import Camera
-    from omnisight.conversion import Conversion
-    from omnisight.formats import SaveResult
-    from omnisight.pipeline.convert import ConvertOptions
+from omnisight.cli._output import is_json
 
 GROUP = "Cameras"
 
@@ -56,73 +52,34 @@ def convert(
     invert_extrinsics
         Of a rig: use the inverse of the poses in the file; `inspect --images` checks them.
     """
+    from omnisight.cli._convert_report import (
+        print_conversion,
+        print_json,
+        print_refusal_json,
+        print_report,
+        print_rig_report,
+    )
     from omnisight.formats import is_rig_file
     from omnisight.pipeline.convert import ConversionError, ConvertOptions
     from omnisight.pipeline.convert import convert as convert_file
+    from omnisight.pipeline.convert_rig import ConvertRigResult, convert_rig
 
     options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force, invert_extrinsics)
     if len(camera) > 1 and name is not None:
         raise ValueError(
             f"--name {name}: {len(camera)} files are joined to one rig: leave the name out, or convert one"
         )
-    if len(camera) > 1 or (name is None and is_rig_file(camera[0])):
-        _convert_rig(camera, options)
-        return
+    is_rig = len(camera) > 1 or (name is None and is_rig_file(camera[0]))
     try:
-        result = convert_file(camera[0], options)
+        result = convert_rig(camera, options) if is_rig else convert_file(camera[0], options)
     except ConversionError as error:
-        _print_conversion(error.source, error.conversion, distance)
+        if is_json():
+            print_refusal_json(error, options)
+        print_conversion(error.source, error.conversion, None if is_rig else distance)
         raise
-    _print_conversion(result.source, result.conversion, distance)
-    _print_written(result.written, result.convention)
-
-
-def _convert_rig(paths: list[Path], options: "ConvertOptions") -> None:
-    from omnisight.pipeline.convert import ConversionError
-    from omnisight.pipeline.convert_rig import convert_rig
-
-    try:
-        result = convert_rig(paths, options)
-    except ConversionError as error:
-        _print_conversion(error.source, error.conversion, None)
-        raise
-    rig = result.source
-    width = max(6, *map(len, rig.names))
-    print(f"{'camera':<{width}}  {'model':<42}  error px  error deg")
-    for name, camera, conversion in zip(rig.names, rig.cameras, result.conversions, strict=True):
-        if conversion is None:
-            print(f"{name:<{width}}  {f'{camera.model.name}, unchanged':<42}  {0:8}  {0:9}")
-            continue
-        model = f"{camera.model.name} -> {conversion.camera.model.name}"
-        print(f"{name:<{width}}  {model:<42}  {conversion.max_px:8.3g}  {conversion.max_deg:9.3g}")
-    if options.invert_extrinsics:
-        print("poses       inverted")
-    _print_written(result.written, result.convention, rig.unit)
-
-
-def _print_written(written: "SaveResult", convention: str, unit: str | None = None) -> None:
-    poses = "" if unit is None else f", {written.rotation_deg:.2g} deg, {written.translation:.2g} {unit}"
-    print(f"written     {written.path}; reads back within {written.error_px:.2g} px{poses}")
-    print(f"convention  {convention}")
-    for note in written.notes:
-        print(f"note        {note}")
-
-
-def _print_conversion(source: "Camera", conversion: "Conversion | None", distance: str | None) -> None:
-    import math
-
-    if distance is not None:
-        fit = source.provenance["central_of"]
-        print(f"central     {source.model.name}, at most {fit['differs_px']:.2g} px off at {distance}")
-        if fit.get("mirrored"):
-            print(
-                "frame       at the viewpoint of the mirror; left and right are exchanged as in the image (view --flip)"
-            )
-    if conversion is None:
-        print(f"model       {source.model.name}, unchanged")
-        return
-    print(f"model       {source.model.name} -> {conversion.camera.model.name}")
-    print(f"fitted      up to {math.degrees(conversion.theta_max):.1f} degrees from the axis")
-    print(f"error       at most {conversion.max_px:.3g} px, {conversion.max_deg:.3g} deg; ", end="")
-    print(f"rms {conversion.rms_px:.3g} px, {conversion.rms_deg:.3g} deg")
-    print(f"agreement   within 0.5 px up to {math.degrees(conversion.agreement_theta):.1f} degrees from the axis")
+    if is_json():
+        print_json(result, options)
+    elif isinstance(result, ConvertRigResult):
+        print_rig_report(result, options)
+    else:
+        print_report(result, distance)

@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
+
 GROUP = "Cameras"
 
 
@@ -25,7 +27,6 @@ def design(
     working_distance: str = "1m",
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     camera: Path | None = None,
-    json: bool = False,
 ) -> None:
     """Design a camera that looks into a mirror above it and sees all around.
 
@@ -71,8 +72,6 @@ def design(
     camera
         Write the camera file of the design: the unified model if it has a single viewpoint, otherwise the lens and its
         mirror.
-    json
-        Print the result as JSON.
     """
     del what
     from omnisight.cli._design_report import print_json, print_report
@@ -119,7 +118,7 @@ def design(
 
         save(result.camera, camera, format="native")
         written.append(camera)
-    if json:
+    if is_json():
         print_json(result)
     else:
         print_report(result, written)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json, write_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.options import DetectOptions
@@ -21,8 +22,6 @@ def detect(
     options: Annotated[DetectOptions, Parameter(name="*")] = DetectOptions(),
     output: Annotated[str | None, Parameter(alias="-o")] = None,
     batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Detect the board in images and draw the detections, without calibrating.
 
@@ -37,60 +36,54 @@ def detect(
     output
         Folder for the drawings; omnisight-detect by default, or no drawings with --json. With --workers, --cluster or a
         URL, folder for corners.json, which has what --json prints, without drawings.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.pipeline.batch.batch import is_batch
 
     if is_batch(images, [output or ""], batch):
-        _detect_batch(images, output, options, batch, json=json, quiet=quiet)
+        _detect_batch(images, output, options, batch)
         return
     from functools import partial
 
     from omnisight.cli._detect_report import print_report, print_table
-    from omnisight.corners.native import serialize
+    from omnisight.corners.native import to_dict
     from omnisight.images import collect_images
     from omnisight.images.output_paths import drawing_paths
     from omnisight.pipeline.detect import detect as run
     from omnisight.report.drawings.detections import draw_detections
 
-    folder = None if output is None and json else Path(output or DEFAULT_FOLDER)
+    folder = None if output is None and is_json() else Path(output or DEFAULT_FOLDER)
     if folder is not None:
         drawing_paths(collect_images(images, videos=True), folder)
-    with progress(quiet or json) as report:
+    with progress() as report:
         detections = run(images, options, progress=report)
         if all(image.size is None for image in detections.images):
             notes = [f"  {image.note}" for image in detections.images[:5]]
             raise ValueError("\n".join(["none of the images can be read:", *notes]))
-        if json:
-            print(serialize(detections))
+        if is_json():
+            write_json(to_dict(detections))
         else:
             print_table(detections)
             print_report(detections)
         if folder is not None:
             files = drawing_paths([image.path for image in detections.images], folder)
             draw_detections(detections, files, apply_exif=options.apply_exif, progress=partial(report, "draw"))
-    if folder is not None and not json:
+    if folder is not None:
         print(f"drawn     {folder}")
 
 
-def _detect_batch(
-    images: list[str], output: str | None, options: DetectOptions, batch: BatchOptions, *, json: bool, quiet: bool
-) -> None:
+def _detect_batch(images: list[str], output: str | None, options: DetectOptions, batch: BatchOptions) -> None:
     """Detect by workers, and print the result."""
     from omnisight.cli._batch_report import check_batch, print_batch
     from omnisight.cli._detect_report import print_report
-    from omnisight.corners.native import serialize
+    from omnisight.corners.native import to_dict
     from omnisight.pipeline.detect_batch import detect_batch
 
     if len(images) > 1 or output is None:
         raise ValueError("--workers, --cluster and URLs apply to one folder or pattern of images, and need --output")
-    with progress(quiet or json) as report:
+    with progress() as report:
         detections, result = detect_batch(images[0], output, options, batch, progress=report)
-    if json:
-        print(serialize(detections))
+    if is_json():
+        write_json(to_dict(detections))
     else:
         print_report(detections)
         print_batch(result, output)

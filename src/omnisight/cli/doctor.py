@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json, write_json
 from omnisight.pipeline.doctor_options import DoctorOptions
 
 GROUP = "Geometry"
@@ -21,8 +22,6 @@ def doctor(
     camera: str | None = None,
     write_mask: Path | None = None,
     options: Annotated[DoctorOptions, Parameter(name="*")] = DoctorOptions(),
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Check a recording of a moving camera before it is used or, without images, the installation.
 
@@ -32,15 +31,11 @@ def doctor(
     Parameters
     ----------
     images
-        Video clip, or folder of images in the order of their names.
+        Video clip, ROS bag, or folder of images in the order of their names.
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images.
     write_mask
         Write an image that is black where all images look the same, for `odometry --mask`.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._progress import progress
@@ -48,10 +43,10 @@ def doctor(
 
     if write_mask is not None:
         must_be_writable(write_mask)
-    with progress(quiet or json) as report:
+    with progress() as report:
         diagnosis = run(images, camera, options, report)
     written = write_mask if write_mask is not None and _write_mask(write_mask, diagnosis) else None
-    (_print_json if json else _print_report)(diagnosis, written)
+    (_print_json if is_json() else _print_report)(diagnosis, written)
     if not diagnosis:
         sys.exit(2)
 
@@ -81,11 +76,9 @@ def _print_report(diagnosis: "Diagnosis", written: Path | None) -> None:
 
 def _print_json(diagnosis: "Diagnosis", written: Path | None) -> None:
     """Print the findings as one JSON object."""
-    import json
-
     findings = [
         {"name": finding.name, "level": str(finding.level), "figure": finding.figure, "advice": finding.advice}
         for finding in diagnosis.findings
     ]
     data = {"level": str(diagnosis.level), "findings": findings, "mask": None if written is None else str(written)}
-    print(json.dumps(data, indent=2, ensure_ascii=False))
+    write_json(data)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.options import EpipolarOptions
 
 GROUP = "Geometry"
@@ -19,7 +20,6 @@ def epipolar(
     camera_b: Path | None = None,
     options: Annotated[EpipolarOptions, Parameter(name="*")] = EpipolarOptions(),
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
-    json: bool = False,
 ) -> None:
     """Estimate the relative pose of two images of any cameras, and draw their epipolar geometry.
 
@@ -38,8 +38,6 @@ def epipolar(
         Calibration file of the second image; by default that of the first.
     output
         Drawing to write.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._epipolar_report import print_json, print_report
     from omnisight.cli._files import must_be_writable
@@ -56,9 +54,9 @@ def epipolar(
         from omnisight.report.drawings.epipolar import draw_epipolar
 
         write_image(output, draw_epipolar(result))
-    if json:
+    if is_json():
         print_json(result)
     if not result:
         raise ValueError(f"{image_a}, {image_b}: {result.reason}")
-    if not json:
+    if not is_json():
         print_report(result, output)

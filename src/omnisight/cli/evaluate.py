@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import EvaluateOptions
 
@@ -20,8 +21,6 @@ def evaluate(
     name: str | None = None,
     compare: list[Path] | None = None,
     draw: Path | None = None,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Evaluate a calibrated camera on other images of a board, or on other corners.
 
@@ -41,10 +40,6 @@ def evaluate(
         File of another camera to evaluate on the same corners; may be repeated.
     draw
         Folder for copies of the images with corners and residuals drawn.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._evaluate_report import print_json, print_report
     from omnisight.formats import load
@@ -59,13 +54,13 @@ def evaluate(
     }
     if draw is not None:
         drawing_paths(source_paths(images), draw)
-    with progress(quiet or json) as report:
+    with progress() as report:
         evaluations = run(cameras, images, options, progress=report)
-    if json:
+    if is_json():
         print_json(evaluations)
     else:
         print_report(evaluations)
     if draw is not None:
         from omnisight.cli._drawings import draw_evaluation
 
-        draw_evaluation(next(iter(evaluations.values())), draw, apply_exif=options.apply_exif, quiet=json)
+        draw_evaluation(next(iter(evaluations.values())), draw, apply_exif=options.apply_exif)

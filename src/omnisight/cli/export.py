@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json, write_json
 from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_size
 from omnisight.cli._view_options import SharedViewOptions, ViewType
@@ -30,8 +31,6 @@ def export(
     image_size: str | None = None,
     shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
     batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Write a view of a camera, or a reconstruction, for another program.
 
@@ -69,10 +68,6 @@ def export(
         Interpolation between image pixels, if the program offers it.
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.extensions import unknown_name
@@ -94,12 +89,12 @@ def export(
         if is_batch([images or ""], [output], batch):
             if to != "splat" or images is None:
                 raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
-            with progress(quiet or json) as report:
+            with progress() as report:
                 result = export_batch(source, output, images, width, batch, report)
-            (print_batch_json if json else print_batch)(result, output)
+            (print_batch_json if is_json() else print_batch)(result, output)
             check_batch(result)
             return
-        _export_reconstruction(source, to, Path(output), Path(images) if images else None, width, json)
+        _export_reconstruction(source, to, Path(output), Path(images) if images else None, width)
         return
     if source.is_dir():
         raise ValueError(
@@ -124,12 +119,10 @@ def export(
     )
     from omnisight.cli._export_report import print_map, print_map_json
 
-    (print_map_json if json else print_map)(result)
+    (print_map_json if is_json() else print_map)(result)
 
 
-def _export_reconstruction(
-    model: Path, to: str, output: Path, images: Path | None, size: int | None, as_json: bool
-) -> None:
+def _export_reconstruction(model: Path, to: str, output: Path, images: Path | None, size: int | None) -> None:
     """Write a reconstruction and print the files."""
     from omnisight.cli._export_report import print_files
     from omnisight.pipeline.export import export as run
@@ -141,10 +134,8 @@ def _export_reconstruction(
         chosen = get_reconstruction_format(to)
         title, convention = chosen.TITLE, chosen.CONVENTION
         files = run(model, output, ExportOptions(to, images, size))
-    if as_json:
-        from json import dumps
-
-        print(dumps({"format": to, "files": [str(file) for file in files]}))
+    if is_json():
+        write_json({"format": to, "files": [str(file) for file in files]})
         return
     print_files(title, convention, output, files)
 

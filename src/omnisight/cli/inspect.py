@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json, is_verbose, write_json
+
 if TYPE_CHECKING:
     from omnisight.camera import Camera
     from omnisight.pipeline.inspect import CameraDescription
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
 
 GROUP = "Cameras"
 
-# A spline camera has hundreds of parameters; the first ones are printed.
+# A spline camera has hundreds of parameters; the first ones are printed without --verbose.
 MAX_LISTED_PARAMETERS = 16
 MAX_VALUE_CHARS = 90
 
@@ -24,11 +26,11 @@ def inspect(
     name: str | None = None,
     svg: Path | None = None,
     images: Annotated[tuple[Path, ...], Parameter(consume_multiple=True)] = (),
-    json: bool = False,
 ) -> None:
     """Print what a calibration file holds: model, image size, field of view, focal length, conventions, r(theta).
 
-    Of a rig, it also prints the poses and the overlap of the cameras.
+    Of a rig, it also prints the poses and the overlap of the cameras. The object of --json has the cameras as
+    omnisight's own JSON by name or, with --images, the check of the extrinsics.
 
     Parameters
     ----------
@@ -41,36 +43,19 @@ def inspect(
     images
         Of a rig: a simultaneous image of each camera, in the order of the cameras. Their matches show whether the
         extrinsics are inverted.
-    json
-        Print the cameras as omnisight's own JSON, one object by name; with `--images`, the check of the extrinsics.
     """
-    from omnisight.formats import load_rig
     from omnisight.pipeline.inspect import inspect as inspect_file
 
     if images:
-        _check_images(camera, images, json)
+        _check_images(camera, images)
         return
     descriptions = inspect_file(camera, name=name)
-    if json:
-        import json as text
-
+    if is_json():
         from omnisight.formats.native import to_json
 
-        print(text.dumps({key: to_json(value.camera) for key, value in descriptions.items()}, indent=2))
-        return
-    for key, description in descriptions.items():
-        if len(descriptions) > 1:
-            print(f"== {key}")
-        _print_description(description, camera)
-    if name is None and len(descriptions) > 1:
-        from omnisight.cli._inspect_rig_report import print_rig
-
-        try:
-            rig = load_rig(camera)
-        except ValueError as error:
-            print(f"== poses not read: {error}")
-        else:
-            print_rig(rig)
+        write_json({key: to_json(value.camera) for key, value in descriptions.items()})
+    else:
+        _print_descriptions(descriptions, camera, has_rig=name is None and len(descriptions) > 1)
     if svg is not None:
         profile = next(iter(descriptions.values())).profile
         if profile is None:
@@ -82,7 +67,25 @@ def inspect(
         print(f"written: {svg}")
 
 
-def _check_images(path: Path, images: tuple[Path, ...], as_json: bool) -> None:
+def _print_descriptions(descriptions: "dict[str, CameraDescription]", path: Path, *, has_rig: bool) -> None:
+    """Print the cameras of a file, and their poses."""
+    for key, description in descriptions.items():
+        if len(descriptions) > 1:
+            print(f"== {key}")
+        _print_description(description, path)
+    if has_rig:
+        from omnisight.cli._inspect_rig_report import print_rig
+        from omnisight.formats import load_rig
+
+        try:
+            rig = load_rig(path)
+        except ValueError as error:
+            print(f"== poses not read: {error}")
+        else:
+            print_rig(rig)
+
+
+def _check_images(path: Path, images: tuple[Path, ...]) -> None:
     """Check the extrinsics of a rig by images, and print the result."""
     from omnisight.cli._inspect_rig_report import check_data, print_check, print_rig
     from omnisight.formats import load_rig
@@ -90,10 +93,8 @@ def _check_images(path: Path, images: tuple[Path, ...], as_json: bool) -> None:
 
     rig = load_rig(path)
     check = check_extrinsics(rig, images)
-    if as_json:
-        import json
-
-        print(json.dumps(check_data(check), indent=2))
+    if is_json():
+        write_json(check_data(check))
         return
     print_rig(rig)
     print_check(check, path)
@@ -128,13 +129,14 @@ def _print_description(description: "CameraDescription", path: Path) -> None:
 
 
 def _print_parameters(description: "CameraDescription") -> None:
-    listed = description.parameters[:MAX_LISTED_PARAMETERS]
+    listed = description.parameters if is_verbose() else description.parameters[:MAX_LISTED_PARAMETERS]
     width = max(8, *(len(parameter.name) for parameter in listed))
     for p in listed:
         sigma = "" if p.sigma is None else f" +- {p.sigma:.2g}" if p.sigma else " (fixed)"
         print(f"  {p.name:<{width}} {p.value:14.8g}{sigma:<12} {p.unit:<3} {p.description}")
     if len(description.parameters) > len(listed):
-        print(f"  ... and {len(description.parameters) - len(listed)} more, to {description.parameters[-1].name}")
+        more, last = len(description.parameters) - len(listed), description.parameters[-1].name
+        print(f"  ... and {more} more, to {last} (--verbose)")
 
 
 def _print_non_central(camera: "RayCamera", pupil_shift: float | None) -> None:

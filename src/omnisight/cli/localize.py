@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.localize_options import LocalizeOptions
 
@@ -19,8 +20,6 @@ def localize(
     camera: Path | None = None,
     options: Annotated[LocalizeOptions, Parameter(name="*")] = LocalizeOptions(),
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Estimate the poses of images in a map that was made from other images, also of another camera.
 
@@ -34,10 +33,6 @@ def localize(
         Calibration file of any format; none is needed for 2:1 equirectangular images.
     output
         Table of the poses (world_from_camera) to write, .csv; images without a pose are left out.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._localize_report import print_json, print_report
@@ -48,11 +43,11 @@ def localize(
     if output is not None:
         must_be_writable(output)
     known = read_map(map)
-    with progress(quiet or json) as report:
+    with progress() as report:
         found = run(images, known, camera, options, report)
     if output is not None:
         write_poses(output, {name: image.cam_from_world for name, image in found.items() if image.cam_from_world})
-    if json:
+    if is_json():
         print_json(found, known)
     else:
         print_report(found, known, output)

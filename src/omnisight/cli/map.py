@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
@@ -19,8 +20,6 @@ def map(
     rig: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[ReconstructOptions, Parameter(name="*")] = ReconstructOptions(),
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Make a map in which images of any other camera can be localized: `omnisight localize`.
 
@@ -29,17 +28,13 @@ def map(
     Parameters
     ----------
     images
-        Folder of images, or a video clip.
+        Folder of images, a video clip, or a ROS bag.
     camera
         Calibration file, as of `omnisight reconstruct`.
     rig
         File of a rig, in place of the camera.
     output
         Folder of the map.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._localize_report import print_map, print_map_json
     from omnisight.cli._reconstruct_inputs import WORK, continuing, folder_of_images, parse_cameras
@@ -49,17 +44,17 @@ def map(
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
-    folder, is_clip, options = folder_of_images(images, output, options)
-    with continuing(work), progress(quiet or json) as report:
-        files = extract_frames(images, folder, options.fps, report) if is_clip else images
+    folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
+    with continuing(work), progress() as report:
+        files = extract_frames(images, folder, options.fps, report, topic=options.topic) if is_clip else images
         made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)
     if made is not None:
         write_map(output, made)
         write_viewer(output / "viewer.html", made.reconstruction, folder if folder.is_dir() else folder.parent)
     work.remove()
-    if json:
+    if is_json():
         print_map_json(made, result)
     if made is None:
         raise ValueError(f"{images}: {result.reason}")
-    if not json:
+    if not is_json():
         print_map(made, result, output)

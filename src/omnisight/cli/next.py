@@ -6,6 +6,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import NextViewOptions
 
@@ -19,8 +20,6 @@ def next(
     camera: Path,
     options: Annotated[NextViewOptions, Parameter(name="*")] = NextViewOptions(),
     draw: Annotated[Path | None, Parameter(alias="-o")] = None,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Propose where to hold the board for the next calibration image.
 
@@ -37,10 +36,6 @@ def next(
         Camera file of any format: the result of this calibration.
     draw
         Image file to write: the proposed boards and the uncertainty, over one of the images or an empty frame.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._next_report import print_json, print_report
     from omnisight.images.output_paths import refuse_overwrite
@@ -51,13 +46,13 @@ def next(
         paths = source_paths(images)
         refuse_overwrite([draw], paths)
         _check_drawing_file(draw, [] if is_corner_source(images) else paths)
-    with progress(quiet or json) as report:
+    with progress() as report:
         proposal = run(images, camera, options, progress=report)
     detections = proposal.detections
     assert detections is not None
     if draw is not None:  # a corner file may name images
         refuse_overwrite([draw], [image.path for image in detections.images])
-    if json:
+    if is_json():
         print_json(proposal, detections)
     else:
         print_report(proposal, detections)
@@ -65,8 +60,7 @@ def next(
         from omnisight.report.drawings.next_view import draw_proposal
 
         draw_proposal(proposal, detections, draw, apply_exif=options.apply_exif)
-        if not json:
-            print(f"drawn     {draw}")
+        print(f"drawn     {draw}")
 
 
 def _check_drawing_file(draw: Path, images: Sequence[Path]) -> None:

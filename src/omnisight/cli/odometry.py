@@ -4,11 +4,15 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.odometry_options import OdometryOptions
+
+if TYPE_CHECKING:
+    from omnisight.pipeline.odometry import OdometryResult
 
 GROUP = "Geometry"
 
@@ -20,11 +24,11 @@ def odometry(
     camera: str | None = None,
     rig: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
+    live: bool = False,
+    page: bool = False,
     options: Annotated[OdometryOptions, Parameter(name="*")] = OdometryOptions(),
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
-    """Compute the trajectory of a moving camera or rig from a clip, a ROS bag, or a folder of images.
+    """Compute the trajectory of a moving camera or rig from a clip, a ROS bag, a folder of images, or a live camera.
 
     The world is the frame of the camera at the first image. Poses are written as soon as they are known, so that an
     interrupted run keeps them. At the end, places that were seen before close loops, and the file is replaced by the
@@ -42,26 +46,47 @@ def odometry(
     output
         Trajectory to write, world_from_camera (world_from_rig): TUM's format, timestamp tx ty tz qx qy qz qw, or
         KITTI's.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
+    live
+        Follow a connected camera whose number is IMAGES, such as --live 0, until Ctrl-C. Frames that arrive while an
+        earlier one is processed are dropped. A clip is played at its rate.
+    page
+        With --live, show the path, the tracks on the image, and figures in a page for the browser, on this computer
+        only.
     """
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._odometry_report import print_json, print_report, print_warnings
     from omnisight.cli._progress import progress
     from omnisight.pipeline.odometry import odometry as run
 
+    if page and not live:
+        raise ValueError("--page shows a connected camera: specify --live")
     must_be_writable(output)
-    with _keeping_poses(output), progress(quiet or json) as report:
-        result = run(images, camera, rig, options, output, report)
-    if json:
+    with _keeping_poses(output):
+        if live:
+            result = _run_live(images, camera, rig, output, options, page)
+        else:
+            with progress() as report:
+                result = run(images, camera, rig, options, output, report)
+    if is_json():
         print_json(result)
     if not result:
         raise ValueError(f"{images}: {result.reason}")
-    if not json:
+    if not is_json():
         print_report(result, output)
-        print_warnings(result)
+    print_warnings(result)
+
+
+def _run_live(
+    source: Path, camera: str | None, rig: Path | None, output: Path, options: OdometryOptions, has_page: bool
+) -> "OdometryResult":
+    """Follow a connected camera."""
+    from omnisight.cli._odometry_live import live_view
+    from omnisight.pipeline.odometry import live_odometry
+
+    if camera is None or rig is not None:
+        raise ValueError("--live is for one calibrated camera: specify its file with --camera")
+    with live_view(str(source), has_page=has_page) as watch:
+        return live_odometry(str(source), camera, options, output, watch)
 
 
 @contextmanager

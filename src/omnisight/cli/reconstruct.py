@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
@@ -19,8 +20,6 @@ def reconstruct(
     rig: Path | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[ReconstructOptions, Parameter(name="*")] = ReconstructOptions(),
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Reconstruct the poses of images of any cameras or a rig, and the points that they show.
 
@@ -32,7 +31,7 @@ def reconstruct(
     Parameters
     ----------
     images
-        Folder of images, or a video clip.
+        Folder of images, a video clip, or a ROS bag.
     camera
         Calibration file of any format; none is needed for 2:1 equirectangular images. Without it, or with auto, focal
         length and one distortion term are estimated from the images. Repeat it for several cameras, with their names:
@@ -43,10 +42,6 @@ def reconstruct(
     output
         Folder of the model: poses.csv (world_from_camera), reconstruction.npz, points.ply, viewer.html to look at, and
         COLMAP's text files where COLMAP has the camera.
-    quiet
-        Show no progress.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._reconstruct_inputs import WORK, continuing, folder_of_images, parse_cameras
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
@@ -57,9 +52,9 @@ def reconstruct(
     from omnisight.report import write_viewer
 
     work = WorkFolder(output / WORK)
-    folder, is_clip, options = folder_of_images(images, output, options)
-    with continuing(work), progress(quiet or json) as report:
-        files = extract_frames(images, folder, options.fps, report) if is_clip else images
+    folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
+    with continuing(work), progress() as report:
+        files = extract_frames(images, folder, options.fps, report, topic=options.topic) if is_clip else images
         result = run(files, parse_cameras(camera or []), rig, options, report, work.folder)
     for number, model in enumerate(result.models):
         write_reconstruction(model_folder(output, number), model)
@@ -67,9 +62,9 @@ def reconstruct(
     if result:
         remove_models(output, first=len(result.models))
     work.remove()
-    if json:
+    if is_json():
         print_json(result)
     if not result:
         raise ValueError(f"{images}: {result.reason}")
-    if not json:
+    if not is_json():
         print_report(result, output)

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json, warn, write_json
 from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
 
@@ -46,8 +47,6 @@ def simulate(
     visit: int = 0,
     traffic: bool = False,
     export: str = "",
-    quiet: bool = False,
-    json: bool = False,
 ) -> None:
     """Render a data set with ground truth: images of a scene along a trajectory, through any camera.
 
@@ -120,13 +119,7 @@ def simulate(
     export
         Other formats to write besides, separated by commas: colmap, covisibility (pairs that see the same, and loops),
         euroc, kitti, nerfstudio (transforms.json).
-    quiet
-        Show no progress.
-    json
-        Print the result as JSON.
     """
-    import sys
-
     from omnisight.pipeline.simulate import simulate as render_dataset
     from omnisight.pipeline.simulate_options import Conditions, SimulateOptions
     from omnisight.simulation.motion_sensors import MotionSensors
@@ -154,14 +147,12 @@ def simulate(
         conditions=Conditions(None if time is None else _hours(time), weather, exposure_drift, visit, traffic),
         export=tuple(name.strip() for name in export.split(",") if name.strip()),
     )
-    with progress(quiet) as report:
-        result = render_dataset(options, progress=report, warn=lambda note: print(f"note: {note}", file=sys.stderr))
+    with progress() as report:
+        result = render_dataset(options, progress=report, warn=warn)
     names = [head.name or "camera" for head in result.cameras]
-    if json:
-        import json as text
-
+    if is_json():
         summary = {"output": str(output), "cameras": names, **result.settings}
-        print(text.dumps(summary | {"notes": result.notes, "seconds": result.seconds}))
+        write_json(summary | {"notes": result.notes, "seconds": result.seconds})
         return
     each = f", {len(names)} cameras" if len(names) > 1 else ""
     print(f"scene     {scene}, trajectory {trajectory}{each}")

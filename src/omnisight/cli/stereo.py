@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.options import StereoOptions
 
 GROUP = "Geometry"
@@ -22,7 +23,6 @@ def stereo(
     ply: Path | None = None,
     preview: Path | None = None,
     rectified: Path | None = None,
-    json: bool = False,
 ) -> None:
     """Compute distances from two simultaneous images of a rig, whose cameras may be of any central model.
 
@@ -47,8 +47,6 @@ def stereo(
         Drawing of the distances to write.
     rectified
         Drawing of the rectified images to write, side by side, with lines along rows.
-    json
-        Print one JSON object and nothing else.
     """
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._stereo_report import print_json, print_report, print_warnings
@@ -77,10 +75,10 @@ def stereo(
         write_image(preview, draw_distances(result))
     if result and rectified is not None:
         write_image(rectified, draw_rectified(result))
-    if json:
+    if is_json():
         print_json(result, steps)
     print_warnings(result, too_far, steps)
     if not result:
         raise ValueError(f"{left}, {right}: {result.reason}")
-    if not json:
+    if not is_json():
         print_report(result, files)

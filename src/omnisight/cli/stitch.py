@@ -5,6 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.video_options import VideoOptions
@@ -23,8 +24,6 @@ def stitch(
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
     save_rig: Path | None = None,
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Stitch simultaneous images of several cameras to a sphere (equirectangular).
 
@@ -44,10 +43,6 @@ def stitch(
         Sphere to write: .jpg, .png or .tif; a folder for several frames; .mp4 for clips.
     save_rig
         File for the estimated rig.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._batch_report import check_batch, print_batch
     from omnisight.cli._files import must_be_writable
@@ -61,18 +56,17 @@ def stitch(
     if save_rig is not None:
         must_be_writable(save_rig)
     done = None
-    with progress(quiet or json) as report:
+    with progress() as report:
         if is_batch(images, [output], batch):
             result, done = stitch_batch(images, output, rig, camera or (), options, batch, report)
         else:
             result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)
     if save_rig is not None:
         save(result.rig, save_rig)
-    if json:
+    if is_json():
         print_json(result)
     else:
         print_report(result, output, save_rig)
     if done is not None:
-        if not json:
-            print_batch(done, output)
+        print_batch(done, output)
         check_batch(done)

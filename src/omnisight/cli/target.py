@@ -5,6 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
+
 GROUP = "Calibration"
 
 
@@ -69,23 +71,11 @@ def target(
         The PDF to write; SVG and JSON are written next to it. By default it is named after the board and its size.
         Only drawings of omnisight's and the JSON of the same board are overwritten.
     """
-    from omnisight.targets.make_target import asymmetric_alternative, new_board, write_target
-    from omnisight.targets.printing.paper import millimetres
+    from omnisight.cli._target_report import print_json, print_report
+    from omnisight.targets.make_target import new_board, write_target
 
     values = {"square": square, "marker": marker, "dictionary": dictionary, "legacy": legacy or None, "tag": tag}
     values |= {"first_marker": first_marker, "separation": separation, "spacing": spacing, "diameter": diameter}
     board = new_board(kind, pattern, {name: value for name, value in values.items() if value is not None})
     files = write_target(board, output, paper)
-    left, top, right, bottom = board.extent
-    ruler = next(text.content for text in files.page.texts if "measure" in text.content)
-    print(f"board    {kind} {board}, {board.size} points, {millimetres(right - left, bottom - top)}")
-    print(f"paper    {files.paper}, {millimetres(files.page.width, files.page.height)}")
-    print(f"print    {ruler.removeprefix('Print ')} Measure the board as well, and glue it to something flat")
-    if board.is_symmetric:
-        corners = ", and its corners after every quarter turn" if board.columns == board.rows else ""
-        print(
-            f"note     {kind} {board} looks the same upside-down{corners}: it calibrates one camera, but two cameras"
-            f" cannot agree which way up it is. {asymmetric_alternative(board) or 'A ChArUco board'} is unambiguous"
-        )
-    print(f"next     omnisight calibrate images/ --target {files.json}")
-    print(f"written  {files.pdf}, {files.svg.name}, {files.json.name}")
+    (print_json if is_json() else print_report)(board, files)

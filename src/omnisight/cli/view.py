@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.cli._size import parse_range
 from omnisight.cli._view_options import Angles, SharedViewOptions, ViewType, view_options
@@ -40,8 +41,6 @@ def view(
     follow: float | None = None,
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
-    json: bool = False,
-    quiet: bool = False,
 ) -> None:
     """Turn images or a clip into views: perspective, cylinder, sphere, cube, planet, fisheye ...
 
@@ -99,10 +98,6 @@ def view(
         Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
     follow
         With --stabilize, follow the camera smoothly over this number of seconds, instead of keeping the direction.
-    json
-        Print one JSON object and nothing else.
-    quiet
-        Show no progress.
     """
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.cli._view_report import print_json, print_report
@@ -127,9 +122,9 @@ def view(
     if is_batch(images, output, batch):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
             raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
-        with progress(quiet or json) as report:
+        with progress() as report:
             result = view_batch(images[0], camera, output[0], views[0][1], batch, progress=report)
-        (print_batch_json if json else print_batch)(result, output[0])
+        (print_batch_json if is_json() else print_batch)(result, output[0])
         check_batch(result)
         return
     clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
@@ -139,7 +134,7 @@ def view(
         raise ValueError("--mask and --view-camera apply to one view of images")
     if not clips and motion.moves:
         raise ValueError("--path, --pan and --stabilize apply to a clip")
-    with progress(quiet or json) as report:
+    with progress() as report:
         if clips:
             files = [(Path(file), options) for file, options in views]
             done = view_clip(clips[0], camera, files, motion=motion, video=video, progress=report)
@@ -150,7 +145,7 @@ def view(
                 for file, options in views
             )
             written = None
-    if json:
+    if is_json():
         print_json(results, written)
     else:
         print_report(results, output, written, is_up_given=shared.up is not None)

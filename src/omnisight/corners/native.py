@@ -46,9 +46,14 @@ def parse(text: str, options: ReadOptions) -> CornerFile:
 
 def serialize(detections: Detections) -> str:
     """Return the content of a file."""
+    return json.dumps(to_dict(detections), indent=2, allow_nan=False)
+
+
+def to_dict(detections: Detections) -> dict[str, Any]:
+    """Return the JSON object of detections."""
     names = image_labels([image.path for image in detections.images])
     field = detections.field
-    result = {
+    return {
         "format": FORMAT,
         "pattern": None if detections.board is None else str(detections.board),
         "target": None if detections.board is None else detections.board.to_dict(),
@@ -69,7 +74,6 @@ def serialize(detections: Detections) -> str:
             for name, image in zip(names, detections.images, strict=True)
         ],
     }
-    return json.dumps(result, indent=2, allow_nan=False)
 
 
 def _board_entry(detection: Detection, detections: Detections) -> dict[str, Any]:

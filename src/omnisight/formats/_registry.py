@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.extensions import module_in, names_in
+from omnisight.extensions import did_you_mean, module_in, names_in
 from omnisight.formats._export import max_difference_px
 from omnisight.formats._files import encode, read_file
 from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResult
@@ -54,7 +54,7 @@ def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
     cameras = load_all(path)
     if name is not None:
         if name not in cameras:
-            raise FormatError(f"{path}: no camera {name!r}; it holds {_listed(cameras)}")
+            raise FormatError(f"{path}: no camera {name!r}{did_you_mean(name, cameras)}; it holds {_listed(cameras)}")
         return cameras[name]
     if len(cameras) > 1:
         first = next(iter(cameras))

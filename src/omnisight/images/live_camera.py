@@ -1,4 +1,4 @@
-"""Frames of a connected camera, always the newest."""
+"""Images as they arrive, always the newest: of a connected camera, or of a clip that is played at its rate."""
 
 import queue
 import threading
@@ -6,13 +6,15 @@ import time
 from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images.opencv_log import quiet_opencv
 from omnisight.images.read import UnreadableImage
+from omnisight.images.video import Clip
 
 # Seconds without a frame after which a camera counts as disconnected.
 TIMEOUT_S = 5.0
@@ -38,35 +40,28 @@ class CameraFrame:
 
 
 class LiveCamera:
-    """A camera that the operating system offers under a number.
+    """A camera that the operating system offers under a number, or a clip in its place.
 
     Attributes
     ----------
-    number
-        0 is the first camera.
+    label
+        Name in messages.
     size
         (width, height) of its frames, px.
+    dropped
+        Number of frames that arrived while an earlier one was processed, and were not returned.
     """
 
-    def __init__(self, number: int) -> None:
-        """Open the camera.
+    def __init__(self, source: int | Path) -> None:
+        """Open the camera with this number, where 0 is the first, or the clip.
 
         Raises
         ------
         UnreadableImage
             If there is no such camera, or it delivers no frame.
         """
-        import cv2
-
-        self.number = number
-        with quiet_opencv():
-            self._capture: Any = cv2.VideoCapture(number)
-            self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-            success, first = self._capture.read()
-        if not success:
-            self._capture.release()
-            raise UnreadableImage(f"camera {number}: delivers no image; is it connected, and free of other programs?")
-        self.size = int(first.shape[1]), int(first.shape[0])
+        self._source = _Connected(source) if isinstance(source, int) else _Played(source)
+        self.label, self.size, self.dropped = self._source.label, self._source.size, 0
 
     def frames(self) -> Generator[CameraFrame]:
         """Read frames until the camera ends; those that arrive while one is processed are dropped but the newest.
@@ -76,40 +71,109 @@ class LiveCamera:
         UnreadableImage
             If the camera delivers no frame for some seconds.
         """
-        newest: queue.Queue[tuple[float, Any]] = queue.Queue(1)
+        newest: queue.Queue[Timed | None] = queue.Queue(1)
         ended = threading.Event()
         thread = threading.Thread(target=self._read, args=(newest, ended), daemon=True)
         thread.start()
-        start, index = time.monotonic(), 0
+        start, index = None, 0
         try:
             while True:
                 try:
-                    seconds, image = newest.get(timeout=TIMEOUT_S)
+                    timed = newest.get(timeout=TIMEOUT_S)
                 except queue.Empty:
-                    raise UnreadableImage(f"camera {self.number}: no image for {TIMEOUT_S:g} s") from None
-                if image is None:
+                    raise UnreadableImage(f"{self.label}: no image for {TIMEOUT_S:g} s") from None
+                if timed is None:
                     return
-                rgb = image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
-                yield CameraFrame(index, seconds - start, rgb)
+                seconds, image = timed
+                start = seconds if start is None else start
+                yield CameraFrame(index, seconds - start, image)
                 index += 1
         finally:
             ended.set()
             _empty(newest)  # the thread may wait to add the end
             thread.join(TIMEOUT_S)
-            self._capture.release()
+            self._source.close()
 
-    def _read(self, newest: "queue.Queue[tuple[float, Any]]", ended: threading.Event) -> None:
+    def _read(self, newest: "queue.Queue[Timed | None]", ended: threading.Event) -> None:
         """Replace the frame in the queue by each new one; None at the end."""
         while not ended.is_set():
-            success, image = self._capture.read()
-            if not success:
-                newest.put((time.monotonic(), None))
+            timed = self._source.read()
+            if timed is None:
+                newest.put(None)
                 return
-            _empty(newest)
-            newest.put((time.monotonic(), image))
+            self.dropped += _empty(newest)
+            newest.put(timed)
 
 
-def _empty(newest: "queue.Queue[tuple[float, Any]]") -> None:
-    """Remove the frame from the queue."""
+Timed = tuple[float, NDArray[Any]]
+
+
+class _Source(Protocol):
+    """Something that delivers frames when they are due."""
+
+    label: str
+    size: tuple[int, int]
+
+    def read(self) -> Timed | None:
+        """Wait for the next frame and return it with its time, seconds; None at the end."""
+        ...
+
+    def close(self) -> None:
+        """Release the camera or the file."""
+        ...
+
+
+class _Connected(_Source):
+    """A connected camera."""
+
+    def __init__(self, number: int) -> None:
+        import cv2
+
+        self.label = f"camera {number}"
+        with quiet_opencv():
+            self._capture: Any = cv2.VideoCapture(number)
+            self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+            success, first = self._capture.read()
+        if not success:
+            self._capture.release()
+            raise UnreadableImage(f"{self.label}: delivers no image; is it connected, and free of other programs?")
+        self.size = int(first.shape[1]), int(first.shape[0])
+
+    def read(self) -> Timed | None:
+        success, image = self._capture.read()
+        if not success:
+            return None
+        return time.monotonic(), image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1])
+
+    def close(self) -> None:
+        self._capture.release()
+
+
+class _Played(_Source):
+    """A clip whose frames are delivered at their times."""
+
+    def __init__(self, path: Path) -> None:
+        clip = Clip.open(path)
+        self.label, self.size = str(path), clip.size
+        self._frames = clip.frames(limit=None)
+        self._start: float | None = None
+
+    def read(self) -> Timed | None:
+        frame = next(self._frames, None)
+        if frame is None:
+            return None
+        image, now = frame.image, time.monotonic()
+        self._start = now - frame.seconds if self._start is None else self._start
+        time.sleep(max(self._start + frame.seconds - now, 0.0))
+        return frame.seconds, image
+
+    def close(self) -> None:
+        self._frames.close()
+
+
+def _empty(newest: "queue.Queue[Timed | None]") -> bool:
+    """Remove the frame from the queue; return whether there was one."""
     with suppress(queue.Empty):
         newest.get_nowait()
+        return True
+    return False

@@ -1,12 +1,16 @@
-"""Frames of a video clip as image files: the counterpart of `omnisight reconstruct clip.mp4`."""
+"""Frames of a video clip or a ROS bag as image files: the counterpart of `omnisight reconstruct clip.mp4`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnisight.images import Clip, Frame, write_image
+from omnisight.images import Clip, to_gray8, write_image
+from omnisight.images.ros_bag import ImageBag, is_bag
 
 # Width, px, of the thumbnails whose sharpness is compared.
 THUMBNAIL_WIDTH_PX = 640
@@ -17,21 +21,25 @@ def extract_frames(
     folder: str | PathLike[str],
     fps: float = 2.0,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    *,
+    topic: str | None = None,
 ) -> list[Path]:
-    """Write the sharpest frame of each interval of a video clip as a JPEG file.
+    """Write the sharpest frame of each interval of a video clip or a ROS bag as a JPEG file.
 
     Frame 123 of `clip.mp4` becomes `clip-000123.jpg`; the first is 0.
 
     Parameters
     ----------
     clip
-        The video file.
+        The video file, or the bag.
     folder
         Folder of the images; it is created.
     fps
         Images per second of the clip.
     progress
         Called with the stage, the frames read and their number.
+    topic
+        Image topic of a bag; it may be left out if only one has images.
 
     Returns
     -------
@@ -40,28 +48,28 @@ def extract_frames(
     Raises
     ------
     ValueError
-        If the clip cannot be decoded, or `fps` is not positive.
+        If the clip or the bag cannot be read, or `fps` is not positive.
     OSError
         If a file cannot be written.
     """
     if not fps > 0:
         raise ValueError(f"fps is {fps:g}; choose a positive number of images per second")
-    video, target = Clip.open(Path(clip)), Path(folder)
-    length, total = max(video.frame_rate / fps, 1.0), video.declared_frames or 0
+    source, target = Path(clip), Path(folder)
+    total, frames = _open(source, topic, fps)
     target.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
 
-    def write(frame: Frame | None) -> None:
+    def write(frame: _Frame | None) -> None:
         if frame is not None:
-            written.append(target / f"{video.path.stem}-{frame.index:06d}.jpg")
+            written.append(target / f"{source.stem}-{frame.index:06d}.jpg")
             write_image(written[-1], frame.image)
 
     sharpest, most, interval = None, 0.0, 0
-    for frame in video.frames():
-        if int(frame.index / length) > interval:
+    for frame in frames:
+        if frame.interval > interval:
             write(sharpest)
-            sharpest, interval = None, int(frame.index / length)
-        sharpness = _sharpness(frame)
+            sharpest, interval = None, frame.interval
+        sharpness = _sharpness(to_gray8(frame.image))
         if sharpest is None or sharpness > most:
             sharpest, most = frame, sharpness
         progress("frames of the clip", frame.index + 1, max(total, frame.index + 1))
@@ -69,10 +77,39 @@ def extract_frames(
     return written
 
 
-def _sharpness(frame: Frame) -> float:
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """A frame: its index, that of its interval, and the image."""
+
+    index: int
+    interval: int
+    image: NDArray[Any]
+
+
+def _open(source: Path, topic: str | None, fps: float) -> tuple[int, Iterator[_Frame]]:
+    """Return the declared number of frames of a clip or a bag, and those that can be read."""
+    if is_bag(source):
+        bag = ImageBag.open(source, topic)
+        return bag.declared_frames, _of_bag(bag, fps)
+    if topic is not None:
+        raise ValueError(f"{source}: not a ROS bag, which alone has topics: leave out --topic")
+    video = Clip.open(source)
+    length = max(video.frame_rate / fps, 1.0)
+    return video.declared_frames or 0, (_Frame(f.index, int(f.index / length), f.image) for f in video.frames())
+
+
+def _of_bag(bag: ImageBag, fps: float) -> Generator[_Frame]:
+    start = None
+    for index, frame in enumerate(bag.frames()):
+        if frame.image is not None:
+            start = frame.seconds if start is None else start
+            yield _Frame(index, int((frame.seconds - start) * fps), frame.image)
+
+
+def _sharpness(gray: NDArray[np.uint8]) -> float:
     """Return the variance of the Laplacian of a thumbnail."""
     import cv2
 
-    scale = min(THUMBNAIL_WIDTH_PX / frame.gray.shape[1], 1.0)
-    small = cv2.resize(frame.gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    scale = min(THUMBNAIL_WIDTH_PX / gray.shape[1], 1.0)
+    small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return float(np.var(cv2.Laplacian(small, cv2.CV_32F)))

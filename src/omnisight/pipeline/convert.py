@@ -7,6 +7,7 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion, convert_model, max_convertible_theta, rank_conversions
 from omnisight.display import Displayed
+from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
 from omnisight.models import model_names
 from omnisight.pipeline.central_camera import central_camera
@@ -153,6 +154,8 @@ def convert_camera(source: Camera, target: Format, options: ConvertOptions) -> t
 def _fit(source: Camera, target: Format, options: ConvertOptions) -> Conversion | None:
     """Return the fit of the requested or the most accurate model of a format; None to keep the camera's model."""
     own = source.model.name
+    if options.model is not None and options.model not in model_names():
+        raise ValueError(unknown_name("camera model", options.model, target.MODELS))
     if options.model is not None and options.model not in target.MODELS:
         raise ValueError(f"{target.TITLE} has no model {options.model}; it has {', '.join(target.MODELS)}")
     model = options.model or (own if own in target.MODELS else None)

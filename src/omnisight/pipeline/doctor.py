@@ -74,7 +74,7 @@ def doctor(
     """
     if images is None:
         return Diagnosis(tuple(check() for check in installation_checks.all_checks()))
-    sequence = FrameSequence.open(Path(images), (), options.fps)
+    sequence = FrameSequence.open(Path(images), (), options.fps, options.topic)
     recording = _examine(sequence, camera, options, progress or (lambda stage, done, total: None))
     findings = tuple(check(recording) for check in recording_checks.all_checks())
     return Diagnosis(findings, recording.static_region)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import VIDEO_SUFFIXES, read_image
+from omnisight.images.live_camera import LiveCamera
 from omnisight.images.read import UnreadableImage
 from omnisight.images.ros_bag import ImageBag, is_bag
 from omnisight.images.video import Clip
@@ -33,12 +34,15 @@ class SequenceFrame:
         One image (H, W) or (H, W, 3) of each camera; none if one is missing.
     reason
         Why there are no images; empty otherwise.
+    dropped
+        Of a connected camera the number of frames so far that arrived while an earlier one was processed.
     """
 
     index: int
     seconds: float
     images: tuple[NDArray[Any], ...]
     reason: str = ""
+    dropped: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,8 @@ class FrameSequence:
         File of the times; None without.
     stream
         The image topic of a bag.
+    camera
+        The connected camera.
     """
 
     files: tuple[tuple[Path | None, ...], ...]
@@ -67,6 +73,21 @@ class FrameSequence:
     clip: Clip | None = None
     times_file: Path | None = None
     stream: ImageBag | None = None
+    camera: LiveCamera | None = None
+
+    @classmethod
+    def live(cls, source: str) -> "FrameSequence":
+        """Open the camera with this number, or the clip that is played in place of one.
+
+        Raises
+        ------
+        ValueError
+            If there is no such camera or clip.
+        """
+        if not source.isdigit() and Path(source).suffix.lower() not in VIDEO_SUFFIXES:
+            raise ValueError(f"{source}: is neither the number of a connected camera, such as 0, nor a clip")
+        camera = LiveCamera(int(source) if source.isdigit() else Path(source))
+        return cls((), (), camera.label, camera=camera)
 
     @classmethod
     def open(
@@ -114,7 +135,7 @@ class FrameSequence:
         return cls(frames, times, str(source), times_file=table)
 
     def __len__(self) -> int:
-        """Return the number of frames; for a clip the number that its header declares, or 0."""
+        """Return the number of frames; for a clip the number that its header declares, or 0; 0 for a camera."""
         if self.stream is not None:
             return self.stream.declared_frames
         return (self.clip.declared_frames or 0) if self.clip is not None else len(self.files)
@@ -122,6 +143,8 @@ class FrameSequence:
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the first image of the first camera, px."""
+        if self.camera is not None:
+            return self.camera.size
         if self.stream is not None:
             return self.stream.size
         if self.clip is not None:
@@ -136,9 +159,15 @@ class FrameSequence:
 
     def frames(self, indices: Collection[int] | None = None) -> Iterator[SequenceFrame]:
         """Read all frames, or those with indices, one at a time; one that cannot be read has a reason, not images."""
+        if self.camera is not None:
+            return self._of_camera(self.camera)
         if self.stream is not None:
             return self._of_stream(self.stream, indices)
         return self._of_clip(self.clip, indices) if self.clip is not None else self._of_files(indices)
+
+    def _of_camera(self, camera: LiveCamera) -> Generator[SequenceFrame]:
+        for frame in camera.frames():
+            yield SequenceFrame(frame.index, frame.seconds, (frame.image,), dropped=camera.dropped)
 
     def _of_clip(self, clip: Clip, indices: Collection[int] | None) -> Generator[SequenceFrame]:
         last = -math.inf

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.extensions import did_you_mean
 from omnisight.formats import FormatError, format_names, get_format, load_all
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
@@ -113,7 +114,7 @@ def inspect(path: str | Path, *, name: str | None = None) -> dict[str, CameraDes
     cameras = load_all(path)
     if name is not None:
         if name not in cameras:
-            raise FormatError(f"{path}: no camera {name!r}; it holds {', '.join(cameras)}")
+            raise FormatError(f"{path}: no camera {name!r}{did_you_mean(name, cameras)}; it holds {', '.join(cameras)}")
         cameras = {name: cameras[name]}
     return {key: describe_camera(camera) for key, camera in cameras.items()}
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -18,7 +18,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.images.mask import read_mask
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.central_camera import camera_of_image
-from omnisight.pipeline.frame_sequence import FrameSequence
+from omnisight.pipeline.frame_sequence import FrameSequence, SequenceFrame
 from omnisight.pipeline.odometry_options import OdometryOptions
 from omnisight.pipeline.odometry_scale import ScaledTrajectory, ScaleSources
 from omnisight.pipeline.trajectory_writer import Format, TrajectoryWriter, replace_trajectory, trajectory_format
@@ -30,6 +30,7 @@ from omnisight.visual_odometry.scale_estimate import ScaleEstimate
 from omnisight.visual_odometry.segments import Segment, trajectory_segments
 
 Progress = Callable[[str, int, int], None]
+Watch = Callable[[Odometry, SequenceFrame], None]
 
 # Frames after which the time per frame is measured: the first ones compile and initialize.
 START_FRAMES = 5
@@ -71,6 +72,8 @@ class OdometryResult(Displayed):
         Metres per baseline, or why it is unknown; None without any measurement besides the images.
     scale_warnings
         Scales that contradict each other, and segments whose scale is extrapolated.
+    dropped
+        Number of frames of a connected camera that arrived while an earlier one was processed; None for files.
     """
 
     trajectory: tuple[TrackedPose, ...] = field(repr=False)
@@ -86,6 +89,7 @@ class OdometryResult(Displayed):
     fps: float
     scale: ScaleEstimate | None = None
     scale_warnings: tuple[str, ...] = ()
+    dropped: int | None = None
 
     def __bool__(self) -> bool:
         """Return whether there are poses of a camera that moves."""
@@ -166,11 +170,63 @@ def odometry(
         If a file cannot be read, the camera is not known, or the images do not have its size.
     """
     report = progress or (lambda stage, done, total: None)
-    start = time.perf_counter()
     rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
     sources = CameraSources.of(camera, rig, None)
     sequence = FrameSequence.open(Path(images), sources.names, options.fps, options.topic)
-    body = _body(sources, sequence, options)
+
+    def watch(tracking: Odometry, frame: SequenceFrame) -> None:
+        report("tracking", frame.index + 1, max(len(sequence), frame.index + 1))
+
+    result = _run(sequence, _body(sources, sequence, options), options, output, watch, report)
+    return replace(result, unit=rig.unit) if rig is not None and result.unit == "m" and not result.scale else result
+
+
+def live_odometry(
+    source: str | int,
+    camera: AnyCameraSource,
+    options: OdometryOptions = OdometryOptions(),
+    output: str | PathLike[str] | None = None,
+    watch: Watch = lambda tracking, frame: None,
+) -> OdometryResult:
+    """Compute the trajectory of a connected camera while it moves; Ctrl-C ends it.
+
+    Frames that arrive while an earlier one is processed are dropped, and counted in the result.
+
+    Parameters
+    ----------
+    source
+        Number of the camera, such as 0; or a clip, which is played at its rate.
+    camera
+        The calibrated camera or its file.
+    options
+        Options of the command.
+    output
+        Trajectory to write, as of `odometry`.
+    watch
+        Called after each frame with the trajectory so far.
+
+    Raises
+    ------
+    ValueError
+        If the camera cannot be opened or is not calibrated, or the images do not have its size.
+    """
+    if options.fps is not None or options.topic is not None:
+        raise ValueError("--fps and --topic are for files: leave them out with --live")
+    sequence = FrameSequence.live(str(source))
+    body = _body(CameraSources.of(camera, None, None), sequence, options)
+    return _run(sequence, body, options, output, watch, lambda stage, done, total: None)
+
+
+def _run(
+    sequence: FrameSequence,
+    body: Rig | Camera,
+    options: OdometryOptions,
+    output: str | PathLike[str] | None,
+    watch: Watch,
+    report: Progress,
+) -> OdometryResult:
+    """Track the frames of a sequence, close loops, and determine the scale."""
+    start = time.perf_counter()
     known = ScaleSources.of(options)
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
     started, frames = start, 0
@@ -180,15 +236,17 @@ def odometry(
             if output is None
             else stack.enter_context(TrajectoryWriter.create(Path(output), _format(Path(output), options)))
         )
-        for frame in sequence:
-            if frame.images:
-                known.observe(tracking.add(frame.images, frame.seconds), tracking)
-            else:
-                tracking.skip(frame.reason)
-            frames += 1
-            _write(file, tracking)
-            report("tracking", frames, max(len(sequence), frames))
-            started = time.perf_counter() if frames <= START_FRAMES else started
+        # Ctrl-C is the usual end of a connected camera.
+        with nullcontext() if sequence.camera is None else suppress(KeyboardInterrupt):
+            for frame in sequence:
+                if frame.images:
+                    known.observe(tracking.add(frame.images, frame.seconds), tracking)
+                else:
+                    tracking.skip(frame.reason)
+                frames += 1
+                _write(file, tracking)
+                watch(tracking, frame)
+                started = time.perf_counter() if frames <= START_FRAMES else started
         tracking.finish()
         _write(file, tracking, frames)
     elapsed = time.perf_counter() - started
@@ -206,12 +264,13 @@ def odometry(
         loops=_scaled_loops(closed.loops, scaled),
         rejected_loops=_scaled_loops(closed.rejected, scaled),
         correction=closed.correction * scaled.metres,
-        unit=rig.unit if rig is not None and tracking.has_scale else "m" if scaled.scale else "baselines",
+        unit="m" if scaled.scale or tracking.has_scale else "baselines",
         residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
         start_seconds=started - start,
         fps=fps,
         scale=scaled.scale,
         scale_warnings=scaled.warnings,
+        dropped=None if sequence.camera is None else sequence.camera.dropped,
     )
 
 

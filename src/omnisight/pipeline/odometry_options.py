@@ -32,8 +32,6 @@ class OdometryOptions(SequenceOptions, MotionOptions):
         lines of time, angular velocity (rad/s) and specific force (m/s^2). Its orientation need not be known.
     distance
         Numbers of two images, the first of all being 0, and the distance between their positions, such as 0 40 1.5m.
-    topic
-        Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     """
 
     mask: Path | None = None
@@ -42,7 +40,6 @@ class OdometryOptions(SequenceOptions, MotionOptions):
     wheels: Path | None = None
     imu: Path | None = None
     distance: tuple[int, int, str] | None = None
-    topic: str | None = None
 
     def __post_init__(self) -> None:
         """Check the rate and the numbers."""

@@ -262,7 +262,9 @@ class ReconstructOptions(BatchOptions):
     window
         Number of following images that each image is matched with.
     fps
-        Images per second that are used of a video clip: the sharpest of each interval.
+        Images per second that are used of a video clip or a ROS bag: the sharpest of each interval.
+    topic
+        Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     extrinsics
         Poses of the cameras on the rig: fixed, refined from those of the rig file, or unknown, for several cameras that
         are rigidly connected. By default those of a rig are fixed, and several cameras without a rig are independent.
@@ -290,6 +292,7 @@ class ReconstructOptions(BatchOptions):
     pairs: Literal["auto", "all", "sequential"] = "auto"
     window: int = 10
     fps: float = 2.0
+    topic: str | None = None
     extrinsics: Literal["fixed", "refined", "unknown"] | None = None
     refine_camera: bool = False
     scale: tuple[str, str, str] | None = None

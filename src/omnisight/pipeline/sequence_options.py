@@ -17,11 +17,14 @@ class SequenceOptions(Displayed):
     fps
         Images per second of a folder without times.csv (lines of name,seconds). A clip has its own times. By default
         10.
+    topic
+        Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     scale
         Scale the camera to the size of the images, if they were resized.
     """
 
     fps: float | None = None
+    topic: str | None = None
     scale: bool = False
 
     def __post_init__(self) -> None:

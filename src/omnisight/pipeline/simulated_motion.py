@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.extensions import did_you_mean
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.pipeline.simulate_options import MAX_FRAMES, SimulateOptions
@@ -63,7 +64,7 @@ def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, Arr
     if options.up != "top":
         raise ValueError(f"--up {options.up} applies only to {presets}: the poses of a file define the orientation")
     if not Path(name).is_file():
-        raise ValueError(f"--trajectory {name}: is neither a file nor one of {presets}")
+        raise ValueError(f"--trajectory {name}: is neither a file nor one of {presets}{did_you_mean(name, PRESETS)}")
     motion = read_trajectory(name)
     times = motion.times
     if options.fps is not None:

@@ -6,6 +6,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.extensions import did_you_mean
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.images import read_mask
@@ -55,7 +56,8 @@ def _indices(rig: Rig, cameras: str | None, label: str) -> tuple[int, int]:
         raise ValueError(f"--cameras {cameras}: must be the names of two cameras, left,right; the rig has {names}")
     missing = [name for name in chosen if name not in rig.names]
     if missing:
-        raise ValueError(f"{label}: has no camera {missing[0]!r} (--cameras); it has {names}")
+        closest = did_you_mean(missing[0], rig.names)
+        raise ValueError(f"{label}: has no camera {missing[0]!r} (--cameras){closest}; it has {names}")
     return rig.index(chosen[0]), rig.index(chosen[1])
 
 

@@ -77,6 +77,8 @@ class Odometry:
         Whether positions are in metres.
     residuals
         For each tracked frame the standard deviation of its rays from the points, over the one assumed.
+    tracker
+        The tracked patches; None before the first image.
     """
 
     def __init__(
@@ -99,7 +101,7 @@ class Odometry:
         self._options, self._masks = options, masks
         self._frames = 0
         self._motion = MotionPrediction.still(0.0, Pose())
-        self._tracker: Tracker | None = None
+        self.tracker: Tracker | None = None
         self._window: KeyframeWindow | None = None
         self._waiting: Initialization | None = None
         self._relocalizer: Relocalizer | None = None
@@ -184,18 +186,18 @@ class Odometry:
         check_images(self.rig, images)
         if self._frames and not seconds > self._motion.seconds:
             raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
-        if self._tracker is None:
+        if self.tracker is None:
             used = [illuminated_region(one, c) for one, c in zip(images, central_cameras(self.rig), strict=True)]
             masks = self._masks or [np.ones_like(region) for region in used]
             self._masks = [region & mask for region, mask in zip(used, masks, strict=True)]
-            self._tracker = Tracker(self.rig, self._masks, self._options.patches)
+            self.tracker = Tracker(self.rig, self._masks, self._options.patches)
             self._history = KeyframeHistory(self.rig, self._masks) if self._options.loops else None
             self._motion = MotionPrediction.still(seconds, Pose())
         index, self._frames = self._frames, self._frames + 1
         predicted = self._motion.at(seconds)
         if self._gyro is not None:
             predicted = self._gyro.turned(predicted, self._motion.rig_from_world, (self._motion.seconds, seconds))
-        return Frame(index, seconds, images, predicted, self._tracker.track(images, predicted)), self._tracker
+        return Frame(index, seconds, images, predicted, self.tracker.track(images, predicted)), self.tracker
 
     def _locate(self, frame: Frame) -> FramePose:
         """Return the pose of a frame from the points of the window, near the predicted one."""

@@ -3,6 +3,7 @@
 import os
 import re
 
+from omnisight.extensions import did_you_mean
 from omnisight.targets.length import parse_length
 
 # Width and height in metres, upright.
@@ -47,8 +48,8 @@ def paper_sizes(paper: str) -> list[tuple[float, float]]:
     match = re.fullmatch(r"\s*([0-9.]{1,12})\s*([a-z]*)\s*[x×,]\s*([0-9.]{1,12})\s*([a-z]+)\s*", paper.lower())
     if match is None:
         raise ValueError(
-            f"cannot read the paper {paper[:40]!r}: use one of {', '.join(PAPERS)}, or WIDTHxHEIGHT with the unit,"
-            " such as 600x400mm"
+            f"cannot read the paper {paper[:40]!r}{did_you_mean(paper, PAPERS)}: use one of {', '.join(PAPERS)}, or"
+            " WIDTHxHEIGHT with the unit, such as 600x400mm"
         )
     width, height = parse_length(match[1] + (match[2] or match[4])), parse_length(match[3] + match[4])
     if not MIN_SIDE <= min(width, height) <= max(width, height) <= MAX_SIDE:
