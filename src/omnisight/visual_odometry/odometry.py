@@ -133,7 +133,7 @@ class Odometry:
         frame, tracker = self._track(image, seconds)
         if self._window is None:
             return self._initialize(frame, tracker)
-        found = self._locate(frame)
+        found = self._located(frame, MIN_KEPT * self._inliers)
         if not found:
             frame, found = self._recover(frame, tracker, self._window)
         if found.rig_from_world is None:
@@ -199,12 +199,8 @@ class Odometry:
             predicted = self._gyro.turned(predicted, self._motion.rig_from_world, (self._motion.seconds, seconds))
         return Frame(index, seconds, images, predicted, self.tracker.track(images, predicted)), self.tracker
 
-    def _locate(self, frame: Frame) -> FramePose:
-        """Return the pose of a frame from the points of the window, near the predicted one."""
-        return self._checked(frame, MIN_KEPT * self._inliers)
-
-    def _checked(self, frame: Frame, needed: float) -> FramePose:
-        """Return the pose of a frame if the needed number of points agree with it."""
+    def _located(self, frame: Frame, needed: float) -> FramePose:
+        """Return the pose of a frame, near the predicted one, if the needed number of points agree with it."""
         found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
         if found and (agreeing := found.is_inlier.sum()) < needed:
             return replace(found, rig_from_world=None, reason=ANOTHER_PLACE.format(agreeing, self._inliers))
@@ -304,7 +300,7 @@ class Odometry:
         if pose is None:
             return frame, FramePose(None, frame.rays.has_point, reason=reason)
         frame = replace(frame, predicted=pose, rays=tracker.track(frame.images, pose))
-        return frame, self._checked(frame, MIN_RELOCALIZED)
+        return frame, self._located(frame, MIN_RELOCALIZED)
 
     def _resume(self, frame: Frame, pose: Pose) -> None:
         """Continue in the map after a loss; where descriptors determined the pose, the velocity is not known."""
