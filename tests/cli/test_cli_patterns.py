@@ -54,9 +54,7 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, 
 )
 def test_invalid_option_is_reported_before_any_image_is_read(refuses, shots, monkeypatch, options, message):
     monkeypatch.setattr("omnisight.images.read.read_bytes", raises_error(AssertionError("an image was read")))
-    monkeypatch.setattr(
-        "omnisight.targets.raw_detections.read_bytes", raises_error(AssertionError("an image was read"))
-    )
+    monkeypatch.setattr("omnisight.targets.image_files.read_bytes", raises_error(AssertionError("an image was read")))
     assert message in refuses("calibrate", shots, *options)
 
 

@@ -114,7 +114,7 @@ def test_masked_pixels_are_not_used(fisheye):
     tracking = om.Odometry(fisheye.camera, masks=[mask])
     for image, seconds in zip(fisheye.images[:3], fisheye.seconds, strict=False):
         tracking.add(image, seconds)
-    pixels = tracking._tracker.patches.pixels
+    pixels = tracking.tracker.patches.pixels
     assert len(pixels) > 30
     assert pixels[:, 0].min() >= 200
 

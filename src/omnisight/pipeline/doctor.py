@@ -119,10 +119,10 @@ def _spread(count: int, wanted: int) -> range | list[int]:
 
 def _times(sequence: FrameSequence, recording: Recording, options: DoctorOptions) -> tuple[NDArray[np.float64], str]:
     """Return the times of the images (N,), and where they are from."""
-    if sequence.clip is not None:
+    if not sequence.files:
         frames = recording.frames
         steps = [b.seconds - a.seconds for a, b in itertools.pairwise(frames) if b.index == a.index + 1]
-        return np.concatenate([[0.0], np.cumsum(steps)]), "times of the clip"
+        return np.concatenate([[0.0], np.cumsum(steps)]), f"times of the {'clip' if sequence.stream is None else 'bag'}"
     if sequence.times_file is not None:
         return np.array(sequence.times), f"times of {sequence.times_file.name}"
     fps = "--fps" if options.fps is not None else f"assumed: specify --fps if it is not {DEFAULT_FPS:g}"
