@@ -125,14 +125,14 @@ def test_cameras_are_calibrated_from_several_boards():
 @pytest.mark.slow
 def test_the_stated_uncertainty_of_several_boards_is_that_of_repeated_calibrations(known):
     rig, squares, stated = back_to_back(), [], []
-    for seed in range(40):
+    for seed in range(20):
         observations = in_room(rig, 10, np.random.default_rng(1), seed=seed)
         calibration = om.calibrate_rig(observations, known(rig))
         (angle,), (length,) = pose_errors(calibration.rig, rig)
         squares.append((angle**2, length**2))
         stated.append(np.square(calibration.sigmas("back")))
-    # The standard error of these ratios is 5 to 10 %.
-    assert np.sqrt(np.mean(squares, axis=0) / np.mean(stated, axis=0)) == pytest.approx(1.0, abs=0.25)
+    # The standard error of these ratios is 7 to 14 %.
+    assert np.sqrt(np.mean(squares, axis=0) / np.mean(stated, axis=0)) == pytest.approx(1.0, abs=0.3)
 
 
 def test_the_poses_of_boards_at_rest_are_estimated(known):

@@ -118,7 +118,7 @@ def _moved(problem, state, step):
 def test_the_stated_uncertainty_is_that_of_repeated_calibrations():
     true = rig_scene("stereo", 14)
     squares, stated, normalized = [], [], []
-    for seed in range(40):
+    for seed in range(20):
         calibration = om.calibrate_rig(true.observe(np.random.default_rng(seed)), FISHEYE)
         (angle,), (length,) = pose_errors(calibration.rig, true.rig)
         squares.append((angle**2, length**2))
@@ -127,8 +127,8 @@ def test_the_stated_uncertainty_is_that_of_repeated_calibrations():
         pose, covariance = calibration.rig.sensor_from_rig[1], calibration.rig.covariance[6:, 6:]
         error = np.append(so3.log(pose.rotation @ exact.rotation.T), pose.translation - exact.translation)
         normalized.append(error @ np.linalg.solve(covariance, error) / 6)
-    # The standard error of these ratios is 5 to 10 %.
-    assert np.sqrt(np.mean(squares, axis=0) / np.mean(stated, axis=0)) == pytest.approx(1.0, abs=0.25)
+    # The standard error of these ratios is 7 to 14 %.
+    assert np.sqrt(np.mean(squares, axis=0) / np.mean(stated, axis=0)) == pytest.approx(1.0, abs=0.3)
     assert np.mean(normalized) == pytest.approx(1.0, abs=0.35)
 
 
