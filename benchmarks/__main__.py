@@ -19,6 +19,7 @@ The following run one at a time and take options, for example `python -m benchma
     compass      headings on a robot's route and of rendered panoramas. 2 minutes, with --quick 1
     rigs         calibration of rendered rigs; OpenCV. 2 minutes
     stereo       distances of rendered stereo pairs. 10 minutes, with --quick 2
+    torch        cameras in PyTorch; Kornia and PyEquilib, in an environment with both. 2 minutes
     stitch       stitching of rendered heads; ffmpeg, nona and enblend. 10 minutes, with --quick 3
     video        720p views of a 1080p clip, end to end; ffmpeg. 10 minutes, with --quick 1
     batch        views of many images by workers, with --interrupt killed ones; a plain loop, ffmpeg. 3 minutes
@@ -57,6 +58,7 @@ EVALUATIONS = (
     "compass",
     "rigs",
     "stereo",
+    "torch",
     "stitch",
     "video",
     "batch",

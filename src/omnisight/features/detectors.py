@@ -5,6 +5,7 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,7 +96,7 @@ def detect_xfeat(gray: Gray, mask: Gray, count: int) -> RawKeypoints:
         If its package is not installed.
     """
     network = _xfeat()
-    import torch  # pyright: ignore[reportMissingImports]
+    torch = import_module("torch")
 
     # The network accepts multiples of 32 px, and would be given a stretched image.
     height, width = gray.shape

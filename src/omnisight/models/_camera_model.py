@@ -56,6 +56,8 @@ class CameraModel(Projector):
     in_initial_search: ClassVar[bool] = False
     # Whether what corners near the axis would determine is open without them (mirrors): starts then also extrapolate.
     needs_axis: ClassVar[bool] = False
+    # Newton steps before the last two if code cannot stop when all points have converged: enough up to 99 % of the rim.
+    unrolled_steps: ClassVar[int] = 12
 
     # -- implemented by each model ----------------------------------------------------------------------------
 
@@ -73,12 +75,24 @@ class CameraModel(Projector):
         """Return pixels (N, 2), valid (N,), d pixel/d point (N, 2, 3) and d pixel/d params (N, 2, P)."""
         raise NotImplementedError
 
+    @classmethod
+    def derived(cls, m: Any) -> dict[str, Any]:
+        """Return functions of the parameters, by name, that the formulas need too.
+
+        They are elementwise formulas like these: results depend on the parameters through them. `m` is a model, or
+        has the fields of one; a tuple field may be a tensor.
+        """
+        return {}
+
     def projection_constants(self) -> dict[str, Any]:
-        """Return the constants that `project_point` needs besides the parameters."""
+        """Return the numbers that `project_point` needs besides: limits of its domain and starts of iterations.
+
+        Derivatives do not pass through them.
+        """
         return {}
 
     def unprojection_constants(self) -> dict[str, Any]:
-        """Return the constants that only `unproject_pixel` needs."""
+        """Return those that only `unproject_pixel` needs."""
         return {}
 
     @property
@@ -180,13 +194,13 @@ class CameraModel(Projector):
     @cached_property
     def projection_values(self) -> Any:
         """Parameters and the constants of projection alone, by name: solvers create many cameras that only project."""
-        return SimpleNamespace(**self.__dict__ | self.projection_constants(), model=type(self))
+        return SimpleNamespace(**self.__dict__ | self.derived(self) | self.projection_constants(), model=type(self))
 
     def kernel_values(self) -> dict[str, Any]:
         """Return the parameters and constants by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}  # pyright: ignore[reportArgumentType]
         values = {n: tuple(map(float, v)) if isinstance(v, tuple) else float(v) for n, v in values.items()}
-        return values | self.projection_constants() | self.unprojection_constants()
+        return values | self.derived(self) | self.projection_constants() | self.unprojection_constants()
 
     @classmethod
     def fit(cls, bearings: ArrayLike, pixels: ArrayLike, *, fixed: Sequence[str] = ()) -> Self:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.models._camera_model import CameraModel
-from omnisight.models._elementwise import atan2, model_method, sine_cosine, where
+from omnisight.models._elementwise import absolute, clipped, model_method, signed_atan2, signed_sine_cosine, sqrt
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
 
@@ -49,21 +49,19 @@ class CylindricalProjection(CameraModel):
 
     @staticmethod
     def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
-        longitude = atan2(np.abs(x), z)
-        longitude = where(x < 0.0, -longitude, longitude)
-        q = np.sqrt(x * x + z * z)
+        q = sqrt(x * x + z * z)
         h = cylinder_height(m, y, q)
-        return m.fx * longitude + m.cx, m.fy * h + m.cy, (np.abs(h) < np.inf) & (q + np.abs(y) < np.inf)
+        valid = (absolute(h) < np.inf) & (q + absolute(y) < np.inf)
+        return m.fx * signed_atan2(x, z) + m.cx, m.fy * h + m.cy, valid
 
     @staticmethod
     def unproject_pixel(m: Any, u: Any, v: Any, max_iterations: Any) -> Any:
         longitude = (u - m.cx) / m.fx
-        absolute = np.abs(longitude)
         # Half a pixel beyond 180 degrees lies on the other side of the seam.
-        valid = absolute <= 3.141592653589793 * (1.0 + 1e-12)
-        s, c = sine_cosine(where(absolute < 3.141592653589793, absolute, 3.141592653589793))
+        valid = absolute(longitude) <= 3.141592653589793 * (1.0 + 1e-12)
+        s, c = signed_sine_cosine(clipped(longitude, 3.141592653589793))
         level, down, inside = inverse_cylinder_height(m, (v - m.cy) / m.fy)
-        return where(longitude < 0.0, -s, s) * level, down, c * level, valid & inside
+        return s * level, down, c * level, valid & inside
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         x, y, z = points.T

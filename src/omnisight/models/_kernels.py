@@ -47,16 +47,51 @@ def _overload_building_blocks() -> None:
 
         return span
 
-    @overload(_elementwise.has_converged, jit_options=INLINED)
-    def _has_converged(step: Any, limit: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
-        def never(step: Any, limit: Any) -> Any:
+    @overload(_elementwise.any_of, jit_options=INLINED)
+    def _any_of(condition: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def always(condition: Any) -> Any:
+            return True
+
+        return always
+
+    @overload(_elementwise.has_derivatives, jit_options=INLINED)
+    def _has_derivatives(x: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def never(x: Any) -> Any:
             return False
 
         return never
 
-    for formula in (_simd_math.atan2, _simd_math.sine_cosine):
+    @overload(_elementwise.without_gradient, jit_options=INLINED)
+    def _without_gradient(x: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def same(x: Any) -> Any:
+            return x
+
+        return same
+
+    @overload(_elementwise.rounding, jit_options=INLINED)
+    def _rounding(x: Any) -> Any:  # pyright: ignore[reportUnusedFunction]
+        def of_float64(x: Any) -> Any:
+            return 2.220446049250313e-16
+
+        return of_float64
+
+    for name in ("sqrt", "absolute", "arcsinh", "cosh", "tanh"):
+        _overload_function_of_numpy(getattr(_elementwise, name), getattr(np, name))
+
+    formulas = (_simd_math.atan2, _simd_math.sine_cosine, _simd_math.signed_atan2, _simd_math.signed_sine_cosine)
+    for formula in formulas:
         plain = getattr(_elementwise, formula.__name__)
         overload(plain, jit_options=INLINED)(_with_signature(plain, lambda *_, formula=formula: formula))
+
+
+def _overload_function_of_numpy(function: Callable[..., Any], of_numpy: Any) -> None:
+    def resolve(x: Any) -> Any:
+        def call(x: Any) -> Any:
+            return of_numpy(x)
+
+        return call
+
+    overload(function, jit_options=INLINED)(resolve)
 
 
 @cache

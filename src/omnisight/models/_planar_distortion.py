@@ -6,7 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._elementwise import elementwise, has_converged, model_method, where
+from omnisight.models._elementwise import (
+    absolute,
+    any_of,
+    elementwise,
+    has_derivatives,
+    model_method,
+    rounding,
+    sqrt,
+    where,
+    without_gradient,
+)
 from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._projector import Array, Partial
 
@@ -14,8 +24,10 @@ from omnisight.models._projector import Array, Partial
 FOLD_MARGIN = 1e-6
 # Radius at which a plane that never folds is cut off (89.94 degrees of a pinhole).
 MAX_PLANE_RADIUS = 1e3
-# Rounding error of a squared distance, relative to the squared radius.
-SQUARED_ROUNDING = 1e-29
+# Rounding error of a squared distance, relative to the squared radius, in squared units of `rounding`: 1e-29.
+SQUARED_ROUNDING = 203.0
+# Largest squared error before the last Newton step, which the step squares, in units of `rounding`: 1e-14.
+MAX_SQUARED_ERROR = 45.0
 # Relative radii at which the plane is tested for a fold, and the number of refinements of the first fold.
 RELATIVE_RADII, FOLD_REFINEMENTS = np.linspace(0.01, 1, 100) ** 3, 5
 # Directions in which each radius is tested; between them the plane may fold up to this share earlier.
@@ -39,8 +51,8 @@ def distort_jacobian(m: Any, x: Any, y: Any) -> Any:
 
 
 @model_method
-def newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-    """Return (p, q) after the Newton steps that every point takes, and the error of the last."""
+def first_newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+    """Return (p, q) after the Newton steps that every point takes before the last two."""
 
 
 @elementwise
@@ -54,9 +66,9 @@ def newton_step(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
     dx, dy = dx - x, dy - y
     xx, xy, yx, yy = distort_jacobian(m, p, q)
     inverse_det = 1.0 / (xx * yy - xy * yx)
-    excess = dx * dx + dy * dy - SQUARED_ROUNDING * (1.0 + x * x + y * y)
-    magnified = np.abs(inverse_det * inverse_det * inverse_det)
-    error = where(excess > 0.0, excess, 0.0) * where(np.abs(inverse_det) > 1.0, magnified, 1.0)
+    excess = dx * dx + dy * dy - SQUARED_ROUNDING * rounding(x) * rounding(x) * (1.0 + x * x + y * y)
+    magnified = absolute(inverse_det * inverse_det * inverse_det)
+    error = where(excess > 0.0, excess, 0.0) * where(absolute(inverse_det) > 1.0, magnified, 1.0)
     return p - (yy * dx - xy * dy) * inverse_det, q - (xx * dy - yx * dx) * inverse_det, error
 
 
@@ -69,6 +81,11 @@ class NoDistortion:
 
     def unprojection_constants(self) -> dict[str, Any]:
         """Return the constants that only `undistort` needs."""
+        return {}
+
+    @classmethod
+    def derived(cls, m: Any) -> dict[str, Any]:
+        """Return functions of the parameters that the formulas need too; see `CameraModel.derived`."""
         return {}
 
     @staticmethod
@@ -107,33 +124,36 @@ class PlanarDistortion(NoDistortion):
     @staticmethod
     def undistort(m: Any, x: Any, y: Any, max_iterations: Any) -> Any:
         d2 = x * x + y * y
-        p, q = x, y
+        largest = MAX_SQUARED_ERROR * rounding(x) * (1.0 + d2)
+        error = d2
         if max_iterations is None:
-            p, q, error = newton_steps(m, p, q, x, y)
+            p, q = first_newton_steps(m, x, y, x, y)
         else:
-            error = d2
             # A strong distortion moves the rim far out: start in the one-to-one disc, and return to it from outside by
             # an inversion in its rim.
-            back = where(d2 > m.p2_max, np.sqrt(m.p2_max / where(d2 > 0.0, d2, 1.0)), 1.0)
+            back = where(d2 > m.p2_max, sqrt(m.p2_max / where(d2 > 0.0, d2, 1.0)), 1.0)
+            p, q = back * x, back * y
             for _ in range(max_iterations):
-                p, q, error = newton_step(m, back * p, back * q, x, y)
+                p, q, error = newton_step(m, p, q, x, y)
                 p2 = p * p + q * q
                 back = where(p2 > m.p2_max, m.p2_max / where(p2 > 0.0, p2, 1.0), 1.0)
-                if has_converged(error, 1e-28):
+                p, q = back * p, back * q
+                if not any_of((error >= largest) & (d2 <= m.d2_max)):
                     break
-        # The error after the last step is about the square of the one before it.
-        close = (error < 1e-14 * (1.0 + d2)) & (p * p + q * q <= 1.05 * m.p2_max)
+        if max_iterations is None or has_derivatives(p):
+            p, q, _ = newton_step(m, without_gradient(p), without_gradient(q), x, y)
+            p, q, error = newton_step(m, p, q, x, y)
+        close = (error < largest) & (p * p + q * q <= 1.05 * m.p2_max)
         return where(d2 <= m.d2_max, p, np.nan), q, close | (d2 > m.d2_max)
 
     @staticmethod
-    def newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
-        """Return (p, q) and the error after five Newton steps."""
+    def first_newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+        """Return (p, q) after three Newton steps."""
         # Unrolled, so that the compiled loop over the points vectorizes.
         p, q, _ = newton_step(m, p, q, x, y)
         p, q, _ = newton_step(m, p, q, x, y)
         p, q, _ = newton_step(m, p, q, x, y)
-        p, q, _ = newton_step(m, p, q, x, y)
-        return newton_step(m, p, q, x, y)
+        return p, q
 
     def unprojection_constants(self) -> dict[str, Any]:
         azimuth = np.linspace(0, 2 * np.pi, 32, endpoint=False)

@@ -10,7 +10,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from omnisight.models._camera_model import CameraModel
-from omnisight.models._elementwise import MAX_ITERATIONS, model_method, where
+from omnisight.models._elementwise import MAX_ITERATIONS, absolute, model_method, sqrt, where
 from omnisight.models._planar_distortion import NoDistortion, distort, undistort
 from omnisight.models._polynomial_roots import first_positive_root, positive_roots
 from omnisight.models._projector import MIN_RELATIVE_GROWTH, Array, NearFold, Partial
@@ -54,7 +54,7 @@ class ProfileCamera(NoDistortion, CameraModel):
     # -- the affine map; models with another one (stretch matrix) override these two ---------------------------
 
     def affine(self) -> tuple[float, float, float, float, float, float]:
-        """Return (a11, a12, a21, a22, u0, v0): pixel = A plane + centre."""
+        """Return (a11, a12, a21, a22, u0, v0): pixel = A plane + centre; see `derived`."""
         m: Any = self
         return m.fx, getattr(m, "skew", 0.0), 0.0, m.fy, m.cx, m.cy
 
@@ -98,8 +98,11 @@ class ProfileCamera(NoDistortion, CameraModel):
 
     def projection_constants(self) -> dict[str, Any]:
         c_min, radius_max = self._rim
-        affine = dict(zip(("a11", "a12", "a21", "a22", "u0", "v0"), self.affine(), strict=True))
-        return {"c_min": c_min, "r2_max": radius_max**2, **affine}
+        return {"c_min": c_min, "r2_max": radius_max**2}
+
+    @classmethod
+    def derived(cls, m: Any) -> dict[str, Any]:
+        return dict(zip(("a11", "a12", "a21", "a22", "u0", "v0"), cls.affine(m), strict=True))
 
     @cached_property
     def _rim(self) -> tuple[float, float]:
@@ -108,18 +111,9 @@ class ProfileCamera(NoDistortion, CameraModel):
         return -1.0 if theta_max >= np.pi else float(np.cos(theta_max)), min(self.one_to_one_radius, self.radius_max())
 
     def unprojection_constants(self) -> dict[str, Any]:
-        a11, a12, a21, a22, _, _ = self.affine()
-        determinant = a11 * a22 - a12 * a21
         c_min, radius_max = self._rim
-        return {
-            # Points projected from the rim itself must be unprojected in spite of rounding.
-            "c_back": c_min - 1e-9,
-            "r2_back": radius_max**2 * (1 + 1e-9),
-            "b11": a22 / determinant if determinant else np.nan,
-            "b12": -a12 / determinant if determinant else np.nan,
-            "b21": -a21 / determinant if determinant else np.nan,
-            "b22": a11 / determinant if determinant else np.nan,
-        }
+        # Points projected from the rim itself must be unprojected in spite of rounding.
+        return {"c_back": c_min - 1e-9, "r2_back": radius_max**2 * (1 + 1e-9)}
 
     @property
     def rim(self) -> float:
@@ -143,9 +137,9 @@ class ProfileCamera(NoDistortion, CameraModel):
     @staticmethod
     def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
         rho2 = x * x + y * y
-        inverse_n = 1.0 / np.sqrt(rho2 + z * z)
+        inverse_n = 1.0 / sqrt(rho2 + z * z)
         c = z * inverse_n
-        g = radial_scale(m, np.sqrt(rho2) * inverse_n, c, max_iterations) * inverse_n
+        g = radial_scale(m, sqrt(rho2) * inverse_n, c, max_iterations) * inverse_n
         px, py = g * x, g * y
         valid = (c > m.c_min) & (px * px + py * py <= m.r2_max)
         px, py = distort(m, px, py)
@@ -155,11 +149,13 @@ class ProfileCamera(NoDistortion, CameraModel):
     @staticmethod
     def unproject_pixel(m: Any, u: Any, v: Any, max_iterations: Any) -> Any:
         du, dv = u - m.u0, v - m.v0
-        px, py, converged = undistort(m, m.b11 * du + m.b12 * dv, m.b21 * du + m.b22 * dv, max_iterations)
+        determinant = m.a11 * m.a22 - m.a12 * m.a21
+        qx, qy = (m.a22 * du - m.a12 * dv) / determinant, (m.a11 * dv - m.a21 * du) / determinant
+        px, py, converged = undistort(m, qx, qy, max_iterations)
         r2 = px * px + py * py
-        h, c = inverse_radial_scale(m, np.sqrt(r2), r2, max_iterations)
+        h, c = inverse_radial_scale(m, sqrt(r2), r2, max_iterations)
         valid = converged & (r2 <= m.r2_back) & (c > m.c_back)
-        return where(converged & (np.abs(h) != np.inf), h * px, np.inf), h * py, c, valid
+        return where(converged & (absolute(h) != np.inf), h * px, np.inf), h * py, c, valid
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         x, y, c = points.T.copy()

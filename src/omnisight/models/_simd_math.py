@@ -1,10 +1,9 @@
-"""Branch-free atan2 and sine/cosine, which vectorize in compiled loops; `_elementwise` has the NumPy counterparts."""
+"""Branch-free atan2 and sine/cosine, which vectorize in compiled loops; `_elementwise` has the other counterparts."""
 
 from typing import Any
 
-import numpy as np
-
-from omnisight.models._elementwise import where
+from omnisight.models import _elementwise
+from omnisight.models._elementwise import absolute, where
 
 
 def atan2(y: Any, x: Any) -> Any:
@@ -12,7 +11,7 @@ def atan2(y: Any, x: Any) -> Any:
 
     Cephes' rational approximation of atan on [0, tan(pi/8)] after two reductions (Moshier 1989).
     """
-    ax = np.abs(x)
+    ax = absolute(x)
     steep = y > ax
     numerator, denominator = where(steep, ax, y), where(steep, y, ax)
     past_eighth = numerator > 0.41421356237309503 * denominator
@@ -58,3 +57,15 @@ def sine_cosine(angle: Any) -> Any:
     q = q * z + 4.16666666666665929218e-2
     cosine = 1.0 - 0.5 * z + z * z * q
     return (cosine - sine) * (cosine + sine), -2.0 * sine * cosine
+
+
+def signed_atan2(y: Any, x: Any) -> Any:
+    """Return the angle of (x, y), in [-pi, pi] (radians)."""
+    angle = _elementwise.atan2(absolute(y), x)
+    return where(y < 0.0, -angle, angle)
+
+
+def signed_sine_cosine(angle: Any) -> Any:
+    """Return (sin, cos) of an angle in [-pi, pi]."""
+    sine, cosine = _elementwise.sine_cosine(absolute(angle))
+    return where(angle < 0.0, -sine, sine), cosine

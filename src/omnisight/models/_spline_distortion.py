@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.models._bspline import basis, blend_patch, slopes, weights
-from omnisight.models._elementwise import span_index
+from omnisight.models._elementwise import span_index, table
 from omnisight.models._planar_distortion import PlanarDistortion, newton_step
 from omnisight.models._projector import Array, Partial
 
@@ -25,12 +25,12 @@ class SplineDistortion(PlanarDistortion):
     @cached_property
     def control_u(self) -> Array:
         """The control values (n, n) of Du."""
-        return np.array(self.du).reshape(2 * [math.isqrt(len(self.du))])
+        return square(self.du)
 
     @cached_property
     def control_v(self) -> Array:
         """The control values (n, n) of Dv."""
-        return np.array(self.dv).reshape(2 * [math.isqrt(len(self.dv))])
+        return square(self.dv)
 
     @staticmethod
     def distort(m: Any, x: Any, y: Any) -> Any:
@@ -56,11 +56,10 @@ class SplineDistortion(PlanarDistortion):
         return xx, xy, yx, yy
 
     @staticmethod
-    def newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
+    def first_newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
         # A correction of a few pixels needs fewer steps than the distortion of a lens.
         p, q, _ = newton_step(m, p, q, x, y)
-        p, q, _ = newton_step(m, p, q, x, y)
-        return newton_step(m, p, q, x, y)
+        return p, q
 
     def distort_partials(self, x: Array, y: Array) -> dict[str, tuple[Partial, Partial]]:
         cells = len(self.control_u) - 3
@@ -72,11 +71,18 @@ class SplineDistortion(PlanarDistortion):
         stretched = -((xx - 1.0) * x + xy * y) / self.extent, -(yx * x + (yy - 1.0) * y) / self.extent
         return {"du": (patch, 0.0), "dv": (0.0, patch), "extent": stretched}
 
-    def projection_constants(self) -> dict[str, Any]:
-        return {**super().projection_constants(), "control_u": self.control_u, "control_v": self.control_v}
+    @classmethod
+    def derived(cls, m: Any) -> dict[str, Any]:
+        return {**super().derived(m), "control_u": square(m.du), "control_v": square(m.dv)}
 
     def plane_radius_max(self) -> float:
         # The slope of a spline is bounded by that of its control values; below 1 in total, nothing folds.
         per_px = 0.5 * (len(self.control_u) - 3) / self.extent
         rows = [sum(np.abs(np.diff(d, axis=k)).max() for k in (0, 1)) for d in (self.control_u, self.control_v)]
         return self.extent if per_px * max(rows) < 1.0 else self.radius_without_fold(self.extent)
+
+
+def square(values: Any) -> Any:
+    """Return n * n values as an array (n, n)."""
+    side = math.isqrt(len(values))
+    return table(values).reshape(side, side)

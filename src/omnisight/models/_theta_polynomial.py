@@ -5,7 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.models._elementwise import atan2, elementwise, has_converged, sine_cosine, where
+from omnisight.models._elementwise import (
+    any_of,
+    atan2,
+    elementwise,
+    rounding,
+    sine_cosine,
+    sqrt,
+    where,
+    without_gradient,
+)
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._profile_camera import ProfileCamera, derivative_by_cosine, divide_by_sine
@@ -13,6 +22,8 @@ from omnisight.models._projector import Array
 
 # Terms of the polynomial that approximates the inverse; three Newton steps refine it to machine precision.
 START_TERMS = 7
+# Largest square of the last Newton step over w of `inverse_radial_scale`, in units of `rounding`: 1e-13.
+MAX_SQUARED_STEP = 450.0
 COEFFICIENTS = "k1", "k2", "k3", "k4", "k5", "k6"
 
 
@@ -54,22 +65,23 @@ class ThetaPolynomial(ProfileCamera):
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         # theta(r) behaves like a square root at the fold, so it is smooth in w.
         w = 1.0 - (r * m.inverse_fold_radius) ** 2
-        w = np.sqrt(where(w > 0.0, w, 0.0))
+        w = sqrt(where(w > 0.0, w, 0.0))
         start = m.i3 + w * (m.i4 + w * (m.i5 + w * m.i6))
         theta = r * (m.i0 + w * (m.i1 + w * (m.i2 + w * start)))
         theta = where(theta < m.theta_max, theta, m.theta_max)
+        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
+        largest = MAX_SQUARED_STEP * rounding(r) * w
         # Unrolled, so that the compiled loop over the points vectorizes.
-        theta, step = angle_newton_step(m, theta, r)
-        theta, step = angle_newton_step(m, theta, r)
         theta, step = angle_newton_step(m, theta, r)
         if max_iterations is not None:
             for _ in range(max_iterations):
                 theta, step = angle_newton_step(m, theta, r)
-                if has_converged(step, 1e-15):
+                if not any_of((step * step >= largest) & (r <= m.r_last)):
                     break
+        theta, step = angle_newton_step(m, without_gradient(theta), r)
+        theta, step = angle_newton_step(m, theta, r)
         s, c = sine_cosine(theta)
-        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
-        converged = (step * step < 1e-13 * w) | (r > m.r_last)
+        converged = (step * step < largest) | (r > m.r_last)
         return where(converged, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), np.inf), c
 
     def projection_constants(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.models._camera_model import CameraModel
-from omnisight.models._elementwise import atan2, sine_cosine, where
+from omnisight.models._elementwise import absolute, clipped, signed_atan2, signed_sine_cosine, sqrt
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
 
@@ -31,23 +31,20 @@ class Cassini(CameraModel):
 
     @staticmethod
     def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
-        q = np.sqrt(y * y + z * z)
-        latitude = atan2(np.abs(x), q)
-        latitude = where(x < 0.0, -latitude, latitude)
-        longitude = atan2(np.abs(y), z)
-        longitude = where(y < 0.0, -longitude, longitude)
-        length = q + np.abs(x)
+        q = sqrt(y * y + z * z)
+        length = q + absolute(x)
+        latitude, longitude = signed_atan2(x, q), signed_atan2(y, z)
         return m.fx * latitude + m.cx, m.fy * longitude + m.cy, (length > 0.0) & (length < np.inf)
 
     @staticmethod
     def unproject_pixel(m: Any, u: Any, v: Any, max_iterations: Any) -> Any:
         latitude, longitude = (u - m.cx) / m.fx, (v - m.cy) / m.fy
-        aside, around = np.abs(latitude), np.abs(longitude)
         # Half a pixel beyond 180 degrees lies on the other side of the seam.
-        valid = (aside <= 1.5707963267948966 * (1.0 + 1e-12)) & (around <= 3.141592653589793 * (1.0 + 1e-12))
-        s, c = sine_cosine(where(aside < 1.5707963267948966, aside, 1.5707963267948966))
-        down, ahead = sine_cosine(where(around < 3.141592653589793, around, 3.141592653589793))
-        return where(latitude < 0.0, -s, s), where(longitude < 0.0, -down, down) * c, ahead * c, valid
+        inside = absolute(latitude) <= 1.5707963267948966 * (1.0 + 1e-12)
+        valid = inside & (absolute(longitude) <= 3.141592653589793 * (1.0 + 1e-12))
+        s, c = signed_sine_cosine(clipped(latitude, 1.5707963267948966))
+        down, ahead = signed_sine_cosine(clipped(longitude, 3.141592653589793))
+        return s, down * c, ahead * c, valid
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
         x, y, z = points.T

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omnisight.models._cylindrical_projection import CylindricalProjection
+from omnisight.models._elementwise import sqrt
 from omnisight.models._projector import Array
 
 
@@ -24,7 +25,7 @@ class Cylindrical(CylindricalProjection):
 
     @staticmethod
     def inverse_cylinder_height(m: Any, h: Any) -> Any:
-        level = 1.0 / np.sqrt(1.0 + h * h)
+        level = 1.0 / sqrt(1.0 + h * h)
         return level, h * level, True
 
     @staticmethod

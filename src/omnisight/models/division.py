@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._elementwise import where
+from omnisight.models._elementwise import sqrt, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
@@ -35,14 +35,15 @@ class Division(ProfileCamera):
 
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
-        root = np.sqrt(c * c - 4.0 * m.k * s * s)
+        root = sqrt(c * c - 4.0 * m.k * s * s)
         # The two forms of the same root: neither subtracts two numbers that are nearly equal.
-        return where(c > 0.0, 2.0 / (c + root), (c - root) / (2.0 * m.k * s * s))
+        ahead = c > 0.0
+        return where(ahead, 2.0, c - root) / where(ahead, c + root, 2.0 * m.k * s * s)
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         z = 1.0 + m.k * r2
-        h = 1.0 / np.sqrt(r2 + z * z)
+        h = 1.0 / sqrt(r2 + z * z)
         return h, h * z
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

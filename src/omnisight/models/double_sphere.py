@@ -5,6 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from omnisight.models._elementwise import sqrt
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
@@ -36,13 +37,13 @@ class DoubleSphere(ProfileCamera):
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         k = m.xi + c
-        return 1.0 / (m.alpha * np.sqrt(s * s + k * k) + (1.0 - m.alpha) * k)
+        return 1.0 / (m.alpha * sqrt(s * s + k * k) + (1.0 - m.alpha) * k)
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         inside = 1.0 - (2.0 * m.alpha - 1.0) * r2
-        z = (1.0 - m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)
-        h = (z * m.xi + np.sqrt(z * z + (1.0 - m.xi * m.xi) * r2)) / (z * z + r2)
+        z = (1.0 - m.alpha * m.alpha * r2) / (m.alpha * sqrt(inside) + 1.0 - m.alpha)
+        h = (z * m.xi + sqrt(z * z + (1.0 - m.xi * m.xi) * r2)) / (z * z + r2)
         return h, h * z - m.xi
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omnisight.models._cylindrical_projection import CylindricalProjection
-from omnisight.models._elementwise import atan2, sine_cosine, where
+from omnisight.models._elementwise import absolute, clipped, signed_atan2, signed_sine_cosine, where
 from omnisight.models._projector import Array
 
 
@@ -22,15 +22,12 @@ class Equirectangular(CylindricalProjection):
 
     @staticmethod
     def cylinder_height(m: Any, y: Any, q: Any) -> Any:
-        down = atan2(np.abs(y), q)
-        down = where(y < 0.0, -down, down)
-        return where(np.abs(y) + q > 0.0, down, np.nan)
+        return where(absolute(y) + q > 0.0, signed_atan2(y, q), np.nan)
 
     @staticmethod
     def inverse_cylinder_height(m: Any, h: Any) -> Any:
-        around = np.abs(h)
-        s, c = sine_cosine(where(around < 1.5707963267948966, around, 1.5707963267948966))
-        return c, where(h < 0.0, -s, s), around <= 1.5707963267948966 * (1.0 + 1e-12)
+        s, c = signed_sine_cosine(clipped(h, 1.5707963267948966))
+        return c, s, absolute(h) <= 1.5707963267948966 * (1.0 + 1e-12)
 
     @staticmethod
     def cylinder_height_derivative(t: Array) -> Array:

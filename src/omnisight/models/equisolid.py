@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._elementwise import where
+from omnisight.models._elementwise import sqrt, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
@@ -29,12 +29,12 @@ class Equisolid(ProfileCamera):
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         # 1 + c = s^2/(1 - c) keeps its digits near theta = pi.
-        return np.sqrt(2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c))
+        return sqrt(2.0 / where(c < 0.0, s * s / where(c < 0.0, 1.0 - c, 1.0), 1.0 + c))
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         half = 0.5 * r
-        return np.sqrt(where(half < 1.0, (1.0 - half) * (1.0 + half), 0.0)), 1.0 - 2.0 * half * half
+        return sqrt(where(half < 1.0, (1.0 - half) * (1.0 + half), 0.0)), 1.0 - 2.0 * half * half
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return -0.25 * g**3, {}

@@ -5,6 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from omnisight.models._elementwise import sqrt
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
@@ -33,13 +34,13 @@ class EnhancedUnified(ProfileCamera):
 
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
-        return 1.0 / (m.alpha * np.sqrt(m.beta * s * s + c * c) + (1.0 - m.alpha) * c)
+        return 1.0 / (m.alpha * sqrt(m.beta * s * s + c * c) + (1.0 - m.alpha) * c)
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         inside = 1.0 - (2.0 * m.alpha - 1.0) * m.beta * r2
-        z = (1.0 - m.beta * m.alpha * m.alpha * r2) / (m.alpha * np.sqrt(inside) + 1.0 - m.alpha)
-        h = 1.0 / np.sqrt(r2 + z * z)
+        z = (1.0 - m.beta * m.alpha * m.alpha * r2) / (m.alpha * sqrt(inside) + 1.0 - m.alpha)
+        h = 1.0 / sqrt(r2 + z * z)
         return h, h * z
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

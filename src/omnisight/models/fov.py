@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._elementwise import atan2, sine_cosine, where
+from omnisight.models._elementwise import atan2, sine_cosine, sqrt, where
 from omnisight.models._parameter import parameter
 from omnisight.models._profile_camera import ProfileCamera, derivative_by_cosine
 from omnisight.models._projector import Array
@@ -29,8 +29,10 @@ class FieldOfView(ProfileCamera):
     cy: float = parameter("principal point", unit="px")
     omega: float = parameter("field of view of the ideal fisheye, rad", low=1e-2, high=3.1)
 
-    def projection_constants(self) -> dict[str, Any]:
-        return {**super().projection_constants(), "two_t": 2 * np.tan(self.omega / 2)}
+    @classmethod
+    def derived(cls, m: Any) -> dict[str, Any]:
+        s, c = sine_cosine(0.5 * m.omega)
+        return {**super().derived(m), "two_t": 2.0 * s / c}
 
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
@@ -41,7 +43,7 @@ class FieldOfView(ProfileCamera):
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         s, c = sine_cosine(where(r * m.omega < 3.141592653589793, r * m.omega, 3.141592653589793))
         s = s / m.two_t
-        inverse_n = 1.0 / np.sqrt(s * s + c * c)
+        inverse_n = 1.0 / sqrt(s * s + c * c)
         h = where(r > 1e-9, s / where(r > 1e-9, r, 1.0), m.omega / m.two_t)
         return h * inverse_n, c * inverse_n
 

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from omnisight.models._cylindrical_projection import CylindricalProjection
+from omnisight.models._elementwise import arcsinh, cosh, tanh
 from omnisight.models._projector import Array
 
 
@@ -20,12 +21,12 @@ class Mercator(CylindricalProjection):
 
     @staticmethod
     def cylinder_height(m: Any, y: Any, q: Any) -> Any:
-        return np.arcsinh(y / q)
+        return arcsinh(y / q)
 
     @staticmethod
     def inverse_cylinder_height(m: Any, h: Any) -> Any:
-        level = 1.0 / np.cosh(h)
-        return level, np.tanh(h), True
+        level = 1.0 / cosh(h)
+        return level, tanh(h), True
 
     @staticmethod
     def cylinder_height_derivative(t: Array) -> Array:

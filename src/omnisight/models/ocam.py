@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from omnisight.models._camera_model import VariantFit
-from omnisight.models._elementwise import elementwise, has_converged, where
+from omnisight.models._elementwise import any_of, elementwise, has_derivatives, rounding, sqrt, where, without_gradient
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._polynomial_roots import first_positive_root
@@ -21,6 +21,8 @@ CALIBRATED_DEGREES = (3, 4, 5, 6)
 # Terms of the polynomial that starts the projection, and the k of its variable t/(k + t), t = tan(theta/2), which is
 # finite up to 180 degrees. With this k the largest error is 1e-6 to 5e-3 of the radius, with k near 0 or infinity 0.5.
 START_TERMS, START_SCALE = 12, 3.0
+# Largest square of the last Newton step, relative to the squared radius of the rim, in units of `rounding`: 1e-14.
+MAX_SQUARED_STEP = 45.0
 # Largest radius of a polynomial that never folds, in focal lengths.
 MAX_RADIUS_FOCALS = 8.0
 
@@ -102,18 +104,19 @@ class Ocam(ProfileCamera):
             r = r * q + m.start[i]
         r = r * q
         low, high = 0.0 * q, m.r_max * (1.0 + 1e-9) + 0.0 * q
+        # The error is the square of the last step. Beyond the rim no radius exists.
+        largest = MAX_SQUARED_STEP * rounding(s) * m.r_max * m.r_max
         r, low, high, step = radius_newton_step(m, r, low, high, s, c)
-        if max_iterations is None:
-            # Unrolled, so that the compiled loop over the points vectorizes.
-            r, low, high, step = radius_newton_step(m, r, low, high, s, c)
-            r, low, high, step = radius_newton_step(m, r, low, high, s, c)
-        else:
+        if max_iterations is not None:
             for _ in range(max_iterations):
-                if has_converged(where(past, 0.0, step), 1e-7 * m.r_max):
+                if not any_of((step * step >= largest) & (q < 1.0)):
                     break
                 r, low, high, step = radius_newton_step(m, r, low, high, s, c)
-        # The error is the square of the last step. Beyond the rim no radius exists.
-        converged = past | (np.abs(step) < 1e-7 * m.r_max)
+        if max_iterations is None or has_derivatives(r):
+            # Unrolled, so that the compiled loop over the points vectorizes.
+            r, low, high, step = radius_newton_step(m, without_gradient(r), low, high, s, c)
+            r, low, high, step = radius_newton_step(m, r, low, high, s, c)
+        converged = past | (step * step < largest)
         return where(converged, where(s > 1e-9, r / where(s > 1e-9, s, 1.0), m.a[0]), np.inf)
 
     @staticmethod
@@ -122,7 +125,7 @@ class Ocam(ProfileCamera):
         for i in range(len(m.a) - 1, 0, -1):
             f = f * r + m.a[i]
         f = f * r2 + m.a[0]
-        h = 1.0 / np.sqrt(r2 + f * f)
+        h = 1.0 / sqrt(r2 + f * f)
         return h, h * f
 
     def projection_constants(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._elementwise import where
+from omnisight.models._elementwise import sqrt, where
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
@@ -29,7 +29,7 @@ class Orthographic(ProfileCamera):
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
-        return 1.0 + 0.0 * r, np.sqrt(where(r < 1.0, (1.0 - r) * (1.0 + r), 0.0))
+        return 1.0 + 0.0 * r, sqrt(where(r < 1.0, (1.0 - r) * (1.0 + r), 0.0))
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:
         return np.zeros_like(c), {}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.models._camera_model import CameraModel
-from omnisight.models._elementwise import where
+from omnisight.models._elementwise import absolute, sqrt, where
 from omnisight.models._parameter import parameter
 from omnisight.models._projector import Array
 
@@ -40,10 +40,10 @@ class Panini(CameraModel):
 
     @staticmethod
     def project_point(m: Any, x: Any, y: Any, z: Any, max_iterations: Any) -> Any:
-        q = np.sqrt(x * x + z * z)
+        q = sqrt(x * x + z * z)
         c = z / q
         stretch = (m.d + 1.0) / (m.d + c)
-        valid = (c > m.cos_min) & (q + np.abs(y) < np.inf)
+        valid = (c > m.cos_min) & (q + absolute(y) < np.inf)
         return m.fx * stretch * (x / q) + m.cx, m.fy * stretch * (y / q) + m.cy, valid
 
     @staticmethod
@@ -52,10 +52,10 @@ class Panini(CameraModel):
         a, b = (u - m.cx) / m.fx, (v - m.cy) / m.fy
         k = (a / (m.d + 1.0)) ** 2
         under = 1.0 + k * (1.0 - m.d * m.d)
-        c = (np.sqrt(where(under > 0.0, under, 0.0)) - k * m.d) / (1.0 + k)
+        c = (sqrt(where(under > 0.0, under, 0.0)) - k * m.d) / (1.0 + k)
         scale = (m.d + c) / (m.d + 1.0)
         s, t = a * scale, b * scale
-        level = 1.0 / np.sqrt(1.0 + t * t)
+        level = 1.0 / sqrt(1.0 + t * t)
         return s * level, t * level, c * level, (under > 0.0) & (c > m.cos_back)
 
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:

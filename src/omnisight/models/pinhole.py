@@ -5,6 +5,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from omnisight.models._elementwise import sqrt
 from omnisight.models._parameter import parameter
 from omnisight.models._profile_camera import ProfileCamera
 from omnisight.models._projector import Array
@@ -19,7 +20,7 @@ class PinholeProfile(ProfileCamera):
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
-        c = 1.0 / np.sqrt(1.0 + r2)
+        c = 1.0 / sqrt(1.0 + r2)
         return c, c
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

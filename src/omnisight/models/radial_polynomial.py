@@ -6,12 +6,22 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from omnisight.models._elementwise import atan2, elementwise, has_converged, sine_cosine, where
+from omnisight.models._elementwise import (
+    any_of,
+    atan2,
+    elementwise,
+    rounding,
+    sine_cosine,
+    sqrt,
+    where,
+    without_gradient,
+)
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._profile_camera import ProfileCamera, divide_by_sine
 from omnisight.models._projector import Array
+from omnisight.models._theta_polynomial import MAX_SQUARED_STEP
 
 # Bound of the coefficients: without it a fit lets the focal length approach 0 and these grow.
 MAX_COEFFICIENT = 4.0
@@ -63,21 +73,22 @@ class RadialPolynomial(ProfileCamera):
         # theta(r) behaves like a square root at the fold, so it is smooth in w; the even powers also need q.
         q = r * m.inverse_fold_radius
         w = 1.0 - q * q
-        w = np.sqrt(where(w > 0.0, w, 0.0))
+        w = sqrt(where(w > 0.0, w, 0.0))
         theta = r * (m.i0 + w * (m.i1 + w * (m.i2 + w * m.i3)) + q * (m.i4 + w * (m.i5 + w * m.i6)))
         theta = where(theta < m.theta_max, theta, m.theta_max)
+        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
+        largest = MAX_SQUARED_STEP * rounding(r) * w
         # Unrolled, so that the compiled loop over the points vectorizes.
-        theta, step = angle_newton_step(m, theta, r)
-        theta, step = angle_newton_step(m, theta, r)
         theta, step = angle_newton_step(m, theta, r)
         if max_iterations is not None:
             for _ in range(max_iterations):
                 theta, step = angle_newton_step(m, theta, r)
-                if has_converged(step, 1e-15):
+                if not any_of((step * step >= largest) & (r <= m.r_last)):
                     break
+        theta, step = angle_newton_step(m, without_gradient(theta), r)
+        theta, step = angle_newton_step(m, theta, r)
         s, c = sine_cosine(theta)
-        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
-        converged = (step * step < 1e-13 * w) | (r > m.r_last)
+        converged = (step * step < largest) | (r > m.r_last)
         return where(converged, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), 1.0), np.inf), c
 
     def unprojection_constants(self) -> dict[str, Any]:

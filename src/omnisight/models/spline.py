@@ -11,13 +11,25 @@ from numpy.typing import ArrayLike
 
 from omnisight.models._bspline import TO_POWERS, basis, blend, slopes, weights
 from omnisight.models._camera_model import VariantFit
-from omnisight.models._elementwise import atan2, elementwise, has_converged, sine_cosine, span_index, where
+from omnisight.models._elementwise import (
+    any_of,
+    atan2,
+    elementwise,
+    rounding,
+    sine_cosine,
+    span_index,
+    sqrt,
+    table,
+    where,
+    without_gradient,
+)
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._profile_camera import ProfileCamera, derivative_by_cosine
 from omnisight.models._projector import Array, Partial
 from omnisight.models._spline_distortion import SplineDistortion
+from omnisight.models._theta_polynomial import MAX_SQUARED_STEP
 from omnisight.models.equidistant import Equidistant
 
 # Default spans of the radius, and cells along each side of the correction.
@@ -46,6 +58,11 @@ def bracketed_newton_step(m: Any, theta: Any, low: Any, high: Any, r: Any) -> An
     return theta + step, where(value > 0.0, theta, low), where(value > 0.0, high, theta), step
 
 
+def even_controls(r: Any) -> Any:
+    """Return the control values of an even spline: the one before the axis is the one after it."""
+    return table(r)[[1, *range(len(r))]]
+
+
 class SplineProfile(ProfileCamera):
     """r(theta) = theta S(theta), S an even uniform cubic B-spline on [0, reach], so that r is smooth on the axis."""
 
@@ -55,7 +72,7 @@ class SplineProfile(ProfileCamera):
     @cached_property
     def controls(self) -> Array:
         """The control values of S, from the one before the axis: S is even."""
-        return np.array([self.r[1], *self.r])
+        return even_controls(self.r)
 
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
@@ -69,27 +86,29 @@ class SplineProfile(ProfileCamera):
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
         # theta(r) behaves like a square root at a fold, so theta/r is smooth in w and is tabulated over it.
         w = 1.0 - (r * m.over_last) ** 2
-        w = np.sqrt(where(w > 0.0, w, 0.0))
+        w = sqrt(where(w > 0.0, w, 0.0))
         position = w * (len(m.start) - 1)
         i = span_index(position, len(m.start) - 1)
         theta = r * (m.start[i] + (position - i) * (m.start[i + 1] - m.start[i]))
         low, high = 0.0 * theta, m.theta_last + 0.0 * theta
-        # Unrolled, so that the compiled loop over the points vectorizes.
-        theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
-        theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
+        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
+        largest = MAX_SQUARED_STEP * rounding(r) * w
         if max_iterations is not None:
             for _ in range(max_iterations):
                 theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
-                if has_converged(step, 1e-15):
+                if not any_of((step * step >= largest) & (r <= m.r_last)):
                     break
+        # Unrolled, so that the compiled loop over the points vectorizes.
+        theta, low, high, step = bracketed_newton_step(m, without_gradient(theta), low, high, r)
+        theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
         theta = where(theta < m.theta_last, theta, m.theta_last)
         s, c = sine_cosine(where(theta > 0.0, theta, 0.0))
-        # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
-        converged = (step * step < 1e-13 * w) | (r > m.r_last)
+        converged = (step * step < largest) | (r > m.r_last)
         return where(converged, where(r > 1e-9, s / where(r > 1e-9, r, 1.0), m.start[len(m.start) - 1]), np.inf), c
 
-    def projection_constants(self) -> dict[str, Any]:
-        return {**super().projection_constants(), "controls": self.controls}
+    @classmethod
+    def derived(cls, m: Any) -> dict[str, Any]:
+        return {**super().derived(m), "controls": even_controls(m.r)}
 
     def unprojection_constants(self) -> dict[str, Any]:
         limit = min(self.reach, self.fold, np.pi)
@@ -177,6 +196,7 @@ class Spline(SplineDistortion, SplineProfile):
     profile of its own so that the correction stays small.
     """
 
+    unrolled_steps: ClassVar[int] = 2  # from a table, and with a correction of a few pixels
     auto_max_theta: ClassVar[float] = 0.0
 
     cx: float = parameter("principal point", unit="px")
@@ -200,7 +220,7 @@ class Spline(SplineDistortion, SplineProfile):
             raise ValueError(f"spline needs as many values of dv as of du, got {len(self.dv)} and {len(self.du)}")
 
     def kernel_values(self) -> dict[str, Any]:
-        # `projection_constants` holds them as arrays, so that the same compiled code serves all counts.
+        # `derived` holds them as arrays, so that the same compiled code serves all counts.
         return {name: value for name, value in super().kernel_values().items() if name not in {"r", "du", "dv"}}
 
     def affine(self) -> tuple[float, float, float, float, float, float]:

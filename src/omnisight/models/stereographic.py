@@ -26,7 +26,7 @@ class Stereographic(ProfileCamera):
     @staticmethod
     def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
         # 1 + c = s^2/(1 - c) keeps its digits near theta = pi.
-        return 2.0 / where(c < 0.0, s * s / (1.0 - c), 1.0 + c)
+        return 2.0 / where(c < 0.0, s * s / where(c < 0.0, 1.0 - c, 1.0), 1.0 + c)
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:

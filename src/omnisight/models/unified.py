@@ -5,6 +5,7 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from omnisight.models._elementwise import sqrt
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import FOLD_MARGIN
 from omnisight.models._profile_camera import ProfileCamera
@@ -30,7 +31,7 @@ class UnifiedProfile(ProfileCamera):
 
     @staticmethod
     def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
-        h = (m.xi + np.sqrt(1.0 + (1.0 - m.xi * m.xi) * r2)) / (1.0 + r2)
+        h = (m.xi + sqrt(1.0 + (1.0 - m.xi * m.xi) * r2)) / (1.0 + r2)
         return h, h - m.xi
 
     def radial_scale_derivatives(self, s: Array, c: Array, g: Array) -> tuple[Array, dict[str, Array]]:

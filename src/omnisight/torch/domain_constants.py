@@ -1,0 +1,95 @@
+"""The numbers that formulas need besides the parameters: limits of the domain and starts of iterations.
+
+They come from the NumPy model with the current values of the parameters, by an operator that compiled functions call
+without looking inside.
+"""
+
+import dataclasses
+from collections import OrderedDict
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import torch
+
+from omnisight.models import CameraModel, model_class
+
+# Parameters of that many cameras keep their constants.
+CACHED_CAMERAS = 64
+
+
+def domain_constants(model: CameraModel) -> dict[str, Any]:
+    """Return the constants of a model by name, with the pixel of the axis, where every model has finite derivatives."""
+    with np.errstate(all="ignore"):
+        constants = {**model.projection_constants(), **model.unprojection_constants()}
+        axis_u, axis_v = model.project_numpy(np.array([[0.0, 0.0, 1.0]]))[0][0]
+    return constants | {"axis_u": axis_u, "axis_v": axis_v}
+
+
+def flattened(model: CameraModel) -> np.ndarray[Any, Any]:
+    """Return all constants of a model in one vector (K,)."""
+    return np.concatenate([np.ravel(value) for value in domain_constants(model).values()])
+
+
+def numpy_model(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
+    """Return the NumPy model with the values of the parameters.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite.
+    """
+    lengths = tuple(parameter.numel() for parameter in parameters)
+    values = torch.cat([parameter.detach().double().reshape(-1) for parameter in parameters]).cpu().numpy()
+    return _model_from_bytes(model, lengths, values.tobytes())
+
+
+@lru_cache(maxsize=CACHED_CAMERAS)
+def _model_from_bytes(name: str, lengths: tuple[int, ...], values: bytes) -> CameraModel:
+    parts = np.split(np.frombuffer(values), np.cumsum(lengths)[:-1])
+    if not all(np.isfinite(part).all() for part in parts):
+        raise ValueError(f"the parameters of the {name} camera are not finite: lower the learning rate")
+    fields = dataclasses.fields(model_class(name))  # pyright: ignore[reportArgumentType]
+    # A tuple of one number is a tuple: the type of the field decides.
+    arguments = [
+        tuple(map(float, part)) if field.type == tuple[float, ...] else float(part[0])
+        for field, part in zip(fields, parts, strict=True)
+    ]
+    return model_class(name)(*arguments)
+
+
+@lru_cache(maxsize=CACHED_CAMERAS)
+def _flattened_of_model(model: CameraModel) -> torch.Tensor:
+    return torch.from_numpy(flattened(model))
+
+
+# Constants of the last cameras on other devices, by the memory and the version of their parameters, which are kept: the
+# memory of a freed tensor may be used again.
+_latest: OrderedDict[tuple[Any, ...], tuple[list[torch.Tensor], torch.Tensor]] = OrderedDict()
+
+
+def cached_by_version(parameters: list[torch.Tensor], model: str) -> torch.Tensor:
+    """Return the constants without reading the parameters unless they changed: reading waits for the device."""
+    key = (model, *((parameter.data_ptr(), parameter._version) for parameter in parameters))
+    if key not in _latest:
+        _latest[key] = [parameter.detach() for parameter in parameters], cached_by_values(parameters, model)
+        if len(_latest) > CACHED_CAMERAS:
+            _latest.popitem(last=False)
+    return _latest[key][1]
+
+
+def cached_by_values(parameters: list[torch.Tensor], model: str) -> torch.Tensor:
+    return _flattened_of_model(numpy_model(parameters, model)).to(parameters[0].device)
+
+
+@torch.library.custom_op("omnisight::domain_constants", mutates_args=())
+def constants_vector(parameters: list[torch.Tensor], model: str, count: int) -> torch.Tensor:
+    """Return the `count` constants of a model with the values of its parameters, in one float64 vector (count,)."""
+    cached = cached_by_values if parameters[0].device.type == "cpu" else cached_by_version
+    return cached(parameters, model).clone()
+
+
+@constants_vector.register_fake
+def _(parameters: list[torch.Tensor], model: str, count: int) -> torch.Tensor:  # pyright: ignore[reportUnusedFunction]
+    return torch.empty(count, dtype=torch.float64, device=parameters[0].device)

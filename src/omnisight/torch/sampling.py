@@ -1,0 +1,214 @@
+"""Sampling of images at pixels with derivatives: bilinear, across the seam of a panorama, averaged by mipmaps."""
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+import torch.nn.functional as nn_functional
+from torch import Tensor
+
+from omnisight.parallel import parallel_for
+from omnisight.torch.compiled_loops import can_read, has_gradient
+
+if TYPE_CHECKING:
+    from omnisight.torch.camera import Camera
+
+# Columns beyond the seam, on the coarsest level, that the kernel of the mipmaps and the interpolation reach.
+WRAP_COLUMNS = 4
+# Pixels around each level in the atlas.
+MARGIN_PX = 1
+# Coarsest level: a view pixel spans at most 2**6 image pixels.
+MAX_LEVEL = 6
+# Views with a smaller reduction (log2 of the footprint) need no mipmaps, as in `views.remapper`.
+MIN_LEVEL = 0.35
+# Every so many pixels the footprint of a map is computed.
+FOOTPRINT_STEP_PX = 8
+# Pixels of a view that are computed at once without derivatives, which bounds the memory of intermediate results.
+BAND_PIXELS = 131072
+
+
+class Atlas(NamedTuple):
+    """An image and its mipmaps in one image, side by side.
+
+    Attributes
+    ----------
+    image
+        (B, channels, height, width).
+    corners
+        (L, 2) pixel of the atlas of the first pixel (0, 0) of the image on each level.
+    limits
+        (L, 2, 2) smallest and largest pixel (u, v) of each level.
+    """
+
+    image: Tensor
+    corners: Tensor
+    limits: Tensor
+
+
+def sample(
+    image: Tensor,
+    pixels: Tensor,
+    valid: Tensor | None = None,
+    *,
+    footprint: Tensor | None = None,
+    periodic: bool = False,
+) -> Tensor:
+    """Return the values of an image at pixels, interpolated bilinearly.
+
+    Differentiable by the image and by the pixels. Between the centres of the outer pixels and the border of the image
+    the outer pixels continue.
+
+    Parameters
+    ----------
+    image
+        (..., channels, height, width).
+    pixels
+        (..., *shape, 2) with the same leading dimensions as the image, or with other ones if one of both has none or
+        has length 1; `shape` has two dimensions.
+    valid
+        (..., *shape): where the result is not 0; the finite pixels by default.
+    footprint
+        (..., rows, columns) number of image pixels that one sample averages across, on a grid over `shape` of the same
+        or a lower resolution; None for 1.
+    periodic
+        Whether the last column is a neighbour of the first.
+
+    Returns
+    -------
+    (..., channels, *shape) values.
+    """
+    lead = torch.broadcast_shapes(image.shape[:-3], pixels.shape[:-3])
+    shape = pixels.shape[-3:-1]
+    valid = torch.isfinite(pixels).all(-1) if valid is None else valid
+    image = image.expand(*lead, *image.shape[-3:]).reshape(-1, *image.shape[-3:])
+    pixels = pixels.to(image.dtype).expand(*lead, *shape, 2).reshape(-1, *shape, 2)
+    valid = valid.expand(*lead, *shape).reshape(-1, *shape)
+    count = 0 if footprint is None else _mipmap_count(image, footprint)
+    atlas, level = _atlas(image, count, periodic), None
+    if footprint is not None and count:
+        coarse = torch.clamp(torch.log2(footprint.to(image.dtype)), 0.0, count)
+        coarse = coarse.expand(*lead, *coarse.shape[-2:]).reshape(-1, 1, *coarse.shape[-2:])
+        level = nn_functional.interpolate(coarse, shape, mode="bilinear").squeeze(1)
+    in_bands = can_read(image, pixels) and not has_gradient(image, pixels)
+    values = (_values_in_bands if in_bands else _values)(atlas, pixels, valid, level)
+    return values.reshape(*lead, image.shape[1], *shape)
+
+
+@torch.no_grad()
+def pixel_footprint(source: "Camera", pixels: Tensor) -> Tensor:
+    """Return how many pixels of the source a pixel of a map (..., height, width, 2) spans in its denser direction.
+
+    In a periodic source columns are weighted by the cosine of the latitude, because near a pole many of them have
+    nearly the same direction. 1 where unknown. Computed for every eighth row and column (..., rows, columns).
+    """
+    height, width = pixels.shape[-3:-1]
+    rows, columns = (
+        torch.arange(0, count, FOOTPRINT_STEP_PX, device=pixels.device).clamp(max=max(count - 2, 0))
+        for count in (height, width)
+    )
+    start = pixels[..., rows[:, None], columns, :]
+    scale = torch.ones_like(start[..., 0])
+    if source.period is not None:
+        v = start[..., 1]
+        bearings, _ = source.unproject(torch.stack([torch.full_like(v, source.size[0] / 2), v], -1))
+        scale = torch.hypot(bearings[..., 0], bearings[..., 2])
+    footprint = torch.ones_like(scale)
+    for below, right in ((1, 0), (0, 1)):
+        if (below and height < 2) or (right and width < 2):
+            continue
+        du, dv = (pixels[..., rows[:, None] + below, columns + right, :] - start).unbind(-1)
+        if source.period is not None:
+            du = du - source.period * torch.round(du / source.period)
+        length = torch.hypot(du * scale, dv)
+        footprint = torch.where(length > footprint, length, footprint)  # False for NaN
+    return footprint
+
+
+def _values(atlas: Atlas, pixels: Tensor, valid: Tensor, level: Tensor | None) -> Tensor:
+    """Return the values of images at pixels (B, h, w, 2), averaged up to a level (B, h, w) between the mipmaps."""
+    if torch.is_grad_enabled():  # grid_sample takes NaN, but its derivative is NaN
+        pixels = torch.where(valid[..., None], pixels, 0.0)
+    if level is None:
+        values = _interpolated(atlas, pixels, None)
+    else:
+        below = torch.clamp_max(level.floor(), len(atlas.limits) - 2)
+        fine, coarse = (_interpolated(atlas, pixels, index) for index in (below.long(), below.long() + 1))
+        values = fine + (level - below).unsqueeze(1) * (coarse - fine)
+    return values.masked_fill_(~valid.unsqueeze(1), 0.0)
+
+
+def _values_in_bands(atlas: Atlas, pixels: Tensor, valid: Tensor, level: Tensor | None) -> Tensor:
+    """Return `_values` without derivatives, on threads: grid_sample computes a single image on one."""
+    batch, height, width = valid.shape
+    values = atlas.image.new_empty(batch, atlas.image.shape[1], height, width)
+    step = max(1, BAND_PIXELS // max(batch * width, 1))
+
+    def compute(first: int, last: int) -> None:
+        with torch.no_grad():
+            for top in range(first, last, step):
+                rows = slice(top, min(top + step, last))
+                of_rows = None if level is None else level[:, rows]
+                values[:, :, rows] = _values(atlas, pixels[:, rows], valid[:, rows], of_rows)
+
+    parallel_for(compute, height, step)
+    return values
+
+
+def _mipmap_count(image: Tensor, footprint: Tensor) -> int:
+    """Return the number of mipmaps of an image that footprints need."""
+    count = min(MAX_LEVEL, int(min(image.shape[-2:])).bit_length() - 1)
+    if torch.compiler.is_compiling():  # a compiled function must not read the footprint from the device
+        return count
+    largest = math.log2(float(footprint.max())) if footprint.numel() else 0.0
+    return 0 if largest < MIN_LEVEL else min(count, int(largest) + 1)
+
+
+def _atlas(image: Tensor, count: int, periodic: bool) -> Atlas:
+    """Return the mipmaps up to the level `count` of images (B, C, H, W)."""
+    padding = WRAP_COLUMNS << count if periodic else 0
+    padding = min(padding, image.shape[-1])
+    levels = [nn_functional.pad(image, (padding, padding, 0, 0), mode="circular") if padding else image]
+    for _ in range(count):
+        levels.append(_halved(levels[-1]))
+    if count == 0:
+        joined = levels[0]
+    else:
+        # The finest level on the left, the others below one another on its right.
+        right = torch.cat(
+            [nn_functional.pad(x, (0, levels[1].shape[-1] - x.shape[-1], 0, MARGIN_PX)) for x in levels[1:]], -2
+        )
+        height = max(levels[0].shape[-2], right.shape[-2])
+        parts = [nn_functional.pad(x, (0, 0, 0, height - x.shape[-2])) for x in (levels[0], right)]
+        joined = torch.cat(parts, -1)
+    corners, limits, row = [], [], 0
+    for k, x in enumerate(levels):
+        left = padding / 2**k
+        corners.append((left + (levels[0].shape[-1] if k else 0), row))
+        limits.append(((-left, 0.0), (x.shape[-1] - 1 - left, x.shape[-2] - 1.0)))
+        row += x.shape[-2] + MARGIN_PX if k else 0
+    return Atlas(joined, image.new_tensor(corners), image.new_tensor(limits))
+
+
+def _halved(image: Tensor) -> Tensor:
+    """Return every second pixel of images (B, C, H, W) smoothed by (1, 4, 6, 4, 1)/16 along both axes."""
+    taps = image.new_tensor((1.0, 4.0, 6.0, 4.0, 1.0)) / 16.0
+    batch, channels, height, width = image.shape
+    x = image.reshape(batch * channels, 1, height, width)
+    mode = "reflect" if min(height, width) > 2 else "replicate"
+    x = nn_functional.conv2d(nn_functional.pad(x, (0, 0, 2, 2), mode=mode), taps.view(1, 1, 5, 1), stride=(2, 1))
+    x = nn_functional.conv2d(nn_functional.pad(x, (2, 2, 0, 0), mode=mode), taps.view(1, 1, 1, 5), stride=(1, 2))
+    return x.reshape(batch, channels, *x.shape[-2:])
+
+
+def _interpolated(atlas: Atlas, pixels: Tensor, level: Tensor | None) -> Tensor:
+    """Return the values at pixels (B, h, w, 2) of the finest level, from levels (B, h, w) or the finest."""
+    height, width = atlas.image.shape[-2:]
+    to_grid = 2.0 / pixels.new_tensor((width, height))
+    if level is None:
+        grid = torch.addcmul((atlas.corners[0] + 0.5) * to_grid - 1.0, pixels, to_grid)
+    else:
+        low, high = atlas.limits[level].unbind(-2)
+        scaled = pixels * torch.exp2(-level.to(pixels.dtype))[..., None]
+        at = torch.minimum(torch.maximum(scaled, low), high) + atlas.corners[level]
+        grid = (at + 0.5) * to_grid - 1.0
+    return nn_functional.grid_sample(atlas.image, grid, "bilinear", "border", align_corners=False)

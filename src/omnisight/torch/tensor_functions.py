@@ -1,0 +1,61 @@
+"""The functions of elementwise formulas for tensors."""
+
+from typing import Any
+
+import torch
+
+from omnisight.models._elementwise import LIBRARIES, NumpyFunctions
+
+# The pass with gradients must not reject a point that the pass without has accepted, so its limits are wider.
+RELAXATION = 100.0
+
+
+def is_traced(x: Any) -> bool:
+    """Return whether values of a tensor cannot be read: in `torch.compile` and in transformations of `torch.func`."""
+    functorch: Any = torch._C._functorch  # pyright: ignore[reportPrivateUsage, reportAttributeAccessIssue]
+    return torch.compiler.is_compiling() or functorch.is_functorch_wrapped_tensor(x)
+
+
+class TensorFunctions(NumpyFunctions):
+    """The functions of `models._elementwise` for tensors, with finite derivatives where those of torch are NaN."""
+
+    where, absolute, arcsinh, cosh, tanh = torch.where, torch.abs, torch.asinh, torch.cosh, torch.tanh
+    sin, cos, atan2 = torch.sin, torch.cos, torch.atan2
+
+    @staticmethod
+    def sqrt(x: Any) -> Any:
+        if not torch.is_grad_enabled():
+            return torch.sqrt(x)
+        # The derivative of the clamp at 0 is 0, and that of the root of the smallest normal number is finite.
+        return torch.sqrt(torch.clamp_min(x, torch.finfo(x.dtype).tiny))
+
+    @staticmethod
+    def signed_atan2(y: Any, x: Any) -> Any:
+        if not torch.is_grad_enabled():
+            return torch.atan2(y + 0.0, x)
+        at_origin = (x == 0.0) & (y == 0.0)
+        return torch.atan2(torch.where(at_origin, 0.0, y) + 0.0, torch.where(at_origin, 1.0, x))
+
+    @staticmethod
+    def as_index(x: Any) -> Any:
+        return torch.nan_to_num(x).long()
+
+    @staticmethod
+    def any(condition: Any) -> Any:
+        return is_traced(condition) or bool(torch.any(condition))
+
+    @staticmethod
+    def has_derivatives(x: Any) -> bool:
+        return torch.is_grad_enabled() or is_traced(x)
+
+    @staticmethod
+    def without_gradient(x: Any) -> Any:
+        return x.detach()
+
+    @staticmethod
+    def rounding(x: Any) -> float:
+        eps = torch.finfo(x.dtype).eps
+        return RELAXATION * eps if torch.is_grad_enabled() else eps
+
+
+LIBRARIES[torch.Tensor] = TensorFunctions
