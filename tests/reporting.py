@@ -8,9 +8,8 @@ import numpy as np
 
 from omnisight.images import write_image
 from omnisight.pipeline.calibrate import CalibrateOptions, calibrate
-from omnisight.report import ReportOptions
 from omnisight.report.page import render_page
-from omnisight.report.report_data import ReportData
+from omnisight.report.report_data import ReportData, ReportOptions
 from omnisight.simulation import fisheye_setup
 from omnisight.targets import Detection, Detections, ImageDetection
 from omnisight.targets.observations import Observations

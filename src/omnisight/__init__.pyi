@@ -114,10 +114,10 @@ from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction
 from omnisight.reconstructions import write_reconstruction as write_reconstruction
-from omnisight.report import ReportOptions as ReportOptions
-from omnisight.report import write_report as write_report
-from omnisight.report import write_rig_report as write_rig_report
-from omnisight.report import write_viewer as write_viewer
+from omnisight.report.page import write_report as write_report
+from omnisight.report.report_data import ReportOptions as ReportOptions
+from omnisight.report.rigs.page import write_rig_report as write_rig_report
+from omnisight.report.viewer import write_viewer as write_viewer
 from omnisight.rig import Rig as Rig
 from omnisight.sfm.reconstruction import Reconstruction as Reconstruction
 from omnisight.targets import Checkerboard as Checkerboard

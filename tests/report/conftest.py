@@ -3,7 +3,8 @@
 import pytest
 
 from omnisight.optics.models.axial import Axial
-from omnisight.report import ReportOptions, write_report
+from omnisight.report.page import write_report
+from omnisight.report.report_data import ReportOptions
 from omnisight.simulation import fisheye_setup
 from reporting import COMMAND, NAMES, PUPIL, UNUSED_NAMES, calibrate_detections, report_data, simulate_detections, write
 

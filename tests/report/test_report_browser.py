@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from omnisight.formats import format_names, get_format, load
-from omnisight.report import ReportOptions
+from omnisight.report.report_data import ReportOptions
 from reporting import COMMAND, NAMES, UNUSED_NAMES, with_observations, write
 
 # The sections in the order of the page; an axial camera has one more between them.

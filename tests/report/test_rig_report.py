@@ -13,9 +13,9 @@ import omnisight as om
 from omnisight.formats import load_rig, rig_format_names
 from omnisight.models import model_class
 from omnisight.optics.models.axial import Axial
-from omnisight.report import ReportOptions, write_rig_report
+from omnisight.report.report_data import ReportOptions
 from omnisight.report.rigs.direction_map import share_of_sphere, visible_directions
-from omnisight.report.rigs.page import render_rig_page
+from omnisight.report.rigs.page import render_rig_page, write_rig_report
 from omnisight.report.rigs.rig_report_data import RigReportData
 from omnisight.report.rigs.scene import edge_bearings
 from omnisight.simulation.example_rigs import back_to_back

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from omnisight.report import write_viewer
+from omnisight.report.viewer import write_viewer
 from omnisight.report.viewer_data import MAX_OBSERVATIONS, _point_data
 from reconstructing import independent, paint, single, two_fisheyes, without_points
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from omnisight.calibration.bundle_adjustment import Bundle, refine
 from omnisight.calibration.covariance import parts_by_view
@@ -75,7 +75,7 @@ def prediction_limit(rms: Array) -> float:
     """Return the limit (px) that one more rms exceeds with the probability `SIGNIFICANCE`; rms are log-normal."""
     logarithms = np.log(np.maximum(rms, MIN_RMS_PX))
     scatter = float(logarithms.std(ddof=1)) * np.sqrt(1 + 1 / len(logarithms))
-    return float(np.exp(logarithms.mean() + student_t.isf(SIGNIFICANCE, len(logarithms) - 1) * scatter))
+    return float(np.exp(logarithms.mean() + stdtrit(len(logarithms) - 1, 1 - SIGNIFICANCE) * scatter))
 
 
 def _rms_with_adjusted_camera(

@@ -76,7 +76,8 @@ def calibrate(
 
         draw_calibration(calibration, draw, apply_exif=options.apply_exif)
     if report is not None:
-        from omnisight.report import ReportOptions, write_report
+        from omnisight.report.page import write_report
+        from omnisight.report.report_data import ReportOptions
 
         write_report(calibration, report, ReportOptions(["omnisight", *sys.argv[1:]], apply_exif=options.apply_exif))
         print(f"report    {report}")

@@ -71,7 +71,8 @@ def calibrate_rig(
 
         draw_rig_calibration(calibration, draw, apply_exif=options.apply_exif)
     if report is not None:
-        from omnisight.report import ReportOptions, write_rig_report
+        from omnisight.report.report_data import ReportOptions
+        from omnisight.report.rigs.page import write_rig_report
 
         command = ["omnisight", *sys.argv[1:]]
         write_rig_report(calibration, report, ReportOptions(command, apply_exif=options.apply_exif))

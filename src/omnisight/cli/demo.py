@@ -37,7 +37,7 @@ def _demo_map(output: Path) -> None:
     from omnisight.cli._demo_report import print_map_json, print_map_report
     from omnisight.pipeline.demo_map import demo_map
     from omnisight.reconstructions import write_reconstruction
-    from omnisight.report import write_viewer
+    from omnisight.report.viewer import write_viewer
 
     with progress() as report:
         demonstration = demo_map(output, progress=report)

@@ -37,9 +37,7 @@ def detect(
         Folder for the drawings; omnisight-detect by default, or no drawings with --json. With --workers, --cluster or a
         URL, folder for corners.json, which has what --json prints, without drawings.
     """
-    from omnisight.pipeline.batch.batch import is_batch
-
-    if is_batch(images, [output or ""], batch):
+    if batch.apply_to(*images, output or ""):
         _detect_batch(images, output, options, batch)
         return
     from functools import partial

@@ -72,8 +72,6 @@ def export(
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.extensions import unknown_name
     from omnisight.map_formats import map_format_names
-    from omnisight.pipeline.batch.batch import is_batch
-    from omnisight.pipeline.export_batch import export_batch
     from omnisight.reconstructions import reconstruction_format_names
 
     views, models = map_format_names(), (*reconstruction_format_names(), "viewer")
@@ -86,9 +84,11 @@ def export(
                 f" of views: {', '.join(views)}"
             )
         width = parse_size(size)[0] if size else None
-        if is_batch([images or ""], [output], batch):
+        if batch.apply_to(images or "", output):
             if to != "splat" or images is None:
                 raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
+            from omnisight.pipeline.export_batch import export_batch
+
             with progress() as report:
                 result = export_batch(source, output, images, width, batch, report)
             (print_batch_json if is_json() else print_batch)(result, output)
@@ -143,7 +143,7 @@ def _export_reconstruction(model: Path, to: str, output: Path, images: Path | No
 def _write_viewer(model: Path, output: Path, images: Path | None) -> tuple[Path, ...]:
     """Write viewer.html in the output folder."""
     from omnisight.reconstructions import read_reconstruction
-    from omnisight.report import write_viewer
+    from omnisight.report.viewer import write_viewer
 
     if images is not None and not images.is_dir():
         raise ValueError(f"{images}: no such folder; specify the folder that was reconstructed with --images")

@@ -41,7 +41,7 @@ def map(
     from omnisight.pipeline.clip_frames import extract_frames
     from omnisight.pipeline.visual_map import build_map, write_map
     from omnisight.pipeline.work_folder import WorkFolder
-    from omnisight.report import write_viewer
+    from omnisight.report.viewer import write_viewer
 
     work = WorkFolder(output / WORK)
     folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)

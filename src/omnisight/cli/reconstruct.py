@@ -49,7 +49,7 @@ def reconstruct(
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.pipeline.work_folder import WorkFolder
     from omnisight.reconstructions import write_reconstruction
-    from omnisight.report import write_viewer
+    from omnisight.report.viewer import write_viewer
 
     work = WorkFolder(output / WORK)
     folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)

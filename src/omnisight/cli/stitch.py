@@ -49,15 +49,15 @@ def stitch(
     from omnisight.cli._progress import progress
     from omnisight.cli._stitch_report import print_json, print_report
     from omnisight.formats import save
-    from omnisight.pipeline.batch.batch import is_batch
     from omnisight.pipeline.stitch import stitch as run
-    from omnisight.pipeline.stitch_batch import stitch_batch
 
     if save_rig is not None:
         must_be_writable(save_rig)
     done = None
     with progress() as report:
-        if is_batch(images, [output], batch):
+        if batch.apply_to(*map(str, images), output):
+            from omnisight.pipeline.stitch_batch import stitch_batch
+
             result, done = stitch_batch(images, output, rig, camera or (), options, batch, report)
         else:
             result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)

@@ -102,10 +102,8 @@ def view(
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.cli._view_report import print_json, print_report
     from omnisight.images import VIDEO_SUFFIXES
-    from omnisight.pipeline.batch.batch import is_batch
     from omnisight.pipeline.view import skipped_message
     from omnisight.pipeline.view import view as view_images
-    from omnisight.pipeline.view_batch import view_batch
     from omnisight.pipeline.view_clip import view_clip
     from omnisight.pipeline.view_motion import ViewMotion
 
@@ -119,9 +117,11 @@ def view(
     each = {"to": to, "fov": fov, "yaw": yaw, "pitch": pitch, "roll": roll, "size": size}
     motion = ViewMotion(path=path, pan=parse_range(pan, "--pan") if pan else None, stabilize=stabilize, follow=follow)
     views = view_options(output, each, common)
-    if is_batch(images, output, batch):
+    if batch.apply_to(*images, *output):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
             raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
+        from omnisight.pipeline.view_batch import view_batch
+
         with progress() as report:
             result = view_batch(images[0], camera, output[0], views[0][1], batch, progress=report)
         (print_batch_json if is_json() else print_batch)(result, output[0])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from omnisight.camera import Camera
 from omnisight.features import Keypoints, detect_features, match_features
@@ -148,7 +148,7 @@ def _verdict(pairs: tuple[PairCheck, ...]) -> ExtrinsicsCheck:
     if max(right, wrong) < MIN_SHARE * matches:
         reason = f"{figures}: wrong cameras or poses, images of other instants, or another order of the images"
         return ExtrinsicsCheck("wrong", reason, pairs)
-    if 2 * binom.sf(max(right, wrong) - 1, right + wrong, 0.5) > SIGNIFICANCE:
+    if 2 * bdtrc(max(right, wrong) - 1, right + wrong, 0.5) > SIGNIFICANCE:
         reason = f"{figures}: no significant difference; use images with more texture in the common field of view"
         return ExtrinsicsCheck("unknown", reason, pairs)
     if wrong > right:

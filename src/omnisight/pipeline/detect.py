@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.calibration.frame_selection import select_frames
 from omnisight.calibration.warm_up import start_warm_up
 from omnisight.corners import read_corners
 from omnisight.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, UnreadableImage, collect_images
@@ -55,6 +54,8 @@ def detect(
         if path.suffix.lower() not in VIDEO_SUFFIXES:
             images.append(path)
             continue
+        from omnisight.calibration.frame_selection import select_frames  # imported on use: it compiles
+
         reading = partial(report, f"read {path.name}")
         try:
             frames = select_frames(path, board, apply_exif=options.apply_exif, cache=options.cache, progress=reading)

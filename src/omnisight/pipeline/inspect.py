@@ -144,8 +144,9 @@ def radial_profile(camera: Camera) -> RadialProfile:
     azimuth = np.linspace(0, 2 * np.pi, PROFILE_AZIMUTHS, endpoint=False)
     s, c = np.sin(theta)[:, None], np.cos(theta)[:, None]
     bearings = np.stack([s * np.cos(azimuth), s * np.sin(azimuth), c + 0 * azimuth], -1)
-    centre, _ = camera.project([0.0, 0.0, 1.0])
-    pixels, valid = camera.project(bearings)
+    # Plain NumPy, because numba takes half a second to load.
+    (centre, *rows), valid = camera.model.project_numpy(np.vstack([[0.0, 0.0, 1.0], bearings.reshape(-1, 3)]))
+    pixels, valid = np.reshape(rows, (*bearings.shape[:2], 2)), valid[1:].reshape(bearings.shape[:2])
     inside = valid & (camera.in_image(pixels) if camera.width else True)
     distance = np.where(inside, np.linalg.norm(pixels - centre, axis=-1), np.nan)
     in_any_azimuth = np.isfinite(distance).any(1)

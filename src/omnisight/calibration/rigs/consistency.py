@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from omnisight.calibration.rigs.bundle import PartBlocks, RigBundle
 from omnisight.calibration.rigs.observations import AGREES, RigObservations
@@ -219,7 +219,7 @@ def scatter(all_deviations: Sequence[Deviations]) -> float:
     Errors of the corners of one image are correlated: a flexing board and blur move many of them together.
     """
     squares = np.concatenate([np.zeros(0), *(d.chi_square for d in all_deviations)])
-    return max(float(np.median(squares) / chi2.median(POSE_DOF)), 1.0) if len(squares) else 1.0
+    return max(float(np.median(squares) / chdtri(POSE_DOF, 0.5)), 1.0) if len(squares) else 1.0
 
 
 def contradicting_units(

@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 Array = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ ROBUST_ROUNDS = 5
 
 def contradiction_limit(inflation: float) -> float:
     """Return the squared distance, relative to the covariance times `inflation`, that is significant."""
-    return inflation * float(chi2.isf(SIGNIFICANCE, POSE_DOF))
+    return inflation * float(chdtri(POSE_DOF, SIGNIFICANCE))
 
 
 def squared_distances(steps: Array, mean: Array, information: Array) -> Array:

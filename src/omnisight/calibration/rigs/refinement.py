@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from omnisight.calibration.rigs.board_motion import BoardMotion
 from omnisight.calibration.rigs.bundle import RigBundle, pose_groups, refine_rig
@@ -122,7 +122,7 @@ def estimate_motion(found: list[Deviations], problem: RigBundle, state: RigState
             factor = 1 + 1 / max(int(cameras[group]) - 1, 1)
             samples.append((float(step[:3] @ step[:3]), float(shift @ shift), *noise, factor))
     turn, shift, turn_noise, shift_noise, factor = np.array(samples).T
-    typical = chi2.median(COMPONENTS)
+    typical = chdtri(COMPONENTS, 0.5)
     rotation = np.median(turn / factor) / typical - np.median(turn_noise / factor) / COMPONENTS
     translation = np.median(shift / factor) / typical - np.median(shift_noise / factor) / COMPONENTS
     # At least a hundredth of the noise, so that the inverse is finite.

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from omnisight.calibration.bundle_adjustment import Bundle
 from omnisight.calibration.free_parameters import FreeParameters
@@ -187,7 +187,7 @@ def _relation(
     best = int(np.median(squares, axis=1).argmin())
     mean = robust_mean(steps[best], information, contradiction_limit(MAX_INFLATION))
     squares = squared_distances(steps[best], mean, information)
-    inflation = float(np.clip(np.median(squares) / chi2.median(POSE_DOF), 1.0, MAX_INFLATION))
+    inflation = float(np.clip(np.median(squares) / chdtri(POSE_DOF, 0.5), 1.0, MAX_INFLATION))
     agrees = squares <= contradiction_limit(inflation)
     return BoardRelation(a, b, relative.one(best).moved(mean), j, v, agrees)
 

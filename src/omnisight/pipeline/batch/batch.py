@@ -12,7 +12,6 @@ from omnisight.pipeline.batch.dask_cluster import DaskCluster
 from omnisight.pipeline.batch.local_processes import LocalProcesses
 from omnisight.pipeline.batch.manifest import open_manifest, read_records
 from omnisight.pipeline.batch.shard import run_shard
-from omnisight.pipeline.batch.storage import is_url
 from omnisight.pipeline.batch.task import Item, Task
 
 Progress = Callable[[str, int, int], None]
@@ -52,11 +51,6 @@ class BatchResult(Displayed):
     def images_per_second(self) -> float:
         """Items of this run per second."""
         return (self.images - self.resumed) / max(self.seconds, 1e-9)
-
-
-def is_batch(images: Sequence[str], outputs: Sequence[str], options: BatchOptions) -> bool:
-    """Return whether images are processed as a batch: if it is asked for, or if they are given by URL."""
-    return options.has_workers or any(map(is_url, [*images, *outputs]))
 
 
 def run_batch(

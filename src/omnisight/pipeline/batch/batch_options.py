@@ -35,6 +35,10 @@ class BatchOptions(Displayed):
         """Whether workers are asked for."""
         return self.workers is not None or self.cluster is not None
 
+    def apply_to(self, *files: str) -> bool:
+        """Return whether files are processed as a batch: if workers are asked for, or if they are given by URL."""
+        return self.has_workers or any("://" in file for file in files)
+
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"--workers must be 1 or more, got {self.workers}")

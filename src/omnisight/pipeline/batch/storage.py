@@ -127,8 +127,3 @@ def is_local(url: str) -> bool:
     """Return whether files are on this machine."""
     protocol = _filesystem(url)[0].protocol
     return "file" in ((protocol,) if isinstance(protocol, str) else protocol)
-
-
-def is_url(text: str) -> bool:
-    """Return whether a text is a URL, not a path."""
-    return "://" in text

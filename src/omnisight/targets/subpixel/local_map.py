@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 Array = NDArray[np.float64]
 
@@ -62,6 +61,8 @@ def local_map(
     leave_out : bool
         Leave an anchor out of the map at its own place, so that the others predict it.
     """
+    from scipy.spatial import KDTree  # imported on use: scipy is slow to import
+
     count = len(targets)
     if len(board) < 3 or count == 0:
         return LocalMap(*(np.full((count, *shape), np.nan) for shape in ((2,), (2, 2), (2, 2))))

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS
 from omnisight.targets.subpixel.ellipse_fit import MIN_RADIUS_PX
@@ -90,6 +89,8 @@ def _ellipse(outline: NDArray[Any]) -> tuple[float, Array, Array] | None:
 
 def _distinct(centres: Array, radii: Array) -> NDArray[np.int64]:
     """Return the blobs that do not repeat an earlier one of similar size and centre."""
+    from scipy.spatial import KDTree  # imported on use: scipy is slow to import
+
     free = np.ones(len(centres), bool)
     for k, near in enumerate(KDTree(centres).query_ball_point(centres, radii / 2)):
         if free[k]:

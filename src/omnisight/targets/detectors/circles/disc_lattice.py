@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from omnisight.targets.boards.circles import CircleGrid
 from omnisight.targets.detection_limits import SEARCH_RADIUS_STEPS
@@ -62,6 +61,8 @@ class _Grower:
     """State of the growth: the blobs that are not part of a lattice yet."""
 
     def __init__(self, blobs: Blobs) -> None:
+        from scipy.spatial import KDTree  # imported on use: scipy is slow to import
+
         self.centres, self.matrices = blobs
         self.tree = KDTree(blobs.centres)
         self.whitening: Array = np.linalg.inv(blobs.matrices).astype(np.float64)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from omnisight.targets.boards._marker_board import MarkerBoard, MarkerLayout
 from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST, SEARCH_RADIUS_STEPS
@@ -53,6 +52,8 @@ class _Predictions(NamedTuple):
 
 def find_points(gray: Gray, markers: Markers, board: MarkerBoard) -> Detection | None:
     """Find the points of a board from its decoded markers; None if there are too few."""
+    from scipy.spatial import KDTree  # imported on use: scipy is slow to import
+
     layout = board.layout
     if len(markers.ids) < min(MIN_MARKERS, len(layout.marker_corners)):
         return None
@@ -125,6 +126,8 @@ def _is_point(gray: Gray, fits: PointFits, expected: _Predictions, amplitudes: A
 
 def _without_outliers(pixels: Array, layout: MarkerLayout) -> Array:
     """Return the pixels (N, 2) with NaN for those that their neighbours contradict."""
+    from scipy.spatial import KDTree  # imported on use: scipy is slow to import
+
     pixels = pixels.copy()
     for _ in range(MAX_ATTEMPTS):
         known = np.flatnonzero(np.isfinite(pixels[:, 0]))
