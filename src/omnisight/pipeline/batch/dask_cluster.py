@@ -1,5 +1,6 @@
 """Workers of a Dask cluster."""
 
+import importlib.metadata
 import logging
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
@@ -75,8 +76,9 @@ class DaskCluster:
         if self.workers == 0:
             raise ValueError(f"{address}: the scheduler has no workers: start some (dask worker {address})")
         try:
-            versions = self._client.run(worker_version)
-        except ImportError as error:  # of this module
+            # A function of omnisight would not reach a worker that has none.
+            versions = self._client.run(importlib.metadata.version, "omnisight")
+        except ImportError as error:
             raise ValueError(
                 f"{address}: a worker has no omnisight ({error}): install {omnisight.__version__} on all of them"
             ) from None
@@ -131,10 +133,3 @@ class DaskCluster:
         self._client.close()
         if self._cluster is not None:
             self._cluster.close()
-
-
-def worker_version() -> str:
-    """Return the version of omnisight in a worker."""
-    import omnisight
-
-    return omnisight.__version__
