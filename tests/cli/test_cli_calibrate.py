@@ -199,7 +199,7 @@ def test_a_report_is_one_page_and_its_failure_loses_no_camera(run, shots, tmp_pa
     assert status == 0
     assert f"report    {page}" == out.splitlines()[-1]
     assert 'id="calibration"' in page.read_text(encoding="utf-8")
-    monkeypatch.setattr("omnisight.report.write_report", raises_error(OSError(28, "No space left on device")))
+    monkeypatch.setattr("omnisight.report.page.write_report", raises_error(OSError(28, "No space left on device")))
     status, _, err = run("calibrate", shots, *QUICK, "--report", page, "-o", camera)
     assert status != 0
     assert "No space left" in err
