@@ -23,7 +23,7 @@ from benchmarks.batch_interruptions import digests, interrupt_local_cluster, int
 from omnisight.models import model_class
 
 ONE_THREAD = {"OMNISIGHT_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"}
-# Different images, of which the others are copies.
+# Number of different images; the others are copies of them.
 DIFFERENT = 8
 FIELD_OF_VIEW_DEG = 185.0
 PLAIN, ONE, ONE_DASK = "plain loop, one thread", "`--workers 1`", "`--cluster local --workers 1`"

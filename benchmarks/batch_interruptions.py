@@ -1,4 +1,4 @@
-"""Batches of which workers are killed twice and the client once."""
+"""Batches in which two workers and the client are killed."""
 
 import argparse
 import hashlib

@@ -21,7 +21,7 @@ MARGIN_PX = 1
 MAX_LEVEL = 6
 # Views with a smaller reduction (log2 of the footprint) need no mipmaps, as in `views.remapper`.
 MIN_LEVEL = 0.35
-# Every so many pixels the footprint of a map is computed.
+# Spacing of the pixels at which the footprint of a map is computed.
 FOOTPRINT_STEP_PX = 8
 # Pixels of a view that are computed at once without derivatives, which bounds the memory of intermediate results.
 BAND_PIXELS = 131072

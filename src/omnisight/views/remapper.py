@@ -19,7 +19,7 @@ Border = float | Sequence[float] | Literal["edge", "reflect"]
 WRAP_COLUMNS = 8
 # Views with a smaller reduction (log2 of the scale) need no prefilter; aliasing is not visible below.
 MIN_PREFILTER_LEVEL = 0.35
-# Every so many pixels the scale of the map is sampled.
+# Spacing of the pixels at which the scale of a map is sampled.
 SCALE_STEP_PX = 8
 # Coordinate of pixels that the source does not cover; far outside every image.
 OUTSIDE_PX = -9999.0
