@@ -44,10 +44,9 @@ def folder_of_images(
     from omnisight.images import VIDEO_SUFFIXES
     from omnisight.images.ros_bag import is_bag
 
-    is_clip = is_bag(images) or (images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir())
-    if options.topic is not None and not is_clip:
-        raise ValueError(f"{images}: not a ROS bag, which alone has topics: leave out --topic")
-    if is_bag(images) and has_rig:
+    has_topic = is_bag(images, options.topic)
+    is_clip = has_topic or (images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir())
+    if has_topic and has_rig:
         raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")
     if is_clip and options.pairs == "auto":
         options = replace(options, pairs="sequential")

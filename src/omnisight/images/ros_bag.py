@@ -16,9 +16,18 @@ BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 METADATA_FILE = "metadata.yaml"
 
 
-def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag: a file of ROS 1, or a folder or file of ROS 2."""
-    return (path / METADATA_FILE).is_file() if path.is_dir() else path.suffix.lower() in BAG_SUFFIXES
+def is_bag(path: Path, topic: str | None = None) -> bool:
+    """Return whether a path is a bag: a file of ROS 1, or a folder or file of ROS 2.
+
+    Raises
+    ------
+    ValueError
+        If a topic is specified, and the path is no bag.
+    """
+    found = (path / METADATA_FILE).is_file() if path.is_dir() else path.suffix.lower() in BAG_SUFFIXES
+    if topic is not None and not found:
+        raise ValueError(f"{path}: not a ROS bag, which alone has topics: leave out --topic")
+    return found
 
 
 @dataclass(frozen=True)

@@ -88,11 +88,9 @@ class _Frame:
 
 def _open(source: Path, topic: str | None, fps: float) -> tuple[int, Iterator[_Frame]]:
     """Return the declared number of frames of a clip or a bag, and those that can be read."""
-    if is_bag(source):
+    if is_bag(source, topic):
         bag = ImageBag.open(source, topic)
         return bag.declared_frames, _of_bag(bag, fps)
-    if topic is not None:
-        raise ValueError(f"{source}: not a ROS bag, which alone has topics: leave out --topic")
     video = Clip.open(source)
     length = max(video.frame_rate / fps, 1.0)
     return video.declared_frames or 0, (_Frame(f.index, int(f.index / length), f.image) for f in video.frames())

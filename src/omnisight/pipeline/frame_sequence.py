@@ -111,14 +111,12 @@ class FrameSequence:
         ValueError
             If there are no images, or times are missing or do not increase.
         """
-        if is_bag(source):
+        if is_bag(source, topic):
             if cameras:
                 raise ValueError(f"{source}: a topic has the images of one camera, and the rig has {len(cameras)}")
             if fps is not None:
                 raise ValueError(f"{source}: a bag has its own times: leave out --fps")
             return cls((), (), str(source), stream=ImageBag.open(source, topic))
-        if topic is not None:
-            raise ValueError(f"{source}: not a ROS bag, which alone has topics: leave out --topic")
         if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
             if cameras:
                 raise ValueError(f"{source}: a clip has the images of one camera, and the rig has {len(cameras)}")

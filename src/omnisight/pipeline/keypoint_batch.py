@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from omnisight.features import FeatureOptions, Keypoints
 from omnisight.images import decode_image
 from omnisight.pipeline.batch.batch import run_batch
-from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.storage import read_each_below
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.image_cameras import ImageCameras
@@ -79,9 +78,8 @@ def detect_by_workers(
         Item((path,), (output,), camera)
         for path, output, camera in zip(paths, outputs, files.camera.tolist(), strict=True)
     ]
-    batch = BatchOptions(workers=options.workers, cluster=options.cluster, shard_size=options.shard_size)
     folder = str(work.batch_folder)
-    result = run_batch(task, items, paths[0], folder, batch, progress)
+    result = run_batch(task, items, paths[0], folder, options, progress)
     if result.failed:
         path, reason = result.failed[0]
         raise ValueError(

@@ -152,8 +152,7 @@ def predicted_matches_of_edge(edge: Edge, keypoints: Sequence[Keypoints]) -> Pre
 
     All points are at infinity if the direction of its translation or all distances are unknown.
     """
-    distances = edge_distances(edge, keypoints)
-    if edge.has_translation and len(distances.camera):
+    if edge.has_translation and len((distances := edge_distances(edge, keypoints)).camera):
         known = known_points([distances], np.zeros(1), keypoints)
         return predicted_matches(known[edge.a], known[edge.b], edge.b_from_a, edge.pairs)
     a, b = (KnownPoints.at_infinity(keypoints[image].bearings) for image in edge.images)

@@ -3,7 +3,7 @@
 import posixpath
 from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -116,11 +116,10 @@ def read_all_below(url: str, folder: str) -> list[bytes]:
 
 def read_each_below(url: str, names: Sequence[str]) -> Generator[bytes]:
     """Read files below a folder, in their order, several at a time."""
-    files, root = _filesystem(url)
     with ThreadPoolExecutor(READ_THREADS) as pool:
         for first in range(0, len(names), READ_COUNT):
-            paths = [posixpath.join(root, name) for name in names[first : first + READ_COUNT]]
-            yield from pool.map(files.cat_file, paths)
+            paths = [path_below(url, name) for name in names[first : first + READ_COUNT]]
+            yield from pool.map(partial(read_file, url), paths)
 
 
 def is_local(url: str) -> bool:
