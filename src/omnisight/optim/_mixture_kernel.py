@@ -10,8 +10,9 @@ from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
 
 # Rounds of expectation and maximization. They end when a step, in units of its standard deviation, is below the
-# tolerance, and the scale changes by less than this fraction.
-MAX_ROUNDS, TOLERANCE = 50, 1e-3
+# tolerance, and the scale changes by less than this fraction. An error of a hundredth of the standard deviation adds
+# 0.01 % to the variance.
+MAX_ROUNDS, TOLERANCE = 50, 1e-2
 # Smallest scale of the noise: residuals of exact correspondences are rounding.
 MIN_SCALE = 1e-6
 # Inliers and outliers that are added to those of a neighbourhood, so that no share is 0 or 1.

@@ -12,17 +12,16 @@ from omnisight.compiled import njit_helper
 MAX_STEPS = 60
 # Width of a bracket in [0, 1] that is a root.
 ROOT_TOLERANCE = 4e-16
+# Newton step after which a root is exact to rounding, since the error is about the square of the step.
+NEWTON_TOLERANCE = 1e-10
 # A double root is not resolved beyond the square root of the rounding.
 MAX_DIVISIONS = 30
 SHORTEST = 0.5**MAX_DIVISIONS
-MAX_DEGREE = 10
-# Coefficients in the Bernstein basis of degree n from those of the powers: BERNSTEIN[n, i, j] = C(i, j)/C(n, j).
-BERNSTEIN = np.array(
-    [
-        [[comb(i, j) / comb(n, j) if j <= n else 0.0 for j in range(MAX_DEGREE + 1)] for i in range(MAX_DEGREE + 1)]
-        for n in range(MAX_DEGREE + 1)
-    ]
-)
+# Every polynomial is written in the Bernstein basis of this degree: loops of constant length are twice as fast.
+DEGREE = 10
+SIZE = DEGREE + 1
+# Coefficients in the Bernstein basis from those of the powers: C(i, j)/C(n, j).
+BERNSTEIN = np.array([[comb(i, j) / comb(DEGREE, j) for j in range(SIZE)] for i in range(SIZE)])
 
 
 @njit_helper
@@ -57,8 +56,8 @@ def real_roots(coefficients, roots):
     largest = np.abs(coefficients).max()
     if not 0.0 < largest < np.inf:
         return 0
-    variant, unit_roots = np.empty(size), np.empty(size)
-    pending, bounds = np.empty((MAX_DIVISIONS + 2, size)), np.empty((MAX_DIVISIONS + 2, 2))
+    variant, unit_roots = np.zeros(SIZE), np.empty(SIZE)
+    pending, bounds = np.empty((MAX_DIVISIONS + 2, SIZE)), np.empty((MAX_DIVISIONS + 2, 2))
     count = 0
     for k in range(4):
         is_negative, is_inverse = k % 2 == 1, k >= 2
@@ -81,15 +80,13 @@ def real_roots(coefficients, roots):
 @njit_helper
 def _roots_in_unit_interval(coefficients, roots, pending, bounds):
     """Compute the simple roots in [0, 1]; return their number. The segments to do overwrite the last two arrays."""
-    size = len(coefficients)
-    for i in range(size):
-        value = 0.0
+    for i in range(SIZE):
+        pending[0, i] = 0.0
         for j in range(i + 1):
-            value += BERNSTEIN[size - 1, i, j] * coefficients[j]
-        pending[0, i] = value
+            pending[0, i] += BERNSTEIN[i, j] * coefficients[j]
     bounds[0, 0], bounds[0, 1] = 0.0, 1.0
     count, top = 0, 0
-    if pending[0, size - 1] == 0.0:
+    if pending[0, DEGREE] == 0.0:
         roots[0], count = 1.0, 1
     while top >= 0 and count < len(roots):
         segment, low, high = pending[top], bounds[top, 0], bounds[top, 1]
@@ -98,11 +95,7 @@ def _roots_in_unit_interval(coefficients, roots, pending, bounds):
             roots[count] = low
             count += 1
         if changes == 1 and count < len(roots):
-            # The sign before the root is that of the first coefficient that is not zero.
-            first = 0
-            while segment[first] == 0.0:
-                first += 1
-            roots[count] = _bracketed_root(coefficients, low, high, segment[first] > 0.0)
+            roots[count] = _bracketed_root(coefficients, segment, low, high)
             count += 1
         if changes > 1 and high - low > SHORTEST:
             _divide(segment, pending[top + 1])
@@ -121,30 +114,36 @@ def _sign_changes(values):
     changes = 0
     last = 0.0
     for value in values:
-        if value != 0.0:
-            if (value > 0.0 and last < 0.0) or (value < 0.0 and last > 0.0):
-                changes += 1
-            last = value
+        changes += ((value > 0.0) & (last < 0.0)) | ((value < 0.0) & (last > 0.0))
+        last = value if value != 0.0 else last
     return changes
 
 
 @njit_helper
 def _divide(segment, left):
     """Divide a segment in the Bernstein basis at its middle by de Casteljau's algorithm; it becomes the right half."""
-    size = len(segment)
-    for i in range(size):
+    for i in range(SIZE):
         left[i] = segment[0]
-        for j in range(size - 1 - i):
+        for j in range(DEGREE - i):
             segment[j] = 0.5 * (segment[j] + segment[j + 1])
 
 
 @njit_helper
-def _bracketed_root(coefficients, low, high, is_positive_at_low):
-    """Return the only root between two bounds by Newton's method with bisection."""
-    degree = len(coefficients) - 1
-    x = 0.5 * (low + high)
+def _bracketed_root(coefficients, segment, low, high):
+    """Return the only root between two bounds by Newton's method with bisection.
+
+    It starts where the polygon of the Bernstein coefficients of the segment crosses zero.
+    """
+    last = 0
+    while segment[last] == 0.0:
+        last += 1
+    is_positive_at_low = segment[last] > 0.0
+    while segment[last + 1] == 0.0 or (segment[last + 1] > 0.0) == is_positive_at_low:
+        last += 1
+    crossing = (last + segment[last] / (segment[last] - segment[last + 1])) / DEGREE
+    x = low + crossing * (high - low)
     for _ in range(MAX_STEPS):
-        value, slope = evaluate(coefficients, degree, x)
+        value, slope = evaluate(coefficients, DEGREE, x)
         if value == 0.0:
             break
         if (value > 0.0) == is_positive_at_low:
@@ -152,9 +151,10 @@ def _bracketed_root(coefficients, low, high, is_positive_at_low):
         else:
             high = x
         following = x - value / slope if slope != 0.0 else low
-        if not low < following < high:
+        is_newton = low < following < high
+        if not is_newton:
             following = 0.5 * (low + high)
-        if abs(following - x) <= ROOT_TOLERANCE:
+        if abs(following - x) <= (NEWTON_TOLERANCE if is_newton else ROOT_TOLERANCE):
             return following
         x = following
     return x

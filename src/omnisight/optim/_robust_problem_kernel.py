@@ -75,6 +75,17 @@ def squared_errors(problem, model):
 
 
 @njit_driver
+def squared_residuals(problem, model):
+    """Return the squared lengths (N,) of all residuals over their exact variances; inf where impossible."""
+    _, _, dimension, parameters = sizes(problem)
+    squares, residual, jacobian = np.empty(len(problem[0])), np.empty(dimension), np.empty((dimension, parameters))
+    for i in range(len(squares)):
+        is_possible = linearize(problem, model, i, residual, jacobian)
+        squares[i] = (residual**2).sum() if is_possible else np.inf
+    return squares
+
+
+@njit_driver
 def linearized(problem, model):
     """Return the residuals (N, D), NaN where impossible, and their derivatives (N, D, P)."""
     _, _, dimension, parameters = sizes(problem)

@@ -1,6 +1,5 @@
 """How much larger the covariance of an estimate is than that of independent residuals."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -41,37 +40,38 @@ def variance_ratio(problem: Any, model: Array, positions: Array) -> float:
     residuals, jacobians = linearized(problem, model)
     possible = np.isfinite(residuals).all(axis=1)
     residuals, jacobians, positions = residuals[possible], jacobians[possible], positions[possible]
-    whitened = _whitened(jacobians)
-    parameters = whitened.shape[2]
+    parameters = jacobians.shape[2]
     if len(residuals) <= parameters * 2**HALVINGS // residuals.shape[1]:
         return 1.0
-    deviations = np.array([_deleted(whitened[block], residuals[block]) for block in _blocks(positions, HALVINGS)])
+    gradients, informations = [], []
+    whitened = _whitened(jacobians)
+    for block in _blocks(positions):
+        j = whitened[block].reshape(-1, parameters)
+        gradients.append(j.T @ residuals[block].reshape(-1))
+        informations.append(j.T @ j)
+    deviations = _deviations(np.array(gradients), np.array(informations))
     ratio = float((deviations**2).sum()) * (1 - 1 / len(deviations)) / parameters
     return ratio if ratio > MAX_CHANCE_RATIO else 1.0
 
 
 def _whitened(jacobians: Array) -> Array:
     """Return derivatives (N, D, P) by a step whose covariance is the identity."""
-    flat = jacobians.reshape(-1, jacobians.shape[2])
-    q, _ = np.linalg.qr(flat)
+    q, _ = np.linalg.qr(jacobians.reshape(-1, jacobians.shape[2]))
     return np.asarray(q, float).reshape(jacobians.shape)
 
 
-def _deleted(whitened: Array, residuals: Array) -> Array:
-    """Return the change (P,) of the estimate if a block is deleted."""
-    j, r = whitened.reshape(-1, whitened.shape[2]), residuals.reshape(-1)
-    return np.asarray(np.linalg.lstsq(np.eye(j.shape[1]) - j.T @ j, j.T @ r, rcond=None)[0], float)
+def _blocks(positions: Array) -> list[NDArray[np.intp]]:
+    """Return the indices of 2^HALVINGS blocks of neighbours, halved across the axis of the largest extent."""
+    from scipy.spatial import KDTree  # slow to import
+
+    sizes = [len(positions)]
+    for _ in range(HALVINGS):
+        sizes = [part for size in sizes for part in (size // 2, size - size // 2)]
+    tree = KDTree(positions, leafsize=max(sizes))
+    return np.split(tree.indices, np.cumsum(sizes)[:-1])
 
 
-def _blocks(positions: Array, halvings: int) -> Iterator[NDArray[np.intp]]:
-    """Yield the indices of 2^halvings blocks of neighbours, halved across the axis of the largest extent."""
-    blocks = [np.arange(len(positions))]
-    for _ in range(halvings):
-        blocks = [half for block in blocks for half in _halves(positions, block)]
-    yield from blocks
-
-
-def _halves(positions: Array, block: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    at = positions[block]
-    order = block[np.argsort(at[:, np.ptp(at, axis=0).argmax()], kind="stable")]
-    return order[: len(order) // 2], order[len(order) // 2 :]
+def _deviations(gradients: Array, informations: Array) -> Array:
+    """Return the changes (B, P) of the estimate if each of B blocks is deleted; the sum of informations is I."""
+    kept = np.eye(gradients.shape[1]) - informations
+    return (np.linalg.pinv(kept, hermitian=True) @ gradients[..., None])[..., 0]

@@ -109,6 +109,8 @@ def estimate_robustly(
     options
         Options of the search.
     """
+    from omnisight.optim._robust_problem_kernel import squared_errors
+
     problem = problem_of_scale(1.0)
     count, (sample_size, _, dimension, _) = len(problem[0]), problem.sizes(problem)
     if count < sample_size + MIN_REDUNDANCY:
@@ -125,9 +127,11 @@ def estimate_robustly(
         scale *= fit.scale
         if fit.scale > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
             break
-    problem = permuted(problem_of_scale(scale), order)
-    chance = _chance_reason(problem, fit.model, fit.is_inlier)
-    rival = "" if chance else _rival_reason(problem, fit.model, options)
+    if not is_scale_known:
+        problem = permuted(problem_of_scale(scale), order)
+    squares = squared_errors(problem, fit.model)
+    chance = _chance_reason(problem, fit.model, squares, fit.is_inlier)
+    rival = "" if chance else _rival_reason(problem, squares, options)
     inliers = np.empty_like(fit.is_inlier)
     inliers[order] = fit.is_inlier
     model, reason = None if chance or rival else fit.model, chance or rival
@@ -170,11 +174,8 @@ def _covariance(information: Array) -> Array:
     return np.asarray(vectors / np.maximum(values, least) @ vectors.T, float)
 
 
-def _chance_reason(problem: Any, model: Array, is_inlier: NDArray[np.bool_]) -> str:
+def _chance_reason(problem: Any, model: Array, squares: Array, is_inlier: NDArray[np.bool_]) -> str:
     """Return why a model is rejected, if unrelated correspondences would fit one as well; empty otherwise."""
-    from omnisight.optim._robust_problem_kernel import squared_errors
-
-    squares = squared_errors(problem, model)
     count, inliers = len(squares), int(is_inlier.sum())
     threshold = float(squares[is_inlier & np.isfinite(squares)].max(initial=0.0))
     sample_size, solutions, _, _ = problem.sizes(problem)
@@ -184,8 +185,10 @@ def _chance_reason(problem: Any, model: Array, is_inlier: NDArray[np.bool_]) -> 
     return f"{inliers} of {count} correspondences agree, as unrelated ones do by chance"
 
 
-def _rival_reason(problem: Any, model: Array, options: RansacOptions) -> str:
+def _rival_reason(problem: Any, squares: Array, options: RansacOptions) -> str:
     """Return why a model is rejected, if another one has nearly as much support among the others; empty otherwise.
+
+    The squared errors (N,) are those of the model.
 
     Matches of repeated structures, such as the squares of a checkerboard, agree with many wrong models. The best one is
     then no better than the second, and the support of the second measures what chance provides.
@@ -195,7 +198,6 @@ def _rival_reason(problem: Any, model: Array, options: RansacOptions) -> str:
 
     sample_size, _, dimension, _ = problem.sizes(problem)
     threshold = THRESHOLDS[dimension]
-    squares = squared_errors(problem, model)
     support, others = int((squares <= threshold).sum()), permuted(problem, np.flatnonzero(squares > MIN_DISAGREEMENT))
     least = sample_size + _least_rival(support - sample_size)
     if len(others[0]) < least:

@@ -109,7 +109,7 @@ class HomographyProblem(NamedTuple):
 
     @classmethod
     def of(cls, pairs: BearingPairs) -> "HomographyProblem":
-        return cls(*pairs.arrays())
+        return cls(*pairs.arrays)
 
     @staticmethod
     def sizes(problem):

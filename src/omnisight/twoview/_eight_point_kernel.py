@@ -12,7 +12,7 @@ import numpy as np
 
 from omnisight.compiled import njit_helper
 from omnisight.optim._eigen_kernel import symmetric_eigen
-from omnisight.twoview._alignment_kernel import multiply
+from omnisight.twoview._alignment_kernel import multiply, orthonormalize
 from omnisight.twoview._essential_kernel import decompose_essential
 
 # Least second moment relative to the largest: bearings on a great circle have zero.
@@ -37,7 +37,10 @@ def eight_point(a, b, weights, poses):
         return 0
     scaled = _least_squares(multiply(a, scale_a), multiply(b, scale_b), weights)
     e = multiply(scale_b, multiply(scaled, scale_a))  # both scales are symmetric
-    return 1 if decompose_essential(_nearest_essential(e), a, b, poses[0]) > 0 else 0
+    if decompose_essential(_nearest_essential(e), a, b, poses[0]) == 0:
+        return 0
+    orthonormalize(poses[0])
+    return 1
 
 
 @njit_helper

@@ -7,6 +7,7 @@ import numpy as np
 
 from omnisight.compiled import njit_helper
 from omnisight.twoview._alignment_kernel import orthonormalize
+from omnisight.twoview._small_vectors_kernel import cross, dot, times
 
 
 @njit_helper
@@ -27,9 +28,10 @@ def poses_from_essential(e, a, b, poses):
     if decompose_essential(e, a[:1], b[:1], pose) == 0:
         return 0
     for n in range(1, len(a)):
-        along_a, along_b = distance_signs(pose[:, :3], pose[:, 3], a[n], b[n])
+        along_a, along_b = distance_signs(pose, pose[:, 3], a[n], b[n])
         if not (along_a > 0.0 and along_b > 0.0):
             return 0
+    orthonormalize(pose)
     return 1
 
 
@@ -37,42 +39,35 @@ def poses_from_essential(e, a, b, poses):
 def decompose_essential(e, a, b, pose):
     """Compute the one of the four decompositions with the most positive distances; return for how many pairs.
 
-    B. K. P. Horn, Recovering baseline and orientation from essential matrix, 1990: (cof E - [t]x E) = |t|^2 R.
+    The rotation is orthonormal to the accuracy of the essential matrix. B. K. P. Horn, Recovering baseline and
+    orientation from essential matrix, 1990: (cof E - [t]x E) = |t|^2 R.
     """
-    cofactors = np.empty((3, 3))
-    square = 0.0
-    for i in range(3):
-        for j in range(3):
-            m, n, p, q = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-            cofactors[i, j] = e[m, p] * e[n, q] - e[m, q] * e[n, p]
-            square += 0.5 * e[i, j] ** 2
+    cofactors = cross(e[1], e[2]), cross(e[2], e[0]), cross(e[0], e[1])
+    square = 0.5 * (dot(e[0], e[0]) + dot(e[1], e[1]) + dot(e[2], e[2]))
     # The cofactor matrix is t t^T R: its longest column is the most accurate multiple of t.
-    best, length = 0, 0.0
+    t, length = (0.0, 0.0, 0.0), 0.0
     for j in range(3):
-        squared = cofactors[0, j] ** 2 + cofactors[1, j] ** 2 + cofactors[2, j] ** 2
-        if squared > length:
-            best, length = j, squared
+        column = cofactors[0][j], cofactors[1][j], cofactors[2][j]
+        if dot(column, column) > length:
+            t, length = column, dot(column, column)
     if not length > 0.0:
         return 0
-    t = cofactors[:, best] / np.sqrt(length)
-    rotations = np.empty((2, 3, 3))
-    chosen, sign, most = 0, 1.0, -1
-    for k in range(2):
-        scale = (1.0 - 2.0 * k) / np.sqrt(square)
-        for i in range(3):
-            after, last = (i + 1) % 3, (i + 2) % 3
-            for j in range(3):
-                rotations[k, i, j] = cofactors[i, j] / square - scale * (t[after] * e[last, j] - t[last] * e[after, j])
-        positive, negative = count_distance_signs(rotations[k], t, a, b)
-        if positive > most:
-            chosen, sign, most = k, 1.0, positive
-        if negative > most:
-            chosen, sign, most = k, -1.0, negative
-    for i in range(3):
+    inverse = 1.0 / np.sqrt(length)
+    t = t[0] * inverse, t[1] * inverse, t[2] * inverse
+    rotation, most = np.empty((3, 3)), -1
+    for scale in (1.0 / np.sqrt(square), -1.0 / np.sqrt(square)):
         for j in range(3):
-            pose[i, j] = rotations[chosen, i, j]
-        pose[i, 3] = sign * t[i]
-    orthonormalize(pose)
+            x, y, z = cross(t, (e[0, j], e[1, j], e[2, j]))
+            rotation[0, j] = cofactors[0][j] / square - scale * x
+            rotation[1, j] = cofactors[1][j] / square - scale * y
+            rotation[2, j] = cofactors[2][j] / square - scale * z
+        positive, negative = count_distance_signs(rotation, t, a, b)
+        if max(positive, negative) > most:
+            most = max(positive, negative)
+            sign = 1.0 if positive >= negative else -1.0
+            for i in range(3):
+                pose[i, 0], pose[i, 1], pose[i, 2] = rotation[i, 0], rotation[i, 1], rotation[i, 2]
+            pose[0, 3], pose[1, 3], pose[2, 3] = sign * t[0], sign * t[1], sign * t[2]
     return most
 
 
@@ -96,11 +91,7 @@ def distance_signs(rotation, t, a, b):
     With p = R a and q = b, lambda_a p + t = lambda_b q: lambda_a = -(t x q).(p x q)/|p x q|^2 and
     lambda_b = -(t x p).(p x q)/|p x q|^2.
     """
-    px = rotation[0, 0] * a[0] + rotation[0, 1] * a[1] + rotation[0, 2] * a[2]
-    py = rotation[1, 0] * a[0] + rotation[1, 1] * a[1] + rotation[1, 2] * a[2]
-    pz = rotation[2, 0] * a[0] + rotation[2, 1] * a[1] + rotation[2, 2] * a[2]
-    mx, my, mz = py * b[2] - pz * b[1], pz * b[0] - px * b[2], px * b[1] - py * b[0]
+    p = times(rotation, a)
+    m = cross(p, b)
     # (t x q).m = t.(q x m)
-    along_a = t[0] * (b[1] * mz - b[2] * my) + t[1] * (b[2] * mx - b[0] * mz) + t[2] * (b[0] * my - b[1] * mx)
-    along_b = t[0] * (py * mz - pz * my) + t[1] * (pz * mx - px * mz) + t[2] * (px * my - py * mx)
-    return -along_a, -along_b
+    return -dot(t, cross(b, m)), -dot(t, cross(p, m))

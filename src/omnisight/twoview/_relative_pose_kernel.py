@@ -54,7 +54,7 @@ class RelativePoseProblem(NamedTuple):
 
     @classmethod
     def of(cls, pairs: BearingPairs) -> "RelativePoseProblem":
-        return cls(*pairs.arrays())
+        return cls(*pairs.arrays)
 
     @staticmethod
     def sizes(problem):

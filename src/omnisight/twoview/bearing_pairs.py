@@ -83,13 +83,16 @@ class BearingPairs:
         """Variance (N,) of the angle between both bearings along any direction, square radians."""
         return isotropic_variance(self.covariance_a + self.covariance_b)
 
+    @cached_property
     def arrays(self) -> tuple[Array, ...]:
-        """Return contiguous bearings, covariances (N, 3, 3) and mean variances (N,), each of camera a and b."""
+        """Contiguous bearings, covariances (N, 3, 3) and mean variances (N,), each of camera a and b."""
         covariances = self.covariance_a, self.covariance_b
         return tuple(map(np.ascontiguousarray, (self.a, self.b, *covariances, *map(isotropic_variance, covariances))))
 
     def scaled(self, factor: float) -> "BearingPairs":
         """Return the pairs with standard deviations multiplied by a factor."""
+        if factor == 1.0:
+            return self
         square = factor**2
         return replace(self, covariance_a=square * self.covariance_a, covariance_b=square * self.covariance_b)
 

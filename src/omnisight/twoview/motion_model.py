@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
-from omnisight.optim.ransac import RansacOptions, permuted, ransac
+from omnisight.optim.ransac import RansacOptions, ransac
 from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
 
@@ -80,6 +80,7 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     options
         Options of the search for a rotation and a plane.
     """
+    from omnisight.optim._robust_problem_kernel import squared_residuals
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
@@ -87,7 +88,7 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
         return Selection(MotionModel("ambiguous", general.reason))
     if general.model is None:
         return _rotation_model(pairs, options)
-    inliers = pairs[general.inliers]
+    inliers = pairs[np.random.default_rng(options.seed).permutation(np.flatnonzero(general.inliers))]
     homography, squares_of_plane = _best(HomographyProblem.of(inliers), options)
     _, squares_of_rotation = _best(RotationProblem.of(inliers), options)
     squares = {
@@ -170,19 +171,11 @@ def largest_sigma_deg(covariance: Array) -> float:
     return min(float(np.degrees(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))), 180.0)
 
 
-def squared_residuals(problem: Any, model: Array) -> Array:
-    """Return the squared residuals (N,) over their variances; inf where impossible."""
-    from omnisight.optim._robust_problem_kernel import linearized
-
-    residuals, _ = linearized(problem, model)
-    return np.nan_to_num((residuals**2).sum(axis=1), nan=np.inf)
-
-
 def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
-    """Return the model of least truncated cost, and its squared residuals (N,); inf if there is none."""
-    order = np.random.default_rng(options.seed).permutation(len(problem[0]))
-    options = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
-    found = ransac(permuted(problem, order), THRESHOLDS[2], options)
+    """Return the model of least truncated cost of observations in random order, and their squared residuals (N,)."""
+    from omnisight.optim._robust_problem_kernel import squared_residuals
+
+    found = ransac(problem, THRESHOLDS[2], replace(options, max_iterations=MAX_COMPETING_ITERATIONS))
     return found.model, squared_residuals(problem, found.model)
 
 

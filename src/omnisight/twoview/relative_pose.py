@@ -13,7 +13,7 @@ from omnisight.optim.block_jackknife import variance_ratio
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.motion_model import MotionModel, select_motion, squared_residuals, unknown_direction
+from omnisight.twoview.motion_model import MotionModel, select_motion, unknown_direction
 from omnisight.twoview.plane_motion import PlaneMotion, plane_motions, tangent_basis
 
 Array = NDArray[np.float64]
@@ -132,6 +132,7 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
 
 def known_relative_pose(pairs: BearingPairs, b_from_a: Pose) -> RelativePose:
     """Return a relative pose that is known, such as that of two cameras of a rig, with the pairs that agree with it."""
+    from omnisight.optim._robust_problem_kernel import squared_residuals
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
     squares = squared_residuals(RelativePoseProblem.of(pairs), b_from_a.matrix)

@@ -25,7 +25,7 @@ class CircularMotionProblem(NamedTuple):
 
     @classmethod
     def of(cls, pairs: BearingPairs) -> "CircularMotionProblem":
-        return cls(*pairs.arrays())
+        return cls(*pairs.arrays)
 
     @staticmethod
     def sizes(problem):
