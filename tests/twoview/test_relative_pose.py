@@ -132,7 +132,7 @@ def test_pairs_of_opposite_bearings_are_outliers():
 
 def test_an_indeterminate_pose_has_a_large_covariance():
     """Correspondences of a pure rotation, searched for a translation, say nothing about its direction."""
-    from omnisight.optim.robust_estimation import refine
+    from omnisight.optim.refinement import refine
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
     from omnisight.twoview.bearing_pairs import BearingPairs
 

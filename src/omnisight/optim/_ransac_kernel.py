@@ -80,6 +80,23 @@ def estimate(problem, threshold, confidence, max_iterations, seed):
     return best, best_score, iteration
 
 
+@njit_driver
+def optimize_samples(problem, threshold, seed, optimized, scores):
+    """Fill the locally optimized best models (M, 3, 4) of M samples, and their truncated costs; inf without a model."""
+    sample_size, solutions, _, _ = sizes(problem)
+    count, sample, models = len(problem[0]), np.empty(sample_size, np.int64), np.empty((solutions, 3, 4))
+    state = np.uint64(seed)
+    for m in range(len(scores)):
+        state = _draw(state, count, sample)
+        best, scores[m] = 0, np.inf
+        for k in range(solve_minimal(problem, sample, models)):
+            score = _truncated_cost(problem, models[k], count, threshold)
+            if score < scores[m]:
+                best, scores[m] = k, score
+        if np.isfinite(scores[m]):
+            optimized[m], scores[m] = _locally_optimized(problem, models[best], count, threshold)
+
+
 @njit_helper
 def _draw(state, count, sample):
     """Fill a sample with distinct indices; return the state of the random numbers (splitmix64: Steele et al. 2014)."""
@@ -133,10 +150,15 @@ def _locally_optimized(problem, model, count, threshold):
             error = squared_error(problem, model, i, i)
             weights[i] = (1.0 - error / width) ** 2 if error < width else 0.0
         _refine(problem, model, weights[:used])
+    return model, _truncated_cost(problem, model, count, threshold)
+
+
+@njit_helper
+def _truncated_cost(problem, model, count, threshold):
     score = 0.0
     for i in range(count):
         score += min(squared_error(problem, model, i, i), threshold)
-    return model, score
+    return score
 
 
 @njit_helper

@@ -104,3 +104,11 @@ def count_consistent(problem, model, threshold, shift):
     for i in range(count):
         hits += squared_error(problem, model, i, (i + shift) % count) <= threshold
     return hits
+
+
+@njit_driver
+def moved(problem, model, step):
+    """Return a model moved by a step (P,)."""
+    model = model.copy()
+    retract(problem, model, step)
+    return model

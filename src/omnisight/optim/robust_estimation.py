@@ -2,25 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.optim.false_alarms import chance_probability, log_false_alarms
+from omnisight.optim.posterior_modes import most_probable
 from omnisight.optim.ransac import RansacOptions, permuted, ransac
+from omnisight.optim.refinement import THRESHOLDS, Refinement, refine
 
 Array = NDArray[np.float64]
 
-# Squared length of a residual over its variance that 99.7 % of the inliers do not exceed (3 sigma in one dimension), by
-# the dimension of the residual.
-THRESHOLDS = {1: 9.0, 2: 11.83}
 # The search is repeated with the estimated noise if that is below this fraction of the assumed one, at most so often.
 MAX_NOISE_RATIO, MAX_SEARCHES = 0.5, 4
 # Correspondences beyond a minimal sample that are needed to tell inliers from outliers.
 MIN_REDUNDANCY = 3
-# Smallest information of a step, relative to the largest one.
-MIN_INFORMATION = 1e-12
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
 MAX_FALSE_ALARMS = 1e-3
 # Observations with a larger squared error over its variance disagree with a model, whatever the noise.
@@ -28,6 +25,8 @@ MIN_DISAGREEMENT = 25.0
 # One-sided quantile of a Gaussian of the level 1e-5: a model has more support than a rival if the difference of two
 # Poisson counts of its size occurs less often by chance.
 MAX_CHANCE_GAIN = 4.26
+# Probability of a model below which it is ambiguous.
+MIN_PROBABILITY = 0.99
 # The search for a rival finds one with this probability if 39 % of the other observations agree, with five in a sample.
 RIVAL_CONFIDENCE, MAX_RIVAL_ITERATIONS = 0.99, 500
 
@@ -54,6 +53,8 @@ class RobustEstimate:
         Why there is no model; empty otherwise.
     has_rival
         Whether the reason is another model with nearly as much support.
+    probability
+        Of the model against the most probable other one, see `most_probable`.
     """
 
     model: Array | None
@@ -64,30 +65,14 @@ class RobustEstimate:
     iterations: int = 0
     reason: str = ""
     has_rival: bool = False
+    probability: float = 1.0
 
-
-class Refinement(NamedTuple):
-    """A model of maximum likelihood.
-
-    Attributes
-    ----------
-    model
-        (3, 4).
-    is_inlier
-        (N,), whether each observation is more probably an inlier than an outlier.
-    scale
-        Standard deviation of the residuals in units of the assumed ones.
-    covariance
-        (P, P) covariance of a step of the model.
-    evidence
-        Logarithm of the likelihood of the observations over that of outliers only.
-    """
-
-    model: Array
-    is_inlier: NDArray[np.bool_]
-    scale: float
-    covariance: Array
-    evidence: float
+    @property
+    def rival_reason(self) -> str:
+        """Why the model is ambiguous, if another one is nearly as probable; empty otherwise."""
+        if self.probability >= MIN_PROBABILITY:
+            return ""
+        return f"{self.inliers.sum()} correspondences agree, and another model is {1 - self.probability:.0%} probable"
 
 
 def estimate_robustly(
@@ -109,8 +94,6 @@ def estimate_robustly(
     options
         Options of the search.
     """
-    from omnisight.optim._robust_problem_kernel import squared_errors
-
     problem = problem_of_scale(1.0)
     count, (sample_size, _, dimension, _) = len(problem[0]), problem.sizes(problem)
     if count < sample_size + MIN_REDUNDANCY:
@@ -129,66 +112,33 @@ def estimate_robustly(
             break
     if not is_scale_known:
         problem = permuted(problem_of_scale(scale), order)
-    squares = squared_errors(problem, fit.model)
-    chance = _chance_reason(problem, fit.model, squares, fit.is_inlier)
-    rival = "" if chance else _rival_reason(problem, squares, options)
+    probability, rival, chance = 1.0, "", _chance_reason(problem, fit)
+    if not chance:
+        fit, probability = most_probable(problem, fit, options.seed)
+        rival = _rival_reason(problem, fit.model, options)
     inliers = np.empty_like(fit.is_inlier)
     inliers[order] = fit.is_inlier
     model, reason = None if chance or rival else fit.model, chance or rival
-    return RobustEstimate(model, fit.covariance, inliers, scale, found.score, iterations, reason, bool(rival))
+    search = found.score, iterations, reason, bool(rival)
+    return RobustEstimate(model, fit.covariance, inliers, scale, *search, probability)
 
 
-def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Array | None = None) -> Refinement:
-    """Refine a model to the maximum likelihood under a mixture of Gaussian noise and outliers.
-
-    Parameters
-    ----------
-    problem
-        A problem of `_robust_problem_kernel`, its observations in random order.
-    model
-        (3, 4), close to the solution.
-    is_scale_known
-        Whether the standard deviations of the observations are known, and not only up to a factor.
-    prior
-        (P, P) information of a Gaussian prior about the model.
-    """
-    from omnisight.optim._mixture_kernel import fit_mixture
-
-    _, _, dimension, parameters = problem.sizes(problem)
-    threshold = THRESHOLDS[dimension]
-    volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
-    density = chance_probability(problem, model, threshold) / float(volume)
-    prior = np.zeros((parameters, parameters)) if prior is None else prior
-    model, probability, scale, information, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
-    evidence = float(log_likelihood - len(problem[0]) * np.log(density))
-    return Refinement(model, np.asarray(probability > 0.5), float(scale), _covariance(information), evidence)
-
-
-def _covariance(information: Array) -> Array:
-    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
-
-    An unobservable step has a huge variance, not zero as in a pseudo-inverse.
-    """
-    values, vectors = np.linalg.eigh(information)
-    least = max(float(values[-1]) * MIN_INFORMATION, np.finfo(float).tiny)
-    return np.asarray(vectors / np.maximum(values, least) @ vectors.T, float)
-
-
-def _chance_reason(problem: Any, model: Array, squares: Array, is_inlier: NDArray[np.bool_]) -> str:
+def _chance_reason(problem: Any, fit: Refinement) -> str:
     """Return why a model is rejected, if unrelated correspondences would fit one as well; empty otherwise."""
-    count, inliers = len(squares), int(is_inlier.sum())
-    threshold = float(squares[is_inlier & np.isfinite(squares)].max(initial=0.0))
+    from omnisight.optim._robust_problem_kernel import squared_errors
+
+    squares = squared_errors(problem, fit.model)
+    count, inliers = len(squares), int(fit.is_inlier.sum())
+    threshold = float(squares[fit.is_inlier & np.isfinite(squares)].max(initial=0.0))
     sample_size, solutions, _, _ = problem.sizes(problem)
-    probability = chance_probability(problem, model, threshold)
+    probability = chance_probability(problem, fit.model, threshold)
     if log_false_alarms(count, inliers, probability, sample_size, solutions) <= np.log(MAX_FALSE_ALARMS):
         return ""
     return f"{inliers} of {count} correspondences agree, as unrelated ones do by chance"
 
 
-def _rival_reason(problem: Any, squares: Array, options: RansacOptions) -> str:
+def _rival_reason(problem: Any, model: Array, options: RansacOptions) -> str:
     """Return why a model is rejected, if another one has nearly as much support among the others; empty otherwise.
-
-    The squared errors (N,) are those of the model.
 
     Matches of repeated structures, such as the squares of a checkerboard, agree with many wrong models. The best one is
     then no better than the second, and the support of the second measures what chance provides.
@@ -198,6 +148,7 @@ def _rival_reason(problem: Any, squares: Array, options: RansacOptions) -> str:
 
     sample_size, _, dimension, _ = problem.sizes(problem)
     threshold = THRESHOLDS[dimension]
+    squares = squared_errors(problem, model)
     support, others = int((squares <= threshold).sum()), permuted(problem, np.flatnonzero(squares > MIN_DISAGREEMENT))
     least = sample_size + _least_rival(support - sample_size)
     if len(others[0]) < least:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
 from omnisight.optim.ransac import RansacOptions, ransac
-from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
+from omnisight.optim.refinement import THRESHOLDS
+from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]

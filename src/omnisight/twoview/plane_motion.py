@@ -18,7 +18,8 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.block_jackknife import variance_ratio
 from omnisight.optim.false_alarms import chance_probability
 from omnisight.optim.ransac import permuted
-from omnisight.optim.robust_estimation import MAX_FALSE_ALARMS, THRESHOLDS, Refinement, refine
+from omnisight.optim.refinement import THRESHOLDS, Refinement, refine
+from omnisight.optim.robust_estimation import MAX_FALSE_ALARMS
 from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ from omnisight.geometry import sphere
 from omnisight.geometry.pose import Pose
 from omnisight.optim.block_jackknife import variance_ratio
 from omnisight.optim.ransac import RansacOptions
-from omnisight.optim.robust_estimation import THRESHOLDS, RobustEstimate, estimate_robustly
+from omnisight.optim.refinement import THRESHOLDS
+from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, select_motion, unknown_direction
 from omnisight.twoview.plane_motion import PlaneMotion, plane_motions, tangent_basis
@@ -127,6 +128,8 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
     if best.homography is not None and (motions := plane_motions(pairs, best.homography, options.seed)):
         return _on_plane(pairs, motions, best.motion, found)
     sigma, motion = _sigma_deg(pairs), best.motion
+    if motion.name in ("general", "planar motion") and (reason := found.rival_reason):
+        pose, motion, found = None, MotionModel("ambiguous", reason), replace(found, reason=reason)
     return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
 
 

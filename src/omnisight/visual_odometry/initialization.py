@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
-from omnisight.optim.robust_estimation import refine
+from omnisight.optim.refinement import refine
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import estimate_relative_pose
 from omnisight.visual_odometry.car_motion import estimate_car_motion

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
-from omnisight.optim.robust_estimation import estimate_robustly, refine
+from omnisight.optim.refinement import refine
+from omnisight.optim.robust_estimation import estimate_robustly
 from omnisight.visual_odometry.ray_observations import FrameRays
 
 Array = NDArray[np.float64]

@@ -1,0 +1,76 @@
+"""Refinement of a model to the maximum likelihood under a mixture of Gaussian noise and outliers."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.optim.false_alarms import chance_probability
+
+Array = NDArray[np.float64]
+
+# Squared length of a residual over its variance that 99.7 % of the inliers do not exceed (3 sigma in one dimension), by
+# the dimension of the residual.
+THRESHOLDS = {1: 9.0, 2: 11.83}
+# Smallest information of a step, relative to the largest one.
+MIN_INFORMATION = 1e-12
+
+
+class Refinement(NamedTuple):
+    """A model of maximum likelihood.
+
+    Attributes
+    ----------
+    model
+        (3, 4).
+    is_inlier
+        (N,), whether each observation is more probably an inlier than an outlier.
+    scale
+        Standard deviation of the residuals in units of the assumed ones.
+    covariance
+        (P, P) covariance of a step of the model.
+    evidence
+        Logarithm of the likelihood of the observations over that of outliers only.
+    """
+
+    model: Array
+    is_inlier: NDArray[np.bool_]
+    scale: float
+    covariance: Array
+    evidence: float
+
+
+def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Array | None = None) -> Refinement:
+    """Refine a model to the maximum likelihood under a mixture of Gaussian noise and outliers.
+
+    Parameters
+    ----------
+    problem
+        A problem of `_robust_problem_kernel`, its observations in random order.
+    model
+        (3, 4), close to the solution.
+    is_scale_known
+        Whether the standard deviations of the observations are known, and not only up to a factor.
+    prior
+        (P, P) information of a Gaussian prior about the model.
+    """
+    from omnisight.optim._mixture_kernel import fit_mixture
+
+    _, _, dimension, parameters = problem.sizes(problem)
+    threshold = THRESHOLDS[dimension]
+    volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
+    density = chance_probability(problem, model, threshold) / float(volume)
+    prior = np.zeros((parameters, parameters)) if prior is None else prior
+    model, probability, scale, information, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
+    evidence = float(log_likelihood - len(problem[0]) * np.log(density))
+    return Refinement(model, np.asarray(probability > 0.5), float(scale), _covariance(information), evidence)
+
+
+def _covariance(information: Array) -> Array:
+    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
+
+    An unobservable step has a huge variance, not zero as in a pseudo-inverse.
+    """
+    values, vectors = np.linalg.eigh(information)
+    least = max(float(values[-1]) * MIN_INFORMATION, np.finfo(float).tiny)
+    return np.asarray(vectors / np.maximum(values, least) @ vectors.T, float)
