@@ -154,6 +154,22 @@ def test_two_motions_of_similar_support_are_ambiguous():
     assert found.reason.endswith("structures repeat or move")
 
 
+def test_few_pairs_that_leave_two_probable_poses_are_ambiguous():
+    scene, returned, ambiguous, wrong = Scene(60, 0.3, 0.2, 20), 0, 0, 0
+    for seed in range(60):
+        a, b, pose, _ = scene.pairs(seed)
+        found = om.relative_pose(a, b)
+        ambiguous += found.motion.name == "ambiguous" and found.reason.endswith("probable")
+        if found and found.motion.name == "general":
+            returned += 1
+            square = normalized_squares([step_between(found.b_from_a, pose)], [found.covariance], 5)[0]
+            wrong += square > 10
+    # The search for one pose alone returned 52, of which 5 were wrong.
+    assert returned >= 35
+    assert ambiguous >= 5
+    assert wrong <= 2
+
+
 def test_a_moving_object_does_not_hide_the_motion_of_the_camera():
     a, b, pose, _ = Scene(outliers=0.0, count=200).pairs(1)
     other_a, other_b, *_ = Scene(outliers=0.0, count=60).pairs(2)

@@ -46,7 +46,8 @@ class MotionModel:
     name
         "general"; "planar motion": the translation is perpendicular to the axis of rotation; "dominant plane": most
         points are on one plane; "insufficient parallax": the direction of the translation is unknown or may be wrong;
-        "rotation only"; "ambiguous": a second pose has nearly as much support; "no overlap".
+        "rotation only"; "ambiguous": a second pose has nearly as much support or is nearly as probable;
+        "no overlap".
     figure
         The measured quantity that decided.
     """
