@@ -19,6 +19,8 @@ Indices = NDArray[np.intp]
 # Matches that agree with a relative pose, below which an edge is not reliable: a pose has five degrees of freedom, and
 # repeated structure agrees by more than chance.
 MIN_INLIERS = 20
+# 5000 samples of five contain one of inliers only, with 99 % probability, if 25 % of the matches are inliers.
+SEARCH = RansacOptions(max_iterations=5000)
 # Keypoints of each image, the strongest, that decide whether a pair is worth matching, and matches among them (C. Wu,
 # Towards linear-time incremental structure from motion, 3DV 2013).
 PREEMPTIVE_KEYPOINTS, MIN_PREEMPTIVE_MATCHES = 300, 6
@@ -125,7 +127,7 @@ def _relative_pose(a: Keypoints, b: Keypoints, matches: Indices, known: Pose | N
     pairs = BearingPairs.of(a.bearings, b.bearings, a.covariance, b.covariance, None)
     if known is not None:
         return known_relative_pose(pairs, known)
-    return estimate_relative_pose(replace(pairs, is_noise_known=False), RansacOptions())
+    return estimate_relative_pose(replace(pairs, is_noise_known=False), SEARCH)
 
 
 def overlapping_pairs(
