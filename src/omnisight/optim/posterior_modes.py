@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 # Inliers above which a model has no rival: among 500 bearings of relative poses with 35 inliers, other local optima
 # were e^5 to e^80 times less probable, with 70 inliers e^13 times at least.
 MAX_INLIERS = 100
-# Samples from which local optima are searched, and how many of the best ones are refined.
+# Samples from which local optima are searched, and how many of the best different ones are refined.
 SAMPLES, MAX_REFINED = 200, 20
 # Squared distance of two models over the covariance above which they are different; it is exceeded once in 1e5 by a
 # chi-squared variable of five degrees of freedom.
@@ -37,30 +37,33 @@ def most_probable(problem: Any, fit: Refinement, seed: int) -> tuple[Refinement,
     """
     if fit.is_inlier.sum() > MAX_INLIERS:
         return fit, 1.0
-    fits = [fit, *(refine(problem, model) for model in _local_optima(problem, seed))]
+    others = _local_optima(problem, seed)
+    others = others[_squared_distances(problem, fit, others) > MIN_SQUARED_DISTANCE]
+    fits = [fit, *(refine(problem, model) for model in others[:MAX_REFINED])]
     best = max(fits, key=lambda each: each.evidence)
-    rivals = [each for each in fits if _squared_distance(problem, best, each) > MIN_SQUARED_DISTANCE]
-    if not rivals:
-        return best, 1.0
-    gain = best.evidence - max(each.evidence for each in rivals)
-    return best, float(1 / (1 + np.exp(-gain)))
+    distances = _squared_distances(problem, best, np.array([each.model for each in fits]))
+    rivals = [each.evidence for each, d in zip(fits, distances, strict=True) if d > MIN_SQUARED_DISTANCE]
+    return best, float(1 / (1 + np.exp(max(rivals, default=-np.inf) - best.evidence)))
 
 
 def _local_optima(problem: Any, seed: int) -> Array:
-    """Return models (M, 3, 4) of least truncated cost, each optimized from one sample."""
+    """Return models (M, 3, 4), each optimized from one sample, in the order of their truncated costs."""
     from omnisight.optim._ransac_kernel import optimize_samples
 
     models, scores = np.empty((SAMPLES, 3, 4)), np.empty(SAMPLES)
     optimize_samples(problem, THRESHOLDS[problem.sizes(problem)[2]], seed, models, scores)
-    order = np.argsort(scores, kind="stable")[:MAX_REFINED]
+    order = np.argsort(scores, kind="stable")
     return models[order[np.isfinite(scores[order])]]
 
 
-def _squared_distance(problem: Any, a: Refinement, b: Refinement) -> float:
-    """Return the squared length of the step from a model to another one over the covariance of the first."""
+def _squared_distances(problem: Any, fit: Refinement, models: Array) -> Array:
+    """Return the squared lengths (M,) of the steps from a model to others (M, 3, 4) over its covariance."""
     from omnisight.optim._robust_problem_kernel import moved
 
-    steps = STEP * np.eye(len(a.covariance))
-    columns = [(moved(problem, a.model, step) - moved(problem, a.model, -step)).ravel() / (2 * STEP) for step in steps]
-    step = np.linalg.lstsq(np.column_stack(columns), (b.model - a.model).ravel(), rcond=None)[0]
-    return float(step @ np.linalg.solve(a.covariance, step))
+    changes = [
+        moved(problem, fit.model, step) - moved(problem, fit.model, -step)
+        for step in STEP * np.eye(len(fit.covariance))
+    ]
+    slopes = np.reshape(changes, (-1, 12)).T / (2 * STEP)
+    steps = (models - fit.model).reshape(-1, 12) @ np.linalg.pinv(slopes).T
+    return (steps * np.linalg.solve(fit.covariance, steps.T).T).sum(axis=1)
