@@ -61,3 +61,25 @@ def test_arrays_that_hold_no_points_are_refused():
         om.resect(np.ones((5, 3)), np.ones((6, 3)))
     with pytest.raises(ValueError, match=r"points\[2\] is not finite"):
         om.resect([[0, 0, 1], [0, 1, 1], [np.inf, 0, 0]], np.ones((3, 3)))
+
+
+def test_a_distant_plane_with_two_poses_has_no_wrong_one():
+    rng = np.random.default_rng(0)
+    camera = om.perspective((640, 480), 60)
+    grid = np.stack(np.meshgrid(np.arange(-4.0, 5), np.arange(-2.5, 3), [0.0]), -1).reshape(-1, 3)
+    returned, refused = 0, 0
+    for _ in range(40):
+        turn = exp([rng.uniform(0.2, 0.7), rng.uniform(-0.5, 0.5), rng.uniform(-3, 3)])
+        pose = om.Pose(turn, np.array([0, 0, 133.0]))
+        pixels, _ = camera.project(pose @ grid)
+        found = om.resect(grid, pixels + rng.normal(size=pixels.shape) * 0.3, camera=camera)
+        if found:
+            returned += 1
+            step = step_between(found.cam_from_world, pose)
+            assert normalized_squares([step], [found.covariance], 6)[0] < 10
+        else:
+            refused += 1
+            assert found.reason.endswith("probable")
+    # Without a comparison of both poses, 11 of 100 were wrong by more than 5 standard deviations.
+    assert returned >= 15
+    assert refused >= 5

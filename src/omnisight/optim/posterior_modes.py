@@ -9,8 +9,9 @@ from omnisight.optim.refinement import THRESHOLDS, Refinement, refine
 
 Array = NDArray[np.float64]
 
-# Inliers above which a model has no rival: among 500 bearings of relative poses with 35 inliers, other local optima
-# were e^5 to e^80 times less probable, with 70 inliers e^13 times at least.
+# Inliers above which a model has no rival. The next local optimum of relative poses in 60 degrees with 35 inliers was
+# up to e^17 times more probable than the one found; that of real pairs of fisheye images with 69 to 79 inliers e^13
+# times less probable, or more.
 MAX_INLIERS = 100
 # Samples from which local optima are searched, and how many of the best different ones are refined.
 SAMPLES, MAX_REFINED = 200, 20
