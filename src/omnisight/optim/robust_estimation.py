@@ -72,7 +72,8 @@ class RobustEstimate:
         """Why the model is ambiguous, if another one is nearly as probable; empty otherwise."""
         if self.probability >= MIN_PROBABILITY:
             return ""
-        return f"too few correspondences agree ({self.inliers.sum()}): another model is {1 - self.probability:.0%} probable"
+        other = f"another model is {1 - self.probability:.0%} probable"
+        return f"too few correspondences agree ({self.inliers.sum()}): {other}"
 
 
 def estimate_robustly(
