@@ -118,7 +118,9 @@ def test_keypoints_of_a_reconstruction_are_the_same(tmp_path):
     with pytest.raises(ValueError, match="workers need a folder"):
         reconstruct(tmp_path / "images", sources.sources[0], options=ReconstructOptions(workers=1))
     write_image(tmp_path / "images" / "3.png", np.zeros((20, 30), np.uint8))
-    with pytest.raises(ValueError, match=r"1 of 4 images cannot be used.*3.png: is 30x20 px"):
-        reconstruct(
-            tmp_path / "images", sources.sources[0], None, ReconstructOptions(workers=1), work=tmp_path / "work"
-        )
+    by_workers = sources, ReconstructOptions(workers=1), lambda *_: None, WorkFolder(tmp_path / "work")
+    with pytest.raises(ValueError, match=r"1 of 4 images cannot be used.*3.png: is 30x20 px.*same command continues"):
+        detect_images(image_set(tmp_path / "images"), *by_workers)
+    (tmp_path / "images" / "3.png").write_bytes((tmp_path / "images" / "0.png").read_bytes())
+    last = detect_images(image_set(tmp_path / "images"), *by_workers).keypoints[-1]
+    assert np.array_equal(last.pixels, expected.keypoints[0].pixels)

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnisight.pipeline.batch.batch import run_batch
+from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.manifest import items_of_images
 from omnisight.pipeline.batch.storage import list_images
 
@@ -49,4 +49,4 @@ class OtherReverse(Reverse):
 
 def run(task, source, output, *arguments):
     """Run a task for all images of a folder."""
-    return run_batch(task, items_of_images(list_images(source, output), ".txt"), source, output, *arguments)
+    return Batch(output, *arguments).run(task, items_of_images(list_images(source, output), ".txt"), source)

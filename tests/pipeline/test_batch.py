@@ -17,9 +17,10 @@ from omnisight.camera import Camera
 from omnisight.formats import save
 from omnisight.images import read_image, write_image
 from omnisight.models import model_class
-from omnisight.pipeline.batch.batch import run_batch
+from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.manifest import items_of_images, output_names
+from omnisight.pipeline.batch.records import shards_of
 from omnisight.pipeline.batch.storage import list_images
 from omnisight.pipeline.view import view
 from omnisight.pipeline.view_batch import view_batch
@@ -140,13 +141,63 @@ def test_a_full_disk_is_reported_and_the_run_continues(source, tmp_path):
 
 
 def test_a_file_that_cannot_be_read_is_tried_again(source, tmp_path):
-    items = items_of_images([*list_images(str(source), "out"), str(source / "0" / "late.png")], ".txt")
-    arguments = Reverse(), items, str(source), str(tmp_path / "out"), ONE
-    first = run_batch(*arguments)
-    assert [(path, reason.split(":")[0]) for path, reason in first.failed] == [(items[-1].inputs[0], "cannot be read")]
+    late = str(source / "0" / "late.png")
+    items = items_of_images({**list_images(str(source), "out"), late: "1"}, ".txt")
+    batch, arguments = Batch(str(tmp_path / "out"), ONE), (Reverse(), items, str(source))
+    first = batch.run(*arguments)
+    assert [(path, reason.split(":")[0]) for path, reason in first.failed] == [(late, "cannot be read")]
     (source / "0" / "late.png").write_bytes(b"late")
-    assert run_batch(*arguments).failed == ()
+    again = batch.run(*arguments)
+    assert (again.failed, again.resumed) == ((), 23)
     assert outputs(tmp_path / "out") == expected(source)
+
+
+def test_images_that_were_replaced_are_processed_again_and_no_others(source, tmp_path):
+    out = tmp_path / "out"
+    (source / "0" / "refused.png").write_bytes(b"x")
+    assert len(run(Reverse(), str(source), str(out), ONE).failed) == 1
+    before = {file: file.stat().st_mtime_ns for file in out.rglob("*.txt")}
+    (source / "1" / "015.png").write_bytes(b"another file")
+    os.utime(source / "1" / "020.png", (0, 0))  # as after a copy
+    result = run(Reverse(), str(source), str(out), ONE)
+    assert (result.resumed, result.written, len(result.failed)) == (22, 23, 1)
+    after = {file: file.stat().st_mtime_ns for file in out.rglob("*.txt")}
+    assert {file.name for file in after if after[file] != before[file]} == {"015.txt", "020.txt"}
+    assert outputs(out)["1/015.txt"] == b"elif rehtona"
+    assert run(Reverse(), str(source), str(out), ONE).resumed == 24
+
+
+def test_an_image_that_failed_is_tried_again_once_it_is_replaced_and_the_reverse(tmp_path):
+    source, out = tmp_path / "images", tmp_path / "out"
+    source.mkdir()
+    for i in range(3):
+        write_image(source / f"{i}.png", np.full((8, 8), 40 * i, np.uint8))
+    camera = Camera(model_class("equidistant")(5.0, 5.0, 3.5, 3.5), (8, 8), theta_max=0.6)
+    whole = (source / "1.png").read_bytes()
+    (source / "1.png").write_bytes(whole[:30])
+
+    def run_again():
+        result = view_batch(str(source), camera, Batch(str(out), ONE), ViewOptions(size=(4, 4)))
+        written = sorted(file.stem for file in out.glob("*.png"))
+        assert sorted([Path(name).stem for name, _ in result.failed] + written) == ["0", "1", "2"]
+        return result.resumed, written
+
+    assert run_again() == (0, ["0", "2"])
+    assert run_again() == (3, ["0", "2"])
+    (source / "1.png").write_bytes(whole)
+    assert run_again() == (2, ["0", "1", "2"])
+    (source / "2.png").write_bytes(b"no image")
+    assert run_again() == (2, ["0", "1"])
+
+
+def test_shards_are_so_small_that_each_worker_has_several():
+    items = items_of_images({f"/{i}.png": "" for i in range(1000)}, ".txt")
+    for workers, size, count in ((1, 100, 10), (8, 31, 33), (1000, 1, 1000)):
+        shards = shards_of(items, 7, None, workers)
+        assert [len(shard.items) for shard in shards[:-1]] == [size] * (count - 1)
+        assert [shard.index for shard in shards] == list(range(7, 7 + count))
+        assert [item for shard in shards for item in shard.items] == items
+    assert len(shards_of(items, 0, 300, 8)) == 4
 
 
 def test_another_task_or_other_images_are_refused(source, tmp_path):
@@ -197,15 +248,16 @@ def test_views_equal_those_of_the_plain_command_also_from_an_archive(tmp_path):
         write_image(tmp_path / "images" / f"{i}.png", rng.integers(0, 256, (96, 128, 3), np.uint8))
     options = ViewOptions(size=(64, 48), yaw=20.0)
     view([tmp_path / "images"], camera, tmp_path / "plain", options)
-    view_batch(str(tmp_path / "images"), save(camera, tmp_path / "c.json").path, str(tmp_path / "batch"), options, TWO)
+    stored = save(camera, tmp_path / "c.json").path
+    view_batch(str(tmp_path / "images"), stored, Batch(str(tmp_path / "batch"), TWO), options)
     with zipfile.ZipFile(tmp_path / "images.zip", "w") as archive:
         for file in (tmp_path / "images").iterdir():
             archive.write(file, f"inside/{file.name}")
-    view_batch(f"zip://inside/*::{tmp_path / 'images.zip'}", camera, str(tmp_path / "archive"), options, ONE)
+    view_batch(f"zip://inside/*::{tmp_path / 'images.zip'}", camera, Batch(str(tmp_path / "archive"), ONE), options)
     plain = outputs(tmp_path / "plain")
     assert len(plain) == 3
     assert outputs(tmp_path / "batch") == plain
     assert outputs(tmp_path / "archive") == plain
     assert read_image(tmp_path / "batch" / "0.png").shape == (48, 64, 3)
     record = json.loads((tmp_path / "batch" / ".omnisight" / "shards" / "0000000.json").read_text())
-    assert (record["images"], record["failed"]) == (3, [])
+    assert (len(record["finished"]), record["failed"]) == (3, {})

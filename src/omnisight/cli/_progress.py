@@ -8,6 +8,9 @@ from typing import Protocol
 
 from omnisight.cli._output import is_quiet, is_verbose
 
+# Time over which the speed is averaged, seconds: batches report every shard of images, some of which take a minute.
+SPEED_PERIOD_S = 600.0
+
 
 class Report(Protocol):
     """Called with the stage, the work done and the total."""
@@ -30,17 +33,24 @@ def progress() -> Generator[Report]:
 
 @contextmanager
 def _bars() -> Generator[Report]:
-    """Show a progress bar per stage."""
+    """Show a progress bar per stage, with its steps per second and the time left."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+    from rich.text import Text
 
-    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    class Speed(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text("" if task.speed is None else f"{task.speed:.3g}/s")
+
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), Speed(), TimeLeft())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD_S) as bars:
         tasks = {}
 
         def report(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
+                tasks[stage] = bars.add_task(stage, total=total, completed=done)
             bars.update(tasks[stage], completed=done, total=total)
 
         yield report

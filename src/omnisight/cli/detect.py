@@ -74,12 +74,13 @@ def _detect_batch(images: list[str], output: str | None, options: DetectOptions,
     from omnisight.cli._batch_report import check_batch, print_batch
     from omnisight.cli._detect_report import print_report
     from omnisight.corners.native import to_dict
+    from omnisight.pipeline.batch.batch import Batch
     from omnisight.pipeline.detect_batch import detect_batch
 
     if len(images) > 1 or output is None:
         raise ValueError("--workers, --cluster and URLs apply to one folder or pattern of images, and need --output")
     with progress() as report:
-        detections, result = detect_batch(images[0], output, options, batch, progress=report)
+        detections, result = detect_batch(images[0], Batch(output, batch, report), options)
     if is_json():
         write_json(to_dict(detections))
     else:

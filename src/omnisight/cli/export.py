@@ -87,10 +87,11 @@ def export(
         if batch.apply_to(images or "", output):
             if to != "splat" or images is None:
                 raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
+            from omnisight.pipeline.batch.batch import Batch
             from omnisight.pipeline.export_batch import export_batch
 
             with progress() as report:
-                result = export_batch(source, output, images, width, batch, report)
+                result = export_batch(source, images, Batch(output, batch, report), width)
             (print_batch_json if is_json() else print_batch)(result, output)
             check_batch(result)
             return

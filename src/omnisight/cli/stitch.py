@@ -56,9 +56,10 @@ def stitch(
     done = None
     with progress() as report:
         if batch.apply_to(*map(str, images), output):
+            from omnisight.pipeline.batch.batch import Batch
             from omnisight.pipeline.stitch_batch import stitch_batch
 
-            result, done = stitch_batch(images, output, rig, camera or (), options, batch, report)
+            result, done = stitch_batch(images, Batch(output, batch, report), rig, camera or (), options)
         else:
             result = run(images, rig, options, cameras=camera or (), output=output, video=video, progress=report)
     if save_rig is not None:

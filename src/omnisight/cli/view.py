@@ -120,10 +120,11 @@ def view(
     if batch.apply_to(*images, *output):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
             raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
+        from omnisight.pipeline.batch.batch import Batch
         from omnisight.pipeline.view_batch import view_batch
 
         with progress() as report:
-            result = view_batch(images[0], camera, output[0], views[0][1], batch, progress=report)
+            result = view_batch(images[0], camera, Batch(output[0], batch, report), views[0][1])
         (print_batch_json if is_json() else print_batch)(result, output[0])
         check_batch(result)
         return

@@ -1,7 +1,7 @@
 """Boards in many images: the counterpart of `omnisight detect` with workers or URLs."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from omnisight.corners.native import serialize
 from omnisight.images import UnreadableImage, decode_image
-from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
-from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.batch.manifest import FOLDER, items_of_images
-from omnisight.pipeline.batch.storage import list_images, read_each_below, read_file, write_file
+from omnisight.pipeline.batch.batch import Batch, BatchResult
+from omnisight.pipeline.batch.manifest import items_of_images
+from omnisight.pipeline.batch.storage import FOLDER, list_images, read_each_below, read_file, write_file
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.options import DetectOptions
 from omnisight.targets import Board, Checkerboard, Detections
@@ -59,39 +58,41 @@ class BatchImages:
 
     Attributes
     ----------
-    source, output
-        Folder of the images, and of the results.
-    names
-        Their paths in the file system of the source.
+    source
+        Folder of the images.
+    versions
+        Their paths in the file system of the source, and their versions.
+    apply_exif
+        Rotate images by their EXIF orientation.
+    batch
+        Where the results and the workers are.
     result
         Of the last detection.
     """
 
     source: str
-    output: str
-    names: list[str]
+    versions: dict[str, str]
     apply_exif: bool
-    options: BatchOptions
-    progress: Progress | None
+    batch: Batch
     result: BatchResult = field(init=False)
     cache: bool = False
 
     @property
     def paths(self) -> list[Path]:
         """The files."""
-        return [Path(name) for name in self.names]
+        return [Path(name) for name in self.versions]
 
     def detect(self, board: Board | None) -> list[RawDetections | UnreadableImage]:
         """Detect in all images by workers, whose results remain for the next run."""
         task = DetectTask(None if isinstance(board, Checkerboard) else board, self.apply_exif)
         kind = "checkerboard" if task.board is None else task.board.kind
-        folder, items = f"{self.output}/{FOLDER}/{kind}", items_of_images(self.names, ".json")
-        self.result = run_batch(task, items, self.source, folder, self.options, self.progress)
+        folder, items = f"{self.batch.output}/{FOLDER}/{kind}", items_of_images(self.versions, ".json")
+        self.result = replace(self.batch, output=folder).run(task, items, self.source)
         failed = dict(self.result.failed)
         texts = read_each_below(folder, [item.outputs[0] for item in items if item.inputs[0] not in failed])
         return [
             UnreadableImage(failed[name]) if name in failed else RawDetections.from_json(next(texts))
-            for name in self.names
+            for name in self.versions
         ]
 
     def read(self, path: Path) -> NDArray[Any]:
@@ -99,14 +100,8 @@ class BatchImages:
         return decode_image(read_file(self.source, path.as_posix()), path.name, apply_exif=self.apply_exif)
 
 
-def detect_batch(
-    images: str,
-    output: str,
-    options: DetectOptions = DetectOptions(),
-    batch: BatchOptions = BatchOptions(),
-    progress: Progress | None = None,
-) -> tuple[Detections, BatchResult]:
-    """Detect a board in all images of a folder, by the workers of this machine or of a cluster; see `run_batch`.
+def detect_batch(images: str, batch: Batch, options: DetectOptions = DetectOptions()) -> tuple[Detections, BatchResult]:
+    """Detect a board in all images of a folder, by the workers of this machine or of a cluster; see `Batch`.
 
     The detections are those of `omnisight.detect`. The output folder receives corners.json, which
     `omnisight.read_corners` reads.
@@ -116,8 +111,7 @@ def detect_batch(
     ValueError
         If there are no images, the output holds another run, or the cluster cannot be used.
     """
-    board = options.board
-    files = BatchImages(images, output, list_images(images, output), options.apply_exif, batch, progress)
-    detections = detect_in_set(files, board, options.square_m)
-    write_file(output, CORNERS, f"{serialize(detections)}\n".encode())
+    files = BatchImages(images, list_images(images, batch.output), options.apply_exif, batch)
+    detections = detect_in_set(files, options.board, options.square_m)
+    write_file(batch.output, CORNERS, f"{serialize(detections)}\n".encode())
     return detections, files.result

@@ -8,8 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from omnisight.images import decode_image
-from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
-from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.storage import list_images, path_below, read_file, write_file
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.work_folder import digest
@@ -48,15 +47,8 @@ class ExportTask:
         return export
 
 
-def export_batch(
-    model: str | Path,
-    output: str,
-    images: str,
-    size: int | None = None,
-    batch: BatchOptions = BatchOptions(),
-    progress: Progress | None = None,
-) -> BatchResult:
-    """Write perspective views of the images of a reconstruction by workers, and then its model; see `run_batch`.
+def export_batch(model: str | Path, images: str, batch: Batch, size: int | None = None) -> BatchResult:
+    """Write perspective views of the images of a reconstruction by workers, and then its model; see `Batch`.
 
     The files are those of `omnisight.export` with the format splat.
 
@@ -64,14 +56,12 @@ def export_batch(
     ----------
     model
         A folder that `omnisight reconstruct` wrote.
-    output
-        Folder of the views, masks and the model.
     images
         Folder of the images, to which their names in the reconstruction are relative.
+    batch
+        Its output receives the views, masks and the model.
     size
         Width of a view of 90 degrees, px; by default the resolution of the image is kept.
-    batch, progress
-        As of `run_batch`.
 
     Raises
     ------
@@ -80,15 +70,19 @@ def export_batch(
     """
     reconstruction = read_reconstruction(model)
     paths = [path_below(images, name) for name in reconstruction.names]
-    if missing := sorted(set(paths).difference(list_images(images, output))):
+    versions = list_images(images, batch.output)
+    if missing := sorted(set(paths).difference(versions)):
         raise ValueError(
             f"{missing[0]}: no such file; {len(missing)} of {len(paths)} images are not in {images}: specify the folder"
             " that was reconstructed with --images"
         )
     plan = plan_splat(reconstruction, size, lambda image: decode_image(read_file(images, paths[image]), paths[image]))
     sensors = zip(paths, reconstruction.sensor.tolist(), strict=True)
-    items = [Item((path,), tuple(plan.outputs(image)), sensor) for image, (path, sensor) in enumerate(sensors)]
-    result = run_batch(ExportTask(plan.cameras), items, images, output, batch, progress)
+    items = [
+        Item((path,), tuple(plan.outputs(image)), sensor, versions[path])
+        for image, (path, sensor) in enumerate(sensors)
+    ]
+    result = batch.run(ExportTask(plan.cameras), items, images)
     for name, data in plan.model:
-        write_file(output, name, data)
+        write_file(batch.output, name, data)
     return result

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from omnisight.features import FeatureOptions, Keypoints
 from omnisight.images import decode_image
-from omnisight.pipeline.batch.batch import run_batch
-from omnisight.pipeline.batch.storage import read_each_below
+from omnisight.pipeline.batch.batch import Batch
+from omnisight.pipeline.batch.storage import file_versions, read_each_below
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.image_cameras import ImageCameras
 from omnisight.pipeline.image_set import ImageSet
@@ -74,16 +74,17 @@ def detect_by_workers(
     task = KeypointTask(cameras, FeatureOptions(max_keypoints=options.max_keypoints), options.apply_exif)
     outputs = [f"{i:07}.npz" for i in range(len(files))]
     paths = [path.absolute().as_posix() for path in files.paths]
+    versions = file_versions(paths[0], paths)
     items = [
-        Item((path,), (output,), camera)
+        Item((path,), (output,), camera, versions[path])
         for path, output, camera in zip(paths, outputs, files.camera.tolist(), strict=True)
     ]
     folder = str(work.batch_folder)
-    result = run_batch(task, items, paths[0], folder, options, progress)
+    result = Batch(folder, options, progress).run(task, items, paths[0])
     if result.failed:
         path, reason = result.failed[0]
         raise ValueError(
-            f"{len(result.failed)} of {len(files)} images cannot be used, the first is {path}: {reason}; replace them"
-            f" or leave them out, and delete {folder}"
+            f"{len(result.failed)} of {len(files)} images cannot be used, the first is {path}: {reason}; replace them,"
+            f" and the same command continues; or leave them out, and delete {folder}"
         )
     yield from (from_detected_arrays(from_bytes(data)) for data in read_each_below(folder, outputs))

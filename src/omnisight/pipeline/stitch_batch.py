@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.images import IMAGE_SUFFIXES, decode_image
-from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
-from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import output_names
 from omnisight.pipeline.batch.storage import list_images, read_file
 from omnisight.pipeline.batch.task import Item, Process, describe
@@ -94,14 +93,12 @@ class StitchTask:
 
 def stitch_batch(
     images: Sequence[str],
-    output: str,
+    batch: Batch,
     rig: RigSource | None = None,
     cameras: Sequence[Camera | str | PathLike[str]] = (),
     options: StitchOptions = StitchOptions(),
-    batch: BatchOptions = BatchOptions(),
-    progress: Progress | None = None,
 ) -> tuple[StitchResult, BatchResult]:
-    """Stitch all frames of a folder for each camera, or of one folder, by workers; see `run_batch`.
+    """Stitch all frames of a folder for each camera, or of one folder, by workers; see `Batch`.
 
     The spheres are those of `omnisight.stitch`, which this machine estimates from a few frames.
 
@@ -109,12 +106,10 @@ def stitch_batch(
     ----------
     images
         A folder for each camera, or one with the images of all cameras, such as front_1.jpg and back_1.jpg.
-    output
-        Folder of the spheres, which are JPEG files.
+    batch
+        Its output receives the spheres, which are JPEG files.
     rig, cameras, options
         As of `omnisight.stitch`.
-    batch, progress
-        As of `run_batch`.
 
     Raises
     ------
@@ -122,22 +117,24 @@ def stitch_batch(
         If images or cameras do not fit, the output holds another run, or the cluster cannot be used.
     """
     start = time.perf_counter()
-    if output.lower().endswith(IMAGE_SUFFIXES):
-        raise ValueError(f"{output}: has the name of an image; choose a folder for the spheres")
-    frames = _frames(images, output, rig.names if isinstance(rig, Rig) else HEAD_NAMES)
+    if batch.output.lower().endswith(IMAGE_SUFFIXES):
+        raise ValueError(f"{batch.output}: has the name of an image; choose a folder for the spheres")
+    folders = [list_images(folder, batch.output) for folder in images]
+    frames = _frames(images, folders, rig.names if isinstance(rig, Rig) else HEAD_NAMES)
     planned = plan_frames(frames, rig, cameras, options)
     task = StitchTask(planned.stitcher, planned.camera, planned.sphere_from_rig, options)
     estimated = time.perf_counter()
-    done = run_batch(task, _items(frames, options.every), images[0], output, batch, progress)
+    versions = dict(item for folder in folders for item in folder.items())
+    done = batch.run(task, _items(frames, versions, options.every), images[0])
     own = task.prepared(None)
     stitched = StitchedFrames(own(planned.first), own.covered, frames.count, ())
     seconds = time.perf_counter()
     return stitch_result(planned, stitched, seconds - start, seconds - estimated), done
 
 
-def _frames(images: Sequence[str], output: str, names: Sequence[str]) -> HeadFrames:
+def _frames(images: Sequence[str], folders: Sequence[Iterable[str]], names: Sequence[str]) -> HeadFrames:
     """Return the frames of folders in any file system."""
-    lists = [[Path(path) for path in list_images(folder, output)] for folder in images]
+    lists = [[Path(path) for path in folder] for folder in folders]
     if len(lists) > 1:
         frames = frames_of_folders(images, lists)
     else:
@@ -150,12 +147,13 @@ def _frames(images: Sequence[str], output: str, names: Sequence[str]) -> HeadFra
     return dataclasses.replace(frames, read=read)
 
 
-def _items(frames: HeadFrames, every: int) -> list[Item]:
+def _items(frames: HeadFrames, versions: Mapping[str, str], every: int) -> list[Item]:
     """Return an item for each frame, with the frame from which its seam is estimated."""
     sources = [tuple(Path(str(source)).as_posix() for source in frame) for frame in frames.sources]
     outputs = output_names([source[0] for source in sources], ".jpg")
     first = [count // every * every if every else 0 for count in range(len(sources))]
+    inputs = [source + (sources[k] if k else ()) for source, k in zip(sources, first, strict=True)]
     return [
-        Item(source + (sources[k] if k else ()), (name,), k)
-        for source, name, k in zip(sources, outputs, first, strict=True)
+        Item(paths, (name,), k, " ".join(versions[path] for path in paths))
+        for paths, name, k in zip(inputs, outputs, first, strict=True)
     ]

@@ -9,8 +9,7 @@ from omnisight.camera import Camera
 from omnisight.formats.native import to_json
 from omnisight.images.read import decode_image
 from omnisight.images.write import encode_image
-from omnisight.pipeline.batch.batch import BatchResult, Progress, run_batch
-from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import items_of_images
 from omnisight.pipeline.batch.storage import list_images
 from omnisight.pipeline.batch.task import Item, Process, describe
@@ -55,12 +54,10 @@ class ViewTask:
 def view_batch(
     images: str,
     camera: Camera | Path,
-    output: str,
+    batch: Batch,
     options: ViewOptions | None = None,
-    batch: BatchOptions = BatchOptions(),
-    progress: Progress | None = None,
 ) -> BatchResult:
-    """Turn all images of a folder into views, by the workers of this machine or of a cluster; see `run_batch`.
+    """Turn all images of a folder into views, by the workers of this machine or of a cluster; see `Batch`.
 
     Raises
     ------
@@ -72,5 +69,5 @@ def view_batch(
         raise ValueError("--scale-camera applies to images of one size: convert the camera first, or view them apart")
     if isinstance(camera, Path):
         camera = central_camera(camera, name=options.name, distance=options.distance)
-    items = items_of_images(list_images(images, output), ".png")
-    return run_batch(ViewTask(camera, options), items, images, output, batch, progress)
+    items = items_of_images(list_images(images, batch.output), ".png")
+    return batch.run(ViewTask(camera, options), items, images)

@@ -8,13 +8,8 @@ from numpy.typing import NDArray
 from omnisight.images import ImageField
 from omnisight.targets.boards import Board
 from omnisight.targets.detections import Detection, ImageDetection
+from omnisight.targets.duplicates import MAX_COPY_MOVEMENT_PX, find_duplicates
 
-# Movement, px, below which two images are copies of one.
-MAX_COPY_MOVEMENT_PX = 0.5
-# Movement over the image's diagonal below which the second image adds next to nothing.
-MAX_DUPLICATE_MOVEMENT = 0.005
-# Part of the points of either board that both must show to be compared.
-MIN_COMMON_SHARE = 0.8
 # Distance, px, of a corner outside of the image circle, whose edge is known to a pixel.
 MAX_OUTSIDE_PX = 2.0
 
@@ -41,31 +36,6 @@ def with_duplicate_remarks(
         " between images, or use the video itself, of which the most informative frames are selected"
     )
     return remarked, [note]
-
-
-def find_duplicates(images: Sequence[Sequence[Detection]], size: tuple[int, int]) -> dict[int, tuple[int, float]]:
-    """Find the images that repeat an earlier one.
-
-    Parameters
-    ----------
-    images : sequence of sequence of Detection
-        The boards in each.
-    size : (int, int)
-        Width and height of all, px.
-
-    Returns
-    -------
-    dict
-        For a repeating image: which earlier one, that itself repeats none, and the largest movement of a point, px.
-    """
-    limit = max(MAX_DUPLICATE_MOVEMENT * float(np.hypot(*size)), MAX_COPY_MOVEMENT_PX)
-    duplicates: dict[int, tuple[int, float]] = {}
-    for i, boards in enumerate(images):
-        others = [j for j in range(i) if j not in duplicates and len(images[j]) == len(boards) > 0]
-        moved = min(((_max_movement(boards, images[j]), j) for j in others), default=(np.inf, -1))
-        if moved[0] < limit:
-            duplicates[i] = (moved[1], moved[0])
-    return duplicates
 
 
 def mirrored_markers_note(images: Sequence[ImageDetection], board: Board) -> list[str]:
@@ -105,17 +75,6 @@ def with_field_remark(image: ImageDetection, field: ImageField | None) -> ImageD
         return image
     outside = sum(int((~field.contains(d.pixels, -MAX_OUTSIDE_PX)).sum()) for d in image.boards)
     return image.with_remark(f"{outside} corners outside of the image circle") if outside else image
-
-
-def _max_movement(boards: Sequence[Detection], others: Sequence[Detection]) -> float:
-    """Return the largest movement of a point, px; inf if the boards show different points."""
-    farthest = 0.0
-    for board, other in zip(boards, others, strict=True):
-        _, here, there = np.intersect1d(board.ids, other.ids, assume_unique=True, return_indices=True)
-        if len(here) < MIN_COMMON_SHARE * max(len(board), len(other), 1):
-            return np.inf
-        farthest = max(farthest, float(np.linalg.norm(board.pixels[here] - other.pixels[there], axis=1).max(initial=0)))
-    return farthest
 
 
 def _doubled_area(triangles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,8 @@ from omnisight.parallel import thread_count
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.dask_cluster import DaskCluster
 from omnisight.pipeline.batch.local_processes import LocalProcesses
-from omnisight.pipeline.batch.manifest import open_manifest, read_records
+from omnisight.pipeline.batch.manifest import check_manifest
+from omnisight.pipeline.batch.records import read_records, shards_of
 from omnisight.pipeline.batch.shard import run_shard
 from omnisight.pipeline.batch.task import Item, Task
 
@@ -30,7 +31,7 @@ class BatchResult(Displayed):
     failed
         First input and reason of each item without outputs.
     resumed
-        Number of items that an earlier run had finished.
+        Number of items that earlier runs had finished.
     workers
         Number of workers; 0 if everything was finished.
     seconds
@@ -53,88 +54,94 @@ class BatchResult(Displayed):
         return (self.images - self.resumed) / max(self.seconds, 1e-9)
 
 
-def run_batch(
-    task: Task,
-    items: Sequence[Item],
-    source: str,
-    output: str,
-    options: BatchOptions = BatchOptions(),
-    progress: Progress | None = None,
-) -> BatchResult:
-    """Process many files, and write the results to a folder.
+@dataclass(frozen=True)
+class Batch(Displayed):
+    """How many files are processed: the folder of the results, the workers, and the progress.
 
-    Shards of items are processed by workers. Each stores a record of the shard after its outputs, so that a run that
-    was killed continues where it stopped.
-
-    Parameters
+    Attributes
     ----------
-    task
-        What is done with each item.
-    items
-        The files and their outputs.
-    source
-        A path or URL in the file system of the files, one that fsspec opens (s3://, gs://, az://,
-        zip://*::archive.zip).
     output
         Folder of the results, a path or a URL.
     options
         Where the workers are.
     progress
         Called with the stage, the number of items done, and of all.
-
-    Raises
-    ------
-    ValueError
-        If the output holds another run, or the cluster cannot be used.
-    OSError
-        If an output cannot be written; what is finished remains.
     """
-    start = time.perf_counter()
-    manifest = open_manifest(task, items, source, output, options.shard_size)
-    records = read_records(output)
-    remaining = [shard for shard in manifest.shards if shard.index not in records]
-    resumed, workers = sum(record.images for record in records.values()), 0
-    if remaining:
-        with closing(_workers(options)) as pool:
-            workers = pool.workers
-            report = _reporter(progress, pool, resumed, len(items))
-            try:
-                for record in pool.run(run_shard, (task, source, output), remaining):
-                    records[record.index] = record
-                    report(record.images)
-            except OSError as error:
-                raise OSError(
-                    f"{error}: resolve it, and the same command continues after the finished shards"
-                ) from None
-    failed = tuple(failure for index in sorted(records) for failure in records[index].failed)
-    return BatchResult(
-        images=len(items),
-        written=len(items) - len(failed),
-        failed=failed,
-        resumed=resumed,
-        workers=workers,
-        seconds=time.perf_counter() - start,
-        peak_mb=max(record.peak_mb for record in records.values()),
-    )
+
+    output: str
+    options: BatchOptions = BatchOptions()
+    progress: Progress | None = None
+
+    def run(self, task: Task, items: Sequence[Item], source: str) -> BatchResult:
+        """Process files, and write the results to the folder.
+
+        Shards of items are processed by workers. Each stores a record of the shard after its outputs, so that a run
+        that was killed continues where it stopped. Items whose files have changed since are processed again.
+
+        Parameters
+        ----------
+        task
+            What is done with each item.
+        items
+            The files and their outputs.
+        source
+            A path or URL in the file system of the files, one that fsspec opens (s3://, gs://, az://,
+            zip://*::archive.zip).
+
+        Raises
+        ------
+        ValueError
+            If the output holds another run, or the cluster cannot be used.
+        OSError
+            If an output cannot be written; what is finished remains.
+        """
+        start = time.perf_counter()
+        check_manifest(task, items, source, self.output)
+        records = read_records(self.output)
+        remaining = records.unfinished(items)
+        resumed, workers = len(items) - len(remaining), 0
+        if remaining:
+            with closing(_workers(self.options)) as pool:
+                workers = pool.workers
+                report = self._reporter(pool, resumed, len(items))
+                shards = shards_of(remaining, records.count, self.options.shard_size, workers)
+                try:
+                    for record in pool.run(run_shard, (task, source, self.output), shards):
+                        records.add(record)
+                        report(record.images)
+                except OSError as error:
+                    raise OSError(
+                        f"{error}: resolve it, and the same command continues after the finished shards"
+                    ) from None
+        failed = tuple((item.name, records.failed[item.name]) for item in items if item.name in records.failed)
+        return BatchResult(
+            images=len(items),
+            written=len(items) - len(failed),
+            failed=failed,
+            resumed=resumed,
+            workers=workers,
+            seconds=time.perf_counter() - start,
+            peak_mb=records.peak_mb,
+        )
+
+    def _reporter(self, pool: LocalProcesses | DaskCluster, done: int, total: int) -> Callable[[int], None]:
+        """Return a function that adds to the number of items done, and reports it with the workers and their dashboard.
+
+        Items that are done before are reported first, so that they do not count for the speed.
+        """
+        stage = f"images, {pool.workers} workers" + (f", {pool.link}" if pool.link else "")
+
+        def add(count: int) -> None:
+            nonlocal done
+            done += count
+            if self.progress is not None:
+                self.progress(stage, done, total)
+
+        add(0)
+        return add
 
 
 def _workers(options: BatchOptions) -> LocalProcesses | DaskCluster:
     if options.cluster is not None:
         return DaskCluster(options.cluster, options.workers)
     return LocalProcesses(options.workers or thread_count())
-
-
-def _reporter(
-    progress: Progress | None, pool: LocalProcesses | DaskCluster, done: int, total: int
-) -> Callable[[int], None]:
-    """Return a function that adds to the number of items done, and reports it with the workers and their dashboard."""
-    stage = f"images, {pool.workers} workers" + (f", {pool.link}" if pool.link else "")
-
-    def add(count: int) -> None:
-        nonlocal done
-        done += count
-        if progress is not None:
-            progress(stage, done, total)
-
-    add(0)
-    return add

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 from omnisight.display import Displayed
 
-# The scheduler takes about 1 ms for a task: 1 % of the time of a shard of images of 1 MP.
-SHARD_SIZE = 100
-
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions(Displayed):
@@ -23,12 +20,13 @@ class BatchOptions(Displayed):
     cluster
         The same on a Dask cluster: the address of its scheduler, such as tcp://host:8786, or local.
     shard_size
-        Images that a worker processes in a row: after an interruption, at most these are processed again.
+        Images that a worker processes in a row: after an interruption, at most these are processed again. By default a
+        quarter of those of a worker, and at most 100.
     """
 
     workers: int | None = None
     cluster: str | None = None
-    shard_size: int = SHARD_SIZE
+    shard_size: int | None = None
 
     @property
     def has_workers(self) -> bool:
@@ -42,7 +40,7 @@ class BatchOptions(Displayed):
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"--workers must be 1 or more, got {self.workers}")
-        if self.shard_size < 1:
+        if self.shard_size is not None and self.shard_size < 1:
             raise ValueError(f"--shard-size must be 1 or more, got {self.shard_size}")
         if self.cluster is not None and self.cluster != "local" and "://" not in self.cluster:
             raise ValueError(

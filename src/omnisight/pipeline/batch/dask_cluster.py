@@ -8,7 +8,7 @@ from typing import Any
 
 from omnisight.parallel import thread_count
 from omnisight.pipeline.batch.local_processes import MAX_ATTEMPTS, QUEUE_LENGTH, lost
-from omnisight.pipeline.batch.manifest import Shard, ShardRecord
+from omnisight.pipeline.batch.records import Shard, ShardRecord
 
 # Time after which a scheduler that does not answer counts as unreachable, seconds.
 TIMEOUT_S = 20

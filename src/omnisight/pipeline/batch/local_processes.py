@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any
 
-from omnisight.pipeline.batch.manifest import Shard, ShardRecord
+from omnisight.pipeline.batch.records import Shard, ShardRecord
 
 # A shard whose worker dies so often is not started again, because its images are likely to be the cause.
 MAX_ATTEMPTS = 3
@@ -83,5 +83,4 @@ def _run(shard: Shard) -> ShardRecord:
 def lost(shard: Shard) -> ShardRecord:
     """Return the record of a shard whose workers died; it is not stored, so that a later run tries again."""
     reason = LOST.format(MAX_ATTEMPTS)
-    failed = tuple((item.inputs[0], reason) for item in shard.items)
-    return ShardRecord(shard.index, len(shard.items), failed, 0.0, 0.0)
+    return ShardRecord(shard.index, {}, {item.name: reason for item in shard.items})

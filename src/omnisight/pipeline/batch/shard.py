@@ -5,8 +5,8 @@ import os
 import threading
 import time
 
-from omnisight.pipeline.batch.manifest import Shard, ShardRecord
-from omnisight.pipeline.batch.storage import read_file, write_file
+from omnisight.pipeline.batch.records import Shard, ShardRecord
+from omnisight.pipeline.batch.storage import read_file, remove_file, write_file
 from omnisight.pipeline.batch.task import Process, Task
 from omnisight.pipeline.peak_memory import peak_memory_bytes
 
@@ -16,10 +16,11 @@ _preparing = threading.Lock()
 
 
 def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord:
-    """Process the items of a shard, write their outputs, and then the record that it is finished.
+    """Process the items of a shard, write their outputs, and then the record of those that are finished.
 
-    A shard may be repeated: it writes the same bytes. Items that cannot be used are listed in the record; if one cannot
-    be read, because of the network or credentials, the record is not stored, so that the next run tries again.
+    A shard may be repeated: it writes the same bytes. Items that cannot be used are finished, and listed as failed;
+    those that cannot be read, because of the network or credentials, are not finished, so that the next run tries
+    again.
 
     Raises
     ------
@@ -28,23 +29,24 @@ def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord
     """
     start = time.perf_counter()
     process = _function(task)
-    failed, is_finished = list[tuple[str, str]](), True
+    finished, failed = dict[str, str](), dict[str, str]()
     for item in shard.items:
         try:
             written = process(item, [read_file(source, path) for path in item.inputs])
         except ValueError as error:
-            failed.append((item.inputs[0], str(error)))
-            continue
+            failed[item.name] = str(error)
+            for name in item.outputs:  # of an earlier version of its files
+                remove_file(output, name)
         except OSError as error:
-            failed.append((item.inputs[0], f"cannot be read: {error}"))
-            is_finished = False
+            failed[item.name] = f"cannot be read: {error}"
             continue
-        for name, data in zip(item.outputs, written, strict=True):
-            write_file(output, name, data)
+        else:
+            for name, data in zip(item.outputs, written, strict=True):
+                write_file(output, name, data)
+        finished[item.name] = item.version
     seconds = time.perf_counter() - start
-    record = ShardRecord(shard.index, len(shard.items), tuple(failed), seconds, (peak_memory_bytes() or 0) / 1e6)
-    if is_finished:
-        record.write(output)
+    record = ShardRecord(shard.index, finished, failed, seconds, (peak_memory_bytes() or 0) / 1e6)
+    record.write(output)
     return record
 
 

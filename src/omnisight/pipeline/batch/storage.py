@@ -1,8 +1,9 @@
 """Files by URL through fsspec: local folders, object stores, archives."""
 
 import posixpath
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,15 @@ import fsspec
 from omnisight.images.collect import IMAGE_SUFFIXES, natural_sort_key
 from omnisight.images.write import write_bytes
 
+# Subfolders of an output: what is stored of a run, and the records of its shards.
+FOLDER = ".omnisight"
+RECORDS_FOLDER = f"{FOLDER}/shards"
+
 ACCESS_ADVICE = "check the name, and that the credentials of this machine and of the workers allow it"
+
+# How file systems name the hash of a file, or else the time of its last change: S3; Google and Azure; zip; local;
+# memory.
+VERSION_KEYS = ("ETag", "etag", "CRC", "mtime", "created")
 
 # Files that are read at the same time, of an object store that takes 20 ms for each, and in a row.
 READ_THREADS, READ_COUNT = 16, 1000
@@ -29,8 +38,8 @@ def _filesystem(url: str) -> tuple[Any, str]:
         raise ValueError(f"{url}: cannot be opened: {error}") from None
 
 
-def list_images(url: str, output: str) -> list[str]:
-    """Return the paths of the images of a folder with its sub-folders, or of a pattern, in natural order.
+def list_images(url: str, output: str) -> dict[str, str]:
+    """Return the images of a folder with its sub-folders, or of a pattern: their paths, in natural order, and versions.
 
     Raises
     ------
@@ -42,18 +51,30 @@ def list_images(url: str, output: str) -> list[str]:
     files, path = _filesystem(url)
     try:
         if "*" in path or "?" in path:
-            found = files.glob(path)
+            found = files.glob(path, detail=True)
         elif files.isdir(path):
-            found = files.find(path)
+            found = files.find(path, detail=True)
         else:
-            found = [path] if files.isfile(path) else []
+            found = {path: files.info(path)} if files.isfile(path) else {}
     except OSError as error:
         raise ValueError(f"{url}: cannot be listed: {error}; {ACCESS_ADVICE}") from None
-    visible = [str(name) for name in found if not posixpath.basename(str(name)).startswith(".")]
+    visible = [name for name in found if not posixpath.basename(name).startswith(".")]
     names = sorted((name for name in visible if name.lower().endswith(IMAGE_SUFFIXES)), key=natural_sort_key)
     if not names:
         raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(IMAGE_SUFFIXES)}")
-    return names
+    return {name: _version(found[name]) for name in names}
+
+
+def file_versions(url: str, paths: Sequence[str]) -> dict[str, str]:
+    """Return the versions of files in the file system of a URL; those that cannot be read have none."""
+    files = _filesystem(url)[0]
+    return {path: _version(files.info(path)) if files.exists(path) else "" for path in paths}
+
+
+def _version(info: Mapping[str, Any]) -> str:
+    """Return what differs between versions of a file: its size, and its hash or else the time of its last change."""
+    mark = next((info[key] for key in VERSION_KEYS if info.get(key)), "")
+    return f"{info['size']} {mark}".replace('"', "")
 
 
 def is_below(url: str, folder: str) -> bool:
@@ -91,6 +112,12 @@ def _put(files: Any, url: str, path: str, data: bytes) -> None:
         raise
     except OSError as error:
         raise type(error)(f"{url}: {path} cannot be written: {error}; {ACCESS_ADVICE}") from None
+
+
+def remove_file(url: str, name: str) -> None:
+    """Delete a file below a folder if it exists."""
+    with suppress(FileNotFoundError):
+        _filesystem(url)[0].rm_file(path_below(url, name))
 
 
 def read_below(url: str, name: str) -> bytes | None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import asdict, dataclass, field, is_dataclass
 from typing import Any, Protocol
 
 import omnisight
@@ -20,11 +20,19 @@ class Item:
         Names of the files that are written, below the output folder.
     group
         Which of several cameras or plans of a task applies.
+    version
+        Differs if an input has changed; not part of the identity of an item.
     """
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     group: int = 0
+    version: str = field(default="", compare=False)
+
+    @property
+    def name(self) -> str:
+        """The first input, which no other item of a batch has."""
+        return self.inputs[0]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,0 +1,89 @@
+"""Images of a set that show a board at the same place as an earlier one."""
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from omnisight.targets.detections import Detection
+
+# Movement, px, below which two images are copies of one.
+MAX_COPY_MOVEMENT_PX = 0.5
+# Movement over the image's diagonal below which the second image adds next to nothing.
+MAX_DUPLICATE_MOVEMENT = 0.005
+# Part of the points of either board that both must show to be compared.
+MIN_COMMON_SHARE = 0.8
+# Points that two images must have in the same place before all are compared: fewer are so by chance in many pairs.
+MIN_COMMON_POINTS = 3
+NEIGHBOURS = [(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1)]
+
+# The number of boards of an image, a point of the first board, and the square of the image in which it lies.
+_Place = tuple[int, int, int, int]
+
+
+def find_duplicates(images: Sequence[Sequence[Detection]], size: tuple[int, int]) -> dict[int, tuple[int, float]]:
+    """Find the images that repeat an earlier one.
+
+    Only images with points in the same squares are compared, so that the time grows linearly with their number.
+
+    Parameters
+    ----------
+    images : sequence of sequence of Detection
+        The boards in each.
+    size : (int, int)
+        Width and height of all, px.
+
+    Returns
+    -------
+    dict
+        For a repeating image: which earlier one, that itself repeats none, and the largest movement of a point, px.
+    """
+    limit = max(MAX_DUPLICATE_MOVEMENT * float(np.hypot(*size)), MAX_COPY_MOVEMENT_PX)
+    duplicates: dict[int, tuple[int, float]] = {}
+    distinct = defaultdict[_Place, list[int]](list)
+    for i, boards in enumerate(images):
+        places = _places(boards, limit)
+        others = _candidates(places, distinct)
+        moved = min(((_max_movement(boards, images[j]), j) for j in others), default=(np.inf, -1))
+        if moved[0] < limit:
+            duplicates[i] = (moved[1], moved[0])
+            continue
+        for place in places:
+            distinct[place].append(i)
+    return duplicates
+
+
+def _places(boards: Sequence[Detection], side: float) -> list[_Place]:
+    """Return the places of the points of the first board, in squares with sides of this length, px."""
+    if not boards:
+        return []
+    squares = np.floor(boards[0].pixels / side).astype(int).tolist()
+    return [(len(boards), point, *square) for point, square in zip(boards[0].ids.tolist(), squares, strict=True)]
+
+
+def _candidates(places: list[_Place], distinct: defaultdict[_Place, list[int]]) -> list[int]:
+    """Return all earlier images that can be repeated: points that moved less than a side are in neighbouring squares.
+
+    An image that lacks as many points as allowed still shares some of those that are looked up, which are spread
+    over the board.
+    """
+    lacking = len(places) - math.ceil(MIN_COMMON_SHARE * len(places))
+    count = min(len(places), lacking + MIN_COMMON_POINTS)
+    common = Counter[int]()
+    for k in range(count):
+        boards, point, column, row = places[k * len(places) // count]
+        for right, down in NEIGHBOURS:
+            common.update(distinct.get((boards, point, column + right, row + down), ()))
+    return [j for j, points in common.items() if points >= count - lacking]
+
+
+def _max_movement(boards: Sequence[Detection], others: Sequence[Detection]) -> float:
+    """Return the largest movement of a point, px; inf if the boards show different points."""
+    farthest = 0.0
+    for board, other in zip(boards, others, strict=True):
+        _, here, there = np.intersect1d(board.ids, other.ids, assume_unique=True, return_indices=True)
+        if len(here) < MIN_COMMON_SHARE * max(len(board), len(other), 1):
+            return np.inf
+        farthest = max(farthest, float(np.linalg.norm(board.pixels[here] - other.pixels[there], axis=1).max(initial=0)))
+    return farthest
