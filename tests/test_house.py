@@ -1,5 +1,6 @@
 """The package as a whole: its exports, its imports, its project files, and the code in its documentation."""
 
+import ast
 import graphlib
 import importlib.metadata
 import inspect
@@ -69,6 +70,20 @@ def test_no_file_has_more_than_350_lines(folder):
     lines = {path: path.read_text(encoding="utf-8").count("\n") for path in (ROOT / folder).rglob("*.py")}
     assert lines
     assert not {str(path.relative_to(ROOT)): count for path, count in lines.items() if count > 350}
+
+
+def test_no_function_has_more_than_6_positional_parameters():
+    """Commands have a parameter for each option; compiled loops take arrays instead of objects."""
+    counts = {}
+    for path in (ROOT / "src" / "omnisight").rglob("*.py"):
+        if path.parent.name == "cli" or path.name.startswith("_"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef):
+                names = [argument.arg for argument in node.args.posonlyargs + node.args.args]
+                counts[f"{path.name}: {node.name}"] = len([name for name in names if name not in ("self", "cls")])
+    assert len(counts) > 1000
+    assert not {name: count for name, count in counts.items() if count > 6}
 
 
 @pytest.fixture(scope="module")

@@ -55,6 +55,7 @@ from omnisight.pipeline.convert_rig import convert_rig as convert_rig
 from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect
+from omnisight.pipeline.detect_batch import detect_batch as detect_batch
 from omnisight.pipeline.doctor import Diagnosis as Diagnosis
 from omnisight.pipeline.doctor import doctor as doctor
 from omnisight.pipeline.doctor_options import DoctorOptions as DoctorOptions
@@ -62,6 +63,7 @@ from omnisight.pipeline.epipolar import EpipolarResult as EpipolarResult
 from omnisight.pipeline.epipolar import epipolar as epipolar
 from omnisight.pipeline.evaluate import evaluate as evaluate
 from omnisight.pipeline.export import export as export
+from omnisight.pipeline.export_batch import export_batch as export_batch
 from omnisight.pipeline.export_map import MapExport as MapExport
 from omnisight.pipeline.export_map import export_map as export_map
 from omnisight.pipeline.inspect import inspect as inspect
@@ -89,6 +91,7 @@ from omnisight.pipeline.stereo import StereoResult as StereoResult
 from omnisight.pipeline.stereo import stereo as stereo
 from omnisight.pipeline.stitch import StitchResult as StitchResult
 from omnisight.pipeline.stitch import stitch as stitch
+from omnisight.pipeline.stitch_batch import stitch_batch as stitch_batch
 from omnisight.pipeline.stitch_options import StitchOptions as StitchOptions
 from omnisight.pipeline.view import view as view
 from omnisight.pipeline.view_batch import view_batch as view_batch

@@ -248,7 +248,7 @@ def assess(
             observations,
             outliers,
             inliers,
-            baseline,
+            baseline=baseline,
             loss=options.loss,
         )
     else:

@@ -106,7 +106,16 @@ def assess_central(
         return replace(camera, model=model, covariance=covariance)
 
     report = _assess(
-        best, camera, best.state, observations, outliers, baseline, noncentrality, as_camera, loss=loss, is_auto=is_auto
+        best,
+        camera,
+        best.state,
+        observations,
+        outliers,
+        as_camera,
+        baseline=baseline,
+        noncentrality=noncentrality,
+        loss=loss,
+        is_auto=is_auto,
     )
     return camera, report
 
@@ -118,8 +127,8 @@ def assess_noncentral(
     observations: Observations,
     outliers: Bools,
     inliers: Bools,
-    baseline: SplineBaseline | None,
     *,
+    baseline: SplineBaseline | None,
     loss: Loss,
 ) -> tuple[RayCamera, QualityReport]:
     """Return a non-central camera with its covariance, and the quality report of its central limit.
@@ -136,7 +145,7 @@ def assess_noncentral(
         return central_limit(replace(camera, model=model, covariance=covariance))
 
     limit = central_limit(camera)
-    report = _assess(best, limit, state, observations, outliers, None, None, as_camera, loss=loss, is_auto=True)
+    report = _assess(best, limit, state, observations, outliers, as_camera, loss=loss, is_auto=True)
     return camera, replace(report, noncentrality=noncentrality)
 
 
@@ -146,10 +155,10 @@ def _assess(
     state: State,
     observations: Observations,
     outliers: Bools,
-    baseline: SplineBaseline | None,
-    noncentrality: NonCentralityTest | None,
     as_camera: Callable[[Projector, Array], Camera],
     *,
+    baseline: SplineBaseline | None = None,
+    noncentrality: NonCentralityTest | None = None,
     loss: Loss,
     is_auto: bool,
 ) -> QualityReport:

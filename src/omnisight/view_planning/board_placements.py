@@ -77,7 +77,7 @@ class BoardPlacements:
         stride = -(-board.size // MAX_EVALUATED_CORNERS)
         corners = np.arange(stride // 2, board.size, stride)
         batches = [
-            cls._evaluate(prior, board, field, corners, rotations[rows], translations[rows], tilt[rows])
+            cls._evaluate(prior, board, field, corners, (rotations[rows], translations[rows]), tilt[rows])
             for rows in np.array_split(np.arange(len(tilt)), -(-len(tilt) // BATCH_SIZE))
         ]
         placements = cls(*(np.concatenate([getattr(batch, f.name) for batch in batches]) for f in fields(cls)))
@@ -90,8 +90,8 @@ class BoardPlacements:
         """Evaluate one placement cam_from_board with all corners of the board."""
         centre = rotation @ board.points.mean(0) + translation
         tilt = np.arccos(np.clip(rotation[:, 2] @ centre / np.linalg.norm(centre), -1, 1))
-        pose = rotation[None], translation[None], np.array([tilt])
-        return cls._evaluate(prior, board, field, np.arange(board.size), *pose)
+        poses = rotation[None], translation[None]
+        return cls._evaluate(prior, board, field, np.arange(board.size), poses, np.array([tilt]))
 
     def subset(self, which: NDArray[np.bool_]) -> Self:
         """Return the placements selected by a mask (K,)."""
@@ -104,19 +104,21 @@ class BoardPlacements:
         board: Board,
         field: ImageField | None,
         corners: NDArray[np.intp],
-        rotations: Array,
-        translations: Array,
+        poses: tuple[Array, Array],
         tilt: Array,
     ) -> Self:
         """Compute detectability and information of placements from some of the corners."""
-        count, points = len(rotations), board.points[corners]
+        (rotations, translations), points = poses, board.points[corners]
+        count = len(rotations)
         warp_basis = replace(prior.observations, points=points).warp_basis
         warped = points + (warp_basis @ prior.state.warp)[:, None] * (0.0, 0.0, 1.0)
         rotated = warped @ np.swapaxes(rotations, 1, 2)
         in_camera = (rotated + translations[:, None]).reshape(-1, 3)
         pixels, valid, d_point, d_params = prior.camera.model.project_with_jacobians(in_camera)
         axes = np.repeat(rotations, len(points), 0)
-        detected = valid & _is_detectable(prior, board, field, in_camera, pixels, d_point, axes)
+        cosine = np.einsum("ni,ni->n", axes[:, :, 2], in_camera) / np.linalg.norm(in_camera, axis=1)
+        sides = d_point @ axes[:, :, :2] * point_spacing(board)
+        detected = valid & _is_detectable(prior, field, pixels, cosine, sides)
         d_point = np.where(detected[:, None, None], d_point, 0.0)
         d_params = np.where(detected[:, None, None], d_params, 0.0)
         # Pose increments as in the bundle adjustment: x_c = exp(w) R x + t + v.
@@ -144,24 +146,27 @@ def point_spacing(board: Board) -> float:
 
 
 def _is_detectable(
-    prior: InformationPrior,
-    board: Board,
-    field: ImageField | None,
-    in_camera: Array,
-    pixels: Array,
-    d_point: Array,
-    axes: Array,
+    prior: InformationPrior, field: ImageField | None, pixels: Array, cosine: Array, sides: Array
 ) -> NDArray[np.bool_]:
-    """Return which corners (N,) a detector would find."""
+    """Return which corners (N,) a detector would find.
+
+    Parameters
+    ----------
+    pixels
+        (N, 2) in the image.
+    cosine
+        (N,) of the angle between the normal of the board and the line of sight.
+    sides
+        (N, 2, 2) the sides of a square in the image, px: columns.
+    """
     low, high = BORDER_MARGIN_PX - 0.5, np.array(prior.camera.size) - 0.5 - BORDER_MARGIN_PX
     is_inside = ((pixels >= low) & (pixels <= high)).all(1)
     if field is not None:
         is_inside &= field.contains(pixels, BORDER_MARGIN_PX)
-    cosine = np.einsum("ni,ni->n", axes[:, :, 2], in_camera)
-    is_facing = cosine >= np.cos(MAX_OBLIQUITY_RAD) * np.linalg.norm(in_camera, axis=1)
+    is_facing = cosine >= np.cos(MAX_OBLIQUITY_RAD)
     # The shorter side of a square in the image is about its area divided by its longer side.
-    side_x, side_y = np.moveaxis(d_point @ axes[:, :, :2] * point_spacing(board), 2, 0)
+    side_x, side_y = np.moveaxis(sides, 2, 0)
     area = np.abs(side_x[:, 0] * side_y[:, 1] - side_x[:, 1] * side_y[:, 0])
     longer = np.maximum(np.linalg.norm(side_x, axis=1), np.linalg.norm(side_y, axis=1))
     with np.errstate(invalid="ignore"):
-        return is_inside & is_facing & (area >= MIN_SQUARE_PX * longer) & np.isfinite(d_point).all((1, 2))
+        return is_inside & is_facing & (area >= MIN_SQUARE_PX * longer) & np.isfinite(sides).all((1, 2))
