@@ -4,11 +4,12 @@
 # pyright: basic
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnisight.compiled import njit_driver, njit_helper
+from omnisight.compiled import STREAMLINED, njit_driver, njit_helper
 from omnisight.targets.subpixel._corner_model import (
     AMPLITUDE,
     ANGLE_0,
@@ -59,12 +60,28 @@ class Workspace(NamedTuple):
     step: Any
     theta: Any
     trial: Any
+    row: Any
+    solved: Any
     pulls: Any
     shares: Any
 
 
-@njit_driver
-def fit_corners(gray, pixels, steps, bends, shares, usable, limits, fits):
+def new_window() -> Window:
+    """Return the memory of a window."""
+    return Window(*np.empty((3, MAX_SIDE_PX**2)))
+
+
+def new_workspace() -> Workspace:
+    """Return the memory that all corners share."""
+    n, blocks = NUM_PARAMETERS, BLOCKS * BLOCKS
+    matrix, vector = partial(np.empty, (n, n)), partial(np.empty, n)
+    work = Workspace(*(matrix() if k in (0, 2, 4) else vector() for k in range(len(Workspace._fields))))
+    return work._replace(pulls=np.empty((blocks, 2)), shares=np.empty((blocks, 2, n)))
+
+
+# Memory and arrays come from Python: their allocation takes numba 1 s to compile, and reference counts take another.
+@partial(njit_driver, **STREAMLINED)
+def fit_corners(gray, pixels, steps, bends, shares, usable, limits, window, work, fits, power):
     """Fit the usable corners.
 
     Parameters
@@ -85,32 +102,16 @@ def fit_corners(gray, pixels, steps, bends, shares, usable, limits, fits):
         The step, px and rad, that ends a fit; whether the fit is only a test, without noise statistics; the largest
         number of iterations; the smallest variance of a window; the smallest and largest blur, px; the variance of
         rounding; the width, px, of the image's border in which nothing is measured.
+    window, work
+        Memory: `new_window`, `new_workspace`.
     fits
         The arrays of `PointFits`, to be filled.
-
-    Returns
-    -------
-    (2,) observed and expected power of the noise, as `_add_block_noise` adds them up.
+    power
+        (2,) observed and expected power of the noise, to which `_add_block_noise` adds.
     """
-    n = NUM_PARAMETERS
-    window = Window(np.empty(MAX_SIDE_PX**2), np.empty(MAX_SIDE_PX**2), np.empty(MAX_SIDE_PX**2))
-    work = Workspace(
-        np.empty((n, n)),
-        np.empty(n),
-        np.empty((n, n)),
-        np.empty(n),
-        np.empty((n, n)),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        np.empty((BLOCKS * BLOCKS, 2)),
-        np.empty((BLOCKS * BLOCKS, 2, n)),
-    )
-    power = np.zeros(2)
     for k in range(len(pixels)):
         if usable[k]:
             _fit_corner(k, gray, pixels[k], steps[k], bends[k], shares[k], limits, window, work, fits, power)
-    return power
 
 
 @njit_helper
@@ -156,15 +157,14 @@ def _gauss_newton(bend, window, count, variation, limits, work):
     tolerance, _, max_iterations, _, min_blur, max_blur, _, _ = limits
     theta, trial, step = work.theta, work.trial, work.step
     cost, damping = np.inf, 1e-3
-    trial[:] = theta
+    for i in range(NUM_PARAMETERS):
+        trial[i] = theta[i]
     for iteration in range(max_iterations):
-        trial_cost = _linearize(trial, bend, window, count, work.trial_normal, work.trial_gradient)
+        trial_cost = _linearize(trial, bend, window, count, work)
         accepted = trial_cost <= cost
         if accepted:
             cost = trial_cost
-            theta[:] = trial
-            work.normal[:] = work.trial_normal
-            work.gradient[:] = work.trial_gradient
+            _accept(work)
         damping *= 0.1 if accepted else 20.0
         if iteration == EARLY_CHECK and cost > EARLY_EXPLAINED * variation:
             return np.inf
@@ -175,9 +175,20 @@ def _gauss_newton(bend, window, count, variation, limits, work):
             trial[i] = theta[i] + scale * step[i]
         trial[LOG_BLUR] = min(max(trial[LOG_BLUR], math.log(min_blur)), math.log(max_blur))
         if accepted and scale == 1.0 and _is_short(step, tolerance):
-            theta[:] = trial  # so short a step needs no evaluation
+            for i in range(NUM_PARAMETERS):
+                theta[i] = trial[i]  # so short a step needs no evaluation
             break
     return cost
+
+
+@njit_helper
+def _accept(work):
+    """Copy the trial, in loops: an assignment of arrays takes numba seconds to compile."""
+    for i in range(NUM_PARAMETERS):
+        work.theta[i] = work.trial[i]
+        work.gradient[i] = work.trial_gradient[i]
+        for j in range(NUM_PARAMETERS):
+            work.normal[i, j] = work.trial_normal[i, j]
 
 
 @njit_helper
@@ -247,11 +258,11 @@ def _collect(gray, u0, v0, u, v, steps, share, window):
 
 
 @njit_helper
-def _linearize(theta, bend, window, count, normal, gradient):
-    """Set the normal matrix J^T J and the gradient J^T r; return the sum of squared residuals r."""
+def _linearize(theta, bend, window, count, work):
+    """Set the normal matrix J^T J and the gradient J^T r of the trial; return the sum of squared residuals r."""
+    normal, gradient, row = work.trial_normal, work.trial_gradient, work.row
     normal[:] = 0.0
     gradient[:] = 0.0
-    row = np.empty(NUM_PARAMETERS)
     edges = edge_geometry(theta)
     cost = 0.0
     for i in range(count):
@@ -309,10 +320,9 @@ def _add_block_noise(bend, window, count, noise, work, power):
     block, the pull is J_B^T r_B. If noise is independent between pixels, the expectation of its square is
     noise (J_B^T J_B - J_B^T J (J^T J)^-1 J^T J_B): the fit has taken its share.
     """
-    theta, pulls, shares = work.theta, work.pulls, work.shares
+    theta, pulls, shares, row, solved = work.theta, work.pulls, work.shares, work.row, work.solved
     pulls[:] = 0.0
     shares[:] = 0.0
-    row, solved = np.empty(NUM_PARAMETERS), np.empty(NUM_PARAMETERS)
     edges = edge_geometry(theta)
     for n in range(count):
         model = evaluate(window.x[n] - theta[U], window.y[n] - theta[V], theta, edges, bend, row)

@@ -70,6 +70,7 @@ def fit_corners(gray: NDArray[Any], pixels: Array, steps: Array, bends: Array, *
     limits = (TOLERANCE[rough], rough, MAX_ITERATIONS, MIN_AMPLITUDE**2, *BLUR_RANGE_PX, ROUNDING_VARIANCE, BORDER_PX)
     # Another memory layout would be compiled for anew.
     arrays = (np.array(a, np.float64, order="C") for a in (pixels, steps, curvatures, shares))
-    observed, expected = _corner_kernel.fit_corners(contiguous_gray(gray), *arrays, usable, limits, tuple(fits))
+    memory, power = (_corner_kernel.new_window(), _corner_kernel.new_workspace()), np.zeros(2)
+    _corner_kernel.fit_corners(contiguous_gray(gray), *arrays, usable, limits, *memory, tuple(fits), power)
     # Blur, demosaicking and JPEG correlate the noise of neighbouring pixels, which then averages out less.
-    return fits.with_noise_inflation(observed / max(expected, 1e-9), MODEL_ERROR_PX)
+    return fits.with_noise_inflation(power[0] / max(power[1], 1e-9), MODEL_ERROR_PX)
