@@ -4,11 +4,12 @@
 # pyright: basic
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnisight.compiled import njit_driver, njit_helper
+from omnisight.compiled import STREAMLINED, njit_driver, njit_helper
 
 # Neighbours on a checkerboard are negatives of each other: the correlation of their rings is below this.
 MAX_RING_CORRELATION = -0.3
@@ -39,6 +40,8 @@ class Points(NamedTuple):
     edges: Any
     amplitude: Any
     cells: Any
+    best: Any
+    min_distance: Any
 
 
 class Buckets(NamedTuple):
@@ -51,17 +54,31 @@ class Buckets(NamedTuple):
     side: Any
 
 
-@njit_driver
-def grow(smooth, pixels, rings, edges, amplitude, buckets, min_corners):
+def grow(saddles, buckets, min_corners):
     """Return the number of lattices and, per saddle point, its lattice (-1: none), row and column (N, 3)."""
-    count = len(pixels)
-    cells = np.full((count, 3), -1, np.int64)
-    points = Points(smooth, pixels, rings.astype(np.float32), edges, amplitude, cells)
-    grid = Buckets(*buckets)
+    cells = np.full((len(saddles.pixels), 3), -1, np.int64)
+    points = Points(
+        saddles.smooth,
+        saddles.pixels,
+        saddles.rings.astype(np.float32),
+        saddles.edges,
+        saddles.amplitude,
+        cells,
+        np.empty(4, np.int64),
+        np.empty(4),
+    )
     table = np.full((2 * MAX_SPAN + 1, 2 * MAX_SPAN + 1), -1, np.int64)
     queue = np.empty((table.size, 2), np.int64)
-    isolated = np.zeros(count, np.bool_)
-    lattices = 0
+    count = _grow(points, buckets, table, queue, np.zeros(len(cells), np.bool_), min_corners)
+    return count, cells
+
+
+# Memory comes from Python: its allocation and reference counts take numba as long to compile as the rest.
+@partial(njit_driver, **STREAMLINED)
+def _grow(points, grid, table, queue, isolated, min_corners):
+    """Fill the cells of the points, and return the number of lattices."""
+    pixels, cells, count = points.pixels, points.cells, len(points.pixels)
+    lattices = np.int64(0)
     # Seeds inside a board first: the first neighbours of another seed may belong to another board, or to none, and
     # would be taken away from it.
     for turn in range(2 * count):
@@ -82,7 +99,7 @@ def grow(smooth, pixels, rings, edges, amplitude, buckets, min_corners):
             else:
                 cells[member, 0] = -1
         lattices += accepted
-    return lattices, cells
+    return lattices
 
 
 @njit_helper
@@ -190,7 +207,8 @@ def _seed_cells(seed, points, buckets, lattice, table, queue):
     points.cells[seed, 0] = lattice
     table[MAX_SPAN, MAX_SPAN] = seed
     queue[0, 0] = queue[0, 1] = MAX_SPAN
-    best = _first_neighbours(seed, points, buckets)
+    _find_first_neighbours(seed, points, buckets)
+    best = points.best
     size = 1
     for side in range(4):
         if best[side] >= 0 and points.cells[best[side], 0] < 0:
@@ -204,12 +222,12 @@ def _seed_cells(seed, points, buckets, lattice, table, queue):
 
 
 @njit_helper
-def _first_neighbours(seed, points, buckets):
-    """Return the nearest possible neighbour of a seed in each of the four directions of its edges; -1 for none."""
-    pixels, edges = points.pixels, points.edges
+def _find_first_neighbours(seed, points, buckets):
+    """Set `best` to the nearest possible neighbours of a seed in the four directions of its edges; -1 for none."""
+    pixels, edges, best, min_distance = points.pixels, points.edges, points.best, points.min_distance
     u, v = pixels[seed, 0], pixels[seed, 1]
-    best = np.full(4, -1, np.int64)
-    min_distance = np.full(4, MAX_STEP_PX)
+    for side in range(4):
+        best[side], min_distance[side] = -1, MAX_STEP_PX
     left, right = _bucket_range(u, MAX_STEP_PX, buckets, buckets.columns)
     top, bottom = _bucket_range(v, MAX_STEP_PX, buckets, buckets.rows)
     for y in range(top, bottom):
@@ -229,7 +247,6 @@ def _first_neighbours(seed, points, buckets):
                         continue
                     if _may_be_neighbours(seed, other, points):
                         best[side], min_distance[side] = other, distance
-    return best
 
 
 @njit_helper

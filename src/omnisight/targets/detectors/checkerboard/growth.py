@@ -27,10 +27,8 @@ def grow_lattices(saddles: Saddles, min_corners: int) -> list[Lattice]:
     bucket = place[:, 1] * columns + place[:, 0]
     items = np.argsort(bucket, kind="stable")
     starts = np.searchsorted(bucket[items], np.arange(columns * rows + 1))
-    buckets = (items, starts, columns, rows, BUCKET_PX)
-    count, cells = _growth_kernel.grow(
-        saddles.smooth, pixels, saddles.rings, saddles.edges, saddles.amplitude, buckets, min_corners
-    )
+    buckets = _growth_kernel.Buckets(items, starts, columns, rows, BUCKET_PX)
+    count, cells = _growth_kernel.grow(saddles, buckets, min_corners)
     members = [np.flatnonzero(cells[:, 0] == lattice) for lattice in range(count)]
     return [_as_lattice(pixels[m], cells[m, 1:]) for m in sorted(members, key=len, reverse=True)]
 
