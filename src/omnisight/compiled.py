@@ -7,6 +7,7 @@ numba's configuration (`NUMBA_CACHE_DIR`) is neither read nor changed.
 
 import contextlib
 import hashlib
+import importlib
 import os
 import sys
 from collections.abc import Callable
@@ -15,11 +16,27 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numba.np.linalg
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.caching import _CacheLocator as CacheLocator  # pyright: ignore[reportPrivateUsage]
 
 from omnisight.cache import cache_folder
 
+
+def _import_without_scipy() -> None:
+    """Import the part of numba that imports scipy.linalg only to check that it exists, which takes 0.15 s.
+
+    A compiled function that uses BLAS imports it then.
+    """
+    ensure_blas = numba.np.linalg.ensure_blas
+    numba.np.linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        numba.np.linalg.ensure_blas = ensure_blas
+
+
+_import_without_scipy()
 # Divisions by zero return inf, as in numpy.
 NJIT_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 

@@ -2,17 +2,19 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omnisight.cli._output import write_json
 from omnisight.pipeline.view import ViewResult
-from omnisight.pipeline.view_clip import ClipViews
+
+if TYPE_CHECKING:
+    from omnisight.pipeline.view_clip import ClipViews
 
 # Warn if more than this share of the view is outside the calibrated field of view.
 MAX_EXTRAPOLATED_FRACTION = 0.005
 
 
-def print_json(results: Sequence[ViewResult], written: ClipViews | None) -> None:
+def print_json(results: Sequence[ViewResult], written: "ClipViews | None") -> None:
     """Print the views as one JSON object."""
     data: dict[str, Any] = {"views": [_view_json(result) for result in results]}
     if written is not None:
@@ -23,7 +25,7 @@ def print_json(results: Sequence[ViewResult], written: ClipViews | None) -> None
 
 
 def print_report(
-    results: Sequence[ViewResult], outputs: Sequence[str], written: ClipViews | None, *, is_up_given: bool
+    results: Sequence[ViewResult], outputs: Sequence[str], written: "ClipViews | None", *, is_up_given: bool
 ) -> None:
     """Print the coverage, the magnification, warnings, and the file or folder written for each view."""
     for result, output in zip(results, outputs, strict=True):

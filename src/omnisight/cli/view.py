@@ -104,7 +104,6 @@ def view(
     from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.view import skipped_message
     from omnisight.pipeline.view import view as view_images
-    from omnisight.pipeline.view_clip import view_clip
     from omnisight.pipeline.view_motion import ViewMotion
 
     common = shared.values | {
@@ -137,6 +136,8 @@ def view(
         raise ValueError("--path, --pan and --stabilize apply to a clip")
     with progress() as report:
         if clips:
+            from omnisight.pipeline.view_clip import view_clip
+
             files = [(Path(file), options) for file, options in views]
             done = view_clip(clips[0], camera, files, motion=motion, video=video, progress=report)
             results, written = done.views, done

@@ -73,7 +73,8 @@ def _listed(cameras: Mapping[str, Camera | RayCamera]) -> str:
 def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
     """Read all cameras of a calibration file of any format, by name."""
     text = read_file(Path(path))
-    for name in format_names():
+    # The native format first: the import of those that precede it takes 0.04 s.
+    for name in sorted(format_names(), key=lambda name: name != "native"):
         candidate = get_format(name)
         if not candidate.matches(text):
             continue
