@@ -87,7 +87,7 @@ def detect_in_set(files: BoardImages, board: Board | None, square: float | None)
         images = images if files.apply_exif else _with_orientation_remark(images, results)
         images, note = with_duplicate_remarks(images, size)
         notes += note
-    if board is not None:
+    if board is not None and not isinstance(board, Checkerboard):
         notes += mirrored_markers_note(images, board)
     if isinstance(board, Checkerboard) and board.columns < board.rows and any(image.boards for image in images):
         notes.append(

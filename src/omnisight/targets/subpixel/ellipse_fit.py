@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from omnisight.targets.subpixel.corner_fit import MAX_HALF_SIDE_PX
 from omnisight.targets.subpixel.point_fits import (
@@ -175,6 +174,8 @@ def _blurred_ellipse(theta: Array, offsets: Array) -> tuple[Array, Array]:
     A blurred straight edge is the normal distribution function; the curvature of an ellipse's edge is the same on
     opposite sides, so it does not move the centre.
     """
+    from scipy.special import ndtr  # imported on use: scipy is slow to import
+
     whitening = np.array([[theta[XX], theta[XY]], [theta[XY], theta[YY]]])
     shifted = offsets - theta[:2]
     radius, distance, slope, white = _edge_distance(whitening, shifted)

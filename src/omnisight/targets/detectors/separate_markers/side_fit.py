@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from omnisight.targets.subpixel.interpolation import bilinear
 from omnisight.targets.subpixel.point_fits import BLUR_RANGE_PX, MAX_ITERATIONS, MIN_AMPLITUDE, ROUNDING_VARIANCE
@@ -187,6 +186,8 @@ def _gauss_newton(strips: _Strips) -> tuple[Array, _Model]:
 
 def _evaluate(strips: _Strips, theta: Array) -> _Model:
     """Solve for the levels, which are linear, at given edges and blurs (variable projection)."""
+    from scipy.special import ndtr  # imported on use: scipy is slow to import
+
     count, num_s, num_x = strips.values.shape
     s = np.broadcast_to(strips.s[:, None], strips.values.shape)
     edge = theta[:, :1] + theta[:, 1:2] * strips.s + theta[:, 2:3] * strips.s**2
@@ -216,6 +217,8 @@ def _shares(strips: _Strips, blur: Array) -> tuple[Array, Array]:
 
     The border ends at the corners, where blur rounds it.
     """
+    from scipy.special import ndtr  # imported on use: scipy is slow to import
+
     cells = strips.inner.shape[1]
     limits = np.arange(cells + 1) / cells - 0.5
     t = (limits - strips.s[:, None]) * (strips.length[:, None] / blur)[:, :, None]
