@@ -31,6 +31,7 @@ The following run one at a time and take options, for example `python -m benchma
     verdict      agreement of the verdict with the true error. 10 minutes
     model_choice stated uncertainty against the true error when boards are hardly tilted. 1 hour, --seeds 3 6 minutes
     paper_boards sheets that bend differently in each image. 10 minutes, --seeds 2 2 minutes
+    summary      the table of the README, from the tables of results in docs/. 1 second
     convergence  share of calibrations that reach the optimum. 1 hour, with --quick 5 minutes
 
 `python -m benchmarks.lines` evaluates the calibration from lines. The environment is described in CONTRIBUTING.md.
@@ -71,6 +72,7 @@ EVALUATIONS = (
     "model_choice",
     "paper_boards",
     "convergence",
+    "summary",
 )
 NEED_OMNIDIR = ("points", "views", "calibration", "solvers", "rigs")
 

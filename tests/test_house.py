@@ -118,6 +118,13 @@ def test_the_code_of_the_readme_makes_a_panorama(demo, monkeypatch):
     assert panorama.std() > 20
 
 
+def test_the_table_of_the_readme_has_the_results_of_the_pages():
+    from benchmarks.summary import summary
+
+    assert len(summary().splitlines()) > 10
+    assert summary() in (ROOT / "README.md").read_text(encoding="utf-8"), "insert: python -m benchmarks summary"
+
+
 def test_the_links_of_the_readme_are_absolute():
     links = re.findall(r"\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
     assert links

@@ -43,7 +43,6 @@ def detect(
     from functools import partial
 
     from omnisight.cli._detect_report import print_report, print_table
-    from omnisight.corners.native import to_dict
     from omnisight.images import collect_images
     from omnisight.images.output_paths import drawing_paths
     from omnisight.pipeline.detect import detect as run
@@ -58,6 +57,8 @@ def detect(
             notes = [f"  {image.note}" for image in detections.images[:5]]
             raise ValueError("\n".join(["none of the images can be read:", *notes]))
         if is_json():
+            from omnisight.corners.native import to_dict  # the package imports all readers of cameras and corners
+
             write_json(to_dict(detections))
         else:
             print_table(detections)
