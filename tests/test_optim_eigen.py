@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from omnisight.optim._eigen_kernel import symmetric_eigen
+from omnisight.optim._eigen_kernel import solve_least_norm, symmetric_eigen
 
 
 def eigen(matrix):
@@ -23,6 +23,15 @@ def test_the_eigenvalues_are_those_of_lapack(size):
         np.testing.assert_allclose(values, np.linalg.eigvalsh(matrix), rtol=0, atol=1e-13 * largest)
         np.testing.assert_allclose(vectors @ vectors.T, np.eye(size), rtol=0, atol=1e-13)
         np.testing.assert_allclose(vectors.T * values @ vectors, matrix, rtol=0, atol=1e-13 * largest)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 3, 5])
+def test_the_solution_of_least_norm_is_that_of_lapack(rank):
+    rng = np.random.default_rng(rank)
+    factor = rng.normal(size=(rank, 5))
+    matrix, right = factor.T @ factor, factor.T @ rng.normal(size=rank)
+    expected = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    np.testing.assert_allclose(solve_least_norm(matrix, right), expected, rtol=1e-9, atol=1e-12)
 
 
 def test_equal_eigenvalues_have_orthonormal_eigenvectors():

@@ -6,6 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
+from omnisight.optim._eigen_kernel import solve_least_norm
 from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
 
@@ -65,7 +66,7 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
         _fill_share(problem, model, probability, share)
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
-        step = -np.linalg.lstsq(information, gradient + prior @ offset)[0]
+        step = -solve_least_norm(information, gradient + prior @ offset)
         retract(problem, model, step)
         offset += step
         _linearize_all(problem, model, residuals, jacobians, squares)

@@ -74,7 +74,7 @@ def estimate(problem, threshold, confidence, max_iterations, seed):
             model, score = _locally_optimized(problem, models[k], count, threshold)
             if score >= best_score:
                 continue
-            best[:], best_score = model, score
+            best, best_score = model, score
             share = max(_inlier_share(problem, best, count, threshold), INITIAL_INLIER_SHARE)
             needed = min(max_iterations, max(MIN_ITERATIONS, samples_needed(share, sample_size, confidence)))
     return best, best_score, iteration
@@ -94,7 +94,10 @@ def optimize_samples(problem, threshold, seed, optimized, scores):
             if score < scores[m]:
                 best, scores[m] = k, score
         if np.isfinite(scores[m]):
-            optimized[m], scores[m] = _locally_optimized(problem, models[best], count, threshold)
+            model, scores[m] = _locally_optimized(problem, models[best], count, threshold)
+            for i in range(3):
+                for j in range(4):
+                    optimized[m, i, j] = model[i, j]
 
 
 @njit_helper
@@ -149,7 +152,7 @@ def _locally_optimized(problem, model, count, threshold):
         for i in range(used):
             error = squared_error(problem, model, i, i)
             weights[i] = (1.0 - error / width) ** 2 if error < width else 0.0
-        _refine(problem, model, weights[:used])
+        _refine(problem, model, weights, used)
     return model, _truncated_cost(problem, model, count, threshold)
 
 
@@ -162,12 +165,12 @@ def _truncated_cost(problem, model, count, threshold):
 
 
 @njit_helper
-def _refine(problem, model, weights):
+def _refine(problem, model, weights, count):
     """Take a Gauss-Newton step on the weighted residuals of the first observations, in place."""
     _, _, dimension, parameters = sizes(problem)
     residual, jacobian = np.empty(dimension), np.empty((dimension, parameters))
     gradient, information = np.zeros(parameters), np.zeros((parameters, parameters))
-    for i in range(len(weights)):
+    for i in range(count):
         if weights[i] > 0.0 and linearize(problem, model, i, residual, jacobian):
             add_observation(weights[i], residual, jacobian, gradient, information)
     retract(problem, model, solve_symmetric(information, -gradient))

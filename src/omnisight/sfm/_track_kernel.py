@@ -74,7 +74,8 @@ def _best_pair(image, origins, directions, axes, threshold, min_parallax, start,
                 score += min(_square(origins[k], directions[k], axes[k], point), threshold)
             if score < least:
                 least = score
-                best[:] = point
+                for c in range(3):
+                    best[c] = point[c]
 
 
 @njit_helper

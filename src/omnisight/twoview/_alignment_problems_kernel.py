@@ -14,11 +14,12 @@ from omnisight.compiled import njit_helper
 from omnisight.twoview._alignment_kernel import two_point_rotation
 from omnisight.twoview._homography_kernel import four_point_homography
 from omnisight.twoview._small_vectors_kernel import (
+    copy_elements,
     cross,
     dot,
     perpendiculars,
     quadratic_form,
-    rotate_and_translate,
+    rotate,
     times,
     transposed_times,
     whitened,
@@ -82,9 +83,7 @@ class RotationProblem(NamedTuple):
 
     @staticmethod
     def retract(problem, model, step):
-        move = np.zeros(6)
-        move[:3] = step
-        rotate_and_translate(model, move)
+        rotate(model, step)
 
 
 class HomographyProblem(NamedTuple):
@@ -119,7 +118,7 @@ class HomographyProblem(NamedTuple):
     def solve_minimal(problem, sample, models):
         homographies = np.empty((1, 3, 3))
         count = four_point_homography(problem.a[sample], problem.b[sample], homographies)
-        models[0, :, :3] = homographies[0]
+        copy_elements(models[0], homographies[0])
         models[0, :, 3] = 0.0
         return count
 

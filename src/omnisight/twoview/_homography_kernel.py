@@ -12,6 +12,7 @@ import numpy as np
 from omnisight.compiled import njit_helper
 from omnisight.optim._eigen_kernel import symmetric_eigen
 from omnisight.twoview._alignment_kernel import multiply, orthonormalize, rotation_between
+from omnisight.twoview._small_vectors_kernel import copy_elements
 
 # Difference of squared singular values below which the translation is zero.
 MIN_STRETCH = 1e-14
@@ -74,7 +75,7 @@ def poses_from_homography(h, a, poses, normals):
     values, v = np.empty(3), np.empty((3, 3))
     symmetric_eigen(multiply(h.T, h), values, v)
     if not values[2] - values[0] > MIN_STRETCH:
-        poses[0, :, :3] = h
+        copy_elements(poses[0], h)
         poses[0, :, 3] = normals[0] = 0.0
         orthonormalize(poses[0])
         return 1 if _determinant(h[0], h[1], h[2]) > 0.0 else 0

@@ -19,7 +19,7 @@ from omnisight.twoview._small_vectors_kernel import (
     cross,
     dot,
     perpendiculars,
-    rotate_and_translate,
+    rotate,
     times,
     transposed_times,
 )
@@ -107,13 +107,13 @@ class RelativePoseProblem(NamedTuple):
 
     @staticmethod
     def retract(problem, model, step):
-        move = np.empty(6)
-        move[:3] = step[:3]
-        first, second = perpendiculars((model[0, 3], model[1, 3], model[2, 3]))
+        rotate(model, (step[0], step[1], step[2]))
+        t = model[0, 3], model[1, 3], model[2, 3]
+        first, second = perpendiculars(t)
+        # The length of t + v for v perpendicular to the unit vector t.
+        length = np.sqrt(dot(t, t) + step[3] ** 2 + step[4] ** 2)
         for k in range(3):
-            move[3 + k] = step[3] * first[k] + step[4] * second[k]
-        rotate_and_translate(model, move)
-        model[:, 3] /= np.sqrt((model[:, 3] ** 2).sum())
+            model[k, 3] = (t[k] + step[3] * first[k] + step[4] * second[k]) / length
 
 
 @njit_helper

@@ -74,11 +74,30 @@ def whitened(first, second, variance, covariance, second_variance):
 @njit_helper
 def rotate_and_translate(pose, step):
     """Move a pose by a step (w, v) (6,), in place: R <- exp(w) R, t <- t + v."""
-    x, y, z = step[0], step[1], step[2]
-    angle = np.sqrt(x * x + y * y + z * z)
+    rotate(pose, (step[0], step[1], step[2]))
+    for i in range(3):
+        pose[i, 3] += step[3 + i]
+
+
+@njit_helper
+def rotate(pose, w):
+    """Rotate the first three columns of a pose in place, R <- exp(w) R, by the formula of Rodrigues.
+
+    Without products and assignments of arrays, which take numba 6 s to compile.
+    """
+    angle = np.sqrt(dot(w, w))
     s = np.sin(angle) / angle if angle > 1e-12 else 1.0
     c = (1.0 - np.cos(angle)) / angle**2 if angle > 1e-6 else 0.5
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation = np.eye(3) + s * skew + c * (skew @ skew)
-    pose[:, :3] = rotation @ pose[:, :3].copy()
-    pose[:, 3] += step[3:]
+    for j in range(3):
+        once = cross(w, (pose[0, j], pose[1, j], pose[2, j]))
+        twice = cross(w, once)
+        for i in range(3):
+            pose[i, j] += s * once[i] + c * twice[i]
+
+
+@njit_helper
+def copy_elements(target, source):
+    """Copy the elements of a matrix in loops: an assignment of arrays takes numba seconds to compile."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]

@@ -7,7 +7,7 @@ import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
 from omnisight.optim._cholesky_kernel import solve_symmetric
-from omnisight.twoview._small_vectors_kernel import dot
+from omnisight.twoview._small_vectors_kernel import copy_elements, dot
 
 MAX_ITERATIONS, TOLERANCE = 30, 1e-12
 INITIAL_DAMPING, MAX_DAMPING = 1e-6, 1e8
@@ -74,10 +74,12 @@ def refine_point(point, origins, directions, whitening, information):
     damping = INITIAL_DAMPING
     cost = _normal_equations(point, origins, directions, whitening, information, gradient)
     for _ in range(MAX_ITERATIONS):
-        damped[:] = information
+        copy_elements(damped, information)
         for i in range(3):
             damped[i, i] *= 1.0 + damping
-        trial[:] = point - solve_symmetric(damped, gradient)
+        step = solve_symmetric(damped, gradient)
+        for i in range(3):
+            trial[i] = point[i] - step[i]
         new = _cost(trial, origins, directions, whitening)
         if new > cost or np.isnan(new):
             damping *= 10.0
@@ -85,7 +87,8 @@ def refine_point(point, origins, directions, whitening, information):
                 break
             continue
         has_converged = cost - new <= TOLERANCE * cost
-        point[:] = trial
+        for i in range(3):
+            point[i] = trial[i]
         damping *= 0.1
         cost = _normal_equations(point, origins, directions, whitening, information, gradient)
         if has_converged:

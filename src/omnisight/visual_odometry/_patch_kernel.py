@@ -13,6 +13,7 @@ that changes of the exposure have no effect.
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
+from omnisight.twoview._small_vectors_kernel import copy_elements
 
 # Samples of a patch: SIDE x SIDE, HALF on each side of its centre.
 HALF = 4
@@ -216,7 +217,7 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
                     uncertainty[n] = inverses[n, 0]
         if correlation[n] > 0.0 and slants[n] > 0.0:
             a, b = _on_level(maps[n], 1.0)
-            refined[:] = a
+            copy_elements(refined, a)
             image, template = levels[0], templates[n, 0]
             _fill_information(affine[n], slants[n], max(noise[n], 1.0), information)
             found, x, y, similar, rms = _refine(
@@ -306,7 +307,6 @@ def _refine(image, template, affine, information, a, b, u, v, samples, gradient)
     prior = information[2, 2]
     for k in range(SAMPLES):
         prior -= affine[k, 2] * affine[k, 2]
-    change = np.zeros((2, 2))
     inverse = np.linalg.inv(information)
     for _ in range(MAX_AFFINE_STEPS):
         found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
@@ -321,14 +321,14 @@ def _refine(image, template, affine, information, a, b, u, v, samples, gradient)
                 gradient[i] += affine[k, i] * difference
         rms = np.sqrt(total / (SAMPLES - 4))
         # The change of the map since the start, which has the prior.
-        change[:] = np.linalg.inv(start) @ a
+        change = np.linalg.inv(start) @ a
         for i in range(4):
             gradient[2 + i] += prior * (change[i // 2, i % 2] - (1.0 if i in (0, 3) else 0.0))
         step = inverse @ gradient
         moved = np.array([[1.0 + step[2], step[3]], [step[4], 1.0 + step[5]]])
         if not np.abs(moved - np.eye(2)).max() < 0.5:
             return False, u, v, -1.0, 0.0
-        a[:] = a @ np.linalg.inv(moved)
+        copy_elements(a, a @ np.linalg.inv(moved))
         px, py = a[0, 0] * step[0] + a[0, 1] * step[1], a[1, 0] * step[0] + a[1, 1] * step[1]
         x, y = x - px, y - py
         if (x - u) ** 2 + (y - v) ** 2 > MAX_AFFINE_SHIFT**2:
