@@ -61,6 +61,28 @@ def solve():
     twoview.gp3p(np.eye(3), np.eye(3), np.eye(3))
 
 
-FUNCTIONS = {step.__name__: step for step in (detect, render, calibrate, solve)}
+def relative_pose():
+    om.relative_pose(*bearings(), sigma_deg=0.05)
+
+
+def resect():
+    om.resect(*bearings(), sigma_deg=0.05)
+
+
+def estimate_car_motion():
+    from omnisight.twoview.bearing_pairs import BearingPairs
+    from omnisight.visual_odometry.car_motion import estimate_car_motion
+
+    estimate_car_motion(BearingPairs.of(*bearings(), None, None, 0.05), np.eye(3), om.RansacOptions())
+
+
+def bearings():
+    """Return the bearings of points from two places."""
+    points = np.random.default_rng(0).normal(size=(100, 3))
+    return tuple(x / np.linalg.norm(x, axis=1, keepdims=True) for x in (points, np.add(points, (0.1, 0.0, -0.2))))
+
+
+ROBUST = relative_pose, resect, estimate_car_motion
+FUNCTIONS = {step.__name__: step for step in (solve, render, *ROBUST, detect, calibrate)}
 # The longest first.
 STEPS = (*FUNCTIONS, *om.model_names())

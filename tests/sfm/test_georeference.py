@@ -82,7 +82,7 @@ def test_covariances_in_the_world_are_those_of_repeated_measurements(found):
     """Normalized squared errors of the positions, with new errors of observations and of known positions."""
     rng, squares = np.random.default_rng(3), []
     points = 10 * points_around(120)
-    for trial in range(40):
+    for trial in range(20):
         keypoints = observe(POSES, points, 0.05, seed=100 + trial)
         graph = match_pairs(keypoints, list(combinations(range(8), 2)), lambda *_: None)
         (result,) = map_images(keypoints, RigImages.of(keypoints), graph, lambda *_: None)

@@ -61,7 +61,7 @@ def test_an_imu_of_any_orientation_determines_the_scale(motion, angle):
 
 def test_the_uncertainty_of_the_scale_of_an_imu_is_that_of_its_errors(motion):
     errors = []
-    for seed in range(25):
+    for seed in range(12):
         times, poses = seen(motion, seed)
         found = scale_from_imu(times, poses, inertial(motion, seed))
         errors.append(np.log(found.metres / METRES_PER_UNIT) / found.relative_sigma)
