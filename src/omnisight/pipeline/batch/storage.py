@@ -74,7 +74,7 @@ def file_versions(url: str, paths: Sequence[str]) -> dict[str, str]:
 def _version(info: Mapping[str, Any]) -> str:
     """Return what differs between versions of a file: its size, and its hash or else the time of its last change."""
     mark = next((info[key] for key in VERSION_KEYS if info.get(key)), "")
-    return f"{info['size']} {mark}".replace('"', "")
+    return f"{info.get('size')} {mark}".replace('"', "")
 
 
 def is_below(url: str, folder: str) -> bool:
