@@ -26,9 +26,11 @@ from omnisight.cache import cache_folder
 def _import_without_scipy() -> None:
     """Import the part of numba that imports scipy.linalg only to check that it exists, which takes 0.15 s.
 
-    A compiled function that uses BLAS imports it then.
+    A compiled function that uses BLAS imports it then. The check is internal to numba: another version may not have it.
     """
-    ensure_blas = numba.np.linalg.ensure_blas
+    ensure_blas = getattr(numba.np.linalg, "ensure_blas", None)
+    if ensure_blas is None:
+        return
     numba.np.linalg.ensure_blas = lambda: None
     try:
         importlib.import_module("numba.np.arraymath")
