@@ -29,7 +29,7 @@ def rotation_by_descriptors(
     for sensor, camera in enumerate(central_cameras(rig)):
         turn = rig.sensor_from_rig[sensor].rotation
         found = [detect_features(images[sensor], camera, options, mask=masks[sensor]) for images in (first, last)]
-        pairs = match_features(*found).pairs
+        pairs = match_features(found[0], found[1]).pairs
         for k, keypoints in enumerate(found):
             used = keypoints[pairs[:, k]]
             bearings[k].append(used.bearings @ turn)
