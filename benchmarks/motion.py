@@ -6,10 +6,12 @@ folder, or in the folder of temporary files if it does not exist.
 
 import argparse
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import omnisight as om
+from benchmarks.motion_crops import HEADER, print_crops
 from benchmarks.motion_loops import print_loops
 from benchmarks.motion_score import errors
 from omnisight.cache import cache_folder
@@ -37,6 +39,14 @@ SEQUENCES = (
     RenderedSequence("town", "fisheye", 200),
     RenderedSequence("town", "sphere", 150),
     RenderedSequence("room", "rig", 120),
+)
+# The sequences whose perspective views are compared with the whole images: the camera looks ahead.
+CROPPED = (
+    RenderedSequence("room", "fisheye", 200),
+    RenderedSequence("rooms", "fisheye", 200),
+    RenderedSequence("street", "sphere", 150),
+    RenderedSequence("town", "fisheye", 200),
+    RenderedSequence("town", "sphere", 150),
 )
 QUICK = (RenderedSequence("room", "fisheye", 40), RenderedSequence("street", "sphere", 40))
 
@@ -78,13 +88,25 @@ def row(sequence: RenderedSequence) -> str:
     return f"| {sequence.scene}, {sequence.camera} | {score.length:.0f} m | {coverage} | {figures} |"
 
 
+def compare_crops(sequences: Sequence[RenderedSequence]) -> None:
+    """Print the table of perspective views of the images."""
+    print(HEADER)
+    for sequence in sequences:
+        folder = render(sequence)
+        print_crops(f"{sequence.scene}, {sequence.camera}", folder, read_trajectory(folder / "poses.txt").poses)
+
+
 def main(arguments: list[str]) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks motion", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two short sequences, and one drive with loops")
     parser.add_argument("--loops", action="store_true", help="only the drives with loops")
+    parser.add_argument("--crops", action="store_true", help="only the comparison with perspective views")
     options = parser.parse_args(arguments)
     quick = options.quick
+    if options.crops:
+        compare_crops(QUICK if quick else CROPPED)
+        return
     if options.loops:
         print_loops(quick)
         return

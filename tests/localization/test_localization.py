@@ -88,6 +88,25 @@ def test_the_uncertainty_of_the_points_is_part_of_that_of_the_pose(world):
     assert far.sigmas[1] > 2 * near.sigmas[1]
 
 
+def test_errors_that_points_in_one_direction_share_are_part_of_the_uncertainty(world):
+    """Points of an octant move together, as those that the same images of the map saw."""
+    visual_map, points = world
+    model = visual_map.reconstruction
+    errors, variances = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        octant = (points > 0) @ [1, 2, 4]
+        moved = points + rng.normal(0, 2e-3, (8, 3))[octant]
+        bent = Points(moved, model.points.covariance, model.points.color)
+        other = om.VisualMap(Reconstruction(**{**vars(model), "points": bent}), visual_map.descriptors)
+        pose = om.Pose(so3.exp(rng.normal(0, 0.1, 3)), rng.normal(0, 0.3, 3))
+        found = localized(seen_from(pose, points, rng, rng.permutation(400)[:300]), other)
+        error = found.cam_from_world.inverse().translation - pose.inverse().translation
+        errors.append(error @ error)
+        variances.append(found.sigmas[1] ** 2)
+    assert np.mean(errors) / np.mean(variances) == pytest.approx(1.0, abs=0.4)  # 15 without it
+
+
 def test_images_of_other_places_are_not_localized(world):
     visual_map, points = world
     rng = np.random.default_rng(3)

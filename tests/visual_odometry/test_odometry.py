@@ -172,5 +172,28 @@ def test_after_a_cut_to_a_known_place_tracking_goes_on_there(fisheye, run):
     order = [*range(30), *range(8, 28)]
     tracking = run(fisheye, [fisheye.images[k] for k in order])
     assert len(tracking.trajectory) == len(order)
+    (cut,) = tracking.lost
+    assert (cut.first, cut.last, cut.recovery) == (30, 30, "relocalization")
+    assert "points" in cut.reason
     seen_again = [dataclasses.replace(pose, frame=order[pose.frame]) for pose in tracking.trajectory]
     assert fisheye.errors(seen_again)[0] < 0.003
+
+
+def test_the_first_image_has_a_pose_although_the_second_is_turned_by_50_degrees(fisheye, run):
+    """Patches of the first image are found by the rotation that descriptors determine."""
+    tracking = run(fisheye, fisheye.images[::6])
+    assert [pose.frame for pose in tracking.trajectory] == list(range(6))
+    assert not tracking.lost
+
+
+def test_keyframes_end_with_the_poses_that_the_window_refined_last(fisheye, run):
+    tracking = run(fisheye)
+    refined = tracking.close_loops()
+    assert not refined
+    window = tracking._window.keyframes
+    found = {pose.frame: pose.rig_from_world.matrix for pose in refined.trajectory}
+    assert list(found) == [pose.frame for pose in tracking.trajectory]
+    assert all(np.allclose(found[keyframe.index], keyframe.rig_from_world.matrix, atol=1e-9) for keyframe in window)
+    first = {pose.frame: pose.rig_from_world.matrix for pose in tracking.trajectory}
+    assert not np.allclose(first[window[0].index], window[0].rig_from_world.matrix, atol=1e-9)
+    assert fisheye.errors(refined.trajectory)[0] < 0.003

@@ -8,7 +8,7 @@ from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure
-from omnisight.visual_odometry.marginalization import gauge_prior, marginalize_first
+from omnisight.visual_odometry.marginalization import PosePrior, gauge_prior, marginalize_first
 from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
 
 
@@ -69,3 +69,12 @@ def test_the_gauge_prior_keeps_the_first_pose_and_the_distance_of_the_second():
     residuals = prior.linearize(moved).residuals
     assert np.allclose(residuals[:6], 0)
     assert np.isclose(residuals[6], 0.01 * np.linalg.norm(center - first) / 1e-3, rtol=1e-6)
+
+
+def test_information_that_is_only_rounding_is_unknown():
+    """The Schur complement of an unobserved direction can be slightly negative."""
+    information = np.diag([4.0, 9.0, 1.0, 4.0, 16.0, -1e-18])
+    information[0, 5] = information[5, 0] = 1e-9
+    prior = PosePrior.of_normal_equations(np.arange(1), np.eye(3, 4)[None], information, np.ones(6))
+    rows = prior.derivatives[:, 0]
+    assert np.allclose(rows.T @ rows, np.diag([4.0, 9.0, 1.0, 4.0, 16.0, 0.0]), atol=1e-8)

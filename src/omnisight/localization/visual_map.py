@@ -10,9 +10,11 @@ from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.optim.block_jackknife import measured_variance_ratio
 from omnisight.places import PlaceIndex
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.twoview.absolute_pose import AbsolutePose, resect
+from omnisight.twoview.bearing_pairs import isotropic_variance
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -94,7 +96,8 @@ class LocalizedImage(Displayed):
     cam_from_world
         The pose, in the unit of the map; None if it is unknown.
     covariance
-        (6, 6) of the step (w, v) of `Pose.moved`, from the noise of keypoints and points.
+        (6, 6) of the step (w, v) of `Pose.moved`, from the noise of keypoints and points, and its correlation in
+        neighbouring directions.
     matches, inliers
         Points that were matched, and that agree with the pose.
     nearest
@@ -133,7 +136,8 @@ def localize(keypoints: Keypoints, visual_map: VisualMap) -> LocalizedImage:
 
     The keypoints are matched with the points that the most similar images of the map show; LO-RANSAC and the
     maximum-likelihood estimate of `resect` give the pose, first with the noise of the keypoints and then also with that
-    of the points, at their distances.
+    of the points, at their distances. Points in one direction share the errors of the images of the map that saw them:
+    the covariance is multiplied by the ratio that a jackknife over blocks of directions measures, if it is above 1.
 
     Parameters
     ----------
@@ -154,7 +158,7 @@ def localize(keypoints: Keypoints, visual_map: VisualMap) -> LocalizedImage:
         reason = f"{len(pairs)} matches with the points of the map, at least {MIN_MATCHES} are needed"
         return LocalizedImage(None, unknown, len(pairs), 0, nearest, reason)
     seen, points = keypoints[pairs[:, 0]], model.points.position[pairs[:, 1]]
-    found = resect(points, seen.bearings, seen.covariance)
+    found, noise = resect(points, seen.bearings, seen.covariance), seen.covariance
     if found:
         noise = seen.covariance + _seen_covariance(found, points, model.points.covariance[pairs[:, 1]])
         found = resect(points, seen.bearings, noise) or found
@@ -165,7 +169,8 @@ def localize(keypoints: Keypoints, visual_map: VisualMap) -> LocalizedImage:
     if inliers < MIN_INLIER_SHARE * len(pairs):
         reason = f"only {inliers} of {len(pairs)} matches agree with a pose: another place with similar objects"
         return LocalizedImage(None, unknown, len(pairs), inliers, nearest, reason)
-    return LocalizedImage(found.cam_from_world, found.covariance, len(pairs), inliers, nearest)
+    ratio = _variance_ratio(found, points, seen.bearings, noise)
+    return LocalizedImage(found.cam_from_world, ratio * found.covariance, len(pairs), inliers, nearest)
 
 
 def match_points(descriptors: NDArray[np.float32], of_points: NDArray[np.float32], point: Indices) -> Indices:
@@ -210,6 +215,16 @@ def _seen_covariance(found: AbsolutePose, points: Array, covariance: Array) -> A
     by_point = tangent @ pose.rotation
     finite = np.where(np.isfinite(covariance).all((1, 2), keepdims=True), covariance, 0.0)
     return by_point @ finite @ np.swapaxes(by_point, 1, 2)
+
+
+def _variance_ratio(found: AbsolutePose, points: Array, bearings: Array, noise: Array) -> float:
+    """Return how much larger the covariance of a pose is than that of independent inliers, at least 1."""
+    from omnisight.twoview._absolute_pose_kernel import AbsolutePoseProblem
+
+    assert found.cam_from_world is not None
+    use = found.inliers
+    problem = AbsolutePoseProblem(points[use], bearings[use], noise[use], isotropic_variance(noise[use]))
+    return max(measured_variance_ratio(problem, found.cam_from_world.matrix, bearings[use]), 1.0)
 
 
 def _keypoints(descriptors: NDArray[np.float32]) -> Keypoints:

@@ -19,6 +19,15 @@ MAX_CHANCE_RATIO = 4.0
 def variance_ratio(problem: Any, model: Array, positions: Array) -> float:
     """Return the variance of an estimate over that of independent residuals; 1 if the difference is not significant.
 
+    See `measured_variance_ratio`.
+    """
+    ratio = measured_variance_ratio(problem, model, positions)
+    return ratio if ratio > MAX_CHANCE_RATIO else 1.0
+
+
+def measured_variance_ratio(problem: Any, model: Array, positions: Array) -> float:
+    """Return the variance of an estimate over that of independent residuals, as measured.
+
     Residuals of neighbouring observations are correlated by errors of the calibration and by common structures. The
     jackknife that deletes one block of neighbours at a time measures their effect, and that of a few observations on
     which the estimate depends (cluster-robust variance CR3: R. Bell and D. McCaffrey, Bias reduction in standard errors
@@ -50,8 +59,7 @@ def variance_ratio(problem: Any, model: Array, positions: Array) -> float:
         gradients.append(j.T @ residuals[block].reshape(-1))
         informations.append(j.T @ j)
     deviations = _deviations(np.array(gradients), np.array(informations))
-    ratio = float((deviations**2).sum()) * (1 - 1 / len(deviations)) / parameters
-    return ratio if ratio > MAX_CHANCE_RATIO else 1.0
+    return float((deviations**2).sum()) * (1 - 1 / len(deviations)) / parameters
 
 
 def _whitened(jacobians: Array) -> Array:

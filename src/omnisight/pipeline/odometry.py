@@ -253,7 +253,7 @@ def _run(
     closed = _close_loops(tracking, options, report)
     scaled = _in_metres(tracking, closed, known)
     # A pipe or a device holds the poses of tracking.
-    if (closed or scaled.scale) and output is not None and Path(output).is_file():
+    if (options.loops or scaled.scale) and output is not None and Path(output).is_file():
         replace_trajectory(Path(output), _format(Path(output), options), scaled.poses, frames)
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
     return OdometryResult(

@@ -32,12 +32,12 @@ class TrackedPose:
 
 @dataclass(frozen=True)
 class LostSegment:
-    """Frames whose pose is not known.
+    """Frames whose pose is not known, or a frame after a cut.
 
     Attributes
     ----------
     first, last
-        Indices of the frames.
+        Indices of the frames. After a cut, the frame that shows another place is listed even if its pose is known.
     reason
         Why the poses are not known.
     recovery

@@ -15,7 +15,7 @@ from omnisight.twoview.relative_pose import estimate_relative_pose
 from omnisight.visual_odometry.car_motion import estimate_car_motion
 from omnisight.visual_odometry.frame_result import TrackedPose
 from omnisight.visual_odometry.marginalization import gauge_prior
-from omnisight.visual_odometry.pose_estimation import estimate_pose
+from omnisight.visual_odometry.pose_estimation import MIN_INLIERS, estimate_pose
 from omnisight.visual_odometry.ray_observations import FrameRays, common
 from omnisight.visual_odometry.window import Keyframe, KeyframeWindow
 
@@ -39,6 +39,12 @@ MIN_CAR_SHARE = 0.5
 SOLVED = "general", "planar motion", "dominant plane"
 # Standard deviation of the fixed pose and scale, which does not matter to the solution.
 GAUGE_SIGMA = 1e-3
+# Corners of an image that shows something: twice what a pose needs.
+MIN_CORNERS = 2 * MIN_INLIERS
+
+NO_PATCHES = "consecutive images show nothing in common, or no texture"
+NO_PARALLAX = "the parallax ({:.1f} times its noise) determined no motion before the image changed"
+COVERED = "{} corners: the lens is covered, or the image is dark, blurred or uniform"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +149,11 @@ class Initialization:
         window.add(Keyframe(self.frames[-1].frame, poses[1], last), last.number)
         return window
 
+    def is_sudden(self, rays: FrameRays) -> bool:
+        """Return whether the next frame shows few patches of the last one."""
+        both, _ = common(self.frames[-1].rays, rays)
+        return len(both) < MIN_SHARE * len(self.frames[-1].rays)
+
     def needs_restart(self) -> bool:
         """Return whether the last frame shows too few patches of the first one, or too many frames wait."""
         both, _ = common(self.first.rays, self.frames[-1].rays)
@@ -152,6 +163,13 @@ class Initialization:
     def turned_only(self) -> bool:
         """Return whether the camera turned without moving since the first frame."""
         return self.parallax < MAX_ROTATION_SIGMA
+
+    @property
+    def failure(self) -> str:
+        """Why the frames have no position."""
+        if (corners := len(self.first.rays)) < MIN_CORNERS:
+            return COVERED.format(corners)
+        return NO_PARALLAX.format(self.parallax) if np.isfinite(self.parallax) else NO_PATCHES
 
     def rotations(self) -> list[TrackedPose]:
         """Return the poses of a camera that turned without moving, all but the last."""

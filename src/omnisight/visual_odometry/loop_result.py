@@ -40,7 +40,7 @@ class LoopClosure:
     Attributes
     ----------
     trajectory
-        Poses of the same frames as before. Without loops they have not changed.
+        Poses of the same frames as before. Without loops, those of keyframes are the ones that the window refined last.
     loops
         The loops that agree with the trajectory and with each other.
     rejected

@@ -43,12 +43,15 @@ class PosePrior:
     @classmethod
     def of_normal_equations(cls, frames: Indices, poses: Array, information: Array, gradient: Array) -> "PosePrior":
         """Return the prior with the information (6 K, 6 K) and the gradient (6 K,) of its cost."""
-        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(information), np.finfo(float).tiny))
+        diagonal = np.diagonal(information)
+        # A difference of equal information is rounding, and can be negative.
+        root = np.sqrt(np.where(diagonal > np.finfo(float).eps * diagonal.max(), diagonal, np.inf))
+        scale = 1.0 / root
         with one_blas_thread():
             values, vectors = eigh(scale[:, None] * information * scale, check_finite=False)
         use = values > MIN_INFORMATION * values[-1]
         values, vectors = values[use], vectors[:, use]
-        derivatives = (vectors * np.sqrt(values)).T / scale
+        derivatives = (vectors * np.sqrt(values)).T * np.where(np.isfinite(root), root, 0.0)
         residuals = (vectors.T @ (scale * gradient)) / np.sqrt(values)
         return cls(frames, poses, residuals, derivatives.reshape(-1, len(frames), 6))
 

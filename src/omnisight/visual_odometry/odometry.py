@@ -16,18 +16,27 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
+from omnisight.visual_odometry.descriptor_rotation import rotation_by_descriptors
 from omnisight.visual_odometry.frame import Frame, check_images
+from omnisight.visual_odometry.frame_locator import FrameLocator
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
 from omnisight.visual_odometry.gyro_prediction import GyroPrediction
 from omnisight.visual_odometry.imu import ImuSamples
-from omnisight.visual_odometry.initialization import Initialization, WaitingFrame, lost_ranges, with_points
+from omnisight.visual_odometry.initialization import (
+    COVERED,
+    MIN_CORNERS,
+    Initialization,
+    WaitingFrame,
+    lost_ranges,
+    with_points,
+)
 from omnisight.visual_odometry.keyframe_history import KeyframeHistory
 from omnisight.visual_odometry.keyframes import is_keyframe
 from omnisight.visual_odometry.loop_closing import close_loops
 from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.motion_options import MotionOptions
 from omnisight.visual_odometry.motion_prediction import MotionPrediction
-from omnisight.visual_odometry.pose_estimation import MIN_INLIERS, FramePose, estimate_pose
+from omnisight.visual_odometry.pose_estimation import FramePose
 from omnisight.visual_odometry.ray_observations import FrameRays
 from omnisight.visual_odometry.relocalization import Relocalizer
 from omnisight.visual_odometry.rig_scale import estimate_rig_scale
@@ -39,19 +48,7 @@ Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Image = NDArray[Any]
 
-# Share of the points of the last frame below which a frame shows another place, unless descriptors confirm its pose: a
-# few patches of a wrong place agree with a pose by chance, because they are searched near it.
-MIN_KEPT = 0.2
-# Points that agree with the pose that descriptors determined: twice what a pose needs.
-MIN_RELOCALIZED = 2 * MIN_INLIERS
-# Corners of an image that shows something: twice what a pose needs.
-MIN_CORNERS = 2 * MIN_INLIERS
-
 INITIALIZING = "waiting for a parallax"
-NO_PATCHES = "consecutive images show nothing in common, or no texture"
-NO_PARALLAX = "the parallax ({:.1f} times its noise) determined no motion before the image changed"
-COVERED = "{} corners: the lens is covered, or the image is dark, blurred or uniform"
-ANOTHER_PLACE = "{} points agree with a pose, after {} in the frame before: the image shows another place"
 TOO_FEW_POINTS = "too few points of the first two keyframes"
 
 
@@ -107,7 +104,8 @@ class Odometry:
         self._relocalizer: Relocalizer | None = None
         self._history: KeyframeHistory | None = None
         self._lost: tuple[int, str] | None = None
-        self._speed, self._inliers = 0.0, 0
+        self._speed, self._relocalized = 0.0, -2
+        self._locator = FrameLocator(options.seed)
         self._gyro = None if imu is None else GyroPrediction(imu)
 
     @property
@@ -133,11 +131,13 @@ class Odometry:
         frame, tracker = self._track(image, seconds)
         if self._window is None:
             return self._initialize(frame, tracker)
-        found = self._located(frame, MIN_KEPT * self._inliers)
+        found = self._locator.locate(frame, is_lost=self._lost is not None)
         if not found:
+            reason = found.reason
             frame, found = self._recover(frame, tracker, self._window)
+            self._lose(frame, reason if found else found.reason)
         if found.rig_from_world is None:
-            return self._wait(frame, tracker, found.reason)
+            return replace(self._initialize(frame, tracker), reason=found.reason)
         pose, extends = found.rig_from_world, False
         self._resume(frame, pose)
         tracker.confirm(pose, frame.rays, agrees := found.is_inlier | ~frame.rays.has_point)
@@ -145,8 +145,8 @@ class Odometry:
             pose, extends = self._extend(frame, tracker, self._window, pose), True
         self._append([TrackedPose(frame.index, seconds, pose)])
         self.residuals.append(found.sigma)
-        self._inliers = int(found.is_inlier.sum())
-        return FrameResult(frame.index, seconds, pose, self._inliers, extends)
+        self._locator.accept(found)
+        return FrameResult(frame.index, seconds, pose, self._locator.inliers, extends)
 
     def skip(self, reason: str) -> None:
         """Count a frame without images, and keep why there are none."""
@@ -199,19 +199,14 @@ class Odometry:
             predicted = self._gyro.turned(predicted, self._motion.rig_from_world, (self._motion.seconds, seconds))
         return Frame(index, seconds, images, predicted, self.tracker.track(images, predicted)), self.tracker
 
-    def _located(self, frame: Frame, needed: float) -> FramePose:
-        """Return the pose of a frame, near the predicted one, if the needed number of points agree with it."""
-        found = estimate_pose(frame.rays, frame.predicted, self._options.seed)
-        if found and (agreeing := found.is_inlier.sum()) < needed:
-            return replace(found, rig_from_world=None, reason=ANOTHER_PLACE.format(agreeing, self._inliers))
-        return found
-
     def _initialize(self, frame: Frame, tracker: Tracker) -> FrameResult:
         """Wait for the first parallax; return the pose of the frame once it is known."""
         waiting = self._waiting
         if waiting is None:
             self._waiting = self._start(frame, tracker, frame.predicted)
             return FrameResult(frame.index, frame.seconds, None, 0, reason=INITIALIZING)
+        if waiting.is_sudden(frame.rays):
+            frame = self._turned(frame, tracker, waiting.first)
         pose = waiting.turn(frame.rays, frame.predicted, self._options.seed)
         tracker.confirm(pose, frame.rays, np.ones(len(frame.rays), np.bool_))
         waiting.frames.append(WaitingFrame(frame.index, frame.seconds, frame.rays, pose))
@@ -223,6 +218,15 @@ class Odometry:
             self._keep_rotations(waiting)
             self._waiting = self._start(frame, tracker, pose)
         return FrameResult(frame.index, frame.seconds, None, len(frame.rays), reason=INITIALIZING)
+
+    def _turned(self, frame: Frame, tracker: Tracker, first: WaitingFrame) -> Frame:
+        """Return the frame with the rays of patches near the rotation that descriptors determine, if they do."""
+        masks, seed = self._masks or (), self._options.seed
+        turn = rotation_by_descriptors(self.rig, masks, first.images, frame.images, seed)
+        if turn is None:
+            return frame
+        pose = Pose(turn @ first.pose.rotation, turn @ first.pose.translation)
+        return replace(frame, predicted=pose, rays=tracker.track_again(pose))
 
     def _start(self, frame: Frame, tracker: Tracker, pose: Pose) -> Initialization:
         """Return a new initialization that starts with a frame."""
@@ -237,7 +241,7 @@ class Odometry:
             self._end_of_loss(waiting.first.frame, "rotation only")
             self._append(waiting.rotations())
         elif self._lost is None:
-            self._lost = waiting.first.frame, _no_position(waiting)
+            self._lost = waiting.first.frame, waiting.failure
 
     def _scaled(self, tracker: Tracker, waiting: Initialization, window: KeyframeWindow) -> KeyframeWindow:
         """Return the window in metres if the cameras of a rig determine the scale."""
@@ -261,6 +265,7 @@ class Odometry:
             self._history.start_segment()
         self._end_of_loss(waiting.first.frame, "new segment" if self.trajectory else "tracking")
         self._window, self._waiting, self._relocalizer = window, None, None
+        self._locator.restart()
         poses, missing = waiting.trajectory(window, self._options.seed)
         self.lost += [LostSegment(a, b, TOO_FEW_POINTS, "tracking") for a, b in lost_ranges(missing)]
         self._append(poses)
@@ -299,27 +304,28 @@ class Odometry:
         pose, reason = self._relocalizer.locate(frame.images, self._options.seed)
         if pose is None:
             return frame, FramePose(None, frame.rays.has_point, reason=reason)
-        frame = replace(frame, predicted=pose, rays=tracker.track(frame.images, pose))
-        return frame, self._located(frame, MIN_RELOCALIZED)
+        frame = replace(frame, predicted=pose, rays=tracker.track_again(pose))
+        return frame, self._locator.locate(frame, is_lost=True)
 
     def _resume(self, frame: Frame, pose: Pose) -> None:
         """Continue in the map after a loss; where descriptors determined the pose, the velocity is not known."""
+        if self._lost and self._lost[0] == frame.index == self._relocalized + 1:
+            self._lost = None  # without a velocity, descriptors determine several poses in a row: no other cut
         if self._lost and self._history:
             self._history.note_loss()
-        self._end_of_loss(frame.index, "relocalization" if self._relocalizer is not None else "tracking")
+        self._end_of_loss(frame.index, "tracking" if self._relocalizer is None else "relocalization")
         if self._relocalizer is not None:
-            self._motion = MotionPrediction.still(frame.seconds, pose)
+            self._motion, self._relocalized = MotionPrediction.still(frame.seconds, pose), frame.index
         self._waiting, self._relocalizer = None, None
 
-    def _wait(self, frame: Frame, tracker: Tracker, reason: str) -> FrameResult:
-        """Wait for a known place, or for the parallax of a new segment."""
+    def _lose(self, frame: Frame, reason: str) -> None:
+        """Note the first frame of a loss."""
         if self._lost is None:
             self._lost, self._speed = (frame.index, reason), float(np.linalg.norm(self._motion.velocity))
-        return replace(self._initialize(frame, tracker), reason=reason)
 
     def _end_of_loss(self, frame: int, recovery: str) -> None:
-        """Note which frames before this one were lost."""
-        if self._lost is not None and (self._lost[0] < frame or recovery == "new segment"):
+        """Note which frames before this one were lost, or that this one follows a cut."""
+        if self._lost is not None and (self._lost[0] < frame or recovery in ("relocalization", "new segment")):
             first, reason = self._lost
             self.lost.append(LostSegment(first, max(first, frame - 1), reason, recovery))
         self._lost = None
@@ -339,10 +345,3 @@ class Odometry:
         if self._gyro is not None:
             turn = so3.log(rig_from_world.rotation @ before.rig_from_world.rotation.T)
             self._gyro.learn((before.seconds, seconds), turn)
-
-
-def _no_position(waiting: Initialization) -> str:
-    """Return why waiting frames have no position."""
-    if (corners := len(waiting.first.rays)) < MIN_CORNERS:
-        return COVERED.format(corners)
-    return NO_PARALLAX.format(waiting.parallax) if np.isfinite(waiting.parallax) else NO_PATCHES

@@ -45,10 +45,21 @@ class FramePose:
         return self.rig_from_world is not None
 
 
-def estimate_pose(rays: FrameRays, predicted: Pose, seed: int = 0) -> FramePose:
+def estimate_pose(rays: FrameRays, predicted: Pose, seed: int = 0, noise: float | None = None) -> FramePose:
     """Estimate the pose of a frame from its rays of known points, starting from a prediction.
 
     Only if few rays agree with the pose near the prediction, a random search is made.
+
+    Parameters
+    ----------
+    rays
+        The rays.
+    predicted
+        rig_from_world near which the pose is searched first.
+    seed
+        Seed of the random search.
+    noise
+        Standard deviation of the rays over the assumed one; by default it is estimated.
     """
     from omnisight.visual_odometry._ray_pose_kernel import RayPoseProblem
 
@@ -59,18 +70,20 @@ def estimate_pose(rays: FrameRays, predicted: Pose, seed: int = 0) -> FramePose:
     used = rays[order]
 
     def problem(scale: float) -> RayPoseProblem:
-        arrays = used.points, used.origins, used.bearings, used.axes / scale, scale**2 * used.variance
+        sigma = scale * (noise or 1.0)
+        arrays = used.points, used.origins, used.bearings, used.axes / sigma, sigma**2 * used.variance
         return RayPoseProblem(*map(np.ascontiguousarray, arrays))
 
-    fit = refine(problem(1.0), predicted.matrix, is_scale_known=False)
+    is_known = noise is not None
+    fit = refine(problem(1.0), predicted.matrix, is_scale_known=is_known)
     model, inlier, sigma = fit.model, fit.is_inlier, fit.scale
     if inlier.mean() < MIN_INLIER_SHARE:
         options = RansacOptions(seed=seed, confidence=0.999, max_iterations=500)
-        found = estimate_robustly(problem, is_scale_known=False, options=options)
+        found = estimate_robustly(problem, is_scale_known=is_known, options=options)
         if found.model is not None and found.inliers.sum() > inlier.sum():
             model, inlier, sigma = found.model, found.inliers, found.scale
     is_inlier = np.zeros(len(rays), np.bool_)
     is_inlier[order] = inlier
     if inlier.sum() < MIN_INLIERS:
         return FramePose(None, is_inlier, reason=f"{inlier.sum()} of {len(known)} points agree with a pose")
-    return FramePose(Pose.of_matrix(model), is_inlier, sigma)
+    return FramePose(Pose.of_matrix(model), is_inlier, sigma * (noise or 1.0))

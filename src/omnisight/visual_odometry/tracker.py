@@ -72,11 +72,17 @@ class Tracker:
             SolidAngleCells.of(c, r, count // len(rig)) for c, r in zip(central_cameras(rig), inner, strict=True)
         ]
         self._pyramids: list[ImagePyramid] = []
+        self._before = self.patches
 
     def track(self, images: Sequence[Bytes], predicted: Pose) -> FrameRays:
         """Find the patches in the images (H, W) of the next frame, whose rig_from_world is predicted."""
         self._pyramids = [ImagePyramid.of(image, c) for image, c in zip(images, central_cameras(self.rig), strict=True)]
-        p = self.patches
+        self._before = self.patches
+        return self.track_again(predicted)
+
+    def track_again(self, predicted: Pose) -> FrameRays:
+        """Find the patches of the frame before in the last images, with another prediction."""
+        p = self._before
         found = replace(
             p,
             pixels=p.pixels.copy(),
