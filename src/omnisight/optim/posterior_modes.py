@@ -18,8 +18,8 @@ SAMPLES, MAX_REFINED = 200, 20
 # Squared distance of two models over the covariance above which they are different; it is exceeded once in 1e5 by a
 # chi-squared variable of five degrees of freedom.
 MIN_SQUARED_DISTANCE = 30.0
-# Step for derivatives of models by differences.
-STEP = 1e-6
+# Step for derivatives of models by differences, and relative difference of models that are equal but for rounding.
+STEP, ROUNDING = 1e-6, 1e-12
 
 
 def most_probable(problem: Any, fit: Refinement, seed: int) -> tuple[Refinement, float]:
@@ -66,5 +66,7 @@ def _squared_distances(problem: Any, fit: Refinement, models: Array) -> Array:
         for step in STEP * np.eye(len(fit.covariance))
     ]
     slopes = np.reshape(changes, (-1, 12)).T / (2 * STEP)
-    steps = (models - fit.model).reshape(-1, 12) @ np.linalg.pinv(slopes).T
+    differences = (models - fit.model).reshape(-1, 12)
+    differences[np.abs(differences).max(axis=1) < ROUNDING * np.abs(fit.model).max()] = 0.0
+    steps = differences @ np.linalg.pinv(slopes).T
     return (steps * np.linalg.solve(fit.covariance, steps.T).T).sum(axis=1)

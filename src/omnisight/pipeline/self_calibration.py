@@ -12,6 +12,7 @@ from omnisight.features import Keypoints, match_features
 from omnisight.images import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.radial_tangential import RadialTangentialPinhole
+from omnisight.optim.refinement import THRESHOLDS
 from omnisight.parallel import parallel_map
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import estimate_relative_pose
@@ -65,9 +66,10 @@ def relocated(keypoints: Keypoints, before: Camera, camera: Camera) -> tuple[Key
 
 
 def select_camera(candidates: Sequence[Camera], keypoints: Sequence[Keypoints]) -> Camera:
-    """Return the camera with which most matches of a few pairs of images agree with a motion.
+    """Return the camera with which the matches of a few pairs of images agree best with a motion.
 
-    The keypoints are those of the first candidate.
+    The measure is the sum of squared errors, each truncated, against that of outliers only. The keypoints are those of
+    the first candidate.
     """
     strongest = [each[:STRONGEST] for each in keypoints]
     pairs = list(combinations(range(len(keypoints)), 2))[: 50 * PAIRS]
@@ -75,8 +77,8 @@ def select_camera(candidates: Sequence[Camera], keypoints: Sequence[Keypoints]) 
     best = [pairs[i] for i in np.argsort(-np.array(counts), kind="stable")[:PAIRS]]
     matches = [match_features(keypoints[a], keypoints[b]).pairs for a, b in best]
 
-    def inliers(camera: Camera) -> int:
-        total = 0
+    def gain(camera: Camera) -> float:
+        total = 0.0
         for (a, b), rows in zip(best, matches, strict=True):
             (of_a, seen_a), (of_b, seen_b) = (
                 relocated(keypoints[image][rows[:, side]], candidates[0], camera) for side, image in enumerate((a, b))
@@ -84,10 +86,11 @@ def select_camera(candidates: Sequence[Camera], keypoints: Sequence[Keypoints]) 
             of_a, of_b = of_a[seen_b[seen_a]], of_b[seen_a[seen_b]]
             if len(of_a) >= 8:
                 pairs = BearingPairs.of(of_a.bearings, of_b.bearings, of_a.covariance, of_b.covariance, None)
-                total += int(estimate_relative_pose(pairs).inliers.sum())
+                score = estimate_relative_pose(pairs).score
+                total += THRESHOLDS[1] * len(pairs) - score if np.isfinite(score) else 0.0
         return total
 
-    return candidates[int(np.argmax([inliers(camera) for camera in candidates]))]
+    return candidates[int(np.argmax([gain(camera) for camera in candidates]))]
 
 
 def change_of_rays(before: Camera, camera: Camera, keypoints: Sequence[Keypoints]) -> float:
