@@ -41,13 +41,7 @@ SEQUENCES = (
     RenderedSequence("room", "rig", 120),
 )
 # The sequences whose perspective views are compared with the whole images: the camera looks ahead.
-CROPPED = (
-    RenderedSequence("room", "fisheye", 200),
-    RenderedSequence("rooms", "fisheye", 200),
-    RenderedSequence("street", "sphere", 150),
-    RenderedSequence("town", "fisheye", 200),
-    RenderedSequence("town", "sphere", 150),
-)
+CROPPED = tuple(each for each in SEQUENCES if each.camera in ("fisheye", "sphere"))
 QUICK = (RenderedSequence("room", "fisheye", 40), RenderedSequence("street", "sphere", 40))
 
 

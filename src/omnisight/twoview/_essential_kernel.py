@@ -7,7 +7,7 @@ import numpy as np
 
 from omnisight.compiled import njit_helper
 from omnisight.twoview._alignment_kernel import orthonormalize
-from omnisight.twoview._small_vectors_kernel import cross, dot, times
+from omnisight.twoview._small_vectors_kernel import copy_elements, cross, dot, times
 
 
 @njit_helper
@@ -65,8 +65,7 @@ def decompose_essential(e, a, b, pose):
         if max(positive, negative) > most:
             most = max(positive, negative)
             sign = 1.0 if positive >= negative else -1.0
-            for i in range(3):
-                pose[i, 0], pose[i, 1], pose[i, 2] = rotation[i, 0], rotation[i, 1], rotation[i, 2]
+            copy_elements(pose, rotation)
             pose[0, 3], pose[1, 3], pose[2, 3] = sign * t[0], sign * t[1], sign * t[2]
     return most
 

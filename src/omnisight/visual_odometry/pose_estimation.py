@@ -66,15 +66,15 @@ def estimate_pose(rays: FrameRays, predicted: Pose, seed: int = 0, noise: float 
     known = np.flatnonzero(rays.has_point)
     if len(known) < MIN_INLIERS:
         return FramePose(None, rays.has_point, reason=f"{len(known)} points tracked, {MIN_INLIERS} are needed")
+    is_known, assumed = noise is not None, noise or 1.0
     order = np.random.default_rng(seed).permutation(known)
     used = rays[order]
 
     def problem(scale: float) -> RayPoseProblem:
-        sigma = scale * (noise or 1.0)
+        sigma = scale * assumed
         arrays = used.points, used.origins, used.bearings, used.axes / sigma, sigma**2 * used.variance
         return RayPoseProblem(*map(np.ascontiguousarray, arrays))
 
-    is_known = noise is not None
     fit = refine(problem(1.0), predicted.matrix, is_scale_known=is_known)
     model, inlier, sigma = fit.model, fit.is_inlier, fit.scale
     if inlier.mean() < MIN_INLIER_SHARE:
@@ -86,4 +86,4 @@ def estimate_pose(rays: FrameRays, predicted: Pose, seed: int = 0, noise: float 
     is_inlier[order] = inlier
     if inlier.sum() < MIN_INLIERS:
         return FramePose(None, is_inlier, reason=f"{inlier.sum()} of {len(known)} points agree with a pose")
-    return FramePose(Pose.of_matrix(model), is_inlier, sigma * (noise or 1.0))
+    return FramePose(Pose.of_matrix(model), is_inlier, sigma * assumed)
