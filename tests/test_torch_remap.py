@@ -22,7 +22,7 @@ differentiable_or_not = pytest.mark.usefixtures("derivatives")
 
 
 @pytest.fixture(scope="module")
-def picture():
+def image():
     """Return a smooth panorama (128, 256, 3) of the sphere without a seam, 0 to 1."""
     bearings, _ = om.sphere(256).unproject(np.stack(np.meshgrid(np.arange(256), np.arange(128)), -1))
     return 0.5 + 0.4 * np.sin(3 * bearings)
@@ -40,21 +40,21 @@ def array_of(view):
 @pytest.mark.parametrize(
     "target", [om.perspective((160, 120), 90), om.sphere(200), om.cube_face(64), om.fisheye(100), om.cylinder(160)]
 )
-def test_views_equal_those_of_numpy(picture, target):
+def test_views_equal_those_of_numpy(image, target):
     source = om.sphere(256)
     rotation = om.look(yaw=150, pitch=20)
-    expected = om.remap(picture, source, target, rotation)
-    view, valid = Camera(source).remap(tensor_of(picture), Camera(target), torch.tensor(rotation))
+    expected = om.remap(image, source, target, rotation)
+    view, valid = Camera(source).remap(tensor_of(image), Camera(target), torch.tensor(rotation))
     assert valid.any()
     # OpenCV rounds coordinates to 1/32 px.
     assert np.abs(array_of(view) - expected)[valid.numpy()].max() < 0.02
 
 
 @differentiable_or_not
-def test_a_view_across_the_seam_is_as_smooth_as_elsewhere(picture):
+def test_a_view_across_the_seam_is_as_smooth_as_elsewhere(image):
     camera, target = Camera(om.sphere(256)), Camera(om.perspective((90, 60), 60))
     for antialias in (False, True):
-        back, valid = camera.remap(tensor_of(picture), target, torch.tensor(om.look(yaw=180)), antialias=antialias)
+        back, valid = camera.remap(tensor_of(image), target, torch.tensor(om.look(yaw=180)), antialias=antialias)
         assert valid.all()
         expected = 0.5 + 0.4 * np.sin(
             3 * om.perspective((90, 60), 60).unproject(target.grid().numpy())[0] @ om.look(yaw=180)
@@ -128,13 +128,13 @@ class Remapped(torch.nn.Module):
 
 
 @pytest.mark.filterwarnings("ignore")  # of the compiler itself
-def test_a_compiled_remap_is_one_graph(picture):
+def test_a_compiled_remap_is_one_graph(image):
     camera, target = Camera(om.sphere(256)), Camera(om.fisheye(60))
     torch._dynamo.reset()
     compiled = torch.compile(camera.remap, fullgraph=True, backend="aot_eager")
     rotation = torch.eye(3, dtype=torch.float64)
-    view, valid = compiled(tensor_of(picture), target, rotation)
-    expected, expected_valid = camera.remap(tensor_of(picture), target, rotation)
+    view, valid = compiled(tensor_of(image), target, rotation)
+    expected, expected_valid = camera.remap(tensor_of(image), target, rotation)
     assert torch.equal(valid, expected_valid)
     torch.testing.assert_close(view, expected, rtol=0, atol=1e-6)
 

@@ -39,6 +39,7 @@ def _import_without_scipy() -> None:
 
 
 _import_without_scipy()
+
 # Divisions by zero return inf, as in numpy.
 NJIT_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 

@@ -164,7 +164,7 @@ def test_few_pairs_that_leave_two_probable_poses_are_ambiguous():
             returned += 1
             square = normalized_squares([step_between(found.b_from_a, pose)], [found.covariance], 5)[0]
             wrong += square > 10
-    # The search for one pose alone returned 52, of which 5 were wrong.
+    # The search for one pose alone returned 52; 5 of them were wrong.
     assert returned >= 35
     assert ambiguous >= 5
     assert wrong <= 2

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from omnisight.cli._output import is_quiet, is_verbose
 
-# Time over which the speed is averaged, seconds: batches report every shard of images, some of which take a minute.
+# Time over which the speed is averaged, seconds: batches report each shard of images, and a shard can take a minute.
 SPEED_PERIOD_S = 600.0
 
 

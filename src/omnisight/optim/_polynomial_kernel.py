@@ -17,7 +17,7 @@ NEWTON_TOLERANCE = 1e-10
 # A double root is not resolved beyond the square root of the rounding.
 MAX_DIVISIONS = 30
 SHORTEST = 0.5**MAX_DIVISIONS
-# Every polynomial is written in the Bernstein basis of this degree: loops of constant length are twice as fast.
+# Every polynomial is written in the Bernstein basis of this degree, so that one matrix serves for all.
 DEGREE = 10
 SIZE = DEGREE + 1
 # Coefficients in the Bernstein basis from those of the powers: C(i, j)/C(n, j).

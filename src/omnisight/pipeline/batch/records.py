@@ -1,4 +1,4 @@
-"""What is stored of the work of a batch: a record for each shard that was processed, none of which is changed later."""
+"""Records of the work of a batch: one for each shard that was processed. A record is not changed later."""
 
 import json
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ class ShardRecord:
 
 @dataclass
 class Records:
-    """The records of a batch, of which later ones supersede earlier ones.
+    """The records of a batch; a later record of an item supersedes an earlier one.
 
     Attributes
     ----------
