@@ -14,6 +14,7 @@ The following run one at a time and take options, for example `python -m benchma
     features     detection and matching of features on rendered pairs. 10 minutes, with --quick 2
     twoview      poses and points from bearings with outliers; pycolmap, PoseLib. 10 minutes, with --quick 1
     sfm          structure from motion of rendered images; pycolmap. 2 hours, with --quick 5 minutes
+    scale        reconstructions of 100 to 10,000 rendered images. 8 hours, --counts 100 300 8 minutes
     bundle       bundle adjustment of 200 poses and 50,000 points; pycolmap. 1 minute
     places       retrieval of rendered images and of a robot's route; pycolmap. 20 minutes, with --quick 2
     compass      headings on a robot's route and of rendered panoramas. 2 minutes, with --quick 1
@@ -53,6 +54,7 @@ EVALUATIONS = (
     "startup",
     "features",
     "twoview",
+    "scale",
     "sfm",
     "bundle",
     "places",

@@ -78,7 +78,7 @@ def test_covariances_of_cameras_agree_with_monte_carlo():
         bundle = problem(seed, TRUE)
         found = adjust_bundle(bundle).state
         cameras, _ = bundle.covariances(found)
-        squares.append(found.values @ np.linalg.solve(cameras[-2:, -2:], found.values) / 2)
+        squares.append(found.values @ np.linalg.solve(cameras.toarray()[-2:, -2:], found.values) / 2)
     assert np.mean(squares) == pytest.approx(1.0, abs=0.4)
 
 
@@ -87,7 +87,7 @@ def test_a_prior_holds_what_the_images_do_not_determine():
     found = adjust_bundle(free).state
     assert abs(found.values[2]) < 1e-7
     cameras, _ = free.covariances(found)
-    assert np.sqrt(cameras[-1, -1]) == pytest.approx(1e-7, rel=0.15)
+    assert np.sqrt(cameras.toarray()[-1, -1]) == pytest.approx(1e-7, rel=0.15)
 
 
 @pytest.mark.parametrize("camera", [TRUE, om.perspective((600, 400), 70), om.sphere(640)], ids=lambda c: c.model.name)

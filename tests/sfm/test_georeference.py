@@ -91,7 +91,7 @@ def test_covariances_in_the_world_are_those_of_repeated_measurements(found):
         columns, covariance = placed.bundle.parameters[0], placed.bundle.covariances(placed.structure)[0]
         positions, derivatives = camera_positions(placed.rig_from_world, np.zeros((8, 3)))
         for column, position, true, by_step in zip(columns, positions, TRUE, derivatives, strict=True):
-            of_position = by_step @ covariance[np.ix_(column, column)] @ by_step.T
+            of_position = by_step @ covariance.square(column) @ by_step.T
             squares.append((position - true) @ np.linalg.solve(of_position, position - true) / 3)
     # The standard deviations are estimated from 8 positions, so that the mean exceeds 1.
     assert 0.8 < np.mean(squares) < 1.6

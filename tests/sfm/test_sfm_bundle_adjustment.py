@@ -55,7 +55,7 @@ def test_derivatives_agree_with_central_differences(refines_sensors):
         direction = rng.normal(size=size) * np.where(np.arange(size) < linearized.count, 0.1, 1.0)
         numeric = (residuals(1e-6 * direction) - residuals(-1e-6 * direction)) / 2e-6
         cameras, moves = np.append(direction[: linearized.count], 0.0), direction[linearized.count :].reshape(-1, 3)
-        analytic = np.einsum("mkl,ml->mk", linearized.by_camera, cameras[linearized.columns])
+        analytic = np.einsum("mkl,ml->mk", linearized.by_camera, cameras[linearized.cameras.columns])
         analytic += np.einsum("mkc,mc->mk", linearized.by_point, moves[linearized.point])
         np.testing.assert_allclose(analytic, numeric, rtol=1e-5, atol=1e-5 * np.abs(numeric).max())
 
@@ -67,10 +67,10 @@ def test_a_step_solves_the_normal_equations():
     count, size = linearized.count, linearized.count + truth.points.size
     jacobian = np.zeros((len(rays), 2, size + 1))
     for i in range(len(rays)):
-        np.add.at(jacobian[i].T, linearized.columns[i], linearized.by_camera[i].T)
+        np.add.at(jacobian[i].T, linearized.cameras.columns[i], linearized.by_camera[i].T)
         jacobian[i, :, count + 3 * rays.point[i] : count + 3 * rays.point[i] + 3] = linearized.by_point[i]
     # Fixed parameters have the column -1, which is the last.
-    assert (linearized.columns < 0).any()
+    assert (linearized.cameras.columns < 0).any()
     jacobian = jacobian.reshape(-1, size + 1)[:, :-1]
     residuals = linearized.residuals.ravel()
     step = linearized.solve(0.0)
@@ -80,6 +80,7 @@ def test_a_step_solves_the_normal_equations():
     assert linearized.decrease(step) == pytest.approx(decrease)
     cameras, points = linearized.covariances()
     covariance = np.linalg.inv(jacobian.T @ jacobian)
+    cameras = cameras.toarray()
     np.testing.assert_allclose(cameras, covariance[:count, :count], rtol=1e-5, atol=1e-9 * np.abs(cameras).max())
     np.testing.assert_allclose(points[7], covariance[count + 21 : count + 24, count + 21 : count + 24], rtol=1e-5)
 
@@ -122,7 +123,7 @@ def mean_squared_errors(seeds, count=25, overstated=1.0):
         small = np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], axis=1)
         moves = found.rig_from_world[:, :, 3] - truth.rig_from_world[:, :, 3]
         step[frames] = np.hstack([small, moves])
-        of_poses.append(step[:free] @ np.linalg.solve(cameras, step[:free]) / free)
+        of_poses.append(step[:free] @ np.linalg.solve(cameras.toarray(), step[:free]) / free)
         error = (found.points - truth.points)[:, :, None]
         of_points.append((error * np.linalg.solve(points, error)).sum(axis=(1, 2)).mean() / 3)
     return np.mean(of_poses), np.mean(of_points)

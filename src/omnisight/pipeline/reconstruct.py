@@ -160,8 +160,9 @@ def reconstruct(
     scene = files.names, detected.keypoints, detected.colors
     models = tuple(build_reconstruction(found, body, *scene, world.origin) for found in maps)
     registered = {name for model in models for name in model.names}
+    matched = {image for edge in graph.edges for image in edge.images}
     unregistered = {
-        name: _reason(i, detected.keypoints, graph.edges, len(files))
+        name: _reason(len(detected.keypoints[i]), len(files), has_edges=i in matched)
         for i, name in enumerate(files.names)
         if name not in registered
     }
@@ -270,12 +271,22 @@ class _Task:
         selecting, are_many = partial(self.progress, "selecting pairs"), len(keypoints) > MAX_EXHAUSTIVE
         if self.options.pairs == "auto" and are_many:
             return similar_pairs(keypoints, NEIGHBOURS, selecting)
-        pairs = list(combinations(range(len(keypoints)), 2))
         if self.options.pairs == "sequential":
-            near = [(a, b) for a, b in pairs if abs(images.frame[b] - images.frame[a]) <= self.options.window]
             loops = similar_pairs(keypoints, LOOP_NEIGHBOURS, selecting) if are_many else []
-            return sorted({*near, *loops})
+            return sorted({*_near_pairs(images.frame, self.options.window), *loops})
+        pairs = list(combinations(range(len(keypoints)), 2))
         return pairs if self.options.pairs == "all" else overlapping_pairs(keypoints, pairs, selecting)
+
+
+def _near_pairs(frame: NDArray[np.intp], window: int) -> Pairs:
+    """Return the pairs of images whose frames (I,) differ by at most a window."""
+    order = np.argsort(frame, kind="stable")
+    last = np.searchsorted(frame[order], frame[order] + window, side="right")
+    return [
+        (min(a, b), max(a, b))
+        for i, (a, end) in enumerate(zip(order.tolist(), last.tolist(), strict=True))
+        for b in order[i + 1 : end].tolist()
+    ]
 
 
 def _check_extrinsics(poses: NDArray[np.float64], names: Sequence[str]) -> None:
@@ -294,12 +305,12 @@ def _with_known_poses(edges: Sequence[Edge], images: RigImages, keypoints: Seque
     return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose).edges
 
 
-def _reason(image: int, keypoints: Sequence[Keypoints], edges: Sequence[Edge], count: int) -> str:
-    """Return why an image is in no model."""
-    if count < 2:
+def _reason(keypoints: int, images: int, *, has_edges: bool) -> str:
+    """Return why an image is in no model, from the numbers of its keypoints and of all images."""
+    if images < 2:
         return "one image shows no motion: specify a folder of two or more"
-    if len(keypoints[image]) < MIN_KEYPOINTS:
-        return f"{len(keypoints[image])} keypoints: the image shows no texture in the field of view of its camera"
-    if not any(image in (edge.a, edge.b) for edge in edges):
+    if keypoints < MIN_KEYPOINTS:
+        return f"{keypoints} keypoints: the image shows no texture in the field of view of its camera"
+    if not has_edges:
         return f"no overlap: no other image has {MIN_INLIERS} matches that agree with a motion"
     return "its matches do not agree with the poses of the other images"

@@ -11,6 +11,7 @@ residual is A u: to first order the whitened residual in pixels, without the pol
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
+from omnisight.optim._multifrontal_kernel import block_offset
 from omnisight.twoview._small_vectors_kernel import cross, dot, times, transposed_times
 
 # Derivatives by a pose.
@@ -111,9 +112,19 @@ def _inverse_of_point(by_point, residuals, first, last, damping, inverse, gradie
     inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
 
 
+@njit_helper
+def _block_origin(layout, high, low):
+    """Return the address that the value of row 0 and column 0 would have in the block of two groups, and its width."""
+    starts, row_starts, block_columns, offsets = layout
+    width = starts[low + 1] - starts[low]
+    return block_offset(row_starts, block_columns, offsets, high, low) - starts[high] * width - starts[low], width
+
+
 @njit_driver
-def reduce_points(starts, columns, residuals, by_camera, by_point, damping, first, last, schur, right, diagonal):
-    """Add the points first ... last to the lower triangle of the Schur complement (C, C), in place.
+def reduce_points(
+    starts, columns, groups, parts, residuals, by_camera, by_point, damping, first, last, layout, schur, right, diagonal
+):
+    """Add the points first ... last to the values of the Schur complement, in place.
 
     Also add to its right side (C,) and to the diagonal (C,) of the normal equations of the cameras.
 
@@ -123,6 +134,11 @@ def reduce_points(starts, columns, residuals, by_camera, by_point, damping, firs
         (P + 1,) first observation of each point.
     columns
         (M, L) column of each derivative by a camera; -1 if it is fixed.
+    groups, parts
+        (M, K) groups of the columns of the parts of each row of derivatives, and the first derivatives (K + 1,) of each
+        part; -1 if all of a part are fixed.
+    layout
+        Starts, row starts, columns and offsets of the `BlockPattern` of the Schur complement.
     """
     size = columns.shape[1]
     inverse, gradient = np.empty((3, 3)), np.empty(3)
@@ -145,35 +161,41 @@ def reduce_points(starts, columns, residuals, by_camera, by_point, damping, firs
                 gains[m, r, 1] = dot(inverse[1], w)
                 gains[m, r, 2] = dot(inverse[2], w)
                 row = columns[i, r]
-                if row < 0:
-                    continue
-                right[row] -= dot(gains[m, r], gradient)
-                for k in range(2):
-                    right[row] += by_camera[i, k, r] * residuals[i, k]
-                    diagonal[row] += by_camera[i, k, r] ** 2
-                for c in range(size):
-                    column = columns[i, c]
-                    if 0 <= column <= row:
-                        schur[row, column] += (
-                            by_camera[i, 0, r] * by_camera[i, 0, c] + by_camera[i, 1, r] * by_camera[i, 1, c]
-                        )
+                if row >= 0:
+                    right[row] -= dot(gains[m, r], gradient)
+                    for k in range(2):
+                        right[row] += by_camera[i, k, r] * residuals[i, k]
+                        diagonal[row] += by_camera[i, k, r] ** 2
             for other in range(m + 1):
                 j = start + other
-                for r in range(size):
-                    row = columns[i, r]
-                    if row < 0:
-                        continue
-                    g0, g1, g2 = gains[m, r, 0], gains[m, r, 1], gains[m, r, 2]
-                    for c in range(size):
-                        column = columns[j, c]
-                        w = cross_terms[other, c]
-                        value = g0 * w[0] + g1 * w[1] + g2 * w[2]
-                        if m == other:
-                            if 0 <= column <= row:
-                                schur[row, column] -= value
-                        elif column >= 0:
-                            # Observations that share a parameter add to its square twice.
-                            schur[max(row, column), min(row, column)] -= 2.0 * value if row == column else value
+                for p in range(len(parts) - 1):
+                    # The groups of the parts of one observation increase: the first triangle of its blocks suffices.
+                    for q in range(p + 1 if m == other else len(parts) - 1):
+                        group, of_other = groups[i, p], groups[j, q]
+                        if group < 0 or of_other < 0:
+                            continue
+                        origin, width = _block_origin(layout, max(group, of_other), min(group, of_other))
+                        by_row, by_column = (width, 1) if group >= of_other else (1, width)
+                        for r in range(parts[p], parts[p + 1]):
+                            row = columns[i, r]
+                            if row < 0:
+                                continue
+                            g0, g1, g2 = gains[m, r, 0], gains[m, r, 1], gains[m, r, 2]
+                            along_row = origin + row * by_row
+                            for c in range(parts[q], parts[q + 1]):
+                                column = columns[j, c]
+                                if column < 0 or (m == other and column > row):
+                                    continue
+                                w = cross_terms[other, c]
+                                value = g0 * w[0] + g1 * w[1] + g2 * w[2]
+                                if m == other:
+                                    value -= by_camera[i, 0, r] * by_camera[i, 0, c]
+                                    value -= by_camera[i, 1, r] * by_camera[i, 1, c]
+                                if group != of_other or m == other:
+                                    schur[along_row + column * by_column] -= value
+                                else:  # observations that share a parameter add to its square twice
+                                    address = origin + max(row, column) * width + min(row, column)
+                                    schur[address] -= 2.0 * value if row == column else value
 
 
 @njit_driver
@@ -210,11 +232,12 @@ def linear_decrease(columns, point, residuals, by_camera, by_point, step, moves)
 
 @njit_driver
 def point_covariances(
-    starts, columns, residuals, by_camera, by_point, camera_covariance, noise, first, last, covariance
+    starts, columns, groups, parts, residuals, by_camera, by_point, layout, values, noise, first, last, covariance
 ):
-    """Fill the covariances (P, 3, 3) of the points first ... last, given that of the cameras (C, C).
+    """Fill the covariances (P, 3, 3) of the points first ... last, given the values of that of the cameras.
 
-    The part of their own observations is multiplied by `noise`, the variance of the residuals.
+    The part of their own observations is multiplied by `noise`, the variance of the residuals. For the other parameters
+    see `reduce_points`.
     """
     size = columns.shape[1]
     inverse, gradient = np.empty((3, 3)), np.empty(3)
@@ -227,16 +250,24 @@ def point_covariances(
                 for k in range(2):
                     for c in range(3):
                         gains[m, r, c] += by_camera[start + m, k, r] * dot(inverse[c], by_point[start + m, k])
-        covariance[n] = noise * inverse
+        for p in range(3):
+            for q in range(3):
+                covariance[n, p, q] = noise * inverse[p, q]
         for m in range(end - start):
             for other in range(end - start):
-                for r in range(size):
-                    row = columns[start + m, r]
-                    for c in range(size):
-                        column = columns[start + other, c]
-                        if row < 0 or column < 0:
+                for p in range(len(parts) - 1):
+                    for q in range(len(parts) - 1):
+                        group, of_other = groups[start + m, p], groups[start + other, q]
+                        if group < 0 or of_other < 0:
                             continue
-                        value = camera_covariance[row, column]
-                        for p in range(3):
-                            for q in range(3):
-                                covariance[n, p, q] += value * gains[m, r, p] * gains[other, c, q]
+                        origin, width = _block_origin(layout, max(group, of_other), min(group, of_other))
+                        for r in range(parts[p], parts[p + 1]):
+                            row = columns[start + m, r]
+                            for c in range(parts[q], parts[q + 1]):
+                                column = columns[start + other, c]
+                                if row < 0 or column < 0:
+                                    continue
+                                value = values[origin + max(row, column) * width + min(row, column)]
+                                for k in range(3):
+                                    for d in range(3):
+                                        covariance[n, k, d] += value * gains[m, r, k] * gains[other, c, d]

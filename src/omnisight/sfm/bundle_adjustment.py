@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, vstack
 
 from omnisight.geometry import rotation as so3
+from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
-from omnisight.sfm.linearized_bundle import LinearizedBundle, Prior
+from omnisight.sfm.linearized_bundle import CameraColumns, LinearizedBundle, Prior
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.pixel_rays import PixelRays
 
@@ -24,6 +25,9 @@ MAX_ITERATIONS, TOLERANCE = 100, 1e-6
 INITIAL_DAMPING = 1e-4
 # Derivatives by a pose.
 POSE = 6
+# Columns of the cameras up to which their matrix is one block: it is factored in a few milliseconds, and needs no order
+# of elimination.
+MAX_DENSE_COLUMNS = 600
 # Observations per task of a thread.
 RAYS_PER_TASK = 16384
 
@@ -157,16 +161,40 @@ class Bundle:
         return columns[: len(frames)], columns[len(frames) :], int(is_free.sum()) + len(self.start.values)
 
     @cached_property
-    def columns(self) -> NDArray[np.int32]:
-        """Columns (M, L) of the derivatives of each observation."""
+    def cameras(self) -> CameraColumns:
+        """Where the derivatives of observations by frames, sensors and free values are in the normal equations."""
         frames, sensors, count = self.parameters
-        poses = POSE * (2 if self.refines_sensors else 1)
-        columns = np.empty((len(self.rays), poses + len(self.start.values)), np.int32)
-        columns[:, :POSE] = frames.astype(np.int32)[self.rays.frame]
+        sizes = np.concatenate([(frames >= 0).sum(axis=1), (sensors >= 0).sum(axis=1), [len(self.start.values)]])
+        group = np.where(sizes > 0, np.cumsum(sizes > 0) - 1, -1)
+        if count <= MAX_DENSE_COLUMNS:
+            group = np.minimum(group, 0)
+        observed = [(frames, group[: len(frames)], self.rays.frame)]
         if self.refines_sensors:
-            columns[:, POSE:poses] = sensors[self.rays.sensor]
-        columns[:, poses:] = np.arange(count - len(self.start.values), count)
-        return columns
+            observed.append((sensors, group[len(frames) : -1], self.rays.sensor))
+        columns = [of_pose[index] for of_pose, _, index in observed]
+        groups = [of_pose[index] for _, of_pose, index in observed]
+        parts = [POSE * k for k in range(len(observed) + 1)]
+        if values := len(self.start.values):
+            shape = len(self.rays), values
+            columns.append(np.broadcast_to(np.arange(count - values, count), shape))
+            groups.append(np.full(shape[0], group[-1]))
+            parts.append(parts[-1] + values)
+        of_rays = np.column_stack(groups)
+        pattern = BlockPattern.dense(count) if count <= MAX_DENSE_COLUMNS else self._pattern(sizes[sizes > 0], of_rays)
+        return CameraColumns(
+            np.concatenate(columns, axis=1).astype(np.int32), of_rays.astype(np.int32), np.array(parts), pattern
+        )
+
+    def _pattern(self, sizes: Indices, groups: Indices) -> BlockPattern:
+        """Return the pattern of groups of columns of these sizes, of which each observation depends on some (M, K)."""
+        starts = np.concatenate([[0], np.cumsum(sizes)])
+        residuals, derivatives = self._prior(self.start)
+        prior, points = derivatives.tocoo(), len(self.start.points)
+        of_rays, is_free = np.broadcast_to(self.rays.point[:, None], groups.shape), groups >= 0
+        of_prior = np.searchsorted(starts, prior.col, side="right") - 1
+        ends = np.append(of_rays[is_free], points + prior.row), np.append(groups[is_free], of_prior)
+        shape = points + len(residuals), len(sizes)
+        return BlockPattern.of_incidence(starts, csr_array(coo_array((np.ones(len(ends[0]), bool), ends), shape)))
 
     def rays_at(self, state: Structure) -> tuple[RayObservations, Array]:
         """Return the rays with the cameras of a state, and the derivatives (M, 2, Q) of residuals by their values."""
@@ -192,7 +220,7 @@ class Bundle:
         count, poses = len(rays), (state.rig_from_world, state.sensor_from_rig)
         weights = self.loss.weight(state.squared_residuals(rays)) if weights is None else weights
         residuals, by_point = np.empty((count, 2)), np.empty((count, 2, 3))
-        by_pose = np.empty((count, 2, self.columns.shape[1] - by_values.shape[2]))
+        by_pose = np.empty((count, 2, self.cameras.columns.shape[1] - by_values.shape[2]))
         indices, derivatives = (rays.frame, rays.sensor, rays.point), (residuals, by_pose, by_point)
         parallel_for(
             lambda first, last: linearize(
@@ -203,9 +231,8 @@ class Bundle:
         )
         if by_values.shape[2]:
             by_pose = np.concatenate([by_pose, np.sqrt(weights)[:, None, None] * by_values], axis=2)
-        blocks = residuals, by_pose, by_point
         return LinearizedBundle(
-            self.starts, rays.point, self.columns, self.parameters[2], *blocks, prior=self._prior(state)
+            self.starts, rays.point, self.cameras, residuals, by_pose, by_point, prior=self._prior(state)
         )
 
     def _prior(self, state: Structure) -> Prior:
@@ -222,8 +249,10 @@ class Bundle:
         measured = coo_array((derivatives[free], (rows[free], columns[free])), shape=(len(residuals), count))
         return Prior(np.append(precision * state.values, residuals), csr_array(vstack([of_values, measured])))
 
-    def covariances(self, state: Structure) -> tuple[Array, Array]:
-        """Return the covariances of the cameras (C, C), and of the points (P, 3, 3), at the optimum.
+    def covariances(self, state: Structure) -> tuple[BlockMatrix, Array]:
+        """Return the covariances of the cameras, and of the points (P, 3, 3), at the optimum.
+
+        Those between cameras are known if points connect them.
 
         The variances of the cameras are robust (P. Huber 1967; K.-Y. Liang and S. Zeger 1986): those of inverse
         information times the scatter of the gradients of all points times inverse information. In real images the
@@ -242,8 +271,8 @@ class Bundle:
         freedom = max(values - self.parameters[2], 1)
         # Few observations of a point do not average the tails: its noise is the variance of the residuals.
         noise = self.loss.information * float(squares[used].sum()) / freedom
-        scatter = self.linearize(state).score_scatter() * (values / freedom)
-        return self.linearize(state, weights).covariances(scatter, noise)
+        gradients = self.linearize(state).gradients() * np.sqrt(values / freedom)
+        return self.linearize(state, weights).covariances(gradients, noise)
 
     def move(self, state: Structure, step: Array) -> Structure:
         """Return the structure moved by a step."""

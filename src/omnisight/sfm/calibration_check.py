@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_solve
+from scipy.linalg import LinAlgError
 
 from omnisight.camera import Camera
 from omnisight.features import Keypoints
-from omnisight.optim.cholesky import factor_cholesky
 from omnisight.sfm.mapping import Map
 from omnisight.sfm.pixel_rays import FreeCameras
 
@@ -55,10 +54,11 @@ def focal_length_changes(
         return [None] * len(cameras)
     images = found.images.with_free_cameras(free, keypoints)
     bundle = replace(found, images=images, values=np.zeros(free.count)).bundle
-    schur, right, _ = bundle.linearize(bundle.start).reduced()
+    linearized = bundle.linearize(bundle.start)
+    matrix, right, _ = linearized.reduced()
     try:
-        units = np.eye(len(schur))[:, -free.count :]
-        solution = np.asarray(cho_solve(factor_cholesky(schur), np.column_stack([-right, units])), float)
+        units = np.eye(len(right), free.count, free.count - len(right))
+        solution = linearized.factor(matrix).solve(np.column_stack([-right, units]))
     except LinAlgError:
         return [None] * len(cameras)
     sigmas = np.sqrt(np.diag(solution[-free.count :, 1:]))

@@ -1,5 +1,6 @@
 """Differences of unknowns along the edges of a graph, its triangles and its spanning trees."""
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,13 @@ def incidence_matrix(count: int, a: Indices, b: Indices) -> Any:
     rows, ones = np.arange(len(a)), np.ones(len(a))
     ends = np.tile(rows, 2), np.concatenate([a, b])
     return coo_array((np.concatenate([-ones, ones]), ends), shape=(len(a), count)).tocsr()[:, 1:]
+
+
+def grouped(values: Indices) -> Iterator[tuple[int, Indices]]:
+    """Yield each of the values (N,), increasing, with the indices where it is."""
+    order = np.argsort(values, kind="stable")
+    found, starts = np.unique(values[order], return_index=True)
+    yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True)
 
 
 class Triangles(NamedTuple):

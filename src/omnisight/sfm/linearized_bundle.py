@@ -1,14 +1,16 @@
 """Linearized bundle adjustment: the points are eliminated by the Schur complement."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_solve
-from scipy.sparse import coo_array, csr_array
+from scipy.linalg import LinAlgError
+from scipy.sparse import coo_array, csr_array, hstack
 
-from omnisight.optim.cholesky import factor_cholesky
+from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
+from omnisight.optim.multifrontal import Front, MultifrontalFactor, fronts_of
 from omnisight.parallel import parallel_for
 
 Array = NDArray[np.float64]
@@ -16,6 +18,9 @@ Indices = NDArray[np.intp]
 
 # Points per task of a thread.
 POINTS_PER_TASK = 2048
+# Columns of the cameras up to which their variances are exact: every one needs a solution. Beyond, they are means over
+# so many random combinations of the gradients, which have a relative standard deviation of sqrt(2 / PROBES).
+MAX_EXACT_COLUMNS, PROBES = 3000, 512
 
 
 class Prior(NamedTuple):
@@ -23,6 +28,52 @@ class Prior(NamedTuple):
 
     residuals: Array
     derivatives: csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class CameraColumns:
+    """Where the derivatives of observations by cameras are in the normal equations.
+
+    Attributes
+    ----------
+    columns
+        (M, L) int32, column of each derivative; -1 if it is fixed.
+    groups
+        (M, K) int32, group of the columns of each part of the derivatives: a frame, a sensor, or the free values; -1 if
+        all are fixed.
+    parts
+        (K + 1,) first derivative of each part.
+    pattern
+        The groups that common points, or a prior, connect.
+    """
+
+    columns: NDArray[np.int32]
+    groups: NDArray[np.int32]
+    parts: Indices
+    pattern: BlockPattern
+
+    @property
+    def count(self) -> int:
+        """Number of columns C."""
+        return self.pattern.size
+
+    @cached_property
+    def fronts(self) -> list[Front]:
+        """The fronts of the elimination of the cameras."""
+        return fronts_of(self.pattern)
+
+    @property
+    def layout(self) -> tuple[Indices, Indices, Indices, Indices]:
+        """How the blocks are stored, for compiled loops."""
+        return self.pattern.starts, self.pattern.row_starts, self.pattern.column, self.pattern.offsets
+
+
+class ReducedSystem(NamedTuple):
+    """The normal equations of the cameras without the points: matrix, right side (C,), and undamped diagonal (C,)."""
+
+    matrix: BlockMatrix
+    right: Array
+    diagonal: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +86,8 @@ class LinearizedBundle:
         (P + 1,) first observation of each point.
     point
         (M,) indices of the points.
-    columns
-        (M, L) int32, column of each derivative by a camera; -1 if it is fixed.
-    count
-        Number of columns C.
+    cameras
+        Columns of the derivatives by cameras.
     residuals, by_camera, by_point
         (M, 2), (M, 2, L) and (M, 2, 3).
     prior
@@ -47,30 +96,35 @@ class LinearizedBundle:
 
     starts: Indices
     point: Indices
-    columns: NDArray[np.int32]
-    count: int
+    cameras: CameraColumns
     residuals: Array
     by_camera: Array
     by_point: Array
     prior: Prior
 
     @property
-    def _jacobian(self) -> tuple[NDArray[np.int32], Array, Array, Array]:
-        return self.columns, self.residuals, self.by_camera, self.by_point
+    def count(self) -> int:
+        """Number of columns C of the cameras."""
+        return self.cameras.count
+
+    @property
+    def _jacobian(self) -> tuple[Array, Array, Array]:
+        return self.residuals, self.by_camera, self.by_point
 
     def solve(self, damping: float) -> Array:
         """Return the step (C + 3 P,): cameras, then points; NaN if there is none."""
         from omnisight.sfm._bundle_kernel import solve_points
 
         moves = np.full((len(self.starts) - 1, 3), np.nan)
+        matrix, right, diagonal = self.reduced(damping)
+        matrix.add_diagonal(damping * diagonal)
         try:
-            schur, right, diagonal = self.reduced(damping)
-            schur[np.diag_indices(self.count)] += damping * diagonal
-            step = -cho_solve(factor_cholesky(schur), right)
+            step = -self.factor(matrix).solve(right)
         except LinAlgError:
             return np.full(self.count + moves.size, np.nan)
+        columns = self.cameras.columns
         parallel_for(
-            lambda first, last: solve_points(self.starts, *self._jacobian, damping, first, last, step, moves),
+            lambda first, last: solve_points(self.starts, columns, *self._jacobian, damping, first, last, step, moves),
             len(moves),
             POINTS_PER_TASK,
         )
@@ -80,56 +134,62 @@ class LinearizedBundle:
         """Return the decrease of the linearized cost along a step."""
         from omnisight.sfm._bundle_kernel import linear_decrease
 
-        jacobian = self.residuals, self.by_camera, self.by_point
         cameras, moves = step[: self.count], step[self.count :].reshape(-1, 3)
         change = self.prior.derivatives @ cameras
         of_prior = float(change @ (self.prior.residuals + 0.5 * change))
-        return float(linear_decrease(self.columns, self.point, *jacobian, cameras, moves)) - of_prior
+        return float(linear_decrease(self.cameras.columns, self.point, *self._jacobian, cameras, moves)) - of_prior
 
-    def reduced(self, damping: float = 0.0) -> tuple[Array, Array, Array]:
-        """Return the Schur complement (C, C; lower triangle only), right side and diagonal."""
+    def factor(self, matrix: BlockMatrix) -> MultifrontalFactor:
+        """Return the factor of a matrix of the cameras; raise LinAlgError if it is not positive definite."""
+        return MultifrontalFactor.of(matrix, self.cameras.fronts)
+
+    def reduced(self, damping: float = 0.0) -> ReducedSystem:
+        """Return the normal equations of the cameras, from which the points are eliminated."""
         from omnisight.sfm._bundle_kernel import reduce_points
 
-        parts: list[tuple[Array, Array, Array]] = []
+        cameras, parts = self.cameras, list[ReducedSystem]()
+        indices = self.starts, cameras.columns, cameras.groups, cameras.parts
 
         def work(first: int, last: int) -> None:
-            part = np.zeros((self.count, self.count)), np.zeros(self.count), np.zeros(self.count)
-            reduce_points(self.starts, *self._jacobian, damping, first, last, *part)
+            part = ReducedSystem(cameras.pattern.zeros(), np.zeros(self.count), np.zeros(self.count))
+            into = cameras.layout, part.matrix.values, part.right, part.diagonal
+            reduce_points(*indices, *self._jacobian, damping, first, last, *into)
             parts.append(part)
 
         parallel_for(work, len(self.starts) - 1, POINTS_PER_TASK)
-        total = parts.pop()
+        matrix, right, diagonal = parts.pop()
         for part in parts:
-            for target, values in zip(total, part, strict=True):
+            for target, values in ((matrix.values, part.matrix.values), (right, part.right), (diagonal, part.diagonal)):
                 target += values
-        schur, right, diagonal = total
         residuals, derivatives = self.prior
         of_prior = (derivatives.T @ derivatives).tocoo()
-        schur[of_prior.row, of_prior.col] += of_prior.data
+        lower = of_prior.row >= of_prior.col
+        matrix.values[cameras.pattern.addresses(of_prior.row[lower], of_prior.col[lower])] += of_prior.data[lower]
         diagonal += of_prior.diagonal()
         right += derivatives.T @ residuals
-        return total
+        return ReducedSystem(matrix, right, diagonal)
 
-    def score_scatter(self) -> Array:
-        """Return the sum of outer products of the gradients of all points by the cameras (C, C), and of the prior.
+    def gradients(self) -> csr_array:
+        """Return the gradients (C, P + R) of the cost of each point, and of the prior, by the cameras.
 
-        It estimates the covariance of the gradient of the cost at the optimum whatever the distribution of the
-        residuals and their correlation in the images of a point.
+        Their outer products estimate the covariance of the gradient of the cost at the optimum whatever the
+        distribution of the residuals and their correlation in the images of a point.
         """
+        columns = self.cameras.columns
         gradients = np.einsum("mkl,mk->ml", self.by_camera, self.residuals)
-        row, free = np.broadcast_to(self.point[:, None], self.columns.shape), self.columns >= 0
-        shape = len(self.starts) - 1, self.count
-        of_points = coo_array((gradients[free], (row[free], self.columns[free])), shape=shape).tocsr()
-        derivatives = self.prior.derivatives
-        return np.asarray((of_points.T @ of_points + derivatives.T @ derivatives).toarray(), float)
+        point, free = np.broadcast_to(self.point[:, None], columns.shape), columns >= 0
+        shape = self.count, len(self.starts) - 1
+        of_points = coo_array((gradients[free], (columns[free], point[free])), shape=shape)
+        return csr_array(hstack([of_points, self.prior.derivatives.T]))
 
-    def covariances(self, scatter: Array | None = None, noise: float = 1.0) -> tuple[Array, Array]:
-        """Return the covariances of the cameras (C, C), and of the points (P, 3, 3).
+    def covariances(self, gradients: csr_array | None = None, noise: float = 1.0) -> tuple[BlockMatrix, Array]:
+        """Return the covariances of the cameras, of the groups that points connect, and of the points (P, 3, 3).
 
         Parameters
         ----------
-        scatter
-            (C, C) covariance of the gradient by the cameras, for their variances; by default the information.
+        gradients
+            (C, G) independent parts of the gradient by the cameras, for their variances; by default the inverse of the
+            information.
         noise
             Variance of the residuals, by which the part of the points' own observations is multiplied.
 
@@ -140,17 +200,28 @@ class LinearizedBundle:
         """
         from omnisight.sfm._bundle_kernel import point_covariances
 
-        schur, _, _ = self.reduced()
-        cameras = np.asarray(cho_solve(factor_cholesky(schur), np.eye(self.count)), float)
-        if scatter is not None:
+        factor = self.factor(self.reduced().matrix)
+        inverse = factor.inverse()
+        if gradients is not None:
             # Only the variances, because the correlations of few points are inaccurate.
-            variances = np.einsum("ij,jk,ki->i", cameras, scatter, cameras, optimize=True)
-            ratio = np.sqrt(variances / np.diag(cameras))
-            cameras *= ratio[:, None] * ratio
-        points = np.empty((len(self.starts) - 1, 3, 3))
+            index = np.arange(self.count)
+            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, gradients) / inverse.at(index, index)))
+        points, cameras = np.empty((len(self.starts) - 1, 3, 3)), self.cameras
+        indices = self.starts, cameras.columns, cameras.groups, cameras.parts
+        of_cameras = cameras.layout, inverse.values
         parallel_for(
-            lambda first, last: point_covariances(self.starts, *self._jacobian, cameras, noise, first, last, points),
+            lambda first, last: point_covariances(*indices, *self._jacobian, *of_cameras, noise, first, last, points),
             len(points),
             POINTS_PER_TASK,
         )
-        return cameras, points
+        return inverse, points
+
+
+def _sandwich_variances(factor: MultifrontalFactor, gradients: csr_array) -> Array:
+    """Return the diagonal (C,) of A^-1 G G^T A^-1 for gradients G (C, N)."""
+    if (count := factor.pattern.size) <= MAX_EXACT_COLUMNS:
+        inverse = factor.solve(np.eye(count))
+        return (((gradients @ gradients.T) @ inverse) * inverse).sum(axis=0)
+    by_part = gradients.tocsc()
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (len(by_part.indptr) - 1, PROBES))
+    return (factor.solve(by_part @ signs) ** 2).mean(axis=1)

@@ -14,6 +14,7 @@ from omnisight.parallel import parallel_for, parallel_map
 from omnisight.ray_camera import RayCamera
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
+from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
@@ -245,10 +246,9 @@ def _contradicted_frames(found: Map, graph: ViewGraph, keypoints: Sequence[Keypo
     """Return which frames (F,) are where more matches with the others are missing than agree."""
     images, row, tracks = found.images, found.row_of_image, found.tracks
     known, poses = dict[int, KnownPoints](), dict[int, Pose]()
-    for image in np.unique(tracks.image).tolist():
+    for image, seen in grouped(tracks.image):
         of_sensor = Pose.of_matrix(found.sensor_from_rig[images.sensor[image]])
         poses[image] = of_sensor @ Pose.of_matrix(found.rig_from_world[row[image]])
-        seen = tracks.image == image
         distances = np.linalg.norm(poses[image] @ found.points[tracks.track[seen]], axis=1)
         known[image] = KnownPoints.of(keypoints[image].bearings, tracks.keypoint[seen], distances)
     matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)

@@ -12,15 +12,14 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.parallel import parallel_map
-from omnisight.sfm.incidence import spanning_tree, unique_edges
+from omnisight.sfm.incidence import grouped, spanning_tree, unique_edges
 from omnisight.sfm.position_averaging import EdgeDistances, average_log_scales, edge_distances
+from omnisight.sfm.spanning_forest import SpanningForest
 from omnisight.sfm.view_graph import Edge
 
 Array = NDArray[np.float64]
@@ -197,23 +196,16 @@ def contradicted_links(count: int, links: Links, missing: Links) -> NDArray[np.b
     The two parts are those that an edge of the spanning tree with most matches connects. Of all such pairs of parts,
     the one with the largest share of missing matches is selected; none if all have more matches.
     """
+    if not len(missing.a):
+        return np.zeros(len(links.a), bool)
     best = unique_edges(links.a, links.b, -links.matches)
     a, b = links.a[best], links.b[best]
     tree = spanning_tree(count, a, b, 1 / links.matches[best])
-    largest, found = 1.0, np.zeros(len(links.a), bool)
-    for edge in tree if len(missing.a) else ():
-        others = tree[tree != edge]
-        graph = coo_array((np.ones(len(others)), (a[others], b[others])), shape=(count, count))
-        part = connected_components(graph, directed=False)[1]
-        ends = {part[a[edge]], part[b[edge]]}  # links that do not agree can leave further parts
-
-        def across(pairs: Links, part: Indices = part, ends: set[int] = ends) -> NDArray[np.bool_]:
-            return (part[pairs.a] != part[pairs.b]) & np.isin(part[pairs.a], [*ends]) & np.isin(part[pairs.b], [*ends])
-
-        cut, lacking = across(links), missing.matches[across(missing)].sum()
-        if lacking > largest * links.matches[cut].sum():
-            largest, found = lacking / links.matches[cut].sum(), cut
-    return found
+    forest = SpanningForest.of(count, a[tree], b[tree])
+    agreeing, lacking = forest.sums_across(*links), forest.sums_across(*missing)
+    ratio = lacking / np.maximum(agreeing, 1.0)  # nodes without an edge separate nothing
+    worst = int(ratio.argmax())
+    return forest.separates(worst, links.a, links.b) & (ratio[worst] > 1.0)
 
 
 def known_points(
@@ -227,8 +219,7 @@ def known_points(
     starts = np.flatnonzero(np.append(True, (np.diff(image) != 0) | (np.diff(keypoint) != 0)))
     middle = (starts + np.append(starts[1:], len(image))) // 2
     found: list[KnownPoints | None] = [None] * len(keypoints)
-    for i in np.unique(image):
-        use = image[starts] == i
+    for i, use in grouped(image[starts]):
         found[i] = KnownPoints.of(keypoints[i].bearings, keypoint[starts[use]], np.exp(logarithm[middle[use]]))
     return found
 

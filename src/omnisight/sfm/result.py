@@ -88,20 +88,18 @@ class Covariances(NamedTuple):
 
 def covariances(found: Map) -> Covariances:
     """Return the covariances of a map."""
-    poses, points, count = np.zeros((len(found.frames), 6, 6)), len(found.points), len(found.values)
+    frames, points, count = len(found.frames), len(found.points), len(found.values)
     if not points:
-        return Covariances(poses, np.zeros((0, 3, 3)), np.full((count, count), np.nan))
+        return Covariances(np.zeros((frames, 6, 6)), np.zeros((0, 3, 3)), np.full((count, count), np.nan))
     bundle = found.bundle
     columns, _, total = bundle.parameters
     try:
         cameras, of_points = bundle.covariances(found.structure)
     except LinAlgError:
         return Covariances(
-            np.full_like(poses, np.nan), np.full((points, 3, 3), np.nan), np.full((count, count), np.nan)
+            np.full((frames, 6, 6), np.nan), np.full((points, 3, 3), np.nan), np.full((count, count), np.nan)
         )
-    padded = np.pad(cameras, ((0, 1), (0, 1)))  # the last row is that of fixed parameters, whose column is -1
-    poses[:] = padded[columns[:, :, None], columns[:, None, :]]
-    return Covariances(poses, of_points, cameras[total - count :, total - count :])
+    return Covariances(cameras.square(columns), of_points, cameras.square(np.arange(total - count, total)))
 
 
 def _period(camera: Sensor) -> float | None:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from omnisight.geometry import rotation as so3
-from omnisight.optim.cholesky import one_blas_thread
+from omnisight.optim.blas_threads import blas_threads_for
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.measurements import LinearizedMeasurements
 
@@ -47,7 +47,7 @@ class PosePrior:
         # A difference of equal information is rounding, and can be negative.
         root = np.sqrt(np.where(diagonal > np.finfo(float).eps * diagonal.max(), diagonal, np.inf))
         scale = 1.0 / root
-        with one_blas_thread():
+        with blas_threads_for(len(information)):
             values, vectors = eigh(scale[:, None] * information * scale, check_finite=False)
         use = values > MIN_INFORMATION * values[-1]
         values, vectors = values[use], vectors[:, use]
@@ -100,8 +100,8 @@ def marginalize_first(bundle: Bundle, prior: PosePrior) -> PosePrior:
     count = 6 * len(poses)
     # Frames without any of the points have columns only in the prior.
     points_only = replace(bundle, measured=replace(prior, residuals=np.zeros(0), derivatives=prior.derivatives[:0]))
-    lower, right, _ = points_only.linearize(bundle.start).reduced()
-    reduced = lower + np.tril(lower, -1).T
+    matrix, right, _ = points_only.linearize(bundle.start).reduced()
+    reduced = matrix.toarray()
     columns = points_only.parameters[0].ravel()
     of_prior = prior.linearize(poses)
     rows = np.zeros((len(of_prior.residuals), len(poses), 6))

@@ -1,0 +1,53 @@
+"""Many 360 images of the town, along drives on both lanes of its loop at visits with other parked cars."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import omnisight as om
+from benchmarks.places_scenes import OTHER_LANE
+from benchmarks.places_visits import route
+from omnisight.cache import cache_folder
+from omnisight.geometry.pose import Pose
+from omnisight.pipeline.simulate_options import Conditions
+from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_trajectory
+
+# Images of a visit, about 0.5 m apart, and their width, px.
+IMAGES_PER_VISIT, WIDTH = 1000, 640
+# Shift of the images of a visit against those of the visit before, as a share of their distance: no two visits have
+# images at the same places.
+PHASE = (np.sqrt(5) - 1) / 2
+
+
+def render(count: int) -> list[Path]:
+    """Return the first of the images, from the cache if they are there."""
+    visits = [_visit(k) for k in range(-(-count // IMAGES_PER_VISIT))]
+    return [path for folder in visits for path in sorted((folder / "images").glob("*.jpg"))][:count]
+
+
+def true_poses(paths: Sequence[Path]) -> list[Pose]:
+    """Return the poses of images."""
+    drives = {folder: read_trajectory(folder / "poses.txt").poses for folder in {path.parents[1] for path in paths}}
+    return [drives[path.parents[1]][int(path.stem)] for path in paths]
+
+
+def _visit(number: int) -> Path:
+    """Return the folder of a visit: odd ones drive on the other lane, in the other direction."""
+    root = (cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())) / "benchmarks-scale"
+    folder = root / f"visit-{number:02d}"
+    if not (folder / "poses.txt").exists():
+        root.mkdir(exist_ok=True)
+        poses = route(IMAGES_PER_VISIT, number * PHASE % 1)
+        if number % 2:
+            poses = [pose @ OTHER_LANE for pose in reversed(poses)]
+        drive = root / f"visit-{number:02d}.txt"
+        write_trajectory(drive, Trajectory(np.arange(float(len(poses))), tuple(poses)))
+        conditions = Conditions(visit=number)
+        om.simulate(
+            om.SimulateOptions(
+                "town", om.sphere(WIDTH), folder, str(drive), conditions=conditions, jpeg=95, seed=0, vignette=0.0
+            )
+        )
+    return folder

@@ -1,0 +1,57 @@
+"""One reconstruction of `benchmarks.scale`, in a process of its own: `python -m benchmarks.scale_reconstruction COUNT`.
+
+Prints `stage SECONDS NAME` for each stage, then `result` with the numbers of registered images, correct images, points
+and observations, the errors of positions and rotations, the time, seconds, and the peak memory, MB.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import omnisight as om
+from benchmarks.own_process import peak_memory
+from benchmarks.scale_images import render, true_poses
+from benchmarks.sfm_score import pose_errors
+
+
+class StageTimes:
+    """The time that each stage has taken so far."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Add the time since the last call to a stage."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now
+
+
+def main(count: int) -> None:
+    """Reconstruct the first images and print what it took."""
+    files, times = render(count), StageTimes()
+    start = time.perf_counter()
+    times("start", 0, 0)
+    result = om.reconstruct(files, om.sphere(om.read_image(files[0]).shape[1]), progress=times)
+    times("covariances", 1, 1)
+    seconds = time.perf_counter() - start
+    for stage, value in times.seconds.items():
+        print("stage", value, stage)
+    if not result:
+        raise RuntimeError(result.reason)
+    model, folder = result.models[0], Path(os.path.commonpath([path.parent for path in files]))
+    truth = true_poses([folder / name for name in model.names])
+    steps = np.diff([each.translation for each in truth], axis=0)
+    errors = pose_errors(
+        [model.world_from_cam(i) for i in range(len(model))], truth, float(np.linalg.norm(steps, axis=1).sum())
+    )
+    numbers = len(model), errors.correct, len(model.points), len(model.observations)
+    print("result", *numbers, errors.position, errors.rotation_deg, seconds, peak_memory())
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

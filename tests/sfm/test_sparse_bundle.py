@@ -1,0 +1,84 @@
+"""Bundle adjustment by blocks of cameras, against the same problem as one dense block."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import exp
+from omnisight.optim.loss import StudentT
+from omnisight.sfm import bundle_adjustment
+from omnisight.sfm.bundle_adjustment import Bundle
+from omnisight.sfm.measurements import MeasuredDistance, MeasuredPositions
+from sfm.test_free_cameras import TRUE
+from sfm.test_free_cameras import problem as problem_of_a_camera
+from sfm.test_sfm_bundle_adjustment import problem
+
+SENSORS = [Pose(), Pose(exp([0.1, 2.0, 0.3]), np.array([0.1, 0.2, -0.1]))]
+FRAMES = 8
+
+
+def of_neighbours(bundle: Bundle) -> Bundle:
+    """Return a bundle whose points are seen from neighbouring frames only, so that distant frames have no block."""
+    rays = bundle.rays
+    return replace(bundle, rays=rays[(rays.frame - rays.point) % FRAMES < 4])
+
+
+def rig() -> Bundle:
+    truth, rays = problem(cameras=FRAMES, count=80, sensors=SENSORS)
+    return of_neighbours(Bundle(rays, StudentT(), truth, has_scale=True, refines_sensors=True))
+
+
+def frames() -> Bundle:
+    truth, rays = problem(cameras=FRAMES, count=80)
+    return of_neighbours(Bundle(rays, StudentT(), truth))
+
+
+def distance() -> Bundle:
+    centers = np.zeros((2, 3))
+    return replace(frames(), measured=MeasuredDistance(np.array([1, 5]), centers, 3.0, 0.1))
+
+
+def positions() -> Bundle:
+    bundle = frames()
+    places = -np.einsum("fji,fj->fi", bundle.start.rig_from_world[:, :, :3], bundle.start.rig_from_world[:, :, 3])
+    known = MeasuredPositions(np.arange(FRAMES), np.zeros((FRAMES, 3)), places, np.full(3, 0.1))
+    return replace(bundle, measured=known)
+
+
+def free_camera() -> Bundle:
+    return problem_of_a_camera(0, TRUE)
+
+
+@pytest.mark.parametrize("make", [frames, rig, distance, positions, free_camera])
+def test_steps_and_covariances_are_those_of_a_dense_matrix(make, monkeypatch):
+    dense = make().linearize(make().start)
+    monkeypatch.setattr(bundle_adjustment, "MAX_DENSE_COLUMNS", 0)
+    bundle = make()
+    sparse = bundle.linearize(bundle.start)
+    assert len(sparse.cameras.pattern.sizes) >= 4
+    np.testing.assert_allclose(sparse.reduced().matrix.toarray(), dense.reduced().matrix.toarray(), atol=1e-6)
+    for damping in (0.0, 1e-2):
+        step = dense.solve(damping)
+        np.testing.assert_allclose(sparse.solve(damping), step, rtol=1e-6, atol=1e-5 * np.abs(step).max())
+    gradients = dense.gradients()
+    (expected, of_points), (found, points) = dense.covariances(gradients), sparse.covariances(gradients)
+    is_known = found.pattern.addresses(*np.indices((sparse.count, sparse.count))) >= 0
+    expected = expected.toarray()
+    np.testing.assert_allclose(found.toarray()[is_known], expected[is_known], rtol=1e-5, atol=1e-7 * expected.max())
+    np.testing.assert_allclose(points, of_points, rtol=1e-5, atol=1e-7 * np.abs(of_points).max())
+    if make is not free_camera:
+        assert not is_known.all()
+
+
+def test_robust_variances_of_many_cameras_are_close_to_the_exact_ones(monkeypatch):
+    bundle = frames()
+    linearized = bundle.linearize(bundle.start)
+    index, gradients = np.arange(linearized.count), linearized.gradients()
+    exact = linearized.covariances(gradients)[0].at(index, index)
+    monkeypatch.setattr("omnisight.sfm.linearized_bundle.MAX_EXACT_COLUMNS", 0)
+    sampled = linearized.covariances(gradients)[0].at(index, index)
+    # The standard deviation of each ratio is sqrt(2 / 512) = 0.06.
+    assert not np.array_equal(sampled, exact)
+    np.testing.assert_allclose(sampled / exact, 1.0, atol=0.25)
