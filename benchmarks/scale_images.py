@@ -16,6 +16,8 @@ from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_t
 
 # Images of a visit, about 0.5 m apart, and their width, px.
 IMAGES_PER_VISIT, WIDTH = 1000, 640
+# First image of each visit: before a corner, because positions along a straight street have no orientation about it.
+FIRST = 100
 # Shift of the images of a visit against those of the visit before, as a share of their distance: no two visits have
 # images at the same places.
 PHASE = (np.sqrt(5) - 1) / 2
@@ -23,8 +25,8 @@ PHASE = (np.sqrt(5) - 1) / 2
 
 def render(count: int) -> list[Path]:
     """Return the first of the images, from the cache if they are there."""
-    visits = [_visit(k) for k in range(-(-count // IMAGES_PER_VISIT))]
-    return [path for folder in visits for path in sorted((folder / "images").glob("*.jpg"))][:count]
+    visits = [sorted((_visit(k) / "images").glob("*.jpg")) for k in range(-(-count // IMAGES_PER_VISIT))]
+    return [path for files in visits for path in files[FIRST:] + files[:FIRST]][:count]
 
 
 def true_poses(paths: Sequence[Path]) -> list[Pose]:

@@ -16,6 +16,7 @@ from omnisight.sfm.missing_matches import (
     pairs_with_missing_matches,
     predicted_matches,
 )
+from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import match_pairs
 from sfm.worlds import observe, similarity_errors, unit
@@ -66,7 +67,7 @@ def test_edges_between_rooms_with_the_same_furniture_lack_matches():
     graph = matched(keypoints)
     between = {edge.images for edge in graph.edges if (edge.a in IN_ROOM_A) != (edge.b in IN_ROOM_A) and edge.b != 8}
     assert len(between) >= 10
-    assert pairs_with_missing_matches(graph.edges, keypoints) == between
+    assert pairs_with_missing_matches(graph.edges, PointDistances(keypoints)) == between
 
 
 def test_rooms_with_the_same_furniture_are_mapped_apart():
@@ -101,7 +102,7 @@ def test_a_pair_without_matches_contradicts_the_edge_that_places_it():
 def test_rotations_only_are_not_tested():
     keypoints, _ = two_rooms()
     edges = [replace(edge, motion="rotation only") for edge in matched(keypoints).edges]
-    assert pairs_with_missing_matches(edges, keypoints) == set()
+    assert pairs_with_missing_matches(edges, PointDistances(keypoints)) == set()
 
 
 def test_a_pair_with_more_wrong_matches_than_true_ones_gets_its_true_pose():
@@ -126,7 +127,7 @@ def test_a_pair_with_more_wrong_matches_than_true_ones_gets_its_true_pose():
 
     across = [edge for edge in graph.edges if edge.a < 3 <= edge.b]
     assert min(direction_error_deg(edge) for edge in across) > 10
-    found = [e for e in without_contradicted_edges(graph, keypoints, images).edges if e.a < 3 <= e.b]
+    found = [e for e in without_contradicted_edges(graph, PointDistances(keypoints), images).edges if e.a < 3 <= e.b]
     assert len(found) == len(across) == 9
     assert max(direction_error_deg(edge) for edge in found) < 1
 

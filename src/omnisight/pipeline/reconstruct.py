@@ -32,6 +32,7 @@ from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images, refine_with_ray_cameras
+from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction, covariances
 from omnisight.sfm.rig_images import RigImages
@@ -253,7 +254,7 @@ class _Task:
         if self.options.engine in MAPPERS:
             mapper, edges = (
                 MAPPERS[self.options.engine],
-                without_contradicted_edges(graph, detected.keypoints, images).edges,
+                without_contradicted_edges(graph, PointDistances(detected.keypoints), images).edges,
             )
             return map_images_with_colmap(images, edges, watch, mapper, refines_sensors=refines_sensors)
         return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)

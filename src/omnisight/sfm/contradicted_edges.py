@@ -1,14 +1,13 @@
 """Edges whose relative poses lack matches, and the relative poses of the other matches of their images."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.features import Keypoints
 from omnisight.parallel import parallel_map
 from omnisight.sfm.missing_matches import pairs_with_missing_matches
+from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import ViewGraph, match_pair
 
@@ -19,7 +18,7 @@ Indices = NDArray[np.intp]
 MAX_POSES = 3
 
 
-def without_contradicted_edges(graph: ViewGraph, keypoints: Sequence[Keypoints], images: RigImages) -> ViewGraph:
+def without_contradicted_edges(graph: ViewGraph, points: PointDistances, images: RigImages) -> ViewGraph:
     """Return a view graph whose edges do not lack matches.
 
     Where things look alike, the relative pose with most matches can be wrong: the true one is then that of the other
@@ -28,7 +27,7 @@ def without_contradicted_edges(graph: ViewGraph, keypoints: Sequence[Keypoints],
     rejected = dict[tuple[int, int], Indices]()
     for number in range(MAX_POSES):
         between = [edge for edge in graph.edges if images.frame[edge.a] != images.frame[edge.b]]
-        contradicted = pairs_with_missing_matches(between, keypoints)
+        contradicted = pairs_with_missing_matches(between, points)
         if not contradicted:
             break
         for edge in between:
@@ -36,7 +35,7 @@ def without_contradicted_edges(graph: ViewGraph, keypoints: Sequence[Keypoints],
                 before = rejected.get(edge.images, np.zeros((0, 2), np.intp))
                 rejected[edge.images] = np.concatenate([before, edge.pairs])
         again = sorted(contradicted) if number + 1 < MAX_POSES else []
-        others = parallel_map(lambda pair: match_pair(keypoints, *pair, without=rejected[pair]), again)
+        others = parallel_map(lambda pair: match_pair(points.keypoints, *pair, without=rejected[pair]), again)
         kept = [edge for edge in graph.edges if edge.images not in contradicted]
         graph = replace(graph, edges=kept + [edge for edge in others if edge is not None])
     return graph

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.parallel import parallel_map
 from omnisight.sfm.missing_matches import (
@@ -24,10 +23,10 @@ from omnisight.sfm.missing_matches import (
 from omnisight.sfm.position_averaging import (
     MIN_DIRECTION_SIGMA,
     MIN_LOG_SIGMA,
+    PointDistances,
     RelativePositions,
     average_log_scales,
     average_positions,
-    edge_distances,
 )
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.rotation_averaging import RelativeRotations, average_rotations
@@ -60,15 +59,15 @@ class InitialPoses(NamedTuple):
     contradicted: frozenset[tuple[int, int]] = frozenset()
 
 
-def initial_poses(graph: ViewGraph, keypoints: Sequence[Keypoints], images: RigImages) -> InitialPoses:
+def initial_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -> InitialPoses:
     """Estimate the poses of the largest part of a view graph whose relative scales are known.
 
     Parameters
     ----------
     graph
         Edges with a known direction of the translation; at least one is between different frames.
-    keypoints
-        Keypoints of all images.
+    points
+        Distances of the points of its edges.
     images
         The images.
     """
@@ -80,7 +79,7 @@ def initial_poses(graph: ViewGraph, keypoints: Sequence[Keypoints], images: RigI
     is_consistent[is_moving] = averaged.is_consistent
     edges = _select(edges, is_consistent)
     while True:
-        placed = _place(frames, averaged.rig_from_world, edges, keypoints, images)
+        placed = _place(frames, averaged.rig_from_world, edges, points, images)
         wrong = placed.contradicted_pairs(images, graph)
         if not wrong:
             return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
@@ -146,11 +145,11 @@ class _Placement:
 
 
 def _place(
-    frames: Indices, rotations: Array, edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages
+    frames: Indices, rotations: Array, edges: Sequence[Edge], points: PointDistances, images: RigImages
 ) -> _Placement:
     """Average the positions of the largest part of a view graph whose rotations (F, 3, 3) are known."""
     _, edges = largest_component(edges, images)
-    distances = [edge_distances(edge, keypoints) for edge in edges]
+    distances = points.of(edges)
     log_scales, log_sigma, component = average_log_scales(distances)
     use = np.flatnonzero(component == np.bincount(component).argmax())
     placed, _ = largest_component([edges[i] for i in use], images)
@@ -162,7 +161,7 @@ def _place(
     gap = positions[relative.b] - positions[relative.a] + relative.arm - relative.displacement / unit
     far = np.exp([np.median(each.log_distance) + scale for each, scale in zip(distances, log_scales[use], strict=True)])
     agrees = np.linalg.norm(gap, axis=1) <= AGREEING_GAP * far / unit
-    known = known_points(distances, log_scales[use] - np.log(unit), keypoints)
+    known = known_points(distances, log_scales[use] - np.log(unit), points.keypoints)
     translations = -np.einsum("nij,nj->ni", of_frame, positions)
     poses = np.concatenate([of_frame, translations[:, :, None]], axis=2)
     return _Placement(placed, poses, _select(edges, agrees), known)

@@ -12,12 +12,13 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for, parallel_map
 from omnisight.ray_camera import RayCamera
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.bundle_adjustment import TOLERANCE, Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
+from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks, build_tracks
@@ -36,6 +37,8 @@ MIN_PARALLAX_RAD = float(np.radians(0.5))
 INITIAL_SCALE = 10.0
 # Rounds of triangulation and bundle adjustment; they end when the noise changes by less than this share.
 MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
+# Tolerance of the bundle adjustments before the last one: tracks and noise hardly change by a smaller decrease.
+ROUGH_TOLERANCE = 1e-4
 TRACKS_PER_TASK = 1024
 
 
@@ -140,11 +143,12 @@ def map_images(
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
     """
-    graph = without_contradicted_edges(graph, keypoints, images)
+    distances = PointDistances(keypoints)
+    graph = without_contradicted_edges(graph, distances, images)
     maps, rest = list[Map](), graph.edges
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
-        first = _first_poses(ViewGraph(moving, graph.compared), rest, keypoints, images)
+        first = _first_poses(ViewGraph(moving, graph.compared), rest, distances, images)
         moving, rest = ([e for e in each if e.images not in first.contradicted] for each in (moving, rest))
         found = start = _without_points(first, images, refines_sensors)
         count = 0
@@ -169,12 +173,10 @@ def map_images(
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _first_poses(
-    moving: ViewGraph, edges: Sequence[Edge], keypoints: Sequence[Keypoints], images: RigImages
-) -> InitialPoses:
+def _first_poses(moving: ViewGraph, edges: Sequence[Edge], points: PointDistances, images: RigImages) -> InitialPoses:
     """Return poses of the largest part of a view graph: of the moving edges, if there are any."""
     if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving.edges):
-        return initial_poses(moving, keypoints, images)
+        return initial_poses(moving, points, images)
     return panorama_poses(edges, images)
 
 
@@ -217,10 +219,10 @@ def _refined(current: Map, tracks: Tracks, watch: Watch) -> Map:
         before = current.noise.sigma
         current = _triangulated(current, tracks)
         watch(len(current.frames))
-        current = adjust_map(current)
+        current = adjust_map(current, ROUGH_TOLERANCE)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
-    return _without_unsupported_frames(current)
+    return _without_unsupported_frames(adjust_map(current))
 
 
 def _without_unsupported_frames(current: Map) -> Map:
@@ -296,11 +298,14 @@ def _triangulated(current: Map, tracks: Tracks) -> Map:
     return replace(current, points=points[kept], tracks=agreeing)
 
 
-def adjust_map(current: Map) -> Map:
-    """Return the map with poses, points and cameras of the least robust cost, and the noise of the residuals."""
+def adjust_map(current: Map, tolerance: float = TOLERANCE) -> Map:
+    """Return the map with poses, points and cameras of the least robust cost, and the noise of the residuals.
+
+    For the tolerance see `minimize`.
+    """
     current = replace(current, noise=_noise(current.bundle, current.structure))
     bundle = current.bundle
-    structure = adjust_bundle(bundle).state
+    structure = adjust_bundle(bundle, tolerance=tolerance).state
     return replace(
         current,
         images=current.images.at(structure.values),

@@ -18,7 +18,7 @@ from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.parallel import parallel_map
 from omnisight.sfm.incidence import grouped, spanning_tree, unique_edges
-from omnisight.sfm.position_averaging import EdgeDistances, average_log_scales, edge_distances
+from omnisight.sfm.position_averaging import EdgeDistances, PointDistances, average_log_scales, edge_distances
 from omnisight.sfm.spanning_forest import SpanningForest
 from omnisight.sfm.view_graph import Edge
 
@@ -119,14 +119,14 @@ class PredictedMatches(NamedTuple):
     keypoints: int
 
 
-def pairs_with_missing_matches(edges: Sequence[Edge], keypoints: Sequence[Keypoints]) -> set[tuple[int, int]]:
+def pairs_with_missing_matches(edges: Sequence[Edge], points: PointDistances) -> set[tuple[int, int]]:
     """Return the edges whose images would share far more points if their relative pose were right."""
     moving = [edge for edge in edges if edge.has_translation]
     if not moving:
         return set()
-    distances = [edge_distances(edge, keypoints) for edge in moving]
+    distances = points.of(moving)
     log_scales, _, _ = average_log_scales(distances)
-    known = known_points(distances, log_scales, keypoints)
+    known = known_points(distances, log_scales, points.keypoints)
 
     def predict(edge: Edge, scale: float) -> PredictedMatches:
         b_from_a = Pose(edge.b_from_a.rotation, scale * edge.b_from_a.translation)

@@ -17,6 +17,7 @@ from scipy.sparse.linalg import spsolve
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
+from omnisight.parallel import parallel_map
 from omnisight.sfm.incidence import incidence_matrix, spanning_tree, triangles, unique_edges
 from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.triangulation import triangulate
@@ -53,6 +54,26 @@ class EdgeDistances:
     keypoint: Indices
     log_distance: Array
     sigma: Array
+
+
+class PointDistances:
+    """Distances of the points of edges, each of which is triangulated once.
+
+    Attributes
+    ----------
+    keypoints
+        Keypoints of all images.
+    """
+
+    def __init__(self, keypoints: Sequence[Keypoints]) -> None:
+        self.keypoints = keypoints
+        self._known: dict[Edge, EdgeDistances] = {}
+
+    def of(self, edges: Sequence[Edge]) -> list[EdgeDistances]:
+        """Return the distances of the points of each edge."""
+        new = [edge for edge in edges if edge not in self._known]
+        self._known |= zip(new, parallel_map(lambda edge: edge_distances(edge, self.keypoints), new), strict=True)
+        return [self._known[edge] for edge in edges]
 
 
 def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
