@@ -37,8 +37,9 @@ MIN_PARALLAX_RAD = float(np.radians(0.5))
 INITIAL_SCALE = 10.0
 # Rounds of triangulation and bundle adjustment; they end when the noise changes by less than this share.
 MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
-# Tolerance of the bundle adjustments before the last one: tracks and noise hardly change by a smaller decrease.
-ROUGH_TOLERANCE = 1e-4
+# Tolerance of the bundle adjustments before the last one: tracks and noise change no more. With 1e-4, images 2 to 5 m
+# apart had errors of positions of 0.013 % instead of 0.006 %.
+ROUGH_TOLERANCE = 1e-5
 TRACKS_PER_TASK = 1024
 
 
