@@ -20,7 +20,7 @@ Indices = NDArray[np.intp]
 POINTS_PER_TASK = 2048
 # Columns of the cameras up to which their variances are exact: every one needs a solution. Beyond, they are means over
 # so many random combinations of the gradients, which have a relative standard deviation of sqrt(2 / PROBES).
-MAX_EXACT_COLUMNS, PROBES = 3000, 512
+MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
 
 
 class Prior(NamedTuple):
@@ -222,6 +222,8 @@ def _sandwich_variances(factor: MultifrontalFactor, gradients: csr_array) -> Arr
     if (count := factor.pattern.size) <= MAX_EXACT_COLUMNS:
         inverse = factor.solve(np.eye(count))
         return (((gradients @ gradients.T) @ inverse) * inverse).sum(axis=0)
-    by_part = gradients.tocsc()
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), (len(by_part.indptr) - 1, PROBES))
-    return (factor.solve(by_part @ signs) ** 2).mean(axis=1)
+    by_part, rng, squares = gradients.tocsc(), np.random.default_rng(0), np.zeros(count)
+    for _ in range(PROBES // PROBES_AT_ONCE):
+        signs = rng.choice((-1.0, 1.0), (len(by_part.indptr) - 1, PROBES_AT_ONCE))
+        squares += (factor.solve(by_part @ signs) ** 2).sum(axis=1)
+    return squares / PROBES
