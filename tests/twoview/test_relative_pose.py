@@ -212,6 +212,7 @@ def test_the_covariance_contains_errors_that_neighbours_share():
 def test_no_plane_with_many_outliers_has_a_worse_pose_than_the_true_one():
     """Samples of a plane in a narrow field are nearly degenerate: their poses are good only after optimization."""
     from benchmarks.twoview_scenes import Cell
+
     from omnisight.optim._robust_problem_kernel import squared_errors
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
     from omnisight.twoview.bearing_pairs import BearingPairs

@@ -3,6 +3,8 @@
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
+import numpy as np
+
 from omnisight.compiled import njit_driver, njit_helper
 
 
@@ -63,3 +65,38 @@ def scale_blocks(values, offsets, row, column, starts, scale):
             for j in range(starts[column[k]], starts[column[k] + 1]):
                 values[address] *= scale[i] * scale[j]
                 address += 1
+
+
+@njit_driver
+def add_deviations(values, row_starts, columns, starts, member, weights, unknown_starts, of_unknown, set_of):
+    """Add the normal matrix of the deviations of unknowns from their weighted mean in each set, in place.
+
+    A set with weights w has the matrix diag(w) - w w^T / sum(w).
+
+    Parameters
+    ----------
+    values, row_starts, columns
+        Of a matrix whose groups have one column each.
+    starts
+        (S + 1,) first member of each set.
+    member, weights
+        (M,) unknowns of the members, increasing in each set, and their weights.
+    unknown_starts, of_unknown
+        First entry (U + 1,) of each unknown in the indices (M,) of its members.
+    set_of
+        (M,) set of each member.
+    """
+    totals, row = np.zeros(len(starts) - 1), np.zeros(len(unknown_starts) - 1)
+    for k in range(len(totals)):
+        for i in range(starts[k], starts[k + 1]):
+            totals[k] += weights[i]
+    for unknown in range(len(row)):
+        for i in of_unknown[unknown_starts[unknown] : unknown_starts[unknown + 1]]:
+            k = set_of[i]
+            share = weights[i] / totals[k]
+            for j in range(starts[k], i + 1):
+                row[member[j]] -= share * weights[j]
+            row[unknown] += weights[i]
+        for block in range(row_starts[unknown], row_starts[unknown + 1]):
+            values[block] += row[columns[block]]
+            row[columns[block]] = 0.0

@@ -22,7 +22,8 @@ INITIAL_CHANCE, MIN_CHANCE, MAX_CHANCE = 0.05, 1e-3, 0.5
 # Share of inliers that the first sequential tests assume: smaller than in any problem that can be solved.
 INITIAL_INLIER_SHARE = 0.1
 # A minimal sample's model is optimized locally if no sample had a better one, or if it gains this fraction of what the
-# best optimized model gains on no model. With 0.95, one of 150 planes in 60 degrees with 70 % outliers had a wrong pose.
+# best optimized model gains on no model. With 0.95, one of 150 planes in 60 degrees with 70 % outliers had a wrong
+# pose.
 PROMISING_GAIN = 0.8
 # Samples drawn at least: with little parallax, the cost has several minima.
 MIN_ITERATIONS = 50

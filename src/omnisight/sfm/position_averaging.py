@@ -11,12 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array, hstack, kron
+from scipy.sparse import coo_array, csr_array, diags_array, hstack, kron
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
+from omnisight.optim.block_matrix import BlockPattern
+from omnisight.optim.multifrontal import MultifrontalFactor, fronts_of
 from omnisight.parallel import parallel_map
 from omnisight.sfm.incidence import incidence_matrix, spanning_tree, triangles, unique_edges
 from omnisight.sfm.view_graph import Edge
@@ -103,32 +105,40 @@ def average_log_scales(distances: Sequence[EdgeDistances]) -> tuple[Array, Array
     distances D are eliminated. Edges without a common keypoint are in different components; in each, the first has the
     scale 1.
     """
+    from omnisight.optim._multifrontal_kernel import add_deviations
+
     edge = np.repeat(np.arange(len(distances)), [len(d.camera) for d in distances])
     camera, keypoint, values, sigma = (
         np.concatenate([getattr(d, name) for d in distances])
         for name in ("camera", "keypoint", "log_distance", "sigma")
     )
     _, node = np.unique(camera * (keypoint.max(initial=0) + 1) + keypoint, return_inverse=True)
-    edges, nodes, rows = len(distances), int(node.max(initial=-1)) + 1, np.arange(len(edge))
-    by_edge = csr_array((np.ones(len(edge)), (rows, edge)), shape=(len(edge), edges))
-    by_node = csr_array((np.ones(len(edge)), (rows, node)), shape=(len(edge), nodes))
-    component = connected_components((by_edge.T @ by_node) @ (by_node.T @ by_edge), directed=False)[1]
-    anchors = np.unique(component, return_index=True)[1]
-    free = np.setdiff1d(np.arange(edges), anchors)
+    order, edges = np.argsort(node, kind="stable"), len(distances)
+    edge, node, values, sigma = edge[order], node[order], values[order], sigma[order]
+    starts = np.searchsorted(node, np.arange(int(node.max(initial=-1)) + 2))
+    incidence = csr_array((np.ones(len(edge), bool), edge, starts), shape=(len(starts) - 1, edges))
+    pattern = BlockPattern.of_incidence(np.arange(edges + 1), incidence)
+    linked = coo_array((np.ones(len(pattern.row), bool), (pattern.row, pattern.column)), shape=(edges, edges))
+    component = connected_components(linked, directed=False)[1]
+    anchors, fronts = np.unique(component, return_index=True)[1], fronts_of(pattern)
+    by_edge = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edges))]), np.argsort(edge, kind="stable")
+
+    def mean(weights: Array, quantity: Array) -> Array:
+        """Return the weighted mean of a quantity (D,) of the distances of the same keypoint."""
+        total = np.add.reduceat(weights, starts[:-1])
+        return (np.add.reduceat(weights * quantity, starts[:-1]) / total)[node]
 
     def solve(weights: Array) -> tuple[Array, Array]:
         """Return scales (E,) and residuals (D,)."""
-        total = by_node.T @ weights
-        weighted_edge = diags_array(weights) @ by_edge
-        coupling = (by_node.T @ weighted_edge).tocsr()
-        scaled = diags_array(1 / np.maximum(total, 1e-300)) @ coupling
-        normal = (by_edge.T @ weighted_edge - coupling.T @ scaled).tocsc()
-        right = -(weighted_edge.T @ values - scaled.T @ (by_node.T @ (weights * values)))
-        scales = np.zeros(edges)
-        if len(free):
-            scales[free] = np.asarray(spsolve(normal[free][:, free], right[free]), float)
-        shifted = values + by_edge @ scales
-        return scales, shifted - by_node @ ((by_node.T @ (weights * shifted)) / np.maximum(total, 1e-300))
+        matrix, fixing = pattern.zeros(), np.zeros(edges)
+        add_deviations(matrix.values, pattern.row_starts, pattern.column, starts, edge, weights, *by_edge, node)
+        # Only differences of scales are determined, so that any weight of the anchors makes their scales zero.
+        fixing[anchors] = 1.0 + np.bincount(edge, weights, minlength=edges)[anchors]
+        matrix.add_diagonal(fixing)
+        right = np.asarray(np.bincount(edge, weights * (mean(weights, values) - values), minlength=edges), float)
+        scales = MultifrontalFactor.of(matrix, fronts).solve(right)
+        shifted = values + scales[edge]
+        return scales, shifted - mean(weights, shifted)
 
     scales, _, weights = _reweighted(solve, 1 / sigma**2, sigma)
     information = np.bincount(edge, weights, minlength=edges)
