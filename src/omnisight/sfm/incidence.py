@@ -23,7 +23,8 @@ def grouped(values: Indices) -> Iterator[tuple[int, Indices]]:
     """Yield each of the values (N,), increasing, with the indices where it is."""
     order = np.argsort(values, kind="stable")
     found, starts = np.unique(values[order], return_index=True)
-    yield from zip(found.tolist(), np.split(order, starts[1:]), strict=True)
+    for value, first, last in zip(found.tolist(), starts, np.append(starts[1:], len(values)), strict=False):
+        yield value, order[first:last]
 
 
 class Triangles(NamedTuple):
