@@ -74,7 +74,7 @@ def test_the_inverse_has_the_pattern_of_the_matrix(matrices):
 
 
 def test_a_chain_has_little_fill_in():
-    """A dense factor of 2000 groups of six columns has 72 million entries, of which a chain fills less than 2 %."""
+    """A chain of 2000 groups of six columns fills less than 2 % of the 72 million entries of a dense factor."""
     groups, ends = 2000, np.arange(2000)
     incidence = np.zeros((groups, groups), bool)
     for step in range(5):

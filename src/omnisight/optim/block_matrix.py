@@ -66,6 +66,17 @@ class BlockPattern:
         """First value (N + 1,) of each block; its values are in row-major order."""
         return np.concatenate([[0], np.cumsum(self.sizes[self.row] * self.sizes[self.column])])
 
+    @cached_property
+    def diagonal(self) -> Indices:
+        """Where the values (C,) of the diagonal of a matrix are stored."""
+        index = np.arange(self.size)
+        return self.addresses(index, index)
+
+    @cached_property
+    def _keys(self) -> Indices:
+        """Increasing numbers (N,) that identify the blocks."""
+        return self.row * len(self.starts) + self.column
+
     def zeros(self) -> "BlockMatrix":
         """Return the matrix of zeros."""
         return BlockMatrix(self, np.zeros(int(self.offsets[-1])))
@@ -83,15 +94,15 @@ class BlockPattern:
             return np.full(np.shape(row), -1)
         high, low = np.maximum(row, column), np.minimum(row, column)
         of_row, of_column = self.group_of(high), self.group_of(np.maximum(low, 0))
-        key, keys = of_row * len(self.starts) + of_column, self.row * len(self.starts) + self.column
-        block = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
+        key = of_row * len(self.starts) + of_column
+        block = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
         within = (high - self.starts[of_row]) * self.sizes[of_column] + low - self.starts[of_column]
-        return np.where((low >= 0) & (keys[block] == key), self.offsets[block] + within, -1)
+        return np.where((low >= 0) & (self._keys[block] == key), self.offsets[block] + within, -1)
 
 
 @dataclass(frozen=True, eq=False)
 class BlockMatrix:
-    """A symmetric matrix (C, C) of which the blocks of a pattern are known.
+    """A symmetric matrix (C, C) whose blocks are known where a pattern has them.
 
     Attributes
     ----------
@@ -104,10 +115,14 @@ class BlockMatrix:
     pattern: BlockPattern
     values: Array
 
+    @property
+    def diagonal(self) -> Array:
+        """The diagonal (C,)."""
+        return self.values[self.pattern.diagonal]
+
     def add_diagonal(self, diagonal: Array) -> None:
         """Add a diagonal (C,) in place."""
-        index = np.arange(self.pattern.size)
-        self.values[self.pattern.addresses(index, index)] += diagonal
+        self.values[self.pattern.diagonal] += diagonal
 
     def at(self, row: Indices, column: Indices) -> Array:
         """Return the values at rows and columns of any shape; 0 outside of the pattern, or for -1."""

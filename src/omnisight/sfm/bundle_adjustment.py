@@ -168,25 +168,22 @@ class Bundle:
         group = np.where(sizes > 0, np.cumsum(sizes > 0) - 1, -1)
         if count <= MAX_DENSE_COLUMNS:
             group = np.minimum(group, 0)
-        observed = [(frames, group[: len(frames)], self.rays.frame)]
+        parts = [(frames[self.rays.frame], group[: len(frames)][self.rays.frame])]
         if self.refines_sensors:
-            observed.append((sensors, group[len(frames) : -1], self.rays.sensor))
-        columns = [of_pose[index] for of_pose, _, index in observed]
-        groups = [of_pose[index] for _, of_pose, index in observed]
-        parts = [POSE * k for k in range(len(observed) + 1)]
+            parts.append((sensors[self.rays.sensor], group[len(frames) : -1][self.rays.sensor]))
         if values := len(self.start.values):
             shape = len(self.rays), values
-            columns.append(np.broadcast_to(np.arange(count - values, count), shape))
-            groups.append(np.full(shape[0], group[-1]))
-            parts.append(parts[-1] + values)
+            parts.append((np.broadcast_to(np.arange(count - values, count), shape), np.full(shape[0], group[-1])))
+        columns, groups = zip(*parts, strict=True)
+        firsts = np.cumsum([0, *(of_part.shape[1] for of_part in columns)])
         of_rays = np.column_stack(groups)
         pattern = BlockPattern.dense(count) if count <= MAX_DENSE_COLUMNS else self._pattern(sizes[sizes > 0], of_rays)
         return CameraColumns(
-            np.concatenate(columns, axis=1).astype(np.int32), of_rays.astype(np.int32), np.array(parts), pattern
+            np.concatenate(columns, axis=1).astype(np.int32), of_rays.astype(np.int32), firsts, pattern
         )
 
     def _pattern(self, sizes: Indices, groups: Indices) -> BlockPattern:
-        """Return the pattern of groups of columns of these sizes, of which each observation depends on some (M, K)."""
+        """Return the pattern of groups of columns of these sizes, given the groups (M, K) of each observation."""
         starts = np.concatenate([[0], np.cumsum(sizes)])
         residuals, derivatives = self._prior(self.start)
         prior, points = derivatives.tocoo(), len(self.start.points)

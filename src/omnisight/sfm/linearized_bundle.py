@@ -18,8 +18,8 @@ Indices = NDArray[np.intp]
 
 # Points per task of a thread.
 POINTS_PER_TASK = 2048
-# Columns of the cameras up to which their variances are exact: every one needs a solution. Beyond, they are means over
-# so many random combinations of the gradients, which have a relative standard deviation of sqrt(2 / PROBES).
+# Columns of the cameras up to which their variances are exact, which takes one solution for each. Beyond, they are
+# means over PROBES random combinations of the gradients, with a relative standard deviation of sqrt(2 / PROBES).
 MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
 
 
@@ -51,11 +51,6 @@ class CameraColumns:
     groups: NDArray[np.int32]
     parts: Indices
     pattern: BlockPattern
-
-    @property
-    def count(self) -> int:
-        """Number of columns C."""
-        return self.pattern.size
 
     @cached_property
     def fronts(self) -> list[Front]:
@@ -105,7 +100,7 @@ class LinearizedBundle:
     @property
     def count(self) -> int:
         """Number of columns C of the cameras."""
-        return self.cameras.count
+        return self.cameras.pattern.size
 
     @property
     def _jacobian(self) -> tuple[Array, Array, Array]:
@@ -204,8 +199,7 @@ class LinearizedBundle:
         inverse = factor.inverse()
         if gradients is not None:
             # Only the variances, because the correlations of few points are inaccurate.
-            index = np.arange(self.count)
-            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, gradients) / inverse.at(index, index)))
+            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, gradients) / inverse.diagonal))
         points, cameras = np.empty((len(self.starts) - 1, 3, 3)), self.cameras
         indices = self.starts, cameras.columns, cameras.groups, cameras.parts
         of_cameras = cameras.layout, inverse.values

@@ -59,7 +59,7 @@ class EdgeDistances:
 
 
 class PointDistances:
-    """Distances of the points of edges, each of which is triangulated once.
+    """Distances of the points of edges. Each edge is triangulated once.
 
     Attributes
     ----------
