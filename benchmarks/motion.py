@@ -5,7 +5,6 @@ folder, or in the folder of temporary files if it does not exist.
 """
 
 import argparse
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +13,7 @@ import omnisight as om
 from benchmarks.motion_crops import HEADER, print_crops
 from benchmarks.motion_loops import print_loops
 from benchmarks.motion_score import errors
-from omnisight.cache import cache_folder
+from benchmarks.rendered_images import image_cache
 from omnisight.simulation import fisheye_setup, mirror_setup
 from omnisight.simulation.example_rigs import back_to_back
 from omnisight.simulation.trajectory import read_trajectory
@@ -57,8 +56,7 @@ def camera_of(name: str) -> om.Camera | om.Rig:
 
 def render(sequence: RenderedSequence) -> Path:
     """Return the folder of a rendered sequence, from the cache if it is there."""
-    root = cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())
-    folder = root / "benchmarks-motion" / f"{sequence.scene}-{sequence.camera}-{sequence.count}"
+    folder = image_cache("motion") / f"{sequence.scene}-{sequence.camera}-{sequence.count}"
     if not (folder / "poses.txt").exists():
         folder.parent.mkdir(exist_ok=True)
         up = "back" if sequence.camera == "mirror" else "top"

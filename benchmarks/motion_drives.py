@@ -1,6 +1,5 @@
 """Rendered drives that return to places seen before, for the benchmark of loop closing."""
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import omnisight as om
-from omnisight.cache import cache_folder
+from benchmarks.rendered_images import image_cache
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.simulation import Renderer, Scene, fisheye_setup, mirror_setup, scene_named
@@ -43,8 +42,7 @@ class Drive:
     @property
     def folder(self) -> Path:
         """Its folder in the cache, or in the folder of temporary files if there is no cache."""
-        root = cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())
-        return root / "benchmarks-motion" / self.name
+        return image_cache("motion") / self.name
 
     @property
     def body(self) -> om.Camera | om.Rig:

@@ -1,13 +1,10 @@
 """Rendered panoramas with known overlap, for the benchmark of places."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 import omnisight as om
-from omnisight.cache import cache_folder
+from benchmarks.rendered_images import image_cache
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
@@ -46,7 +43,7 @@ def keypoints_of(
     scene: str, poses: list[Pose], exposures: list[float], options: FeatureOptions, seed: int = 0
 ) -> list[Keypoints]:
     """Render images at poses, or read them from the cache, and detect keypoints."""
-    folder = _folder() / f"{scene}-{seed}-{len(poses)}"
+    folder = image_cache("places") / f"{scene}-{seed}-{len(poses)}"
     folder.mkdir(parents=True, exist_ok=True)
     found: list[Keypoints] = []
     for i, (pose, exposure) in enumerate(zip(poses, exposures, strict=True)):
@@ -76,7 +73,3 @@ def overlaps(scene: Scene, poses: list[Pose]) -> Array:
         visible = np.abs(reached - length[b, k]) < 0.01 * length[b, k] + 0.02
         share[a] = np.bincount(b[visible], minlength=len(poses)) / max(len(rays), 1)
     return np.minimum(share, share.T)
-
-
-def _folder() -> Path:
-    return (cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())) / "benchmarks-places"

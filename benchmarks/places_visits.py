@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import omnisight as om
 from benchmarks.places_scenes import CAMERA, OTHER_LANE
-from omnisight.cache import cache_folder
+from benchmarks.rendered_images import image_cache
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.geometry.pose import Pose
 from omnisight.places.verification import verify_place
@@ -61,8 +61,7 @@ def _scene(name: str) -> Scene:
 
 def keypoints_of(name: str, poses: Sequence[Pose]) -> list[Keypoints]:
     """Render a set, or read it from the cache, and detect keypoints."""
-    root = cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())
-    folder = root / "benchmarks-places" / f"visits-{name}"
+    folder = image_cache("places") / f"visits-{name}"
     folder.mkdir(parents=True, exist_ok=True)
     found = list[Keypoints]()
     for i, pose in enumerate(poses):

@@ -1,6 +1,5 @@
 """Many 360 images of the town, along drives on both lanes of its loop at visits with other parked cars."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 import omnisight as om
 from benchmarks.places_scenes import OTHER_LANE
 from benchmarks.places_visits import route
-from omnisight.cache import cache_folder
+from benchmarks.rendered_images import image_cache
 from omnisight.geometry.pose import Pose
 from omnisight.pipeline.simulate_options import Conditions
 from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_trajectory
@@ -37,7 +36,7 @@ def true_poses(paths: Sequence[Path]) -> list[Pose]:
 
 def _visit(number: int) -> Path:
     """Return the folder of a visit: odd ones drive on the other lane, in the other direction."""
-    root = (cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())) / "benchmarks-scale"
+    root = image_cache("scale")
     folder = root / f"visit-{number:02d}"
     if not (folder / "poses.txt").exists():
         root.mkdir(exist_ok=True)

@@ -11,7 +11,6 @@ folder, or in the folder of temporary files if it does not exist.
 
 import argparse
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +22,9 @@ from numpy.typing import NDArray
 import omnisight as om
 from benchmarks.features_pairs import cameras
 from benchmarks.own_process import run_module
+from benchmarks.rendered_images import image_cache
 from benchmarks.sfm_methods import METHODS, frame_count
 from benchmarks.sfm_score import PoseErrors, pose_errors
-from omnisight.cache import cache_folder
 from omnisight.geometry.pose import Pose
 from omnisight.simulation.example_rigs import back_to_back
 from omnisight.simulation.trajectory import read_trajectory
@@ -103,9 +102,8 @@ class Score:
 
 def render(images: ImageSet, camera: str) -> Path:
     """Return the folder of a rendered set, from the cache if it is there."""
-    root = cache_folder() if cache_folder().is_dir() else Path(tempfile.gettempdir())
     rate = f"-{images.fps:g}fps" if images.fps else ""
-    folder = root / "benchmarks-sfm" / f"{images.scene}-{camera}-{images.count}{rate}"
+    folder = image_cache("sfm") / f"{images.scene}-{camera}-{images.count}{rate}"
     if not (folder / "poses.txt").exists():
         source = back_to_back(RIG_WIDTH) if camera == "rig" else cameras()[camera].camera
         up = "back" if camera == "mirror" else "top"
