@@ -118,7 +118,10 @@ def _card(data: ReportData, image: ReportImage, copies: Copies, scale: float) ->
     drawing = _drawing(data, image, copies.image, scale) if image.size is not None else None
     if copies.undistorted is not None:
         name = f"Image {image.number}, {image.name}, undistorted"
-        drawing = join(drawing, element("img", src=copies.undistorted, alt=name, class_="undistorted", loading="lazy"))
+        # The size gives the image its place on the page before it is decoded.
+        width, height = data.camera.size
+        source = {"src": copies.undistorted, "alt": name, "width": width, "height": height, "loading": "lazy"}
+        drawing = join(drawing, element("img", **source, class_="undistorted"))
     label = f"Drop image {image.number}, {image.name}: {figures}"
     enlarge = element("button", "Enlarge", type="button", class_="enlarge", aria_label=f"Enlarge image {image.number}")
     return element(
