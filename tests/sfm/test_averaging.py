@@ -18,7 +18,9 @@ def test_rotations_are_those_of_the_cameras_although_edges_are_wrong(wrong_share
     noise, is_wrong = np.radians(0.05), rng.random(len(a)) < wrong_share
     turns = np.where(is_wrong[:, None], unit(rng.normal(size=(len(a), 3))), rng.normal(0, noise, (len(a), 3)))
     rotations = np.array([poses[j].rotation @ poses[i].rotation.T for i, j in zip(a, b, strict=True)])
-    averaged = average_rotations(20, RelativeRotations(a, b, exp(turns) @ rotations, np.full(len(a), noise)))
+    averaged = average_rotations(
+        20, RelativeRotations(a, b, exp(turns) @ rotations, *np.full((2, len(a)), [[noise], [1.0]]))
+    )
     true = np.array([pose.rotation for pose in poses]) @ poses[0].rotation.T
     error = np.degrees(np.linalg.norm(averaged.rig_from_world - true, axis=(1, 2)) / np.sqrt(2))
     assert error.max() < 0.15
@@ -32,10 +34,29 @@ def test_a_confident_wrong_edge_that_closes_no_triangle_is_not_believed():
     rotations = np.array([poses[j].rotation @ poses[i].rotation.T for i, j in zip(a, b, strict=True)])
     is_wrong, sigma = (a == 2) & (b == 3), np.full(len(a), np.radians(0.1))
     rotations[is_wrong], sigma[is_wrong] = exp([0.0, 2.5, 0.0]) @ rotations[is_wrong], np.radians(0.001)
-    averaged = average_rotations(6, RelativeRotations(a, b, rotations, sigma))
+    averaged = average_rotations(6, RelativeRotations(a, b, rotations, sigma, np.ones(len(a))))
     assert (averaged.is_consistent == ~is_wrong).all()
     true = np.array([pose.rotation for pose in poses]) @ poses[0].rotation.T
     np.testing.assert_allclose(averaged.rig_from_world, true, atol=1e-6)
+
+
+def test_edges_that_agree_with_each_other_do_not_outvote_one_with_more_support():
+    """Six wrong edges link two halves of a chain, with the same wrong turn, and one right edge."""
+    poses, inside = circle_of_poses(8), [(0, 1), (1, 2), (2, 3), (4, 5), (5, 6), (6, 7)]
+    wrong = [(0, 4), (0, 5), (1, 4), (1, 5), (2, 6), (3, 7)]
+    a, b = np.array([*inside, *wrong, (3, 4)]).T
+    rotations = np.array([poses[j].rotation @ poses[i].rotation.T for i, j in zip(a, b, strict=True)])
+    is_wrong = np.arange(len(a)) // 6 == 1
+    turn = poses[4].rotation @ exp([0.0, 0.0, 1.5]) @ poses[4].rotation.T
+    for i in np.flatnonzero(is_wrong):
+        rotations[i] = poses[b[i]].rotation @ poses[4].rotation.T @ turn @ poses[4].rotation @ poses[a[i]].rotation.T
+    support = np.where(is_wrong, 10.0, 200.0)
+    averaged = average_rotations(8, RelativeRotations(a, b, rotations, np.full(len(a), np.radians(0.1)), support))
+    assert (averaged.is_consistent == ~is_wrong).all()
+    true = np.array([pose.rotation for pose in poses]) @ poses[0].rotation.T
+    np.testing.assert_allclose(averaged.rig_from_world, true, atol=1e-6)
+    equal = average_rotations(8, RelativeRotations(a, b, rotations, np.full(len(a), np.radians(0.1)), np.ones(len(a))))
+    assert not np.allclose(equal.rig_from_world, true, atol=0.1)
 
 
 def test_relative_scales_of_a_straight_path_follow_from_common_points():

@@ -10,11 +10,13 @@ from omnisight.geometry.pose import Pose
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.mapping import map_images
 from omnisight.sfm.missing_matches import (
+    MIN_SUPPORT,
     KnownPoints,
     Links,
     contradicted_links,
-    pairs_with_missing_matches,
+    missing_matches,
     predicted_matches,
+    predicted_matches_of_edges,
 )
 from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.rig_images import RigImages
@@ -62,12 +64,28 @@ def matched(keypoints):
     return match_pairs(keypoints, list(combinations(range(len(keypoints)), 2)), lambda *_: None)
 
 
+def contradicted_pairs(edges, keypoints):
+    moving = [edge for edge in edges if edge.has_translation]
+    lacking = missing_matches(predicted_matches_of_edges(moving, PointDistances(keypoints)))
+    return {edge.images for edge, lack in zip(moving, lacking, strict=True) if lack}
+
+
 def test_edges_between_rooms_with_the_same_furniture_lack_matches():
     keypoints, _ = two_rooms(has_landscape=False)
     graph = matched(keypoints)
     between = {edge.images for edge in graph.edges if (edge.a in IN_ROOM_A) != (edge.b in IN_ROOM_A) and edge.b != 8}
     assert len(between) >= 10
-    assert pairs_with_missing_matches(graph.edges, PointDistances(keypoints)) == between
+    assert contradicted_pairs(graph.edges, keypoints) == between
+
+
+def test_missing_matches_reduce_the_support_of_an_edge():
+    keypoints, _ = two_rooms(has_landscape=False)
+    graph, images = matched(keypoints), RigImages.of(keypoints)
+    tested = without_contradicted_edges(graph, PointDistances(keypoints), images)
+    between = [edge for edge in graph.edges if (edge.a in IN_ROOM_A) != (edge.b in IN_ROOM_A) and edge.b != 8]
+    inside = [edge for edge in graph.edges if (edge.a in IN_ROOM_A) == (edge.b in IN_ROOM_A) and edge.b != 8]
+    assert (tested.support_of(between) == MIN_SUPPORT).all()
+    np.testing.assert_allclose(tested.support_of(inside), graph.support_of(inside), rtol=0.2)
 
 
 def test_rooms_with_the_same_furniture_are_mapped_apart():
@@ -101,8 +119,11 @@ def test_a_pair_without_matches_contradicts_the_edge_that_places_it():
 
 def test_rotations_only_are_not_tested():
     keypoints, _ = two_rooms()
-    edges = [replace(edge, motion="rotation only") for edge in matched(keypoints).edges]
-    assert pairs_with_missing_matches(edges, PointDistances(keypoints)) == set()
+    graph = matched(keypoints)
+    graph = replace(graph, edges=[replace(edge, motion="rotation only") for edge in graph.edges])
+    tested = without_contradicted_edges(graph, PointDistances(keypoints), RigImages.of(keypoints))
+    assert tested.edges == graph.edges
+    assert not tested.support
 
 
 def test_a_pair_with_more_wrong_matches_than_true_ones_gets_its_true_pose():

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.parallel import parallel_map
-from omnisight.sfm.missing_matches import pairs_with_missing_matches
+from omnisight.sfm.missing_matches import missing_matches, predicted_matches_of_edges, supporting_matches
 from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.rig_images import RigImages
-from omnisight.sfm.view_graph import ViewGraph, match_pair
+from omnisight.sfm.view_graph import Edge, ViewGraph, match_pair
 
 Indices = NDArray[np.intp]
 
@@ -19,23 +19,24 @@ MAX_POSES = 3
 
 
 def without_contradicted_edges(graph: ViewGraph, points: PointDistances, images: RigImages) -> ViewGraph:
-    """Return a view graph whose edges do not lack matches.
+    """Return a view graph whose edges do not lack matches, with the support of its edges.
 
     Where things look alike, the relative pose with most matches can be wrong: the true one is then that of the other
     matches.
     """
-    rejected = dict[tuple[int, int], Indices]()
+    rejected, support = dict[tuple[int, int], Indices](), dict[Edge, float]()
     for number in range(MAX_POSES):
-        between = [edge for edge in graph.edges if images.frame[edge.a] != images.frame[edge.b]]
-        contradicted = pairs_with_missing_matches(between, points)
+        moving = [e for e in graph.edges if e.has_translation and images.frame[e.a] != images.frame[e.b]]
+        predictions = predicted_matches_of_edges(moving, points)
+        support |= zip(moving, supporting_matches(moving, predictions).tolist(), strict=True)
+        contradicted = {edge for edge, lack in zip(moving, missing_matches(predictions), strict=True) if lack}
         if not contradicted:
             break
-        for edge in between:
-            if edge.images in contradicted:
-                before = rejected.get(edge.images, np.zeros((0, 2), np.intp))
-                rejected[edge.images] = np.concatenate([before, edge.pairs])
-        again = sorted(contradicted) if number + 1 < MAX_POSES else []
+        for edge in contradicted:
+            before = rejected.get(edge.images, np.zeros((0, 2), np.intp))
+            rejected[edge.images] = np.concatenate([before, edge.pairs])
+        again = sorted(edge.images for edge in contradicted) if number + 1 < MAX_POSES else []
         others = parallel_map(lambda pair: match_pair(points.keypoints, *pair, without=rejected[pair]), again)
-        kept = [edge for edge in graph.edges if edge.images not in contradicted]
+        kept = [edge for edge in graph.edges if edge not in contradicted]
         graph = replace(graph, edges=kept + [edge for edge in others if edge is not None])
-    return graph
+    return replace(graph, support=support)

@@ -1,7 +1,7 @@
 """Initial poses of the frames of a view graph, by averaging the relative poses of pairs of images."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -74,12 +74,12 @@ def initial_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -
     contradicted = set[tuple[int, int]]()
     frames, edges = largest_component(graph.edges, images)
     is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
-    averaged = average_rotations(len(frames), relative_rotations(frames, _select(edges, is_moving), images))
+    averaged = average_rotations(len(frames), relative_rotations(frames, _select(edges, is_moving), graph, images))
     is_consistent = ~is_moving
     is_consistent[is_moving] = averaged.is_consistent
     edges = _select(edges, is_consistent)
     while True:
-        placed = _place(frames, averaged.rig_from_world, edges, points, images)
+        placed = _place(frames, averaged.rig_from_world, replace(graph, edges=edges), points, images)
         wrong = placed.contradicted_pairs(images, graph)
         if not wrong:
             return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
@@ -87,13 +87,13 @@ def initial_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -
         edges = [edge for edge in edges if edge.images not in wrong]
 
 
-def panorama_poses(edges: Sequence[Edge], images: RigImages) -> InitialPoses:
+def panorama_poses(graph: ViewGraph, images: RigImages) -> InitialPoses:
     """Estimate the orientations of the largest part of a view graph whose frames were taken in one place."""
-    frames, edges = largest_component(edges, images)
+    frames, edges = largest_component(graph.edges, images)
     if len(frames) == 1:
         return InitialPoses(frames, np.eye(3, 4)[None])
     between = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
-    averaged = average_rotations(len(frames), relative_rotations(frames, between, images))
+    averaged = average_rotations(len(frames), relative_rotations(frames, between, graph, images))
     poses = np.concatenate([averaged.rig_from_world, np.zeros((len(frames), 3, 1))], axis=2)
     return InitialPoses(frames, poses)
 
@@ -139,16 +139,16 @@ class _Placement:
         suspicious = np.flatnonzero(lacking)
         linked = row[np.array([edge.images for edge in edges], np.intp).reshape(-1, 2)]
         unlinked = row[np.array(pairs, np.intp).reshape(-1, 2)[suspicious]]
-        links = Links(linked[:, 0], linked[:, 1], _support(edges))
+        links = Links(linked[:, 0], linked[:, 1], graph.support_of(edges))
         without = Links(unlinked[:, 0], unlinked[:, 1], lacking[suspicious])
         return {edge.images for edge in _select(edges, contradicted_links(len(self.frames), links, without))}
 
 
 def _place(
-    frames: Indices, rotations: Array, edges: Sequence[Edge], points: PointDistances, images: RigImages
+    frames: Indices, rotations: Array, graph: ViewGraph, points: PointDistances, images: RigImages
 ) -> _Placement:
     """Average the positions of the largest part of a view graph whose rotations (F, 3, 3) are known."""
-    _, edges = largest_component(edges, images)
+    _, edges = largest_component(graph.edges, images)
     distances = points.of(edges)
     log_scales, log_sigma, component = average_log_scales(distances)
     use = np.flatnonzero(component == np.bincount(component).argmax())
@@ -156,7 +156,8 @@ def _place(
     use = use[np.isin(images.frame[[edges[i].a for i in use]], placed)]
     edges, distances = [edges[i] for i in use], [distances[i] for i in use]
     of_frame = rotations[np.searchsorted(frames, placed)]
-    relative = _relative_positions(placed, of_frame, edges, images, log_scales[use], log_sigma[use])
+    graph = replace(graph, edges=edges)
+    relative = _relative_positions(placed, of_frame, graph, images, log_scales[use], log_sigma[use])
     positions, unit = average_positions(len(placed), relative)
     gap = positions[relative.b] - positions[relative.a] + relative.arm - relative.displacement / unit
     far = np.exp([np.median(each.log_distance) + scale for each, scale in zip(distances, log_scales[use], strict=True)])
@@ -167,14 +168,16 @@ def _place(
     return _Placement(placed, poses, _select(edges, agrees), known)
 
 
-def relative_rotations(frames: Indices, edges: Sequence[Edge], images: RigImages) -> RelativeRotations:
-    """Return the relative rotations of some of the frames from edges between their images."""
+def relative_rotations(
+    frames: Indices, edges: Sequence[Edge], graph: ViewGraph, images: RigImages
+) -> RelativeRotations:
+    """Return the relative rotations of some of the frames from edges of a view graph between their images."""
     of_sensor = images.sensor_from_rig[:, :, :3]
     a, b = np.array([(edge.a, edge.b) for edge in edges]).T
     b_from_a = np.array([edge.b_from_a.rotation for edge in edges])
     in_rig = of_sensor[images.sensor[b]].transpose(0, 2, 1) @ b_from_a @ of_sensor[images.sensor[a]]
     sigma = np.radians([largest_sigma_deg(edge.covariance[:3, :3]) for edge in edges])
-    return RelativeRotations(*_ends(frames, edges, images), in_rig, sigma)
+    return RelativeRotations(*_ends(frames, edges, images), in_rig, sigma, graph.support_of(edges))
 
 
 def largest_component(edges: Sequence[Edge], images: RigImages) -> tuple[Indices, list[Edge]]:
@@ -188,9 +191,10 @@ def largest_component(edges: Sequence[Edge], images: RigImages) -> tuple[Indices
 
 
 def _relative_positions(
-    frames: Indices, rotations: Array, edges: Sequence[Edge], images: RigImages, log_scales: Array, log_sigma: Array
+    frames: Indices, rotations: Array, graph: ViewGraph, images: RigImages, log_scales: Array, log_sigma: Array
 ) -> RelativePositions:
     """Return the displacements between the images of edges of known relative scale."""
+    edges = graph.edges
     a, b = _ends(frames, edges, images)
     of_a, of_b = (images.sensor[[getattr(edge, side) for edge in edges]] for side in ("a", "b"))
     world_from_b = rotations[b].transpose(0, 2, 1) @ images.sensor_from_rig[of_b, :, :3].transpose(0, 2, 1)
@@ -207,7 +211,7 @@ def _relative_positions(
         arms[1] - arms[0],
         lengthwise=length * np.maximum(log_sigma, MIN_LOG_SIGMA),
         crosswise=length * np.maximum(sigma, MIN_DIRECTION_SIGMA),
-        support=_support(edges),
+        support=graph.support_of(edges),
     )
 
 
@@ -215,11 +219,6 @@ def _ends(frames: Indices, edges: Sequence[Edge], images: RigImages) -> tuple[In
     """Return the frames (E,) of both ends of edges, counted among some of the frames."""
     a, b = (np.searchsorted(frames, images.frame[[getattr(edge, side) for edge in edges]]) for side in ("a", "b"))
     return a, b
-
-
-def _support(edges: Sequence[Edge]) -> Array:
-    """Return the number of matches (E,) of each edge."""
-    return np.array([len(edge.pairs) for edge in edges], float)
 
 
 def _select(edges: Sequence[Edge], use: NDArray[np.bool_]) -> list[Edge]:

@@ -149,13 +149,13 @@ def map_images(
     maps, rest = list[Map](), graph.edges
     while rest:
         moving = [edge for edge in rest if edge.has_translation]
-        first = _first_poses(ViewGraph(moving, graph.compared), rest, distances, images)
+        first = _first_poses(replace(graph, edges=rest), distances, images)
         moving, rest = ([e for e in each if e.images not in first.contradicted] for each in (moving, rest))
         found = start = _without_points(first, images, refines_sensors)
         count = 0
         while moving:
             found = _refined(found, _tracks(found, rest), watch)
-            contradicted = _contradicted_frames(found, ViewGraph(rest, graph.compared), keypoints)
+            contradicted = _contradicted_frames(found, replace(graph, edges=rest), keypoints)
             if contradicted.any() and not contradicted.all():
                 found = _with_frames(found, ~contradicted)
                 found = _refined(found, _tracks(found, rest), watch)
@@ -174,11 +174,12 @@ def map_images(
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _first_poses(moving: ViewGraph, edges: Sequence[Edge], points: PointDistances, images: RigImages) -> InitialPoses:
-    """Return poses of the largest part of a view graph: of the moving edges, if there are any."""
-    if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving.edges):
-        return initial_poses(moving, points, images)
-    return panorama_poses(edges, images)
+def _first_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -> InitialPoses:
+    """Return poses of the largest part of a view graph: of the edges with a translation, if there are any."""
+    moving = [edge for edge in graph.edges if edge.has_translation]
+    if any(images.frame[edge.a] != images.frame[edge.b] for edge in moving):
+        return initial_poses(replace(graph, edges=moving), points, images)
+    return panorama_poses(graph, images)
 
 
 def refine_poses(

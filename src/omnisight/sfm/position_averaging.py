@@ -160,7 +160,7 @@ class RelativePositions:
     lengthwise, crosswise
         (E,) standard deviations along and across the displacement.
     support
-        (E,) number of matches that agree with the edge: those that are wrong if it is.
+        (E,) number of matches that support the edge: those that are wrong if it is.
     """
 
     a: Indices

@@ -38,12 +38,15 @@ class RelativeRotations:
         (E, 3, 3).
     sigma
         (E,) standard deviations, radians.
+    support
+        (E,) number of matches that support the edge.
     """
 
     a: Indices
     b: Indices
     b_from_a: Array
     sigma: Array
+    support: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +69,15 @@ def average_rotations(count: int, edges: RelativeRotations) -> AveragedRotations
     """Estimate the orientations of N frames that the edges connect.
 
     Iteratively reweighted least squares on the tangent space (A. Chatterjee, V. Govindu, Robust relative rotation
-    averaging, PAMI 2018), from a spanning tree of the most certain edges: first with the L1 loss, then with the
-    Geman-McClure loss of decreasing scale.
+    averaging, PAMI 2018), weighted by the support of the edges, from a spanning tree of those with most support: first
+    with the L1 loss, then with the Geman-McClure loss of decreasing scale.
     """
-    sigma = np.hypot(edges.sigma, MIN_SCALE_RAD)
+    sigma, support = np.hypot(edges.sigma, MIN_SCALE_RAD), edges.support / edges.support.mean()
     rotations = _from_spanning_tree(count, edges)
     annealed = (partial(_geman_mcclure_weights, scale=scale) for scale in SCALES_RAD)
     for weights_of in (*[_l1_weights] * L1_ROUNDS, *annealed):
         residuals = _residuals(edges, rotations)
-        weights = weights_of(np.linalg.norm(residuals, axis=1), sigma)
+        weights = support * weights_of(np.linalg.norm(residuals, axis=1), sigma)
         rotations = rotations @ so3.exp(_solve_laplacian(count, edges, weights, residuals))
     angles = np.linalg.norm(_residuals(edges, rotations), axis=1)
     scale = _noise_scale(angles, edges.sigma)
@@ -85,12 +88,11 @@ def average_rotations(count: int, edges: RelativeRotations) -> AveragedRotations
 def _from_spanning_tree(count: int, edges: RelativeRotations) -> Array:
     """Return rotations (N, 3, 3) composed along a spanning tree.
 
-    It has as few edges as possible that no triangle confirms, and of these the most certain.
+    It has as few edges as possible that no triangle confirms, and of these those with most support.
     """
-    certain = unique_edges(edges.a, edges.b, edges.sigma)
-    a, b, b_from_a = edges.a[certain], edges.b[certain], edges.b_from_a[certain]
-    unconfirmed = ~_is_confirmed(a, b, b_from_a)
-    tree = spanning_tree(count, a, b, np.maximum(edges.sigma[certain], 1e-9) + np.where(unconfirmed, 2 * np.pi, 0.0))
+    best = unique_edges(edges.a, edges.b, -edges.support)
+    a, b, b_from_a = edges.a[best], edges.b[best], edges.b_from_a[best]
+    tree = spanning_tree(count, a, b, 1 / edges.support[best] + np.where(_is_confirmed(a, b, b_from_a), 0.0, 1.0))
     steps = {(int(a[e]), int(b[e])): b_from_a[e] for e in tree}
     steps |= {(j, i): step.T for (i, j), step in steps.items()}
     graph = csr_array(coo_array((np.ones(len(tree)), (a[tree], b[tree])), shape=(count, count)))

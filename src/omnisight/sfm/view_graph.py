@@ -1,7 +1,7 @@
 """The view graph: images, and the relative poses of pairs of images that overlap."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +70,17 @@ class ViewGraph:
         Pairs of images that overlap.
     compared
         All pairs that were matched.
+    support
+        Number of matches that support an edge, if it is not that of its matches.
     """
 
     edges: list[Edge]
     compared: list[tuple[int, int]]
+    support: Mapping[Edge, float] = field(default_factory=dict)
+
+    def support_of(self, edges: Sequence[Edge]) -> Array:
+        """Return the number of matches (E,) that support each edge."""
+        return np.array([self.support.get(edge, len(edge.pairs)) for edge in edges], float)
 
 
 def match_pairs(
