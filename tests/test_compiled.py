@@ -4,7 +4,11 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from omnisight.compilation import watch_compilation
+from omnisight.compiled import cached_njit
 
 LOOPS = """
 import os, sys, threading
@@ -63,10 +67,10 @@ def cache_hits(process):
 
 
 def test_processes_and_threads_share_an_empty_cache(start, tmp_path):
-    # Two processes, each with a second thread, compile different signatures of the same loops at the same time.
-    for process in [start(*TYPES), start(*reversed(TYPES))]:
-        cache_hits(process)
-    cache_hits(start(*TYPES))  # stores what the two may have overwritten in the index
+    # Two processes, each with a second thread, need different signatures of the same loops at the same time. One
+    # compiles a signature, and the other one loads it.
+    hits = [cache_hits(process) for process in [start(*TYPES), start(*reversed(TYPES))]]
+    assert np.sum(hits, axis=0).tolist() == [len(TYPES), len(TYPES)]
     assert cache_hits(start(*TYPES)) == [len(TYPES), len(TYPES)]
     assert not (tmp_path / "numba").exists()
     assert not list(tmp_path.glob("__pycache__/*.nb?"))
@@ -75,3 +79,20 @@ def test_processes_and_threads_share_an_empty_cache(start, tmp_path):
 def test_a_cache_that_cannot_be_written_is_no_error(start, tmp_path):
     (tmp_path / "file").write_text("not a folder")
     assert cache_hits(start("float64", cache=tmp_path / "file")) == [0, 0]
+
+
+def test_the_start_and_the_end_of_a_compilation_are_reported(tmp_path):
+    def twice(x):
+        return 2 * x
+
+    def call():
+        found = []
+        with watch_compilation(lambda *report: found.append(report)):
+            assert cached_njit(twice, tmp_path)(21) == 42
+        return found
+
+    started, (name, seconds) = call()
+    assert started == ("twice", None)
+    assert name == "twice"
+    assert seconds > 0
+    assert call() == []  # loaded from the folder

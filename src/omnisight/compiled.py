@@ -10,6 +10,7 @@ import hashlib
 import importlib
 import os
 import sys
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -21,6 +22,10 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.caching import _CacheLocator as CacheLocator  # pyright: ignore[reportPrivateUsage]
 
 from omnisight.cache import cache_folder
+from omnisight.compilation import report_compilation
+
+# Time in which every function compiles; after it, a process no longer waits for another one.
+MAX_COMPILATION_S = 120.0
 
 
 def _import_without_scipy() -> None:
@@ -82,8 +87,16 @@ def source_hash(folder: Path, pattern: str) -> str:
     return digest.hexdigest()[:16]
 
 
+def has_code(dispatcher: Any) -> bool:
+    """Return whether code of a function from `njit_driver` is stored."""
+    return Path(dispatcher._cache._cache_file._index_path).exists()
+
+
 class FolderCache(FunctionCache):
-    """A cache of compiled functions in a folder; a folder that cannot be read or written is not an error."""
+    """A cache of compiled functions in a folder; a folder that cannot be read or written is not an error.
+
+    A function is compiled by one process at a time, and loaded by those that waited for it.
+    """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
         class Locator(LocatorBase):
@@ -110,12 +123,39 @@ class FolderCache(FunctionCache):
         # Files of its own for each process: two that store different signatures at once never mix up index and code.
         files: Any = self._cache_file
         files._data_name_pattern = f"{self._impl.filename_base}.{os.getpid()}-{{number:d}}.nbc"
+        self._name, self._started = function.__name__, 0.0
+        self._folder, self._lock = folder, None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the stored code of a signature; None if this process is to compile it."""
+        if (stored := self._load(sig, target_context)) is not None:
+            return stored
+        from filelock import FileLock, Timeout
+
+        self._started = time.perf_counter()
+        report_compilation(self._name, None)
+        self._lock = FileLock(self._folder / f"{self._impl.filename_base}.lock", timeout=MAX_COMPILATION_S)
+        with contextlib.suppress(OSError, NotImplementedError, Timeout):
+            self._folder.mkdir(parents=True, exist_ok=True)
+            self._lock.acquire()
+            stored = self._load(sig, target_context)
+        if stored is not None:
+            self._finish()
+        return stored
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store the code of a signature."""
+        with contextlib.suppress(OSError):
+            super().save_overload(sig, data)
+        self._finish()
+
+    def _load(self, sig: Any, target_context: Any) -> Any:
         with contextlib.suppress(OSError):
             return super().load_overload(sig, target_context)
         return None
 
-    def save_overload(self, sig: Any, data: Any) -> None:
-        with contextlib.suppress(OSError):
-            super().save_overload(sig, data)
+    def _finish(self) -> None:
+        """Let other processes load the code."""
+        if self._lock is not None:
+            self._lock.release()
+        report_compilation(self._name, time.perf_counter() - self._started)

@@ -1,13 +1,49 @@
 """Compile the calibration loops before they are needed."""
 
+import contextlib
+import subprocess
+import sys
 import threading
+
+import numpy as np
 
 
 def start_warm_up() -> threading.Thread:
-    """Start a daemon thread that runs `warm_up`, for the time in which images are read or boards detected."""
-    thread = threading.Thread(target=warm_up, name="omnisight-warm-up", daemon=True)
+    """Start a daemon thread that prepares the calibration loops while images are read and boards detected.
+
+    The first run on a machine compiles them in a process of its own, because a process compiles one function at a time.
+    """
+    thread = threading.Thread(target=_prepare, name="omnisight-warm-up", daemon=True)
     thread.start()
     return thread
+
+
+def _prepare() -> None:
+    from omnisight.calibration._bundle_kernel import normal_equation_blocks
+    from omnisight.compiled import has_code
+
+    # The program of a frozen application is not Python.
+    if not has_code(normal_equation_blocks) and sys.executable and not getattr(sys, "frozen", False):
+        with contextlib.suppress(OSError):
+            subprocess.run(
+                [sys.executable, "-m", "omnisight.calibration.warm_up"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                check=False,
+            )
+    warm_up()
+
+
+def compile_first() -> None:
+    """Compile what a first calibration needs and detection does not compile first."""
+    from omnisight.models.kannala_brandt import KannalaBrandt
+    from omnisight.targets.subpixel.corner_fit import fit_corners
+
+    corner = np.kron(np.eye(2, dtype=np.uint8), np.full((50, 50), 255, np.uint8))
+    fit_corners(corner, np.full((1, 2), 49.5), 20.0 * np.eye(2)[None], np.zeros((1, 2, 2)))
+    warm_up()
+    KannalaBrandt.example().unproject(np.full((1, 2), 100.0))
 
 
 def warm_up() -> None:
@@ -28,3 +64,7 @@ def warm_up() -> None:
     pixels = [model.project_numpy(board @ r.T + (-1.5, -1.0, 4.0))[0] for r in rotations]
     observations = Observations.from_arrays([board] * len(pixels), pixels, size=(960, 963))
     refine(resect(model, observations), observations, iterations=1)
+
+
+if __name__ == "__main__":
+    compile_first()

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from omnisight.cli._output import is_quiet, is_verbose
+from omnisight.compilation import watch_compilation
 
 # Time over which the speed is averaged, seconds: batches report each shard of images, and a shard can take a minute.
 SPEED_PERIOD_S = 600.0
@@ -33,7 +34,7 @@ def progress() -> Generator[Report]:
 
 @contextmanager
 def _bars() -> Generator[Report]:
-    """Show a progress bar per stage, with its steps per second and the time left."""
+    """Show a progress bar per stage, with its steps per second and the time left, and one while code is compiled."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
     from rich.progress import TimeRemainingColumn as TimeLeft
@@ -47,13 +48,21 @@ def _bars() -> Generator[Report]:
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD_S) as bars:
         tasks = {}
+        compiling, of_code = 0, bars.add_task("compile code (first run)", total=None, visible=False)
 
         def report(stage: str, done: int, total: int) -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=total, completed=done)
             bars.update(tasks[stage], completed=done, total=total)
 
-        yield report
+        def report_compilation(function: str, seconds: float | None) -> None:
+            nonlocal compiling
+            starts = seconds is None
+            compiling += 1 if starts else -1
+            bars.update(of_code, visible=compiling > 0, advance=0 if starts else 1, refresh=starts)
+
+        with watch_compilation(report_compilation):
+            yield report
 
 
 @contextmanager
@@ -64,7 +73,7 @@ def _stage_times() -> Generator[Report]:
     def finish() -> None:
         if stages:
             name, start, done = stages.pop()
-            print(f"{name:<24} {time.perf_counter() - start:8.2f} s, {done} steps", file=sys.stderr, flush=True)
+            print(f"{name:<32} {time.perf_counter() - start:8.2f} s, {done} steps", file=sys.stderr, flush=True)
 
     def report(stage: str, done: int, total: int) -> None:
         if stages and stages[0][0] == stage:
@@ -73,7 +82,12 @@ def _stage_times() -> Generator[Report]:
         finish()
         stages.append((stage, time.perf_counter(), done))
 
+    def report_compilation(function: str, seconds: float | None) -> None:
+        if seconds is not None:
+            print(f"{'compile ' + function:<32} {seconds:8.2f} s, first run", file=sys.stderr, flush=True)
+
     try:
-        yield report
+        with watch_compilation(report_compilation):
+            yield report
     finally:
         finish()
