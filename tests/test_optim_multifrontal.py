@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 from scipy.sparse import csr_array
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from omnisight.optim import blas_threads
 from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
 from omnisight.optim.multifrontal import MultifrontalFactor, fronts_of
 
@@ -85,16 +85,10 @@ def test_a_chain_has_little_fill_in():
 
 
 def test_the_threads_of_blas_are_as_before_also_after_a_failure():
-    blas = blas_threads._openblas()
-    if blas is None:
-        pytest.skip("scipy has another BLAS than OpenBLAS")
-    before = blas.scipy_openblas_get_num_threads()
-    blas.scipy_openblas_set_num_threads(2)
     matrix = BlockPattern.dense(4).zeros()
     matrix.add_diagonal(-np.ones(4))
-    try:
+    with threadpool_limits(2, "blas"):
+        before = threadpool_info()
         with pytest.raises(LinAlgError, match="not positive definite"):
             factor_of(matrix)
-        assert blas.scipy_openblas_get_num_threads() == 2
-    finally:
-        blas.scipy_openblas_set_num_threads(before)
+        assert threadpool_info() == before

@@ -3,12 +3,17 @@
 import contextlib
 import os
 import queue
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -21,15 +26,32 @@ def thread_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class _OfThread(threading.local):
+    """Whether the thread is one of the pool: a loop inside of a loop runs on it alone."""
+
+    is_in_pool = False
+
+
+_of_thread = _OfThread()
+
+
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
     # One pool per process: threads do not survive a fork.
-    return ThreadPoolExecutor(thread_count(), thread_name_prefix="omnisight")
+    def start() -> None:
+        _of_thread.is_in_pool = True
+
+    return ThreadPoolExecutor(thread_count(), "omnisight", start)
+
+
+def _free_threads() -> int:
+    """Return the number of threads that a loop can use."""
+    return 1 if _of_thread.is_in_pool else thread_count()
 
 
 def parallel_for(work: Callable[[int, int], Any], count: int, grain: int) -> None:
     """Call work(first, last) over 0 ... count, in one piece per thread, each of at least `grain`."""
-    pieces = min(thread_count(), count // grain)
+    pieces = min(_free_threads(), count // grain)
     if pieces < 2:
         work(0, count)
         return
@@ -46,15 +68,54 @@ def parallel_map(
     """Return work(item) of all items in order; `progress` is called with the number of finished items and of all."""
     report = progress or (lambda done, total: None)
     results: list[Result] = []
-    if thread_count() < 2 or len(items) < 2:
+    if _free_threads() < 2 or len(items) < 2:
         for item in items:
             results.append(work(item))
             report(len(results), len(items))
         return results
-    for result in _pool(os.getpid()).map(work, items):
-        results.append(result)
-        report(len(results), len(items))
+    with serial_blas():
+        for result in _pool(os.getpid()).map(work, items):
+            results.append(result)
+            report(len(results), len(items))
     return results
+
+
+class _SerialBlas:
+    """Number of callers that let BLAS use one thread, and its number of threads before."""
+
+    def __init__(self) -> None:
+        self.lock, self.callers, self.before = threading.Lock(), 0, contextlib.ExitStack()
+
+
+_serial_blas = _SerialBlas()
+
+
+@contextmanager
+def serial_blas() -> Generator[None]:
+    """Let BLAS use one thread.
+
+    The threads of OpenBLAS wait for each other without sleeping: on two cores with two other busy processes, the
+    Cholesky factorization of 1200 columns took 370 ms on average, and 40 ms with one thread.
+    """
+    with _serial_blas.lock:
+        _serial_blas.callers += 1
+        if _serial_blas.callers == 1:
+            _serial_blas.before.enter_context(_blas("scipy.linalg" in sys.modules).limit(limits=1))
+    try:
+        yield
+    finally:
+        with _serial_blas.lock:
+            _serial_blas.callers -= 1
+            if not _serial_blas.callers:
+                _serial_blas.before.close()
+
+
+@cache
+def _blas(has_scipy: bool) -> "ThreadpoolController":
+    """Return the loaded BLAS libraries: that of numpy, and that of scipy."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="blas")
 
 
 def prefetch(items: Iterable[Item], count: int = 2) -> Generator[Item]:

@@ -12,6 +12,7 @@ from omnisight.features.detection_views import DetectionView, pixel_grid, tangen
 from omnisight.features.detectors import DETECTORS, Detector
 from omnisight.features.keypoints import Keypoints, concatenate
 from omnisight.images import estimate_image_field, to_gray8
+from omnisight.parallel import parallel_map
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -86,7 +87,7 @@ def detect_features(
     gray = _brightened(gray, valid)
     detector = DETECTORS[options.kind]
     views = tangent_views(camera) if options.surface == "views" else whole_image(camera)
-    found = [_detect_in_view(view, gray, valid, detector, options.max_keypoints) for view in views]
+    found = parallel_map(lambda view: _detect_in_view(view, gray, valid, detector, options.max_keypoints), views)
     keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])
     if mask is not None:
         column, row = np.clip(np.rint(keypoints.pixels).astype(int), 0, np.array(camera.size) - 1).T
