@@ -37,7 +37,6 @@ def main(count: int) -> None:
     start = time.perf_counter()
     times("start", 0, 0)
     result = om.reconstruct(files, om.sphere(om.read_image(files[0]).shape[1]), progress=times)
-    times("covariances", 1, 1)
     seconds = time.perf_counter() - start
     for stage, value in times.seconds.items():
         print("stage", value, stage)

@@ -159,7 +159,11 @@ def reconstruct(
     cameras = tuple(ray or central for ray, central in zip(exact, detected.cameras, strict=True))
     body = Rig(cameras, (Pose(),) * len(names), names)
     scene = files.names, detected.keypoints, detected.colors
-    models = tuple(build_reconstruction(found, body, *scene, world.origin) for found in maps)
+    models = list[Reconstruction]()
+    for found in maps:
+        progress("covariances", len(models), len(maps))
+        models.append(build_reconstruction(found, body, *scene, world.origin))
+    progress("covariances", len(models), len(maps))
     registered = {name for model in models for name in model.names}
     matched = {image for edge in graph.edges for image in edge.images}
     unregistered = {
@@ -168,7 +172,7 @@ def reconstruct(
         if name not in registered
     }
     return ReconstructionResult(
-        models,
+        tuple(models),
         len(files),
         unregistered,
         time.perf_counter() - start,

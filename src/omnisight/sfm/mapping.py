@@ -224,7 +224,9 @@ def _refined(current: Map, tracks: Tracks, watch: Watch) -> Map:
         current = adjust_map(current, ROUGH_TOLERANCE)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
-    return _without_unsupported_frames(adjust_map(_triangulated(current, tracks)))
+    refined = _without_unsupported_frames(adjust_map(_triangulated(current, tracks)))
+    watch(len(refined.frames))
+    return refined
 
 
 def _without_unsupported_frames(current: Map) -> Map:
