@@ -77,11 +77,16 @@ def expected_errors(candidates: Sequence[Candidate], observations: Observations,
 
 
 def _pixel_variance(candidate: Candidate, observations: Observations, rows: NDArray[np.intp], loss: Loss) -> float:
-    """Return the mean variance (px^2) of a pixel due to corner noise, the best rotation of the frame removed."""
+    """Return the mean variance (px^2) of a pixel due to corner noise, the best rotation of the frame removed.
+
+    It is infinite if the model projects none of the points.
+    """
     points = candidate.state.points(observations)[0][rows]
     _, _, d_point, d_params = candidate.state.model.project_with_jacobians(points)
     d_rotation = -d_point @ so3.hat(points)
     known = np.isfinite(d_params).all((1, 2)) & np.isfinite(d_rotation).all((1, 2))
+    if not known.any():
+        return np.inf
     jacobian = d_params[known].reshape(-1, d_params.shape[-1])
     basis = np.linalg.qr(d_rotation[known].reshape(-1, 3))[0]
     jacobian = jacobian - basis @ (basis.T @ jacobian)

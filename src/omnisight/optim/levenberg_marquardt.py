@@ -16,6 +16,9 @@ ROUNDING = 1e-6
 INITIAL_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-6, 1e-15, 1e14
 # Factor of the damping after a rejected step; doubles with every further rejection.
 DAMPING_GROWTH = 2.0
+# Decrease of the cost over the predicted one above which a longer step is tried, and its largest factor. Outliers that
+# pull in all directions make the normal equations of robust costs too stiff, most of all along drifts.
+LONG_STEP_RATIO, MAX_STEP_FACTOR = 1.5, 10.0
 
 
 class Linearized(Protocol):
@@ -84,6 +87,8 @@ def minimize(
 ) -> Solution[State]:
     """Minimize by Levenberg-Marquardt with Nielsen's damping (Madsen, Nielsen and Tingleff 2004, algorithm 3.16).
 
+    A step that decreases the cost far more than predicted is extended to the minimum of a parabola.
+
     Parameters
     ----------
     problem
@@ -117,6 +122,10 @@ def minimize(
             moved = problem.move(state, step) if finite else state
             new_cost = problem.cost(moved) if finite else np.inf
             ratio = (cost - new_cost) / predicted
+            if ratio > LONG_STEP_RATIO:
+                # The minimum of the parabola through both costs with the slope of the first one.
+                longer = problem.move(state, min(1 / max(2 - ratio, 1e-9), MAX_STEP_FACTOR) * step)
+                moved, new_cost = min((moved, new_cost), (longer, problem.cost(longer)), key=lambda each: each[1])
             if ratio > 0:
                 break
             damping, growth = damping * growth, growth * DAMPING_GROWTH
