@@ -307,3 +307,26 @@ def test_verdict_do_not_use_is_reported_with_every_view(run, photo, tmp_path):
     save(Camera(TRUTH.model, (640, 480), calibration=figures), tmp_path / "camera.json")
     _, said, _ = run("view", photo, "--camera", tmp_path / "camera.json", "-o", tmp_path / "view.png")
     assert "the verdict of this calibration is: do not use. The boards tilt only 3 degrees." in said
+
+
+def test_an_image_twice_as_wide_as_high_needs_no_camera(run, photo, tmp_path):
+    wide = np.zeros((200, 400, 3), np.uint8)
+    wide[:, 300:] = 200, 100, 50  # from 90° to 180° to the right
+    write_image(tmp_path / "360.png", wide)
+    status, _, err = run("view", tmp_path / "360.png", "--yaw", "135", "--fov", "60", "-o", tmp_path / "right.png")
+    assert (status, err) == (0, "")
+    assert (read_image(tmp_path / "right.png") == (200, 100, 50)).all()
+    status, _, err = run("view", photo, "-o", tmp_path / "view.png")
+    assert status == 2
+    assert "only 2:1 equirectangular images need no camera" in err
+
+
+def test_a_view_of_which_the_camera_sees_nothing_is_not_written(run, shots, photo, camera_file, tmp_path):
+    narrow = ("--camera", camera_file, "--yaw", "180", "--fov", "10")
+    status, _, err = run("view", photo, *narrow, "-o", tmp_path / "black.png")
+    assert status == 2
+    assert "the camera sees no part of the view" in err
+    status, _, err = run("view", shots, *narrow, "-o", tmp_path / "black")
+    assert status == 2
+    assert "the camera sees no part of the view" in err
+    assert not list(tmp_path.rglob("*.png"))

@@ -116,7 +116,7 @@ def test_one_repeated_image_among_many_is_good_with_a_remark():
     exact = observe_boards(lens(180), 180, np.random.default_rng(0), count=14, noise=0.0)
     calibration = calibrate(with_noise([*exact, exact[3]], 0.1), model="equisolid", flat=True)
     assert str(calibration.verdict) == "good"
-    assert any("1 images repeat another one (view 3 = view 14)" in remark for remark in calibration.verdict.remarks)
+    assert any("1 image repeats another one (view 3 = view 14)" in remark for remark in calibration.verdict.remarks)
 
 
 def test_requested_model_that_does_not_describe_the_lens_is_not_good():

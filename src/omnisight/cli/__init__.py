@@ -13,7 +13,8 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cyclopts import App
+    from cyclopts import App, CycloptsError
+    from rich.text import Text
 
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -43,6 +44,7 @@ def application() -> "App":
             show_default=lambda value: None if value is None or value is False or value == () else str(value),
         ),
         suppress_keyboard_interrupt=False,
+        error_formatter=_option_error,
     )
     groups = {name: Group(name, sort_key=index) for index, name in enumerate(GROUPS)}
     for name in (found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")):
@@ -97,6 +99,20 @@ def main(arguments: list[str] | None = None) -> None:
             raise
         _print_error(f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)")
         sys.exit(EXIT_FAILED)
+
+
+def _option_error(error: "CycloptsError") -> "Text":
+    """Return the message of an error of the options."""
+    from cyclopts import MissingArgumentError
+    from rich.text import Text
+
+    message = str(error)
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        command = " ".join(("omnisight", *(error.command_chain or ())))
+        message = f"{error.argument.name} is missing; {command} --help describes it"
+        if error.keyword is not None:
+            message = f"{error.keyword} needs a value; write {error.keyword}=VALUE if it begins with a dash"
+    return Text(f"omnisight: {message}", no_wrap=True, overflow="ignore")
 
 
 def _error_message(error: Exception) -> str:

@@ -19,7 +19,7 @@ def view(
     images: list[str],
     /,
     *,
-    camera: Path,
+    camera: Path | None = None,
     to: list[ViewType] | None = None,
     output: Annotated[list[str], Parameter(alias="-o")],
     fov: list[float] | None = None,
@@ -60,7 +60,8 @@ def view(
         Images, folders or patterns, or one video clip. Several images go to the folder --output. With --workers,
         --cluster or a URL (s3://, gs://, az://, zip://*::images.zip) one folder with its sub-folders, or a pattern.
     camera
-        Calibration file of any format.
+        Calibration file of any format. It may be omitted for equirectangular images and clips of 360° x 180°, which are
+        twice as wide as high.
     to
         Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
     output
@@ -119,6 +120,8 @@ def view(
     if batch.apply_to(*images, *output):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
             raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
+        if camera is None:
+            raise ValueError("--workers, --cluster and URLs need a calibration file (--camera)")
         from omnisight.pipeline.batch.batch import Batch
         from omnisight.pipeline.view_batch import view_batch
 

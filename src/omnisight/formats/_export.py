@@ -74,7 +74,8 @@ def check_supported(camera: Camera, models: Sequence[str]) -> None:
     """Raise ValueError if a format lacks the camera's model."""
     if camera.model.name not in models:
         raise ValueError(
-            f"has no model {camera.model.name}; it has {', '.join(models)}: convert it with --model {models[0]}"
+            f"has no model {camera.model.name}; it has {', '.join(models)}: convert the camera to"
+            f" {models[0]} first (omnisight convert --model {models[0]})"
         )
 
 

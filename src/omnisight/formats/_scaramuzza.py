@@ -124,7 +124,9 @@ def refit_degree_four(camera: Camera) -> tuple[Camera, tuple[str, ...]]:
     error = max_difference_px(short, bearings, pixels)
     reason = f"the format has a0, a2, a3, a4 of ocam and this camera {len(model.a)} coefficients"
     if not error <= MAX_REFIT_ERROR_PX:
-        raise ValueError(f"{reason}: {error:.2g} px off with four; convert it to another --model")
+        raise ValueError(
+            f"{reason}: {error:.2g} px off with four. OCamCalib files (--to ocamcalib) have any number of them"
+        )
     return dataclasses.replace(camera, model=short), (f"{reason}: refitted with four, at most {error:.2g} px off",)
 
 

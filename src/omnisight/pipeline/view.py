@@ -12,7 +12,7 @@ from omnisight.camera import Camera
 from omnisight.formats import save
 from omnisight.images import collect_images, read_image, write_image
 from omnisight.images.output_paths import output_paths, refuse_overwrite
-from omnisight.pipeline.central_camera import central_camera
+from omnisight.pipeline.central_camera import camera_of_image, central_camera
 from omnisight.pipeline.view_options import ViewOptions
 from omnisight.pipeline.view_renderer import ViewRenderer
 from omnisight.views.maps import visible_fraction
@@ -63,7 +63,7 @@ class ViewResult:
 
 def view(
     images: Sequence[str | Path],
-    camera: Camera | Path,
+    camera: Camera | Path | None,
     output: Path,
     options: ViewOptions | None = None,
     *,
@@ -78,7 +78,8 @@ def view(
     images
         Image files, folders or patterns; all images are of the same size.
     camera
-        The camera of the images, or its calibration file of any format.
+        The camera of the images, or its calibration file of any format; None for equirectangular images of 360° x 180°,
+        which are twice as wide as high.
     output
         File of the view, or a folder; several images need a folder, which is created.
     options
@@ -103,20 +104,24 @@ def view(
         camera = central_camera(camera, name=options.name, distance=options.distance)
     paths = collect_images([str(image) for image in images])
     files = _prepare_output(paths, output, [mask] if mask else [])
-    render = ViewRenderer(camera, options)
+    render = None if camera is None else ViewRenderer(camera, options)
     written: list[Path] = []
     errors: list[str] = []
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
         report("view", i, len(paths))
         try:
-            write_image(file, render(read_image(path, apply_exif=options.apply_exif), path.name))
+            image = read_image(path, apply_exif=options.apply_exif)
+            if render is None:
+                size = image.shape[1], image.shape[0]
+                render = ViewRenderer(camera_of_image(None, size, path.name, name=None, scale=False), options)
+            write_image(file, render(image, path.name))
             written.append(file)
         except ValueError as error:  # one unusable image does not stop the others
             if len(paths) == 1:
                 raise
             errors.append(str(error))
     report("view", len(paths), len(paths))
-    if not render.has_rendered:
+    if render is None or not written:
         raise ValueError(skipped_message(errors, len(paths)))
     source, target, rotations, covered = render.source, render.target, render.rotations, render.covered
     if mask is not None:

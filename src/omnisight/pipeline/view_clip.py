@@ -16,7 +16,7 @@ from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.video_writer import VideoWriter
 from omnisight.parallel import prefetch
-from omnisight.pipeline.central_camera import central_camera, fit_camera
+from omnisight.pipeline.central_camera import camera_of_image, central_camera
 from omnisight.pipeline.view import ViewResult
 from omnisight.pipeline.view_motion import Angles, ViewMotion, moved, stabilization, view_angles
 from omnisight.pipeline.view_options import ViewOptions, view_target
@@ -55,7 +55,7 @@ class ClipViews:
 
 def view_clip(
     clip: str | Path,
-    camera: Camera | Path,
+    camera: Camera | Path | None,
     views: Sequence[tuple[Path, ViewOptions]],
     *,
     motion: ViewMotion = ViewMotion(),
@@ -72,7 +72,7 @@ def view_clip(
     clip
         The video file.
     camera
-        The camera of the clip, or its calibration file of any format.
+        The camera of the clip, or its calibration file of any format; None for an equirectangular clip of 360° x 180°.
     views
         File and options of each view. Options that concern the clip are those of the first.
     motion
@@ -95,9 +95,10 @@ def view_clip(
     refuse_overwrite([file for file, _ in views], [source_clip.path])
     if len({file.resolve() for file, _ in views}) < len(views):
         raise ValueError(f"{views[0][0]}: two views have the same file; specify one for each")
+    of_clip = source_clip.size, source_clip.path.name
     if isinstance(camera, Path):
         camera = central_camera(camera, name=first.name, distance=first.distance)
-    source = fit_camera(camera, source_clip.size, source_clip.path.name, scale=first.scale_camera)
+    source = camera_of_image(camera, *of_clip, name=None, scale=first.scale_camera)
     duration = _last_time(source_clip)
     angles, stable_from_source = view_angles(motion, duration), stabilization(motion, duration)
     rendered = [_ClipView(source, options, motion, angles) for _, options in views]

@@ -54,7 +54,7 @@ class ViewRenderer:
         Raises
         ------
         ValueError
-            If the image has another size than the camera, or than the images before.
+            If the image has another size than the camera, or than the images before, or shows no part of the view.
         """
         size = image.shape[1], image.shape[0]
         if self.options.scale_camera and self._remappers and size != self.source.size:
@@ -63,13 +63,13 @@ class ViewRenderer:
             )
         self.source = fit_camera(self.source, size, name, scale=self.options.scale_camera)
         self._remappers = self._remappers or [self._remapper(rotation) for rotation in self.rotations]
+        if not self.covered.any():
+            raise ValueError(
+                f"{name}: the camera sees no part of the view, which would be black: change --yaw, --pitch or --fov"
+                " (omnisight inspect shows the field of view)"
+            )
         view = cube_cross([remap(image) for remap in self._remappers])
         return hatch(view, self.extrapolated & self.covered) if self.options.mark else view
-
-    @property
-    def has_rendered(self) -> bool:
-        """Whether there was an image."""
-        return bool(self._remappers)
 
     @cached_property
     def covered(self) -> Mask:

@@ -124,11 +124,11 @@ def _connection(evidence: RigEvidence) -> Check:
     if weakest.agreeing >= MIN_GOOD_SHARED_VIEWS:
         return Check("connection")
     level = Level.DO_NOT_USE if weakest.agreeing < MIN_SHARED_VIEWS else Level.USABLE
-    count = f"{weakest.agreeing} image{'s' * (weakest.agreeing != 1)}"
+    count = "1 image connects" if weakest.agreeing == 1 else f"{weakest.agreeing} images connect"
     return Check(
         "connection",
         level,
-        f"Only {count} connect {weakest.a} and {weakest.b}: take about 10 more with the board where both cameras see"
+        f"Only {count} {weakest.a} and {weakest.b}: take about 10 more with the board where both cameras see"
         " it, at different angles.",
     )
 

@@ -11,7 +11,7 @@ PRIORITY = 20
 def check() -> Finding:
     """Check the number of threads against that of the cores."""
     cores, threads, setting = os.cpu_count() or 1, thread_count(), os.environ.get("OMNISIGHT_THREADS", "")
-    figure = f"{threads} threads on {cores} cores" + (f", OMNISIGHT_THREADS={setting}" if setting else "")
+    figure = f"{threads} of {cores} cores" + (f", OMNISIGHT_THREADS={setting}" if setting else "")
     if setting and not setting.isdigit():
         return Finding("threads", Level.WARNING, figure, "OMNISIGHT_THREADS is no number: unset it, or set a number")
     if threads > cores:

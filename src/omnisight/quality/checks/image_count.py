@@ -27,9 +27,10 @@ def check(evidence: Evidence) -> Check:
     sentences: list[str] = []
     level = Level.USABLE if len(repeated) > MAX_REPEATED_SHARE * count else Level.GOOD
     if repeated:
+        verbs = ("image repeats", "adds") if len(repeated) == 1 else ("images repeat", "add")
         sentences.append(
-            f"{len(repeated)} images repeat another one ({list_pairs(repeated)}) and add no information: move the board"
-            " between images."
+            f"{len(repeated)} {verbs[0]} another one ({list_pairs(repeated)}) and {verbs[1]} no information: move the"
+            " board between images."
         )
     if distinct < min(MIN_GOOD_VIEWS, count - len(repeated)):
         sentences.append(
