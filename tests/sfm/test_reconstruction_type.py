@@ -24,6 +24,12 @@ def test_images_with_few_points_that_other_images_share_are_not_verified():
     assert with_observations(made, (image != 5) | np.isin(point, seen[:MIN_VERIFIED])).unverified == ()
     in_two = with_observations(made, image >= 4)
     assert in_two.unverified == made.names
+    sigma_deg = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 5.0])
+    covariance = np.radians(sigma_deg)[:, None, None] ** 2 * np.eye(6)
+    verified, partly, nowhere = (dataclasses.replace(m, pose_covariance=covariance) for m in (made, weak, in_two))
+    assert verified.rotation_sigma_deg == pytest.approx(0.3)
+    assert partly.rotation_sigma_deg == pytest.approx(0.25)
+    assert np.isnan(nowhere.rotation_sigma_deg)
 
 
 def test_two_images_and_images_without_points_have_nothing_to_verify():

@@ -105,8 +105,9 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         for name in result.self_calibrated:
             print(_describe_camera(model.rig, name))
         if len(model.rig_from_world) > 1:
-            sigma = np.degrees(np.sqrt(np.trace(model.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3))
-            print(f"rotation    ± {np.median(sigma[1:]):.4f}° (1σ, median)")
+            sigma, which = model.rotation_sigma_deg, " of the verified poses" if model.unverified else ""
+            figure = "unknown, no pose is verified" if np.isnan(sigma) else f"± {sigma:.4f}° (1σ, median{which})"
+            print(f"rotation    {figure}")
             print(f"scale       {f'metres, ± {model.scale_sigma:.2%} (1σ)' if model.has_scale else 'arbitrary'}")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)

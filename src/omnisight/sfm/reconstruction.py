@@ -183,6 +183,13 @@ class Reconstruction(Displayed):
         return tuple(self.names[i] for i in np.flatnonzero(is_outside[self.frame]))
 
     @property
+    def rotation_sigma_deg(self) -> float:
+        """Median standard deviation of the rotations of verified frames relative to the first; NaN without any."""
+        variance = np.trace(self.pose_covariance[:, :3, :3], axis1=1, axis2=2) / 3
+        is_used = (self.frame > 0) & ~np.isin(self.names, self.unverified)
+        return float(np.degrees(np.median(np.sqrt(variance[self.frame[is_used]])))) if is_used.any() else float("nan")
+
+    @property
     def mean_track_length(self) -> float:
         """Mean number of observations of a point; NaN without points."""
         return len(self.observations) / len(self.points) if len(self.points) else float("nan")
