@@ -2,6 +2,7 @@
 
 import os
 import pkgutil
+import re
 import shutil
 import subprocess
 import sys
@@ -46,10 +47,14 @@ def test_version(run):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_its_help(run, command):
+def test_every_command_and_option_has_its_help(run, command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "400")
     status, out, _ = run(command, "--help")
     assert status == 0
     assert f"omnisight {command}" in out
+    options = [line.strip("│* ") for line in out.splitlines() if line.strip("│* ").startswith("--")]
+    assert len(options) >= 3
+    assert [line for line in options if len(re.split(" {2,}", line)) < 2] == []
 
 
 @pytest.mark.parametrize("command", [command for command in COMMANDS if command not in ("demo", "doctor")])

@@ -11,8 +11,10 @@ class CompareOptions(Displayed):
 
     Attributes
     ----------
-    name, other_name
-        Names of the cameras in files of several, such as rigs.
+    name
+        Name of the first camera, if its file holds several, such as a rig.
+    other_name
+        Name of the second camera, if its file holds several.
     distance
         Scene distance with its unit ("2m", "inf"), for non-central cameras.
     max_theta

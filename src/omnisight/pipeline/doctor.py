@@ -70,8 +70,10 @@ def doctor(
     Raises
     ------
     ValueError
-        If there are no images, or the camera file or the mask cannot be read.
+        If there are no images, there is a camera without images, or the camera file or the mask cannot be read.
     """
+    if images is None and camera is not None:
+        raise ValueError("the camera applies to a recording: specify a clip or a folder of images with it")
     if images is None:
         return Diagnosis(tuple(check() for check in installation_checks.all_checks()))
     sequence = FrameSequence.open(Path(images), (), options.fps, options.topic)
