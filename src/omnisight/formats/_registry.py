@@ -11,7 +11,7 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.extensions import did_you_mean, module_in, names_in
 from omnisight.formats._export import max_difference_px
-from omnisight.formats._files import encode, read_file
+from omnisight.formats._files import encode, is_binary, read_file
 from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResult
 from omnisight.formats._readers import reader_note
 from omnisight.geometry.rotation import log
@@ -89,9 +89,9 @@ def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
         if not cameras:
             raise FormatError(f"{path}: {candidate.TITLE}: holds no camera")
         return cameras
-    start = text.strip()[:40]
+    content = "binary data" if is_binary(text) else f"begins with {text.strip()[:40]!r}"
     raise FormatError(
-        f"{path}: not a calibration file of a known format (begins with {start!r}); known formats:"
+        f"{path}: not a calibration file of a known format ({content}); known formats:"
         f" {', '.join(format_names())}"
     )
 
