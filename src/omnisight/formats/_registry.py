@@ -91,8 +91,7 @@ def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
         return cameras
     content = "binary data" if is_binary(text) else f"begins with {text.strip()[:40]!r}"
     raise FormatError(
-        f"{path}: not a calibration file of a known format ({content}); known formats:"
-        f" {', '.join(format_names())}"
+        f"{path}: not a calibration file of a known format ({content}); known formats: {', '.join(format_names())}"
     )
 
 
