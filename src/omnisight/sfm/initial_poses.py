@@ -74,7 +74,9 @@ def initial_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -
     contradicted = set[tuple[int, int]]()
     frames, edges = largest_component(graph.edges, images)
     is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
-    averaged = average_rotations(len(frames), relative_rotations(frames, _select(edges, is_moving), graph, images))
+    averaged = average_rotations(
+        len(frames), relative_rotations(frames, replace(graph, edges=_select(edges, is_moving)), images)
+    )
     is_consistent = ~is_moving
     is_consistent[is_moving] = averaged.is_consistent
     edges = _select(edges, is_consistent)
@@ -93,7 +95,7 @@ def panorama_poses(graph: ViewGraph, images: RigImages) -> InitialPoses:
     if len(frames) == 1:
         return InitialPoses(frames, np.eye(3, 4)[None])
     between = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
-    averaged = average_rotations(len(frames), relative_rotations(frames, between, graph, images))
+    averaged = average_rotations(len(frames), relative_rotations(frames, replace(graph, edges=between), images))
     poses = np.concatenate([averaged.rig_from_world, np.zeros((len(frames), 3, 1))], axis=2)
     return InitialPoses(frames, poses)
 
@@ -168,10 +170,9 @@ def _place(
     return _Placement(placed, poses, _select(edges, agrees), known)
 
 
-def relative_rotations(
-    frames: Indices, edges: Sequence[Edge], graph: ViewGraph, images: RigImages
-) -> RelativeRotations:
-    """Return the relative rotations of some of the frames from edges of a view graph between their images."""
+def relative_rotations(frames: Indices, graph: ViewGraph, images: RigImages) -> RelativeRotations:
+    """Return the relative rotations of some of the frames from edges between their images."""
+    edges = graph.edges
     of_sensor = images.sensor_from_rig[:, :, :3]
     a, b = np.array([(edge.a, edge.b) for edge in edges]).T
     b_from_a = np.array([edge.b_from_a.rotation for edge in edges])

@@ -148,9 +148,9 @@ def map_images(
     graph = without_contradicted_edges(graph, distances, images)
     maps, rest = list[Map](), graph.edges
     while rest:
-        moving = [edge for edge in rest if edge.has_translation]
         first = _first_poses(replace(graph, edges=rest), distances, images)
-        moving, rest = ([e for e in each if e.images not in first.contradicted] for each in (moving, rest))
+        rest = [edge for edge in rest if edge.images not in first.contradicted]
+        moving = [edge for edge in rest if edge.has_translation]
         found = start = _without_points(first, images, refines_sensors)
         count = 0
         while moving:
