@@ -64,3 +64,11 @@ def spanning_tree(count: int, a: Indices, b: Indices, cost: Array) -> Indices:
     tree = minimum_spanning_tree(csr_array(coo_array((cost, (first, last)), shape=(count, count)))).tocoo()
     number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}
     return np.array([number[int(i), int(j)] for i, j in zip(*tree.coords, strict=True)], np.intp)
+
+
+def supported_tree(count: int, a: Indices, b: Indices, support: Array, is_confirmed: NDArray[np.bool_]) -> Indices:
+    """Return the edges of a spanning tree: as few that are not confirmed as possible, and those with most support.
+
+    The support is at least 1, and no two edges have the same ends.
+    """
+    return spanning_tree(count, a, b, 1 / support + np.where(is_confirmed, 0.0, 1.0))

@@ -20,7 +20,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.block_matrix import BlockPattern
 from omnisight.optim.multifrontal import MultifrontalFactor, fronts_of
 from omnisight.parallel import parallel_map
-from omnisight.sfm.incidence import incidence_matrix, spanning_tree, triangles, unique_edges
+from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
 from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.triangulation import triangulate
 
@@ -239,7 +239,7 @@ def _in_tree(count: int, edges: RelativePositions) -> NDArray[np.bool_]:
     """
     moving = np.flatnonzero(edges.a != edges.b)
     best = moving[unique_edges(edges.a[moving], edges.b[moving], -edges.support[moving])]
-    a, b, cost = edges.a[best], edges.b[best], 1 / edges.support[best]
+    a, b = edges.a[best], edges.b[best]
     step = np.where(a < b, 1.0, -1.0)[:, None] * edges.displacement[best]
     sides, confirmed = triangles(a, b), np.zeros(len(best), bool)
     gap = np.linalg.norm(step[sides.ij] + step[sides.jk] - step[sides.ik], axis=1)
@@ -247,7 +247,7 @@ def _in_tree(count: int, edges: RelativePositions) -> NDArray[np.bool_]:
     for side in sides:
         confirmed[side[gap <= MAX_TRIANGLE_GAP * longest]] = True
     found = np.zeros(len(edges.a), bool)
-    found[best[spanning_tree(count, a, b, cost + np.where(confirmed, 0.0, 1.0))]] = True
+    found[best[supported_tree(count, a, b, edges.support[best], confirmed)]] = True
     return found
 
 

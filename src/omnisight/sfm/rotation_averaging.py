@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import spsolve
 
 from omnisight.geometry import rotation as so3
-from omnisight.sfm.incidence import incidence_matrix, spanning_tree, triangles, unique_edges
+from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -92,7 +92,7 @@ def _from_spanning_tree(count: int, edges: RelativeRotations) -> Array:
     """
     best = unique_edges(edges.a, edges.b, -edges.support)
     a, b, b_from_a = edges.a[best], edges.b[best], edges.b_from_a[best]
-    tree = spanning_tree(count, a, b, 1 / edges.support[best] + np.where(_is_confirmed(a, b, b_from_a), 0.0, 1.0))
+    tree = supported_tree(count, a, b, edges.support[best], _is_confirmed(a, b, b_from_a))
     steps = {(int(a[e]), int(b[e])): b_from_a[e] for e in tree}
     steps |= {(j, i): step.T for (i, j), step in steps.items()}
     graph = csr_array(coo_array((np.ones(len(tree)), (a[tree], b[tree])), shape=(count, count)))
