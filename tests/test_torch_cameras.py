@@ -9,8 +9,8 @@ torch = pytest.importorskip("torch")
 
 import omnisight as om
 from every_model import AZIMUTHS, direction, every_camera, every_model, inside, rim
-from omnisight.torch import Camera, Pose
-from omnisight.torch.domain_constants import cached_by_version
+from omnisight.torch import Camera, Pose, fused_kernels
+from omnisight.torch.domain_constants import model_by_version
 
 SIZE = (640, 480)
 # Points that no model projects.
@@ -18,11 +18,16 @@ ODD = [[0, 0, 0], [np.nan, 0, 1], [0, 0, np.inf], [-np.inf, 1, 1]]
 FAR = [[np.nan, 0], [np.inf, 0], [1e300, -1e300]]
 
 
-@pytest.fixture(params=["loops", "formulas"])
+@pytest.fixture(params=["loops", "formulas", "kernels"])
 def code(request, monkeypatch):
-    """Run the compiled loops of the CPU, or the formulas, which run on other devices."""
+    """Run the compiled loops of the CPU, the formulas, or the functions of the kernels of a GPU without compilation."""
     if request.param == "formulas":
-        monkeypatch.setattr("omnisight.torch.camera.can_read", lambda *_: False)
+        monkeypatch.setattr("omnisight.torch.camera.fast_code", lambda *_: None)
+    if request.param == "kernels":
+        monkeypatch.setattr("omnisight.torch.camera.fast_code", lambda *_: fused_kernels)
+        monkeypatch.setattr(torch, "compile", lambda function, **_: function)
+        for kernel in (fused_kernels.values_kernel, fused_kernels.gradients_kernel, fused_kernels.map_kernel):
+            monkeypatch.setattr(fused_kernels, kernel.__name__, kernel.__wrapped__)
 
 
 def camera_of(model, **options):
@@ -234,6 +239,7 @@ def test_parameters_have_the_names_of_the_model_and_return_to_numpy():
     assert copy.numpy() == camera.numpy()
 
 
+@pytest.mark.usefixtures("code")
 def test_the_domain_follows_the_parameters():
     model = om.model_class("kannala_brandt").example().with_values({"k1": 0.0, "k2": 0.0, "k3": 0.0, "k4": 0.0})
     camera = Camera(om.Camera(model, SIZE))
@@ -243,11 +249,11 @@ def test_the_domain_follows_the_parameters():
         camera.k1 -= 0.15  # the radius decreases beyond 85 degrees
     assert not camera.project(point)[1]
     parameters = [p.detach() for p in camera.parameters()]
-    before = cached_by_version(parameters, "kannala_brandt")
-    assert cached_by_version(parameters, "kannala_brandt") is before
+    before = model_by_version(parameters, "kannala_brandt")
+    assert model_by_version(parameters, "kannala_brandt") is before
     with torch.no_grad():
         camera.k1 += 0.1
-    assert not torch.equal(cached_by_version(parameters, "kannala_brandt"), before)
+    assert model_by_version(parameters, "kannala_brandt").k1 == before.k1 + 0.1
     with torch.no_grad():
         camera.k1 *= torch.nan
     with pytest.raises(ValueError, match="kannala_brandt camera are not finite"):

@@ -1,17 +1,18 @@
 """Central cameras as modules: projection, unprojection and remap with derivatives."""
 
 import dataclasses
-from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from omnisight.camera import Camera as NumpyCamera
-from omnisight.torch.compiled_loops import CompiledLoop, Method, can_read, fill_map, has_gradient
-from omnisight.torch.domain_constants import numpy_model
-from omnisight.torch.formulas import Formulas
+from omnisight.torch import fused_kernels
+from omnisight.torch.evaluation import Evaluation, fast_code
+from omnisight.torch.formulas import BoundFormula, Bounds, Formula, Method
 from omnisight.torch.sampling import pixel_footprint, sample
+from omnisight.torch.tensor_functions import has_derivative
+
+METHODS: tuple[Method, ...] = ("project", "unproject")
 
 
 class Camera(nn.Module):
@@ -51,7 +52,9 @@ class Camera(nn.Module):
         if not isinstance(camera, NumpyCamera):  # pyright: ignore[reportUnnecessaryIsInstance]
             kind = type(camera).__name__
             raise ValueError(f"omnisight.torch.Camera takes a central camera (omnisight.Camera), got {kind}")
-        self.size, self._camera, self._formulas = camera.size, camera, Formulas(camera.model)
+        self.size, self._camera = camera.size, camera
+        self._formulas = {method: Formula(method, camera.model) for method in METHODS}
+        self._is_fused = False
         for field in dataclasses.fields(camera.model):  # pyright: ignore[reportArgumentType]
             value = torch.tensor(getattr(camera.model, field.name), dtype=dtype, device=device)
             self.register_parameter(field.name, nn.Parameter(value, field.metadata.get("free", True)))
@@ -60,12 +63,25 @@ class Camera(nn.Module):
 
     def numpy(self) -> NumpyCamera:
         """Return the NumPy camera with the current values of the parameters."""
-        flat = torch.cat([p.detach().double().reshape(-1) for p in self._parameters_of_model()]).cpu().numpy()
-        return dataclasses.replace(self._camera, model=self._camera.model.with_params(flat), covariance=None)
+        return dataclasses.replace(self._camera, model=self._bound("project").numpy_model, covariance=None)
+
+    def compile(self) -> None:  # pyright: ignore[reportIncompatibleMethodOverride] -- without options of the compiler
+        """Fuse the operations of each function to one kernel on a GPU, compiled at its first call.
+
+        Compilation takes seconds for a closed formula, 20 s for an iteration, and is repeated for another type of
+        points. It changes nothing on the CPU, whose loops are compiled, and inside `torch.compile`, which fuses itself.
+
+        Raises
+        ------
+        RuntimeError
+            If the machine has a GPU, but Triton or a C compiler is missing.
+        """
+        fused_kernels.check_support()
+        self._is_fused = True
 
     def extra_repr(self) -> str:
         """Return the model and the size of the image."""
-        return f"{self._formulas.model.name}, {self.size[0]}x{self.size[1]}"
+        return f"{self._camera.model.name}, {self.size[0]}x{self.size[1]}"
 
     def project(self, points: Tensor) -> tuple[Tensor, Tensor]:
         """Project points of the camera frame.
@@ -110,7 +126,7 @@ class Camera(nn.Module):
 
     def grid(self, dtype: torch.dtype = torch.float32, device: torch.device | str | None = None) -> Tensor:
         """Return the pixels (height, width, 2) of the image, on the device of the camera by default."""
-        device = device or self._parameters_of_model()[0].device
+        device = device or next(self.parameters()).device
         u, v = (torch.arange(count, dtype=dtype, device=device) for count in self.size)
         return torch.stack(torch.meshgrid(u, v, indexing="xy"), -1)
 
@@ -132,21 +148,18 @@ class Camera(nn.Module):
         valid
             (..., height, width), whether the pixel lies in the image of this camera.
         """
-        mine, others = self._parameters_of_model(), target._parameters_of_model()
-        rotation = torch.eye(3, device=mine[0].device) if target_from_source is None else target_from_source
+        project, unproject = self._bound("project"), target._bound("unproject")
+        parameters = *project.parameters, *unproject.parameters
+        rotation = torch.eye(3, device=parameters[0].device) if target_from_source is None else target_from_source
         _check(rotation, 3, "target_from_source")
-        if can_read(rotation, *mine, *others) and not has_gradient(rotation, *mine, *others):
-            models = numpy_model(mine, self._formulas.model.name), numpy_model(others, target._formulas.model.name)
-            shape = *rotation.shape[:-2], target.size[1], target.size[0]
-            pixels, valid = rotation.new_empty(*shape, 2), rotation.new_empty(shape, dtype=torch.bool)
-            for view in np.ndindex(rotation.shape[:-2]):
-                fill_map(*models, rotation[view].T, self._covers, pixels[view], valid[view])
-            return pixels, valid
+        code = fast_code(self._is_fused, rotation, *parameters)
+        if code is not None and not any(map(has_derivative, (rotation, *parameters))):
+            return code.view_map(project, unproject, rotation.mT, target.size, self._bounds)
         bearings, seen = target.unproject(target.grid(rotation.dtype))
         # Without NaN, which would spread to the derivative of the rotation.
         bearings = torch.where(seen[..., None], bearings, 0.0) @ rotation.unsqueeze(-3)
         pixels, valid = self.project(bearings)
-        return pixels, valid & seen & self._covers(*pixels.unbind(-1))
+        return pixels, valid & seen & self._bounds.contain(*pixels.unbind(-1))
 
     def remap(
         self, image: Tensor, target: "Camera", target_from_source: Tensor | None = None, *, antialias: bool = True
@@ -181,20 +194,23 @@ class Camera(nn.Module):
         footprint = pixel_footprint(self, pixels.detach()) if antialias else None
         return sample(image, pixels, valid, footprint=footprint, periodic=self.period is not None), valid
 
-    def _parameters_of_model(self) -> list[Tensor]:
-        return [getattr(self, name) for name in self._formulas.fields]
+    def _bound(self, method: Method) -> BoundFormula:
+        """Return the formula of a method with the parameters of this camera."""
+        formula = self._formulas[method]
+        return BoundFormula(formula, [getattr(self, name) for name in formula.fields])
 
-    def _covers(self, u: Any, v: Any) -> Any:
-        """Return which pixels an image covers: across the seam of a panorama coordinates may round."""
+    @property
+    def _bounds(self) -> Bounds:
+        """The pixels that an image covers: across the seam of a panorama coordinates may round."""
         (width, height), seam = self.size, 0.0 if self.period is None else 0.5
-        return (u >= -0.5 - seam) & (u < width - 0.5 + seam) & (v >= -0.5) & (v < height - 0.5)
+        return Bounds(-0.5 - seam, width - 0.5 + seam, -0.5, height - 0.5)
 
     def _evaluate(self, method: Method, array: Tensor) -> tuple[Tensor, Tensor]:
-        parameters = self._parameters_of_model()
-        if can_read(array, *parameters):
-            values, valid = CompiledLoop.apply(self._formulas, method, array, *parameters)
-            return values, valid
-        return getattr(self._formulas, method)(array, parameters)
+        function = self._bound(method)
+        code = fast_code(self._is_fused, array, *function.parameters)
+        if code is None:
+            return function.evaluate(array)
+        return Evaluation.apply(code, function, array, *function.parameters)
 
 
 def _check(array: Tensor, width: int, name: str) -> None:

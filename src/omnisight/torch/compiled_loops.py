@@ -6,106 +6,81 @@ intermediate results of all points.
 """
 
 from collections.abc import Callable
-from typing import Any, Literal
+from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.autograd import forward_ad
 
 from omnisight.models import CameraModel
 from omnisight.parallel import parallel_for
-from omnisight.torch.domain_constants import numpy_model
-from omnisight.torch.formulas import Formulas
-from omnisight.torch.tensor_functions import is_traced
+from omnisight.torch.formulas import BoundFormula, Bounds, Method
 
-Method = Literal["project", "unproject"]
 # Points whose Jacobians are computed at once.
 BLOCK = 4096
 # Rows of a map that are computed at once.
 BAND_ROWS = 8
 
 
-def can_read(*tensors: Tensor) -> bool:
-    """Return whether NumPy can read tensors, and no forward derivatives are computed."""
-    return all(
-        not is_traced(x) and x.device.type == "cpu" and forward_ad.unpack_dual(x).tangent is None for x in tensors
-    )
+def values(function: BoundFormula, array: Tensor) -> tuple[Tensor, Tensor]:
+    """Return pixels or bearings and their validity."""
+    found, valid = getattr(function.numpy_model, function.formula.method)(array.detach().numpy())
+    return torch.from_numpy(found).to(array.dtype), torch.from_numpy(valid)
 
 
-def has_gradient(*tensors: Tensor) -> bool:
-    """Return whether results of tensors have derivatives."""
-    return torch.is_grad_enabled() and any(x.requires_grad for x in tensors)
+def gradients(
+    function: BoundFormula, array: Tensor, values: Tensor, valid: Tensor, gradient: Tensor
+) -> tuple[Tensor, ...]:
+    """Return the gradients by the points or pixels and by each parameter, of that by the values."""
+    method, parameters = function.formula.method, function.parameters
+    points = array if method == "project" else values
+    by_array, by_parameters = jacobian_products(function.numpy_model, method, points, valid, gradient)
+    parts = torch.from_numpy(by_parameters).split([parameter.numel() for parameter in parameters])
+    shaped = (part.reshape(x.shape).to(x.dtype) for part, x in zip(parts, parameters, strict=True))
+    return torch.from_numpy(by_array).reshape(array.shape).to(array.dtype), *shaped
 
 
-class CompiledLoop(torch.autograd.Function):
-    """A projection or unprojection with first derivatives by Jacobians; higher ones are those of the formulas."""
-
-    @staticmethod
-    def forward(
-        ctx: Any, formulas: Formulas, method: Method, array: Tensor, *parameters: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        values, valid = getattr(numpy_model(parameters, formulas.model.name), method)(array.detach().numpy())
-        result, is_valid = torch.from_numpy(values).to(array.dtype), torch.from_numpy(valid)
-        ctx.formulas, ctx.method = formulas, method
-        ctx.save_for_backward(array, result, is_valid, *parameters)
-        ctx.mark_non_differentiable(is_valid)
-        return result, is_valid
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
-        array, result, valid, *parameters = ctx.saved_tensors
-        inputs, needed = [array, *parameters], ctx.needs_input_grad[2:]
-        if torch.is_grad_enabled():  # a second derivative will follow
-            values, _ = getattr(ctx.formulas, ctx.method)(array, parameters)
-            wanted = [x for x, is_needed in zip(inputs, needed, strict=True) if is_needed]
-            found = iter(torch.autograd.grad(values, wanted, gradients[0], create_graph=True, allow_unused=True))
-            return None, None, *(next(found) if is_needed else None for is_needed in needed)
-        model = numpy_model(parameters, ctx.formulas.model.name)
-        points = array if ctx.method == "project" else result
-        by_array, by_parameters = jacobian_products(model, ctx.method, points, valid, gradients[0])
-        parts = torch.from_numpy(by_parameters).split([parameter.numel() for parameter in parameters])
-        shaped = (part.reshape(x.shape).to(x.dtype) for part, x in zip(parts, parameters, strict=True))
-        return None, None, torch.from_numpy(by_array).reshape(array.shape).to(array.dtype), *shaped
-
-
-def fill_map(
-    source: CameraModel,
-    target: CameraModel,
-    source_from_target: Tensor,
-    covers: Callable[[NDArray[Any], NDArray[Any]], NDArray[np.bool_]],
-    pixels: Tensor,
-    valid: Tensor,
-) -> None:
-    """Compute the pixels of the source that the pixels of a view show, and where there are any.
+def view_map(
+    project: BoundFormula, unproject: BoundFormula, rotation: Tensor, size: tuple[int, int], bounds: Bounds
+) -> tuple[Tensor, Tensor]:
+    """Return the pixels of a source that the pixels of a view show, and where there are any.
 
     Parameters
     ----------
-    source, target
-        The cameras of the image and of the view.
-    source_from_target
-        (3, 3) rotation of bearings.
-    covers
-        Returns which columns and rows of the source are in its image.
-    pixels, valid
-        (height, width, 2) and (height, width), which are filled.
+    project, unproject
+        The functions of the source and of the view.
+    rotation
+        (..., 3, 3) rotations of bearings from the view to the source.
+    size
+        (width, height) of the view.
+    bounds
+        Bounds of the pixels that the image of the source covers.
     """
     from omnisight.models._kernels import compiled  # imports numba, which takes a quarter of a second
 
+    source, target = project.numpy_model, unproject.numpy_model
     loop, kernels = compiled("map_view", target.name, source.name), (target.kernel, source.kernel)
-    rotation = np.ascontiguousarray(source_from_target.detach().numpy(), dtype=float)
-    filled, covered = pixels.numpy(), valid.numpy()
-    u, v = np.empty(covered.shape, filled.dtype), np.empty(covered.shape, filled.dtype)
+    shape = *rotation.shape[:-2], size[1], size[0]
+    pixels, valid = rotation.new_empty(*shape, 2), rotation.new_empty(shape, dtype=torch.bool)
+    for view in np.ndindex(rotation.shape[:-2]):
+        matrix = np.ascontiguousarray(rotation[view].detach().numpy(), dtype=float)
+        _fill(partial(loop, *kernels, matrix), bounds, pixels[view].numpy(), valid[view].numpy())
+    return pixels, valid
+
+
+def _fill(loop: Callable[..., None], bounds: Bounds, pixels: NDArray[Any], valid: NDArray[np.bool_]) -> None:
+    u, v = np.empty(valid.shape, pixels.dtype), np.empty(valid.shape, pixels.dtype)
 
     def compute(first: int, last: int) -> None:
         for top in range(first, last, BAND_ROWS):
             rows = slice(top, min(top + BAND_ROWS, last))
-            loop(*kernels, rotation, u, v, rows.start, rows.stop)
-            filled[rows, :, 0], filled[rows, :, 1] = u[rows], v[rows]
-            covered[rows] = covers(u[rows], v[rows])
+            loop(u, v, rows.start, rows.stop)
+            pixels[rows, :, 0], pixels[rows, :, 1] = u[rows], v[rows]
+            valid[rows] = bounds.contain(u[rows], v[rows])
 
-    parallel_for(compute, len(covered), BAND_ROWS)
+    parallel_for(compute, len(valid), BAND_ROWS)
 
 
 def jacobian_products(

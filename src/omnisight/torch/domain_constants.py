@@ -35,11 +35,34 @@ def flattened(model: CameraModel) -> np.ndarray[Any, Any]:
 def numpy_model(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
     """Return the NumPy model with the values of the parameters.
 
+    Parameters on another device are read only if they changed: reading waits for the device.
+
     Raises
     ------
     ValueError
         If a value is not finite.
     """
+    if parameters[0].device.type == "cpu" or any(parameter.is_inference() for parameter in parameters):
+        return _model_of_values(parameters, model)
+    return model_by_version(parameters, model)
+
+
+# The last cameras on other devices, by the memory and the version of their parameters, which are kept: the memory of a
+# freed tensor may be used again.
+_latest: OrderedDict[tuple[Any, ...], tuple[list[torch.Tensor], CameraModel]] = OrderedDict()
+
+
+def model_by_version(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
+    """Return the NumPy model without reading the parameters unless they changed."""
+    key = (model, *((parameter.data_ptr(), parameter._version) for parameter in parameters))
+    if key not in _latest:
+        _latest[key] = [parameter.detach() for parameter in parameters], _model_of_values(parameters, model)
+        if len(_latest) > CACHED_CAMERAS:
+            _latest.popitem(last=False)
+    return _latest[key][1]
+
+
+def _model_of_values(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
     lengths = tuple(parameter.numel() for parameter in parameters)
     values = torch.cat([parameter.detach().double().reshape(-1) for parameter in parameters]).cpu().numpy()
     return _model_from_bytes(model, lengths, values.tobytes())
@@ -60,34 +83,14 @@ def _model_from_bytes(name: str, lengths: tuple[int, ...], values: bytes) -> Cam
 
 
 @lru_cache(maxsize=CACHED_CAMERAS)
-def _flattened_of_model(model: CameraModel) -> torch.Tensor:
-    return torch.from_numpy(flattened(model))
-
-
-# Constants of the last cameras on other devices, by the memory and the version of their parameters, which are kept: the
-# memory of a freed tensor may be used again.
-_latest: OrderedDict[tuple[Any, ...], tuple[list[torch.Tensor], torch.Tensor]] = OrderedDict()
-
-
-def cached_by_version(parameters: list[torch.Tensor], model: str) -> torch.Tensor:
-    """Return the constants without reading the parameters unless they changed: reading waits for the device."""
-    key = (model, *((parameter.data_ptr(), parameter._version) for parameter in parameters))
-    if key not in _latest:
-        _latest[key] = [parameter.detach() for parameter in parameters], cached_by_values(parameters, model)
-        if len(_latest) > CACHED_CAMERAS:
-            _latest.popitem(last=False)
-    return _latest[key][1]
-
-
-def cached_by_values(parameters: list[torch.Tensor], model: str) -> torch.Tensor:
-    return _flattened_of_model(numpy_model(parameters, model)).to(parameters[0].device)
+def _flattened_on(device: torch.device, model: CameraModel) -> torch.Tensor:
+    return torch.from_numpy(flattened(model)).to(device)
 
 
 @torch.library.custom_op("omnisight::domain_constants", mutates_args=())
 def constants_vector(parameters: list[torch.Tensor], model: str, count: int) -> torch.Tensor:
     """Return the `count` constants of a model with the values of its parameters, in one float64 vector (count,)."""
-    cached = cached_by_values if parameters[0].device.type == "cpu" else cached_by_version
-    return cached(parameters, model).clone()
+    return _flattened_on(parameters[0].device, numpy_model(parameters, model)).clone()
 
 
 @constants_vector.register_fake

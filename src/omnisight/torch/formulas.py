@@ -2,7 +2,8 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -10,80 +11,146 @@ from torch import Tensor
 
 from omnisight.models import CameraModel
 from omnisight.models._elementwise import MAX_ITERATIONS, project_point, unproject_pixel
-from omnisight.torch.domain_constants import constants_vector, domain_constants
-from omnisight.torch.tensor_functions import is_traced
+from omnisight.torch.domain_constants import CACHED_CAMERAS, constants_vector, domain_constants, numpy_model
+from omnisight.torch.tensor_functions import has_derivative, is_traced
+
+Method = Literal["project", "unproject"]
+FORMULAS = {"project": project_point, "unproject": unproject_pixel}
 
 
 class FormulaValues:
     """The parameters and constants that formulas take, by name, and the class of the model."""
 
-    axis_u: Tensor
-    axis_v: Tensor
+    axis_u: Any
+    axis_v: Any
 
     def __init__(self, model: type[CameraModel]) -> None:
         self.model = model
 
 
-class Formulas:
-    """The formulas of a model for tensors of its parameters.
+class Formula:
+    """The projection or the unprojection of a model for tensors of its parameters.
+
+    Formulas of the same class of model with the same lengths of coefficients are equal.
 
     Parameters
     ----------
+    method
+        The method of the model.
     model
         A model with the lengths of the coefficients; their values do not matter.
 
     Attributes
     ----------
+    method
+        The method of the model.
     model
         The class of the model.
     fields
         Names of its parameters.
     """
 
-    def __init__(self, model: CameraModel) -> None:
-        self.model = type(model)
+    def __init__(self, method: Method, model: CameraModel) -> None:
+        self.method, self.model = method, type(model)
         self.fields = tuple(field.name for field in dataclasses.fields(model))  # pyright: ignore[reportArgumentType]
+        parameters, constants = {name: getattr(model, name) for name in self.fields}, domain_constants(model)
+        self._shapes = {name: np.shape(value) for name, value in (parameters | constants).items()}
+        self._counts = [int(np.prod(shape)) for shape in self._shapes.values()]
+        self._constant_count = sum(self._counts[len(self.fields) :])
         # Compiled loops take tuples as they are, unless their kernel has arrays in their place.
         taken = self.model.kernel_type._fields
         self._unbound = [name for name in self.fields if name in taken and isinstance(getattr(model, name), tuple)]
-        self._shapes = {name: np.shape(value) for name, value in domain_constants(model).items()}
-        self._counts = [int(np.prod(shape)) for shape in self._shapes.values()]
+        self._key = method, self.model, tuple(self._shapes.values())
 
-    def project(self, points: Tensor, parameters: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-        """Return pixels (..., 2), NaN where not valid, and their validity (...) of points (..., 3)."""
-        return self._apply(project_point, points, points.new_tensor((0.0, 0.0, 1.0)), self._values(points, parameters))
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Formula) and self._key == other._key
 
-    def unproject(self, pixels: Tensor, parameters: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-        """Return bearings (..., 3), NaN where not valid, and their validity (...) of pixels (..., 2)."""
-        m = self._values(pixels, parameters)
-        return self._apply(unproject_pixel, pixels, torch.stack([m.axis_u, m.axis_v]), m)
+    def __hash__(self) -> int:
+        return hash(self._key)
 
-    def _values(self, array: Tensor, parameters: Sequence[Tensor]) -> FormulaValues:
-        """Return the values of the formulas in the type of an array."""
-        m = FormulaValues(self.model)
-        for field, parameter in zip(self.fields, parameters, strict=True):
-            setattr(m, field, parameter.to(array.dtype))
-        for field, value in self.model.derived(m).items():
-            setattr(m, field, value)
-        for field in self._unbound:
-            setattr(m, field, getattr(m, field).unbind())
-        vector = constants_vector([p.detach() for p in parameters], self.model.name, sum(self._counts))
-        parts = vector.to(array.dtype).split(self._counts)
-        for (field, shape), part in zip(self._shapes.items(), parts, strict=True):
-            setattr(m, field, part.reshape(shape))
-        return m
-
-    @staticmethod
-    def _apply(formula: Any, array: Tensor, safe: Tensor, m: FormulaValues) -> tuple[Tensor, Tensor]:
-        """Return the values of a formula at points (..., K), NaN where not valid, and their validity.
+    def evaluate(self, array: Tensor, parameters: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+        """Return pixels or bearings, NaN where not valid, and their validity (...), with derivatives.
 
         Derivatives at points outside the domain may be NaN, which would spread to the parameters: a first pass finds
-        the valid points, and a second one with derivatives replaces the others by the point `safe`.
+        the valid points, and a second one with derivatives replaces the others.
         """
-        iterations = m.model.unrolled_steps if is_traced(array) else MAX_ITERATIONS
+        traced = any(map(is_traced, (array, *parameters)))
+        iterations = self.model.unrolled_steps if traced else MAX_ITERATIONS
+        by_parameters = traced or any(map(has_derivative, parameters))
+        m = self.values_of(self.vector(array, parameters)) if by_parameters else self._numbers(array, parameters)
+        # Numbers are cheaper: each operation on a tensor of one parameter runs on the device.
         with torch.no_grad():
-            *values, valid = formula(m, *array.unbind(-1), iterations)
-            valid = valid & (torch.abs(values[0]) != torch.inf)
-        if torch.is_grad_enabled():
-            *values, _ = formula(m, *torch.where(valid[..., None], array, safe).unbind(-1), iterations)
-        return torch.where(valid[..., None], torch.stack(values, -1), torch.nan), valid
+            values, valid = self.values(array, m if traced else self._numbers(array, parameters), iterations)
+        if by_parameters or has_derivative(array):
+            values, _ = self.values(self.inside(array, valid, m), m, iterations)
+        return torch.where(valid[..., None], values, torch.nan), valid
+
+    def values(self, array: Tensor, m: FormulaValues, iterations: int) -> tuple[Tensor, Tensor]:
+        """Return pixels (..., 2) of points (..., 3), or bearings of pixels, and which are valid; the others are any."""
+        *values, valid = FORMULAS[self.method](m, *array.unbind(-1), iterations)
+        return torch.stack(values, -1), valid & (torch.abs(values[0]) != torch.inf)
+
+    def inside(self, array: Tensor, valid: Tensor, m: FormulaValues) -> Tensor:
+        """Return points or pixels with those of the axis in place of the ones that are not valid."""
+        axis = (0.0, 0.0, 1.0) if self.method == "project" else (m.axis_u, m.axis_v)
+        return torch.stack([torch.where(valid, x, at) for x, at in zip(array.unbind(-1), axis, strict=True)], -1)
+
+    def vector(self, array: Tensor, parameters: Sequence[Tensor]) -> Tensor:
+        """Return the parameters and the constants in one vector of the type of an array."""
+        constants = constants_vector([p.detach() for p in parameters], self.model.name, self._constant_count)
+        parts = *(parameter.reshape(-1) for parameter in parameters), constants
+        return torch.cat([part.to(array.dtype) for part in parts])
+
+    def values_of(self, vector: Tensor) -> FormulaValues:
+        """Return the values that formulas take, of the vector of parameters and constants."""
+        m = FormulaValues(self.model)
+        for (name, shape), part in zip(self._shapes.items(), vector.split(self._counts), strict=True):
+            setattr(m, name, part.reshape(shape))
+        for name, value in self.model.derived(m).items():
+            setattr(m, name, value)
+        for name in self._unbound:
+            setattr(m, name, getattr(m, name).unbind())
+        return m
+
+    def _numbers(self, array: Tensor, parameters: Sequence[Tensor]) -> FormulaValues:
+        return _numbers_on(array.device, array.dtype, numpy_model(parameters, self.model.name))
+
+
+class BoundFormula(NamedTuple):
+    """A formula and its parameters."""
+
+    formula: Formula
+    parameters: Sequence[Tensor]
+
+    @property
+    def numpy_model(self) -> CameraModel:
+        """The NumPy model with the values of the parameters."""
+        return numpy_model(self.parameters, self.formula.model.name)
+
+    def evaluate(self, array: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the values of the formula with derivatives; see `Formula.evaluate`."""
+        return self.formula.evaluate(array, self.parameters)
+
+
+class Bounds(NamedTuple):
+    """Bounds of the pixels that an image covers: from the first to below the second."""
+
+    left: Any
+    right: Any
+    top: Any
+    bottom: Any
+
+    def contain(self, u: Any, v: Any) -> Any:
+        """Return which pixels are covered."""
+        return (u >= self.left) & (u < self.right) & (v >= self.top) & (v < self.bottom)
+
+
+@lru_cache(maxsize=CACHED_CAMERAS)
+def _numbers_on(device: torch.device, dtype: torch.dtype, model: CameraModel) -> FormulaValues:
+    """Return the values that formulas take as numbers, with tables as tensors."""
+    m = FormulaValues(type(model))
+    for name, value in (model.kernel_values() | domain_constants(model)).items():
+        if isinstance(value, np.ndarray) and value.ndim:
+            value = torch.tensor(value, dtype=dtype, device=device)
+        setattr(m, name, value if isinstance(value, tuple | torch.Tensor) else float(value))
+    return m

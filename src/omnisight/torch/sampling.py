@@ -1,14 +1,14 @@
 """Sampling of images at pixels with derivatives: bilinear, across the seam of a panorama, averaged by mipmaps."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 import torch.nn.functional as nn_functional
 from torch import Tensor
 
 from omnisight.parallel import parallel_for
-from omnisight.torch.compiled_loops import can_read, has_gradient
+from omnisight.torch.tensor_functions import constant, has_derivative, is_traced
 
 if TYPE_CHECKING:
     from omnisight.torch.camera import Camera
@@ -41,8 +41,8 @@ class Atlas(NamedTuple):
     """
 
     image: Tensor
-    corners: Tensor
-    limits: Tensor
+    corners: tuple[Any, ...]
+    limits: tuple[Any, ...]
 
 
 def sample(
@@ -89,7 +89,7 @@ def sample(
         coarse = torch.clamp(torch.log2(footprint.to(image.dtype)), 0.0, count)
         coarse = coarse.expand(*lead, *coarse.shape[-2:]).reshape(-1, 1, *coarse.shape[-2:])
         level = nn_functional.interpolate(coarse, shape, mode="bilinear").squeeze(1)
-    in_bands = can_read(image, pixels) and not has_gradient(image, pixels)
+    in_bands = all(x.device.type == "cpu" and not is_traced(x) and not has_derivative(x) for x in (image, pixels))
     values = (_values_in_bands if in_bands else _values)(atlas, pixels, valid, level)
     return values.reshape(*lead, image.shape[1], *shape)
 
@@ -186,7 +186,7 @@ def _atlas(image: Tensor, count: int, periodic: bool) -> Atlas:
         corners.append((left + (levels[0].shape[-1] if k else 0), row))
         limits.append(((-left, 0.0), (x.shape[-1] - 1 - left, x.shape[-2] - 1.0)))
         row += x.shape[-2] + MARGIN_PX if k else 0
-    return Atlas(joined, image.new_tensor(corners), image.new_tensor(limits))
+    return Atlas(joined, tuple(corners), tuple(limits))
 
 
 def _halved(image: Tensor) -> Tensor:
@@ -203,12 +203,14 @@ def _halved(image: Tensor) -> Tensor:
 def _interpolated(atlas: Atlas, pixels: Tensor, level: Tensor | None) -> Tensor:
     """Return the values at pixels (B, h, w, 2) of the finest level, from levels (B, h, w) or the finest."""
     height, width = atlas.image.shape[-2:]
-    to_grid = 2.0 / pixels.new_tensor((width, height))
+    scale = constant((2.0 / width, 2.0 / height), pixels)
     if level is None:
-        grid = torch.addcmul((atlas.corners[0] + 0.5) * to_grid - 1.0, pixels, to_grid)
+        left, top = atlas.corners[0]
+        offset = constant((2.0 * (left + 0.5) / width - 1.0, 2.0 * (top + 0.5) / height - 1.0), pixels)
+        grid = torch.addcmul(offset, pixels, scale)
     else:
-        low, high = atlas.limits[level].unbind(-2)
+        low, high = constant(atlas.limits, pixels)[level].unbind(-2)
         scaled = pixels * torch.exp2(-level.to(pixels.dtype))[..., None]
-        at = torch.minimum(torch.maximum(scaled, low), high) + atlas.corners[level]
-        grid = (at + 0.5) * to_grid - 1.0
+        at = torch.minimum(torch.maximum(scaled, low), high) + constant(atlas.corners, pixels)[level]
+        grid = (at + 0.5) * scale - 1.0
     return nn_functional.grid_sample(atlas.image, grid, "bilinear", "border", align_corners=False)

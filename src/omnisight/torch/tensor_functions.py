@@ -1,8 +1,10 @@
 """The functions of elementwise formulas for tensors."""
 
+from functools import lru_cache
 from typing import Any
 
 import torch
+from torch.autograd import forward_ad
 
 from omnisight.models._elementwise import LIBRARIES, NumpyFunctions
 
@@ -14,6 +16,28 @@ def is_traced(x: Any) -> bool:
     """Return whether values of a tensor cannot be read: in `torch.compile` and in transformations of `torch.func`."""
     functorch: Any = torch._C._functorch  # pyright: ignore[reportPrivateUsage, reportAttributeAccessIssue]
     return torch.compiler.is_compiling() or functorch.is_functorch_wrapped_tensor(x)
+
+
+def has_forward_derivative(x: torch.Tensor) -> bool:
+    """Return whether a tensor has a tangent of `torch.autograd.forward_ad`."""
+    return forward_ad.unpack_dual(x).tangent is not None
+
+
+def has_derivative(x: torch.Tensor) -> bool:
+    """Return whether derivatives by a tensor are recorded, backward or forward."""
+    return (torch.is_grad_enabled() and x.requires_grad) or has_forward_derivative(x)
+
+
+def constant(values: tuple[Any, ...], like: torch.Tensor) -> torch.Tensor:
+    """Return numbers as a tensor like another, which is kept: a copy to a GPU waits for it."""
+    if torch.compiler.is_compiling() or torch.is_inference_mode_enabled():
+        return torch.tensor(values, dtype=like.dtype, device=like.device)
+    return _kept(values, like.dtype, like.device)
+
+
+@lru_cache(maxsize=256)
+def _kept(values: tuple[Any, ...], dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+    return torch.tensor(values, dtype=dtype, device=device)
 
 
 class TensorFunctions(NumpyFunctions):
