@@ -179,7 +179,7 @@ def test_rig_file_round_trip(rig, tmp_path):
         (lambda d: d["sensors"].update({"\x1b[31m": {}}), r"printable characters, got '\\x1b"),
         (lambda d: d.update(sensors={str(k): {} for k in range(10**4)}), "10000 cameras; a rig has at most 200"),
         (lambda d: d.update(sensors={}), "needs at least one camera"),
-        (lambda d: d.update(format="omnisight-camera"), "'omnisight-camera', not \"omnisight-rig\""),
+        (lambda d: d.update(format="omnisight-camera"), "is a camera, not a rig of cameras"),
         (lambda d: d.update(version="1"), "version"),
     ],
 )

@@ -14,7 +14,16 @@ SETUP = fisheye_setup(440)
 RIGHT_FROM_LEFT = om.Pose(so3.exp([0.02, -0.03, 0.05]), np.array([-0.2, 0.01, 0.02]))
 CAMERA = om.Camera(SETUP.camera.model, SETUP.camera.size, theta_max=SETUP.theta[1])
 KEYS = [
-    *("baseline", "rectified_size", "max_disparity", "matches", "inliers", "row_difference", "rotation_from_rig_deg"),
+    *(
+        "unit",
+        "baseline",
+        "rectified_size",
+        "max_disparity",
+        "matches",
+        "inliers",
+        "row_difference",
+        "rotation_from_rig_deg",
+    ),
     *("share", "distance", "relative_sigma", "steps", "seconds", "warning", "reason"),
 ]
 
@@ -97,8 +106,10 @@ def test_files_and_report(run, pair, result, tmp_path):
     outputs = ("-o", depth, "--ply", cloud, "--preview", preview, "--rectified", rectified, "--steps", "2000")
     status, out, err = run(*arguments(pair), *outputs)
     assert (status, err) == (0, "")
-    labels = [line.split()[0] for line in out.splitlines()]
+    labels = [line.split()[0] for line in out.splitlines() if not line.startswith(" ")]
     assert labels == ["baseline", "disparity", "rows", "rotation", "distance", "share", "written"]
+    assert out.startswith("baseline   0.2012 m,")
+    assert f"{depth}: 16 bits, 2000 steps per m" in out
     assert all(str(file) in out for file in files)
     stored = om.read_image(depth)
     assert stored.dtype == np.uint16

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from clips import BOARD, SETUP, rendered_clip, write_clip
+from clips import BOARD, POSE_COUNT, SETUP, rendered_clip, write_clip
 from lenses import bearing_error
 from omnisight.formats import load
 from omnisight.images import Clip, write_image
@@ -44,6 +44,14 @@ def test_a_clip_is_calibrated_like_images(run, clip, tmp_path):
     assert bearing_error(camera, SETUP.camera, np.radians(80)) < 0.1
     assert len(camera.provenance["images"]) >= 5
     assert all(name.startswith("board-") for name in camera.provenance["images"])
+
+
+def test_a_clip_of_single_images_is_not_blurred_by_the_motion_between_them(run, tmp_path):
+    frames, labels = rendered_clip()
+    single = [frames[labels.index(k)] for k in range(POSE_COUNT)]
+    status, out, err = run("detect", write_clip(tmp_path / "slow.avi", single, frame_rate=2))
+    assert (status, err) == (0, "")
+    assert f"{POSE_COUNT} with a board, {POSE_COUNT} selected" in out
 
 
 def test_clips_and_images_of_one_size_are_combined(run, clip, tmp_path):

@@ -289,3 +289,10 @@ def test_the_command_refuses_a_format_of_another_input(tmp_path, capsys):
     assert status == 2
     assert "is a folder, and stmap is a format of views" in err
     assert [file.name for file in tmp_path.iterdir()] == ["camera.json"]
+
+
+def test_a_program_is_answered_with_the_format_that_it_reads(tmp_path, capsys):
+    path = om.save(FISHEYE, tmp_path / "camera.json").path
+    status, _, err = command(capsys, path, "--to", "Blender", "-o", tmp_path / "x")
+    assert status == 2
+    assert "use --to stmap" in err

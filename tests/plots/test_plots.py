@@ -38,7 +38,7 @@ def test_the_profile_is_that_of_the_camera():
     figure = om.plot_profile(om.perspective((640, 480), 90))
     drawn(figure)
     lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].lines}
-    theta, radius = lines["calibrated"].T
+    theta, radius = lines["camera"].T
     assert len(theta) > 100
     np.testing.assert_allclose(radius, 320 * np.tan(np.radians(theta)), rtol=1e-6)
 

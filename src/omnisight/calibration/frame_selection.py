@@ -18,11 +18,13 @@ from omnisight.targets.observations import Observations
 from omnisight.targets.raw_detections import DETECTOR_VERSION
 
 # Version of cached selections.
-SELECTION_VERSION = 1
+SELECTION_VERSION = 2
 # Frames that are returned if none shows the board, so that messages can report what they show instead.
 FRAMES_WITHOUT_BOARD = 3
 # Share of the declared frames below which a clip counts as truncated; many declare a few too many.
 MIN_COMPLETE_SHARE = 0.95
+# Frames per second below which the motion between two frames is not that during the exposure of one.
+MIN_RATE_OF_MOTION = 10.0
 # Characters of the clip's name in the names of frames.
 MAX_STEM_LENGTH = 60
 
@@ -86,7 +88,7 @@ def select_frames(
     selection = _from_entry(load_entry(key)) if cache else None
     if selection is None:
         seen = detect_in_clip(clip, board, progress=progress)
-        selection = _Selection(tuple(_select(seen, clip.size)), seen.count, len(seen.frames), len(seen.found))
+        selection = _Selection(tuple(_select(seen, clip)), seen.count, len(seen.frames), len(seen.found))
         if cache:
             save_entry(key, vars(selection))
     return SelectedFrames(
@@ -118,7 +120,7 @@ def _from_entry(entry: dict[str, Any] | None) -> _Selection | None:
         return None
 
 
-def _select(seen: ClipDetections, size: tuple[int, int]) -> list[int]:
+def _select(seen: ClipDetections, clip: Clip) -> list[int]:
     if seen.board is None or not seen.found:
         others = [frame for frame in seen.frames if frame.has_grid] or list(seen.frames)
         return sorted(
@@ -127,8 +129,10 @@ def _select(seen: ClipDetections, size: tuple[int, int]) -> list[int]:
     points = seen.board.points
     boards = [max(frame.boards, key=len) for frame in seen.found]
     arrays = zip(*((points[d.ids], d.pixels, d.covariance) for d in boards), strict=True)
-    observations = Observations.from_arrays(*map(list, arrays), size=size)
+    observations = Observations.from_arrays(*map(list, arrays), size=clip.size)
     motion = np.array([frame.motion for frame in seen.found])
+    if clip.frame_rate < MIN_RATE_OF_MOTION:
+        motion[:] = 0.0
     return sorted(seen.found[i].index for i in select_informative_views(observations, motion))
 
 

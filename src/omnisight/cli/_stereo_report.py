@@ -8,13 +8,14 @@ import numpy as np
 
 from omnisight.cli._output import warn, write_json
 from omnisight.pipeline.stereo import StereoResult
-from omnisight.pipeline.stereo_files import MAX_UINT16
+from omnisight.pipeline.stereo_files import IMAGE_SUFFIXES, MAX_UINT16
 
 
 def print_json(result: StereoResult, steps: float) -> None:
     """Print the result as one JSON object."""
     check, view = result.check, result.rectification.camera
     data: dict[str, Any] = {
+        "unit": result.unit,
         "baseline": result.rectification.baseline,
         "rectified_size": list(view.size),
         "max_disparity": result.rectification.max_disparity,
@@ -48,18 +49,23 @@ def print_warnings(result: StereoResult, too_far: int, steps: float) -> None:
         )
 
 
-def print_report(result: StereoResult, written: Sequence[Path]) -> None:
-    """Print the check of the rectification, the distances and the files written."""
+def print_report(result: StereoResult, written: Sequence[Path], distances: Path | None, steps: float) -> None:
+    """Print the check of the rectification, the distances and the files written, among them that of distances."""
     check, rectification = result.check, result.rectification
     width, height = rectification.camera.size
     low, median, high = result.quantiles
-    print(f"baseline   {rectification.baseline:.4g}, rectified to {width}x{height}")
+    print(f"baseline   {rectification.baseline:.4g} {result.unit}, rectified to {width}x{height}")
     print(f"disparity  up to {rectification.max_disparity} px")
     print(f"rows       {check.row_px:.2f} px, {check.row_deg:.3f}° (median difference of {check.inliers} matches)")
     print(f"rotation   {check.rotation_deg:.3f}° ± {check.rotation_sigma_deg:.3f}° from that of the rig")
-    print(f"distance   {low:.3g} to {high:.3g}, median {median:.3g} ± {_relative_sigma(result):.1%}")
+    print(f"distance   {low:.3g} to {high:.3g} {result.unit}, median {median:.3g} ± {_relative_sigma(result):.1%}")
     print(f"share      {result.share:.1%} of the left image has a distance")
     print(f"written    {', '.join(str(path) for path in written) or 'nothing'}")
+    if distances is not None and distances.suffix.lower() in IMAGE_SUFFIXES:
+        unit = {"squares": "square"}.get(result.unit, result.unit)
+        print(
+            f"           {distances}: 16 bits, {steps:g} steps per {unit}, dark in viewers (--preview draws distances)"
+        )
 
 
 def _relative_sigma(result: StereoResult) -> float:

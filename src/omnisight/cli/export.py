@@ -71,11 +71,13 @@ def export(
     """
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.extensions import unknown_name
-    from omnisight.map_formats import map_format_names
+    from omnisight.map_formats import format_of_program, map_format_names
     from omnisight.reconstructions import reconstruction_format_names
 
     views, models = map_format_names(), (*reconstruction_format_names(), "viewer")
     if to not in (*views, *models):
+        if reads := format_of_program(to):
+            raise ValueError(f"--to {to}: this program reads {reads}; use --to {reads}")
         raise ValueError(unknown_name("format", to, (*views, *models)))
     if to in models:
         if source.is_file() and source.suffix != ".npz":

@@ -81,4 +81,4 @@ def stereo(
     if not result:
         raise ValueError(f"{left}, {right}: {result.reason}")
     if not is_json():
-        print_report(result, files)
+        print_report(result, files, output, steps)

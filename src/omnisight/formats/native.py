@@ -40,6 +40,7 @@ KEYS = {
 }
 RMS_DEFINITION = "root mean square of the residual length |d|, px, over all corners"
 CAMERA, RAY_CAMERA, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
+TITLES = {CAMERA: "a camera", RAY_CAMERA: "a camera", RIG: "a rig of cameras"}
 MAX_COVARIANCE = MAX_VALUE**2  # of two parameters of the largest size
 MAX_OPTICAL_PARTS = 9  # a lens and its mirrors
 COMMENT = ""
@@ -164,6 +165,8 @@ def _check_header(data: Any, kinds: tuple[str, ...]) -> str:
     """Return the kind of an object, or raise ValueError for a wrong header."""
     if not isinstance(data, dict) or data.get("format") not in kinds:
         actual = data.get("format") if isinstance(data, dict) else data
+        if actual in TITLES:
+            raise ValueError(f"is {TITLES[actual]}, not {TITLES[kinds[0]]}")
         raise ValueError(f'"format" is {actual!r:.60}, not "{kinds[0]}"')
     if not isinstance(data.get("version"), int) or data["version"] > VERSION:
         raise ValueError(

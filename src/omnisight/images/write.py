@@ -39,6 +39,10 @@ def check_image_suffix(path: Path) -> None:
     """Raise `ValueError` if the extension of a path is not that of an image that can be written."""
     if path.suffix.lower() not in WRITABLE_EXTENSIONS:
         supported = " ".join(e[1:] for e in WRITABLE_EXTENSIONS)
+        if not path.suffix:
+            raise ValueError(
+                f"{path.name}: has no extension: name an image file, such as {path.name}.png, or make the folder first"
+            )
         raise ValueError(f"{path.name}: cannot write extension {path.suffix!r}. Supported: {supported}")
 
 

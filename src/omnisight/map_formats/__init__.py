@@ -4,7 +4,7 @@ Formats are discovered by these files.
 """
 
 from omnisight.map_formats._protocol import MapFiles, MapFormat
-from omnisight.map_formats._registry import get_map_format, map_format_names
+from omnisight.map_formats._registry import format_of_program, get_map_format, map_format_names
 from omnisight.map_formats._table import RemapTable
 
-__all__ = ["MapFiles", "MapFormat", "RemapTable", "get_map_format", "map_format_names"]
+__all__ = ["MapFiles", "MapFormat", "RemapTable", "format_of_program", "get_map_format", "map_format_names"]

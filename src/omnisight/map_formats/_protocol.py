@@ -28,11 +28,14 @@ class MapFormat(Protocol):
     ----------
     TITLE
         The full name.
+    PROGRAMS
+        Other names, lower case, under which users look for it: those of the programs that read it.
     CONVENTION
         The origin, the unit and the value of pixels that are not covered, in one line.
     """
 
     TITLE: str
+    PROGRAMS: tuple[str, ...]
     CONVENTION: str
 
     def convert(self, table: RemapTable, output: Path) -> MapFiles:

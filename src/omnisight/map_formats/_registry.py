@@ -18,3 +18,9 @@ def get_map_format(name: str) -> MapFormat:
     if name not in map_format_names():
         raise ValueError(unknown_name("format of remap tables", name, map_format_names()))
     return cast(MapFormat, module_in(PACKAGE, name.replace("-", "_"), "format of remap tables"))
+
+
+def format_of_program(program: str) -> str | None:
+    """Return the format that a program reads, or None if that is not known."""
+    formats = map_format_names()
+    return next((name for name in formats if program.lower() in get_map_format(name).PROGRAMS), None)

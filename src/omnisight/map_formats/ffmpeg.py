@@ -10,6 +10,7 @@ from omnisight.map_formats._protocol import MapFiles
 from omnisight.map_formats._table import RemapTable
 
 TITLE = "FFmpeg's remap filter"
+PROGRAMS = ()
 CONVENTION = "two 16-bit PGM files with the source column and row of each pixel, from 0; 65535 if not covered"
 OUTSIDE = 65535
 # The filter does not interpolate. The source is enlarged by swscale, whose interpolation then applies, and the map has

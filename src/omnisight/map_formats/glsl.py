@@ -8,6 +8,7 @@ from omnisight.map_formats._protocol import MapFiles
 from omnisight.map_formats._table import RemapTable
 
 TITLE = "GLSL"
+PROGRAMS = ("opengl", "webgl")
 CONVENTION = (
     "texture RG32F, rows from the top: source position in units of the image size, (0, 0) at its upper left corner;"
     " -1 if not covered"

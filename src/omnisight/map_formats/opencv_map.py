@@ -12,6 +12,7 @@ from omnisight.map_formats._table import RemapTable, with_suffix
 from omnisight.views.remapper import OUTSIDE_PX
 
 TITLE = "OpenCV maps"
+PROGRAMS = ("cv2", "opencv")
 CONVENTION = f"(H, W, 2) float32: source pixel (u, v), top-left pixel centre (0, 0); {OUTSIDE_PX:g} if not covered"
 # FileStorage writes what C++ programs read; .gz is compressed, because text takes 14 bytes a number.
 SUFFIXES = (".npy", ".yml", ".yaml", ".xml", ".yml.gz", ".xml.gz")

@@ -9,6 +9,7 @@ from omnisight.map_formats._protocol import MapFiles
 from omnisight.map_formats._table import RemapTable, with_suffix
 
 TITLE = "STMap"
+PROGRAMS = ("blender", "fusion", "nuke")
 CONVENTION = (
     "32-bit float EXR: R = (u + 1/2) / width, G = 1 - (v + 1/2) / height, so the origin is the lower left corner of the"
     " image; B and A are 1 where it is covered, else R and G are -1"

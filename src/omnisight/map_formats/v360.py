@@ -15,6 +15,7 @@ from omnisight.map_formats._table import RemapTable, with_suffix
 Array = NDArray[np.float64]
 
 TITLE = "FFmpeg's v360 filter"
+PROGRAMS = ()
 CONVENTION = "v360 places pixel centres up to 0.55 px elsewhere (99 %, FFmpeg 5.1); --to ffmpeg is exact"
 INTERPOLATION = {"nearest": "near", "bilinear": "line", "bicubic": "cubic", "lanczos": "lanc"}
 # Largest distance (px) of the image centre from the principal point, and error of the size of a whole sphere.

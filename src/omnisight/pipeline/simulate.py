@@ -16,7 +16,7 @@ from omnisight.formats import FormatError, load, load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.pipeline.simulate_options import SimulateOptions
-from omnisight.pipeline.simulated_motion import camera_motion, write_measurements
+from omnisight.pipeline.simulated_motion import camera_motion, check_trajectory, write_measurements
 from omnisight.pipeline.simulated_scene import visited_scene
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
@@ -104,6 +104,7 @@ def simulate(
     exports = [get_export(name) for name in options.export]
     for export in exports:
         export.check(cameras)
+    check_trajectory(options)
     report("build the scene", 0, 1)
     scene, notes = visited_scene(options)
     motion, times, more_notes = camera_motion(options, scene)

@@ -51,6 +51,17 @@ def write_measurements(options: SimulateOptions, motion: Motion, times: Array) -
     return measurements
 
 
+def check_trajectory(options: SimulateOptions) -> None:
+    """Raise `ValueError` if there is no trajectory of this name, before the scene is built."""
+    name, presets = options.trajectory, ", ".join(PRESETS)
+    if name in PRESETS:
+        return
+    if options.up != "top":
+        raise ValueError(f"--up {options.up} applies only to {presets}: the poses of a file define the orientation")
+    if not Path(name).is_file():
+        raise ValueError(f"--trajectory {name}: is neither a file nor one of {presets}{did_you_mean(name, PRESETS)}")
+
+
 def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, Array]:
     """Return the motion and the times of its images."""
     name = options.trajectory
@@ -60,11 +71,6 @@ def _trajectory(options: SimulateOptions, scene: Scene) -> tuple[Trajectory, Arr
         rate = options.fps or count / level.times[-1]
         poses = tuple(pose @ Pose(look(up=options.up)) for pose in level.poses)
         return Trajectory(level.times, poses), np.arange(count) / rate
-    presets = ", ".join(PRESETS)
-    if options.up != "top":
-        raise ValueError(f"--up {options.up} applies only to {presets}: the poses of a file define the orientation")
-    if not Path(name).is_file():
-        raise ValueError(f"--trajectory {name}: is neither a file nor one of {presets}{did_you_mean(name, PRESETS)}")
     motion = read_trajectory(name)
     times = motion.times
     if options.fps is not None:

@@ -110,6 +110,8 @@ class StereoResult(Displayed):
         Time of the whole computation.
     reason
         Why there are no distances; empty otherwise.
+    unit
+        Unit of lengths, that of the rig: "m" or "squares" of the board.
     """
 
     photos: tuple[Photo, Photo] = field(repr=False)
@@ -120,6 +122,7 @@ class StereoResult(Displayed):
     check: RigCheck
     seconds: float
     reason: str = ""
+    unit: str = "m"
 
     def __bool__(self) -> bool:
         """Return whether there are distances."""
@@ -189,7 +192,7 @@ def stereo(
         direction, or an image or a mask does not have the size of its camera.
     """
     start = time.perf_counter()
-    photos, right_from_left = load_pair((left, right), rig, options)
+    photos, right_from_left, unit = load_pair((left, right), rig, options)
     masks = _used_pixels(photos[0]), _used_pixels(photos[1])
     cameras = photos[0].camera, photos[1].camera
     baseline = float(np.linalg.norm(right_from_left.translation))
@@ -200,8 +203,8 @@ def stereo(
     gray = to_gray8(image_a), to_gray8(image_b)
     dense = dense_stereo(rectification, gray, (seen_a, seen_b), _disparity_sigma(check), options.max_sigma)
     reason = _failure(photos, check, dense)
-    seconds = time.perf_counter() - start
-    return StereoResult(photos, right_from_left, rectification, (image_a, image_b), dense, check, seconds, reason)
+    rectified, seconds = (image_a, image_b), time.perf_counter() - start
+    return StereoResult(photos, right_from_left, rectification, rectified, dense, check, seconds, reason, unit)
 
 
 def _used_pixels(photo: Photo) -> NDArray[np.bool_]:

@@ -19,8 +19,8 @@ from omnisight.rig import Rig
 
 def load_pair(
     images: tuple[ImageSource, ImageSource], rig: RigSource, options: StereoOptions
-) -> tuple[tuple[Photo, Photo], Pose]:
-    """Return both images with their cameras, and the pose right_from_left of the cameras.
+) -> tuple[tuple[Photo, Photo], Pose, str]:
+    """Return both images with their cameras, the pose right_from_left of the cameras, and its unit of length.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def load_pair(
             images, ("left", "right"), (i, j), (options.mask_left, options.mask_right), strict=True
         )
     )
-    return (left, right), body.sensor_from_rig[j] @ body.sensor_from_rig[i].inverse()
+    return (left, right), body.sensor_from_rig[j] @ body.sensor_from_rig[i].inverse(), body.unit
 
 
 def _indices(rig: Rig, cameras: str | None, label: str) -> tuple[int, int]:

@@ -26,10 +26,13 @@ def plot_profile(camera: Camera) -> Any:
     """
     profile = radial_profile(camera)
     figure, axes = new_axes()
+    known = profile.calibrated_deg is not None
     calibrated = profile.theta_deg <= (180.0 if profile.calibrated_deg is None else profile.calibrated_deg)
     axes.plot(profile.theta_deg, profile.focal * np.radians(profile.theta_deg), color="0.6", label="equidistant")
-    axes.plot(profile.theta_deg, profile.radius, "--", color="C0", label="extrapolated")
-    axes.plot(profile.theta_deg[calibrated], profile.radius[calibrated], color="C0", label="calibrated")
+    if known:
+        axes.plot(profile.theta_deg, profile.radius, "--", color="C0", label="extrapolated")
+    label = "calibrated" if known else "camera"
+    axes.plot(profile.theta_deg[calibrated], profile.radius[calibrated], color="C0", label=label)
     axes.set(xlabel="angle off-axis, degrees", ylabel="radius, px", title=camera.model.name)
     axes.legend()
     axes.grid(alpha=0.3)

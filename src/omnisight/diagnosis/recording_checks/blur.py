@@ -21,10 +21,14 @@ def check(recording: Recording) -> Finding:
     blur = np.array([frame.blur_px for frame in known])
     lens = float(np.quantile(blur, 0.1))
     moving = [f.index for f in known if f.blur_px**2 > lens**2 + MAX_MOTION_BLUR_PX**2]
-    figure = f"edges are {np.median(blur):.1f} px wide (1σ, median), {lens:.1f} px in the sharpest images"
+    figure = f"blur of edges {_length(float(np.median(blur)))} (1σ, median), {_length(lens)} in the sharpest images"
     if lens > MAX_BLUR_PX:
         return Finding("blur", Level.WARNING, figure, "focus the lens, clean it, or reduce the images")
     if len(moving) > MAX_SHARE * len(known):
         figure += f"; {len(moving)} of {len(known)} images are blurred by motion ({frame_list(moving)})"
         return Finding("blur", Level.WARNING, figure, "a shorter exposure, or slower motion")
     return Finding("blur", Level.OK, figure)
+
+
+def _length(blur_px: float) -> str:
+    return f"{blur_px:.1f} px" if blur_px >= 0.05 else "less than 0.1 px"

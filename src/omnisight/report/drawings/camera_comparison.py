@@ -92,11 +92,14 @@ def _legend(comparison: CameraComparison, px: Scale, degrees: Scale, shape: tupl
         page[y : y + 16, GAP : GAP + BAR_WIDTH] = scale.colors(
             scale.high * MIN_FRACTION ** np.linspace(1, 0, BAR_WIDTH)
         )
-        low = f"{scale.high * MIN_FRACTION:.1g} {scale.unit}"
-        write_text(page, low, (GAP, y + 34), 0.45, GRAY)
-        write_text(page, f"{scale.high:.2g} {scale.unit}", (GAP + BAR_WIDTH - 60, y + 34), 0.45, GRAY)
+        for share, x in ((1.0, GAP), (0.5, GAP + BAR_WIDTH // 2 - 30), (0.0, GAP + BAR_WIDTH - 60)):
+            value = scale.high * MIN_FRACTION**share
+            write_text(page, f"{value:.2g} {scale.unit}", (x, y + 34), 0.45, GRAY)
         y += BAR_HEIGHT + 16
-    text = f"{capitalize(comparison.sentence)}. Circle: largest difference, {comparison.worst_place}."
+    text = (
+        f"{capitalize(comparison.sentence)}. Circle: largest difference, {comparison.worst_place}."
+        " The colour scales are logarithmic."
+    )
     for line in wrap(text.replace("°", " deg"), LEGEND_COLUMNS):
         write_text(page, line, (GAP, y + 10), 0.45)
         y += 20

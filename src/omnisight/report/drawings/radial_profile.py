@@ -12,7 +12,7 @@ WIDTH, HEIGHT = 620.0, 400.0
 
 
 def profile_text(profile: RadialProfile) -> str:
-    """Draw the profile in characters: `*` calibrated, `.` extrapolated, `-` equidistant lens of equal focal length."""
+    """Draw the profile in characters: `*` calibrated or all if that is unknown, `.` extrapolated, `-` equidistant."""
     if not len(profile.theta_deg):
         return "r(theta): no direction is visible in the image"
     x_max, y_max = profile.theta_deg[-1], profile.radius.max()
@@ -26,7 +26,8 @@ def profile_text(profile: RadialProfile) -> str:
         grid[_text_row(radius[column] / y_max), column] = "*" if calibrated[column] else "."
     lines = [f"{f'{y_max:.0f}' if i == 0 else '':>7} |{''.join(row)}" for i, row in enumerate(grid)]
     lines += ["      0 +" + "-" * TEXT_COLUMNS, f"         0{'angle off-axis, degrees':^{TEXT_COLUMNS - 6}}{x_max:.0f}"]
-    return "\n".join(["radius, px  (* calibrated, . extrapolated, - equidistant)", *lines])
+    known = "* calibrated, . extrapolated" if profile.calibrated_deg is not None else "* calibrated range unknown"
+    return "\n".join([f"radius, px  ({known}, - equidistant)", *lines])
 
 
 def profile_svg(profile: RadialProfile) -> str:
@@ -35,6 +36,8 @@ def profile_svg(profile: RadialProfile) -> str:
     axes = Axes((0.0, x_max), (0.0, y_max), "angle off-axis, degrees", "radius, px", (60.0, 40.0, WIDTH - 40, 340.0))
     calibrated = np.where(profile.theta_deg <= _calibrated_deg(profile), profile.radius, np.nan)
     entries = [("line calibrated", "calibrated"), ("line extrapolated", "extrapolated"), ("line ideal", "equidistant")]
+    if profile.calibrated_deg is None:
+        entries[:2] = [("line calibrated", "calibrated range unknown")]
     return svg_document(
         axes.frame(),
         axes.clip(
