@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import omnisight as om
+from benchmarks import motion_colmap
 from benchmarks.motion_crops import HEADER, print_crops
 from benchmarks.motion_loops import print_loops
 from benchmarks.motion_score import errors
@@ -29,6 +30,10 @@ class RenderedSequence:
     camera: str
     count: int
 
+    @property
+    def name(self) -> str:
+        return f"{self.scene}-{self.camera}"
+
 
 SEQUENCES = (
     RenderedSequence("room", "fisheye", 200),
@@ -39,8 +44,8 @@ SEQUENCES = (
     RenderedSequence("town", "sphere", 150),
     RenderedSequence("room", "rig", 120),
 )
-# The sequences whose perspective views are compared with the whole images: the camera looks ahead.
-CROPPED = tuple(each for each in SEQUENCES if each.camera in ("fisheye", "sphere"))
+# The cameras whose perspective views are compared with the whole images: they look ahead.
+CROPPED = ("fisheye", "sphere")
 QUICK = (RenderedSequence("room", "fisheye", 40), RenderedSequence("street", "sphere", 40))
 
 
@@ -88,22 +93,38 @@ def compare_crops(sequences: Sequence[RenderedSequence]) -> None:
         print_crops(f"{sequence.scene}, {sequence.camera}", folder, read_trajectory(folder / "poses.txt").poses)
 
 
+def compare_colmap(sequences: Sequence[RenderedSequence]) -> None:
+    """Print the table of odometry and of pycolmap."""
+    print(motion_colmap.HEADER)
+    for sequence in sequences:
+        folder = render(sequence)
+        true = read_trajectory(folder / "poses.txt").poses
+        motion_colmap.print_comparison(f"{sequence.scene}, {sequence.camera}", folder, true)
+
+
 def main(arguments: list[str]) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks motion", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two short sequences, and one drive with loops")
     parser.add_argument("--loops", action="store_true", help="only the drives with loops")
     parser.add_argument("--crops", action="store_true", help="only the comparison with perspective views")
+    parser.add_argument("--colmap", action="store_true", help="only the comparison with pycolmap")
+    parser.add_argument("--sequences", nargs="+", metavar="SCENE-CAMERA", help="such as room-fisheye; default: all")
     options = parser.parse_args(arguments)
     quick = options.quick
+    chosen = [each for each in (QUICK if quick else SEQUENCES) if each.name in (options.sequences or [each.name])]
+    if options.colmap:
+        compare_colmap(chosen)
+        return
     if options.crops:
-        compare_crops(QUICK if quick else CROPPED)
+        compare_crops([each for each in chosen if each.camera in CROPPED])
         return
     if options.loops:
         print_loops(quick)
         return
     print("| sequence | path | images with a pose | error | drift | drift °/m | images per second |")
     print("|---|---|---|---|---|---|---|")
-    for sequence in QUICK if quick else SEQUENCES:
+    for sequence in chosen:
         print(row(sequence), flush=True)
-    print_loops(quick)
+    if options.sequences is None:
+        print_loops(quick)
