@@ -27,8 +27,9 @@ CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-9)
 MIN_COMMON = 12
 SCENE_SEED, NOISE_SEED = 0, 1
 OUTLIER_SHARE = 0.05
-# Rigs whose cameras OpenCV has a model for; the cameras of the others are seen beyond 90 degrees off-axis, or mixed.
-PAIRS = {"stereo": ("left", "right"), "chain": ("left", "middle"), "back-to-back": ("front", "back")}
+# Rigs of pairs with common corners whose cameras OpenCV has a model for; those of the others see corners beyond 90
+# degrees off-axis, or are mixed.
+PAIRS = {"stereo": ("left", "right"), "chain": ("left", "middle")}
 
 
 @dataclass(frozen=True)
@@ -163,9 +164,26 @@ def common_corners(
     return points, first, second
 
 
+def equal_corners(
+    observations: Mapping[str, om.Observations], pair: tuple[str, str]
+) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Return the common corners with the same number in each image, which cv2.fisheye and cv2.omnidir need.
+
+    It is the number for which most corners remain; they are distributed over the board.
+    """
+    common = common_corners(observations, pair)
+    lengths = sorted(map(len, common[0]), reverse=True)
+    count = max(lengths, key=lambda n: n * sum(length >= n for length in lengths), default=MIN_COMMON)
+    rows = [np.linspace(0, len(view) - 1, count).round().astype(int) for view in common[0]]
+    points, first, second = (
+        [view[r] for view, r in zip(views, rows, strict=True) if len(view) >= count] for views in common
+    )
+    return points, first, second
+
+
 def cv2_fisheye(observations: Mapping[str, om.Observations], pair: tuple[str, str]) -> om.Pose:
     """Return right_from_left by cv2.fisheye."""
-    points, left, right = common_corners(observations, pair)
+    points, left, right = equal_corners(observations, pair)
     x, a, b = ([v.reshape(1, -1, v.shape[1]) for v in values] for values in (points, left, right))
     size = observations[pair[0]].size
     flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
@@ -178,7 +196,7 @@ def cv2_fisheye(observations: Mapping[str, om.Observations], pair: tuple[str, st
 
 def cv2_omnidir(observations: Mapping[str, om.Observations], pair: tuple[str, str]) -> om.Pose:
     """Return right_from_left by cv2.omnidir."""
-    points, left, right = common_corners(observations, pair)
+    points, left, right = equal_corners(observations, pair)
     x, a, b = ([v.reshape(1, -1, v.shape[1]) for v in values] for values in (points, left, right))
     sizes = [observations[name].size for name in pair]
     empty = [None] * 6
