@@ -25,7 +25,7 @@ def print_comparison(label: str, folder: Path, true: Sequence[Pose]) -> None:
     """Print the rows of both methods on a rendered sequence."""
     start = time.perf_counter()
     rig = folder / "rig.json"
-    options = om.MotionOptions(loops=False)
+    options = om.OdometryOptions(loops=False)
     is_rig = rig.exists()
     result = (
         om.odometry(folder, rig=rig, options=options)
