@@ -21,7 +21,8 @@ def main(arguments: Sequence[str] = ()) -> None:
 
 def summary() -> str:
     """Return the table."""
-    tables = [detection(), calibration(), rigs(), projection(), remapping(), two_views(), reconstruction(), stitching()]
+    tables = [detection(), calibration(), rigs(), projection(), remapping(), two_views()]
+    tables += [reconstruction(), motion(), stitching()]
     lines = ["| task | measure | omnisight | peer |", "|---|---|---|---|"]
     return "\n".join([*lines, *(line for table in tables for line in table)])
 
@@ -138,8 +139,8 @@ def two_views() -> list[str]:
 def reconstruction() -> list[str]:
     page = "guide/reconstruct.md"
     lines = list[str]()
-    for images in ("room, 30 of 360°", "street, 30 of 360°"):
-        methods = {row["method"]: row for row in rows(page) if row.get("images") == images}
+    for images in ("room, 30 of 360°", "street, 30 of 360°", "town, 500 of 360°"):
+        methods = {row["method"].split(", `")[0]: row for row in rows(page) if row.get("images") == images}
         figure: Callable[[Row], str] = lambda row: f"{row['position']}, {row['rotation']}, {row['time']}"  # noqa: E731
         ours = figure(methods.pop("omnisight"))
         theirs = "; ".join(f"{method} {figure(row)}" for method, row in methods.items())
@@ -148,6 +149,17 @@ def reconstruction() -> list[str]:
     ours, theirs = (row["cost within 0.01 % of the optimum"] for row in adjusted)
     peer = re.split(r",|\(", adjusted[1]["method"])[0].strip()
     return [*lines, entry("bundle adjustment, 200 poses", "time to the optimum", ours, f"{peer} {theirs}", page)]
+
+
+def motion() -> list[str]:
+    page = "guide/odometry.md"
+    lines = list[str]()
+    for sequence in ("room, fisheye", "town, 360"):
+        used = [row for row in rows(page) if row.get("sequence") == sequence and "method" in row]
+        ours, theirs = (f"{row['error']}, {row['drift, °/m']}°/m, {row['time']}" for row in used)
+        task = f"visual odometry ({sequence})"
+        lines.append(entry(task, "error, drift, time", ours, f"{used[1]['method']}, incremental {theirs}", page))
+    return lines
 
 
 def stitching() -> list[str]:
