@@ -162,6 +162,22 @@ def test_known_cameras_are_constant_or_refined(stereo, tmp_path):
     assert held.sigmas("right")[0] < refined.sigmas("right")[0]
 
 
+def test_a_held_camera_that_does_not_fit_its_images_is_named(stereo, tmp_path):
+    true, _ = stereo
+    observations = true.observe(np.random.default_rng(2))
+    left, right = true.rig.cameras
+    other = dataclasses.replace(right, model=right.model.with_values({"cx": right.model.cx + 30.0}))
+    for name, camera in (("left", left), ("right", other)):
+        om.save(camera, tmp_path / f"{name}.json")
+    files = tuple(f"{name}={tmp_path / name}.json" for name in ("left", "right"))
+    calibration = om.calibrate_rig(observations, om.CalibrateRigOptions(camera=files, flat=True))
+    (check,) = (check for check in calibration.verdict.checks if check.name.endswith("given camera"))
+    assert check.name == "right: given camera"
+    assert str(calibration.verdict.level) == "do not use"
+    with pytest.raises(ValueError, match=r"--drop: no camera has an image rigth3.png"):
+        om.calibrate_rig(observations, om.CalibrateRigOptions(drop=("rigth3.png",)))
+
+
 def test_the_rig_file_holds_the_result(stereo, tmp_path):
     _, calibration = stereo
     path = tmp_path / "rig.json"

@@ -43,7 +43,7 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, 
         (("--pattern", "9x6", "--squares", "10x7"), "specify either --pattern, the inner corners, or --squares"),
         (("--target", "board.json", "--squares", "10x7"), "specify either --target or --pattern and --square"),
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
-        (("--square", "30"), "the length '30' has no unit: write 30mm for millimetres"),
+        (("--square", "30"), "the length '30' has no unit: write 30mm or 30m"),
         (("--square", "0mm"), "the length '0mm' must be positive"),
         (("--square", "30px"), "the length '30px' has an unknown unit 'px': use one of mm, cm, m, in, um"),
         (

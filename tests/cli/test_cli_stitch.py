@@ -49,6 +49,19 @@ def difference(image, truth):
     return float(np.sqrt(np.mean((a * (a * b).sum() / (a * a).sum() - b) ** 2)))
 
 
+def test_a_saved_head_gives_the_same_sphere_and_its_order_is_checked(head, capsys, tmp_path):
+    images, size, saved = (head / "front.png", head / "back.png"), ("--width", WIDTH), tmp_path / "saved.json"
+    first, again = tmp_path / "first.png", tmp_path / "again.png"
+    status, _, err = run(capsys, "stitch", *images, "-o", first, *size, "--save-rig", saved)
+    assert status == 0, err
+    status, _, err = run(capsys, "stitch", *images, "--rig", saved, "-o", again, *size)
+    assert status == 0, err
+    assert difference(om.read_image(again), om.read_image(first)) < 6
+    status, _, err = run(capsys, "stitch", *images[::-1], "--rig", saved, "-o", again, *size)
+    assert status == 2
+    assert "the images are in the order back, front, and the cameras of the rig in the order front, back" in err
+
+
 def test_a_head_with_its_rig_gives_the_true_sphere(head, capsys, tmp_path):
     output = tmp_path / "sphere.jpg"
     images = head / "front.png", head / "back.png"

@@ -127,7 +127,11 @@ def calibrate_ground(rig: Rig, marks: Mapping[str, GroundMarks]) -> GroundCalibr
         if seen is None or len(seen) < MIN_MARKS:
             count = 0 if seen is None else len(seen)
             return GroundCalibration(
-                rig, marks, fits, f"{name} has {count} marks on the ground; {MIN_MARKS} are needed"
+                rig,
+                marks,
+                fits,
+                f"{name}: marks on the ground: {count} found, {MIN_MARKS} needed; check the order of the images, and the"
+                " positions and the size of squares in the file of the ground",
             )
         start = _initial_pose(rig, k, seen)
         if start is None:

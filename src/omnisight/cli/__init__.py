@@ -97,6 +97,9 @@ def main(arguments: list[str] | None = None) -> None:
     except Exception as error:
         if debug:
             raise
+        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):  # in a compiled loop
+            _print_error("interrupted")
+            sys.exit(EXIT_INTERRUPTED)
         _print_error(f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)")
         sys.exit(EXIT_FAILED)
 

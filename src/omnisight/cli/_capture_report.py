@@ -50,6 +50,7 @@ def print_report(result: CaptureResult, output: Path, options: CaptureOptions) -
     if result.reason != "coverage" and (pose := _next_pose(session)):
         print(f"next      {pose}")
     board = f"--target {options.target}" if options.target else f"--pattern {session.board}"
+    board += f" --square {options.square}" if options.square else ""
     print(f"calibrate omnisight calibrate {output} {board} -o camera.json")
 
 

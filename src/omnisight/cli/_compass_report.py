@@ -39,4 +39,5 @@ def print_report(result: CompassResult) -> None:
     for reason in result.failed.values():
         print(f"left out  {reason}")
     sigma = float(np.median([each.sigma_deg for each in result.headings]))
-    print(f"headings  {len(result.headings)}, {result.references} references, ± {sigma:.2f}° (1σ, median)")
+    references = "1 reference" if result.references == 1 else f"{result.references} references"
+    print(f"headings  {len(result.headings)}, {references}, ± {sigma:.2f}° (1σ, median)")

@@ -8,6 +8,7 @@ import numpy as np
 
 from omnisight.cli._console import console
 from omnisight.cli._output import write_json
+from omnisight.cli._reconstruct_report import weaknesses
 from omnisight.geometry.rotation import quaternions
 from omnisight.localization.visual_map import LocalizedImage, VisualMap
 from omnisight.pipeline.reconstruct import ReconstructionResult
@@ -24,11 +25,18 @@ def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None
         "has_scale": bool(made and made.reconstruction.has_scale),
         "longest_track_images": images,
         "longest_track_deg": degrees,
-        "unregistered": result.unregistered,
+        "unregistered": missing_images(result),
+        "unverified": made.reconstruction.unverified if made else [],
         "seconds": round(result.seconds, 3),
         "reason": result.reason,
     }
     write_json(data)
+
+
+def missing_images(result: ReconstructionResult) -> dict[str, str]:
+    """Return the images that a map lacks, with the reason: it holds the largest model only."""
+    others = {name: "not connected with the map" for model in result.models[1:] for name in model.names}
+    return others | result.unregistered
 
 
 def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> None:
@@ -36,7 +44,9 @@ def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> No
     model, (images, degrees) = made.reconstruction, made.longest_track
     print(f"map       {len(model)} of {result.images} images, {len(model.points)} points in {_unit(made)}")
     print(f"tracks    longest in {images} images, widest over {degrees:.0f}° of the view")
-    for name, reason in result.unregistered.items():
+    for warning in weaknesses(model):
+        print(f"warning   {warning}")
+    for name, reason in missing_images(result).items():
         print(f"missing   {name}: {reason}")
     print(f"time      {result.seconds:.1f} s")
     print(f"written   {output}")

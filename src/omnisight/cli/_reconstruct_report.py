@@ -91,24 +91,19 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         track = f"{len(model.observations)} observations, {model.mean_track_length:.1f} images per point"
         print(f"points      {len(model.points)}, {track}")
         print(f"residuals   {model.rms_px:.3f} px (rms)")
-        if model.mean_track_length < WEAK_TRACK_LENGTH:
-            print(
-                "warning     most points are in two images only, so that nothing verifies poses and their standard"
-                " deviations: take images closer together, and of more texture"
-            )
-        if model.unverified:
-            names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
-            print(
-                f"warning     {len(model.unverified)} poses are not verified by points in three or more images:"
-                f" {names}; take more images there"
-            )
+        for warning in weaknesses(model):
+            print(f"warning     {warning}")
         for name in result.self_calibrated:
             print(_describe_camera(model.rig, name))
         if len(model.rig_from_world) > 1:
             sigma, which = model.rotation_sigma_deg, " of the verified poses" if model.unverified else ""
             figure = "unknown, no pose is verified" if np.isnan(sigma) else f"± {sigma:.4f}° (1σ, median{which})"
             print(f"rotation    {figure}")
-            print(f"scale       {f'metres, ± {model.scale_sigma:.2%} (1σ)' if model.has_scale else 'arbitrary'}")
+        if model.has_scale:
+            sigma = f", ± {model.scale_sigma:.2%} (1σ)" if np.isfinite(model.scale_sigma) else ""
+            print(f"scale       metres{sigma}")
+        elif len(model.rig_from_world) > 1:
+            print("scale       arbitrary")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)
     for name, change in result.focal_length_changes.items():
@@ -125,6 +120,21 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         first = next(name for name, why in result.unregistered.items() if why == reason)
         others = f" and {count - 1} more" if count > 1 else ""
         print(f"left out    {first}{others}: {reason}")
+
+
+def weaknesses(model: Reconstruction) -> list[str]:
+    """Return what makes the poses of a model doubtful, and what to do."""
+    found: list[str] = []
+    if model.mean_track_length < WEAK_TRACK_LENGTH:
+        found.append(
+            "most points are in two images only, so that nothing verifies poses and their standard deviations: take"
+            " images closer together, and of more texture"
+        )
+    if model.unverified:
+        names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
+        number = f"{len(model.unverified)} {'pose is' if len(model.unverified) == 1 else 'poses are'}"
+        found.append(f"{number} not verified by points in three or more images: {names}; take more images there")
+    return found
 
 
 def _print_georeference(georeference: Georeference, model: Reconstruction) -> None:

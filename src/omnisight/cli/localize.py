@@ -51,3 +51,5 @@ def localize(
         print_json(found, known)
     else:
         print_report(found, known, output)
+    if not any(found.values()):
+        raise ValueError(f"{' '.join(images)}: no image was localized in {map}")

@@ -60,7 +60,8 @@ def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
         first = next(iter(cameras))
         raise FormatError(
             f"{path}: holds {len(cameras)} cameras: {_listed(cameras)}; specify one: --name {first}, in Python"
-            f" name={first!r}"
+            f" name={first!r}, or write it to a file of its own: omnisight convert {path} --name {first} --to native"
+            f" -o {first}.json"
         )
     return next(iter(cameras.values()))
 

@@ -16,11 +16,11 @@ from omnisight.features.detection import illuminated_region
 from omnisight.formats import load_rig
 from omnisight.images import read_image
 from omnisight.images.gray import to_gray8
-from omnisight.pipeline.birdseye_images import load_masks, match_cameras
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
 from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.central_camera import fit_camera
 from omnisight.pipeline.ground_rig import ground_rig
+from omnisight.pipeline.images_of_cameras import load_masks, match_cameras
 from omnisight.pipeline.vehicle import camera_rectangle, vehicle_occlusion
 from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
@@ -163,8 +163,8 @@ def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions
     for name, seen in zip(rig.names, remapper.maps, strict=True):
         if not seen.visible.any():
             raise ValueError(
-                f"{name} sees none of the ground of the view: check its pose in the rig, the height of the rig, or"
-                " leave the camera out"
+                f"{name} sees none of the ground of the view: check its pose in the rig and the height of the rig,"
+                " leave the camera out, or determine the poses from marks on the ground (--ground marks.json)"
             )
     return BirdseyeRenderer(view, calibration, remapper, options.gain)
 

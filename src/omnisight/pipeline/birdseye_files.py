@@ -13,8 +13,8 @@ from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
 from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, prepare_birdseye
-from omnisight.pipeline.birdseye_images import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
+from omnisight.pipeline.images_of_cameras import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
 from omnisight.video_options import VideoOptions
 
 Progress = Callable[[str, int, int], None]

@@ -9,6 +9,9 @@ from typing import Any
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
 from omnisight.calibration.rigs.frame_uncertainty import with_frame_covariances
+from omnisight.extensions import did_you_mean
+from omnisight.images.collect import collect_images
+from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.options import check_options
 from omnisight.pipeline.provenance import tool_provenance
@@ -19,6 +22,7 @@ from omnisight.pipeline.rig_sources import RigSources, named_sources, with_commo
 from omnisight.pipeline.simultaneous_views import SimultaneousViews
 from omnisight.pipeline.unconnected_rig import explain_unconnected
 from omnisight.rig import Rig
+from omnisight.targets.observations import Observations
 
 Progress = Callable[[str, int, int], None]
 
@@ -79,9 +83,21 @@ def _with_reference_first(named: dict[str, Any], options: CalibrateRigOptions) -
 
 
 def _check_names(named: Mapping[str, Any], options: CalibrateRigOptions) -> None:
-    """Check that every known camera has images."""
+    """Check that every known camera has images, and that the images to leave out exist."""
     if unknown := [name for name in options.camera_files if name not in named]:
         raise ValueError(f"--camera {unknown[0]}: there are no images of this camera; there are {', '.join(named)}")
+    images = {image for source in named.values() for image in _image_names(source)} if options.drop else set[str]()
+    if unknown := [name for name in options.drop if name not in images]:
+        raise ValueError(f"--drop: no camera has an image {unknown[0]}{did_you_mean(unknown[0], images)}")
+
+
+def _image_names(source: Any) -> list[str]:
+    """Return the names of the images of a camera."""
+    if isinstance(source, Mapping):
+        return [name for views in source.values() for name in _image_names(views)]
+    if isinstance(source, Observations):
+        return list(source.image_names or source.names)
+    return image_labels(collect_images(source, videos=True))
 
 
 def assess(

@@ -27,5 +27,5 @@ class CaptureOptions(DetectOptions):
         """Check the numbers."""
         if self.images < 3:
             raise ValueError(f"--images must be 3 or more, got {self.images}")
-        if not 0 < self.coverage <= 100:
-            raise ValueError(f"--coverage must be between 0 and 100 %, got {self.coverage:g}")
+        if not 1 <= self.coverage <= 100:
+            raise ValueError(f"--coverage must be between 1 and 100 percent, got {self.coverage:g}")

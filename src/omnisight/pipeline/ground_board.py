@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.calibration.ground_calibration import CameraFit, GroundCalibration
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.birdseye_images import match_camera
 from omnisight.pipeline.detect import detect
+from omnisight.pipeline.images_of_cameras import match_camera
 from omnisight.pipeline.options import DetectOptions
 from omnisight.rig import Rig
 from omnisight.twoview.absolute_pose import AbsolutePose, resect

@@ -172,6 +172,7 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
     sensor = dict(zip(rig.names, rig.cameras, strict=True))
     scale = {name: camera.px_unit for name, camera in sensor.items()}
     move = estimate.move
+    held = [camera for camera in calibration.cameras if camera.is_held]
     return RigEvidence(
         {camera.name: camera.calibration and camera.calibration.verdict for camera in calibration.cameras},
         calibration.pairs,
@@ -181,6 +182,8 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
         {name: _pixels_per_radian(sensor[name]) * calibration.sigmas(name)[0] / scale[name] for name in rig.names},
         {name: calibration.camera_rms(name) for name in rig.names},
         {camera.name: camera.rms for camera in calibration.cameras},
+        {camera.name: camera.median_length for camera in held},
+        {camera.name: camera.refined_median_length for camera in held},
         scale,
         rig.unit == "m",
     )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.evaluation import evaluate_camera
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera
@@ -82,6 +83,27 @@ class RigCamera:
         """Root mean square residual length of the camera alone, px."""
         lengths = [self.states[board].lengths(observations) for board, observations in self.boards.items()]
         return float(np.sqrt((np.concatenate(lengths) ** 2).mean()))
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it is a known central camera that is not refined."""
+        return self.calibration is None and not self.directions.size and isinstance(self.camera, Camera)
+
+    @property
+    def median_length(self) -> float:
+        """Median residual length of the board with most corners, px, of the camera alone."""
+        board, observations = self._largest
+        return float(np.nanmedian(self.states[board].lengths(observations)))
+
+    @property
+    def refined_median_length(self) -> float:
+        """The same with the parameters of the camera refined."""
+        board, observations = self._largest
+        return float(np.nanmedian(refine(self.states[board], observations).state.lengths(observations)))
+
+    @property
+    def _largest(self) -> tuple[str, Observations]:
+        return max(self.boards.items(), key=lambda item: len(item[1].pixels))
 
 
 def rig_camera(name: str, source: Any, options: CalibrateRigOptions, progress: Progress) -> RigCamera:

@@ -1,7 +1,7 @@
 """The rig of a stitch: given, of two calibrated cameras, or estimated from the overlap."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 
@@ -12,10 +12,12 @@ from omnisight.camera import Camera
 from omnisight.features.detection import illuminated_region
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import read_mask, to_gray8
 from omnisight.images.image_field import ImageField
 from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.central_camera import camera_of_image, fit_camera
+from omnisight.pipeline.images_of_cameras import check_order
 from omnisight.pipeline.stitch_inputs import HEAD_NAMES, Bytes, HeadFrames, lens_fields
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.rig import Rig
@@ -28,6 +30,8 @@ Mask = NDArray[np.bool_]
 
 # Pixels at the rim of an image circle are dark and blurred: largest distance kept from it, as a share of the radius.
 RIM_MARGIN = 0.015
+# Azimuths at which the edge of a field of view is measured.
+SECTORS = 360
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +103,20 @@ def head_rig(
     allowed = tuple(_in_circle(field, mask) for field, mask in zip(fields, masks, strict=True))
     pairs = [(frame[0], frame[1]) for frame in samples]
     found = calibrate_head(pairs, fields, (allowed[0], allowed[1]))
-    return _estimated(found, allowed)
+    first, second = (_with_field(camera, mask) for camera, mask in zip(found.cameras, allowed, strict=True))
+    return _estimated(replace(found, cameras=(first, second)), allowed)
+
+
+def _with_field(camera: Camera, shown: Mask) -> Camera:
+    """Return a camera with the field of view of the pixels that show the scene: its file has no image circle.
+
+    The circle is not exactly around the principal point: the field is the median over all azimuths.
+    """
+    bearings, valid = camera.unproject(np.argwhere(shown)[:, ::-1].astype(float))
+    azimuth = np.arctan2(bearings[valid, 1], bearings[valid, 0])
+    edge, sector = np.zeros(SECTORS), ((azimuth / (2 * np.pi) % 1.0) * SECTORS).astype(int) % SECTORS
+    np.maximum.at(edge, sector, angle_from_axis(bearings[valid]))
+    return replace(camera, theta_max=float(np.median(edge)))
 
 
 def _given(frames: HeadFrames, rig: Rig, options: StitchOptions) -> HeadRig:
@@ -107,6 +124,7 @@ def _given(frames: HeadFrames, rig: Rig, options: StitchOptions) -> HeadRig:
     if len(images) != len(rig):
         names = ", ".join(rig.names)
         raise ValueError(f"there are {len(images)} images, and the rig has {len(rig)} cameras ({names}), in this order")
+    check_order(frames.sources[0], rig.names)
     _check_distinct(images)
     fitted: list[Camera] = []
     for k, (camera, image) in enumerate(zip(rig.cameras, images, strict=True)):

@@ -71,6 +71,8 @@ class RigEvidence:
         For each camera the projection error due to the uncertainty of its rotation, px at an image width of 1000.
     rms, alone_rms
         Root mean square residual of each camera in the rig, and calibrated alone.
+    held_median, refined_median
+        Median residual length, px, of each camera that was held, and of the same camera refined alone on its images.
     px_scale
         For each camera the size of a pixel at an image width of 1000.
     is_metric
@@ -85,6 +87,8 @@ class RigEvidence:
     rotation_sigma_px: Mapping[str, float]
     rms: Mapping[str, float]
     alone_rms: Mapping[str, float]
+    held_median: Mapping[str, float]
+    refined_median: Mapping[str, float]
     px_scale: Mapping[str, float]
     is_metric: bool
 
@@ -93,6 +97,7 @@ def rig_verdict(evidence: RigEvidence) -> Verdict:
     """Run all checks of a rig."""
     checks = [
         *_cameras(evidence),
+        *_held_cameras(evidence),
         _connection(evidence),
         _moved(evidence),
         _contradictions(evidence),
@@ -113,6 +118,21 @@ def _cameras(evidence: RigEvidence) -> list[Check]:
         for check in verdict.checks
         if check.level > Level.GOOD
     ]
+
+
+def _held_cameras(evidence: RigEvidence) -> list[Check]:
+    """Return the held cameras that do not fit their images: those of another camera make the poses wrong."""
+    checks: list[Check] = []
+    for name, held in evidence.held_median.items():
+        refined, least = evidence.refined_median[name], NEGLIGIBLE_PX * evidence.px_scale[name]
+        if held > least and held > MAX_RMS_RATIO * refined:
+            sentence = (
+                f"The given camera of {name} does not fit its images: residuals of {held:.2f} px (median),"
+                f" {refined:.2f} px with the camera refined. Is it the file of another camera or of another focus?"
+                f" Leave out --camera {name}, or refine it (--refine-cameras)."
+            )
+            checks.append(Check(f"{name}: given camera", Level.DO_NOT_USE, sentence))
+    return checks
 
 
 def _connection(evidence: RigEvidence) -> Check:

@@ -15,7 +15,7 @@ def parse_length(text: str) -> float:
         raise ValueError(f"cannot read the length {text!r}: expected a number with its unit ({units}), such as 32.5mm")
     number, unit = match[1], re.sub("[µμ]", "u", match[2].lower())
     if not unit:
-        raise ValueError(f"the length {text.strip()!r} has no unit: write {number}mm for millimetres ({units})")
+        raise ValueError(f"the length {text.strip()!r} has no unit: write {number}mm or {number}m ({units})")
     if unit not in UNITS_PER_METRE:
         raise ValueError(f"the length {text.strip()!r} has an unknown unit {match[2]!r}: use one of {units}")
     metres = float(number) / UNITS_PER_METRE[unit]

@@ -17,8 +17,8 @@ def check(recording: Recording) -> Finding:
     """Check whether rows are read one after the other, if the camera turns fast enough to show it."""
     readout = recording.readout
     if readout is None or not readout.sigma < MAX_SIGMA_S:
-        why = "the camera must turn to show it" if readout is None else f"± {1e3 * readout.sigma:.0f} ms (1σ)"
-        return Finding("rolling shutter", Level.UNKNOWN, f"unknown: {why}")
+        measured = "" if readout is None else f"readout known to {1e3 * readout.sigma:.0f} ms (1σ): "
+        return Finding("rolling shutter", Level.UNKNOWN, f"{measured}the camera must turn faster to show it")
     figure = f"readout {1e3 * readout.seconds:.1f} ± {1e3 * readout.sigma:.1f} ms (1σ)"
     rate = float(np.nanmax([step.turn_rate_deg for step in recording.steps]))
     if readout.seconds < max(MIN_SIGMAS * readout.sigma, MIN_READOUT_S):

@@ -16,7 +16,8 @@ def check(recording: Recording) -> Finding:
     """Check in how many cells of equal solid angle there is a corner."""
     if not recording.corners:
         return Finding("texture", Level.UNKNOWN, "not measured without a calibrated camera")
-    median, least = int(np.median(recording.corners)), min(recording.corners)
+    # The grid of cells has a few more than the patches that are tracked.
+    median, least = min(int(np.median(recording.corners)), PATCHES), min(*recording.corners, PATCHES)
     figure = f"corners in {median} of {PATCHES} cells of the view (median), at least {least}"
     if median < MIN_PATCHES:
         return Finding("texture", Level.FAILED, figure, "light the scene, clean the lens, or focus: too few corners")

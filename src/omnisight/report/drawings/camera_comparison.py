@@ -32,7 +32,7 @@ def draw_comparison(comparison: CameraComparison) -> NDArray[np.uint8]:
     (H, W, 3) RGB image.
     """
     c = comparison
-    shown = [c.aligned.pixels, *(sigma for sigma in c.uncertainties if sigma is not None)]
+    shown = [c.aligned.pixels, c.fixed.pixels, *(sigma for sigma in c.uncertainties if sigma is not None)]
     high = max(float(np.nanmax(values[c.common])) for values in shown)
     px = Scale(high, "px")
     degrees = Scale(float(np.degrees(np.nanmax(c.aligned.angles[c.common]))), "deg")

@@ -206,8 +206,8 @@ def _no_overlap(samplers: Sequence[Sampler], k: int, bearings: Array, grid: Pola
     outer = grid.theta[np.where(others.any(1))[0].min()] if others.any() else np.pi
     return (
         f"camera {k + 1} and those before it have no overlap: their fields of view are"
-        f" {np.degrees(max(outer - inner, 0.0)):.1f}° apart. Check the fields of view (theta_max), the poses and the"
-        " masks of the rig"
+        f" {np.degrees(max(outer - inner, 0.0)):.1f}° apart. Check that the images are of different lenses, and the"
+        " fields of view (theta_max), poses and masks of a rig"
     )
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,17 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
             f" {len(names)} cameras: {', '.join(names)}"
         )
     return [found[name][0] for name in names]
+
+
+def check_order(sources: Sequence[Any], names: Sequence[str]) -> None:
+    """Raise `ValueError` if the names of images are those of all cameras, but in another order."""
+    found: list[str] = []
+    for source in sources:
+        with suppress(ValueError, TypeError):  # arrays, and files that are not named after cameras
+            found.append(match_camera(Path(source), names))
+    if found != list(names) and sorted(found) == sorted(names):
+        order, expected = (", ".join(each) for each in (found, names))
+        raise ValueError(f"the images are in the order {order}, and the cameras of the rig in the order {expected}")
 
 
 def match_camera(source: Path, names: Sequence[str]) -> str:
