@@ -130,8 +130,8 @@ def calibrate_ground(rig: Rig, marks: Mapping[str, GroundMarks]) -> GroundCalibr
                 rig,
                 marks,
                 fits,
-                f"{name}: marks on the ground: {count} found, {MIN_MARKS} needed; check the order of the images, and the"
-                " positions and the size of squares in the file of the ground",
+                f"{name}: marks on the ground: {count} found, {MIN_MARKS} needed; check the order of the images, and"
+                " the positions and the size of squares in the file of the ground",
             )
         start = _initial_pose(rig, k, seen)
         if start is None:

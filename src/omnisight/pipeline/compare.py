@@ -39,7 +39,7 @@ def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = Co
     ValueError
         If the aspect ratios differ, the cameras have no field of view in common, or a file cannot be read.
     """
-    names = _names(a, b)
+    names = _names((a, b), (options.name, options.other_name))
     first = _central(a, options.name, options, names[0])
     second = _central(b, options.other_name, options, names[1])
     if not all(first.size):
@@ -60,10 +60,12 @@ def _central(source: AnyCameraSource, name: str | None, options: CompareOptions,
     return dataclasses.replace(central, theta_max=min(central.theta_max or math.pi, math.radians(options.max_theta)))
 
 
-def _names(a: AnyCameraSource, b: AnyCameraSource) -> tuple[str, str]:
-    """Return the names of two files, with their folders if the names are equal, or "a" and "b"."""
-    paths = [Path(source) if isinstance(source, str | PathLike) else None for source in (a, b)]
-    names = [path.name if path else default for path, default in zip(paths, "ab", strict=True)]
-    if names[0] == names[1]:
-        names = [str(path) for path in paths]
-    return names[0], names[1]
+def _names(sources: tuple[AnyCameraSource, AnyCameraSource], cameras: tuple[str | None, str | None]) -> tuple[str, str]:
+    """Return the names of two files with those of the cameras in them, preceded by the folder if they are equal."""
+    found: list[tuple[str, str]] = []
+    for source, camera, default in zip(sources, cameras, "ab", strict=True):
+        path = Path(source) if isinstance(source, str | PathLike) else Path(default)
+        suffix = f" ({camera})" if camera else ""
+        found.append((path.name + suffix, f"{path.parent.name}/{path.name}{suffix}"))
+    (a, longer_a), (b, longer_b) = found
+    return (a, b) if a != b else (longer_a, longer_b)

@@ -13,7 +13,9 @@ from omnisight.view_planning.proposal import NextView, Proposal, WorstDirection,
 Array = NDArray[np.float64]
 
 # Limits of "centre" and "edge" as shares of the largest visible angle off-axis.
-CENTRE_SHARE, EDGE_SHARE = 0.15, 0.8
+CENTRE_SHARE, EDGE_SHARE = 0.15, 0.65
+# Directions within this azimuth of another one are on the same side of the image.
+SIDE_RAD = np.radians(20)
 # A board with a smaller tilt faces the camera.
 FACING_RAD = np.radians(5)
 
@@ -27,19 +29,28 @@ def describe_view(proposal: Proposal, view: NextView) -> str:
     return f"{describe_placement(proposal, view)}: worst-case uncertainty {error}"
 
 
+def _visible_reach(proposal: Proposal, direction: Array) -> float:
+    """Return the largest visible angle off-axis on the side of a direction (3,): an image cuts its circle."""
+    visible = proposal.directions
+    along = visible.bearings[:, :2] @ direction[:2]
+    lengths = np.linalg.norm(visible.bearings[:, :2], axis=1) * np.linalg.norm(direction[:2])
+    beside = along >= np.cos(SIDE_RAD) * lengths
+    return float(visible.theta[beside].max()) if beside.any() else float(visible.theta.max())
+
+
 def describe_placement(proposal: Proposal, view: NextView) -> str:
     """Describe where to hold the board, how far away and how tilted."""
     prior, board = proposal.prior, proposal.board
     centre = view.cam_from_board @ board.points.mean(0)
     pixel = prior.camera.model.project_numpy(centre[None])[0][0]
-    share = float(angle_from_axis(centre)) / float(proposal.directions.theta.max())
+    share = float(angle_from_axis(centre)) / _visible_reach(proposal, centre)
     side = image_side(prior, pixel)
     if share < CENTRE_SHARE:
         place = "in the centre"
     elif share < EDGE_SHARE:
         place = f"half-way to the {side} edge"
     else:
-        place = f"at the {side} edge"
+        place = f"near the {side} edge"
     return (
         f"hold the board {place} (pixel {pixel[0]:.0f}, {pixel[1]:.0f}), {distance_text(view, board)} away,"
         f" {tilt_text(prior, view, board)}"

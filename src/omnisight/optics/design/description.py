@@ -56,7 +56,7 @@ def describe_blind_spot(design: MirrorDesign, performance: Performance) -> str:
     if blind.radius == 0:
         return f"{angle}, outside the field of the mirror"
     cause = "the hole of the mirror" if blind.radius == design.image_radius(design.mirror.hole) else "the camera itself"
-    return f"{angle}, {blind.radius:.0f} px: {cause}"
+    return f"{angle}, {2 * blind.radius:.0f} px across: {cause}"
 
 
 def surface_equation(design: MirrorDesign) -> str:

@@ -17,6 +17,8 @@ PANEL_WIDTH, GAP, TITLE_HEIGHT, BAR_HEIGHT, BAR_WIDTH = 460, 20, 34, 40, 300
 BACKGROUND, OUTSIDE_LEVEL = 24, 70
 LEGEND_COLUMNS = 52
 GRAY = (170, 170, 170)
+# Characters of the name of a camera in a title.
+MAX_NAME = 28
 # Values below this fraction of the largest one have the darkest colour.
 MIN_FRACTION = 0.01
 
@@ -40,12 +42,20 @@ def draw_comparison(comparison: CameraComparison) -> NDArray[np.uint8]:
         ("difference after the best rotation", c.aligned.pixels, px),
         ("difference without rotation", c.fixed.pixels, px),
         ("difference after the best rotation, angle", np.degrees(c.aligned.angles), degrees),
-        *((f"uncertainty of {name}, 1 sigma", sigma, px) for name, sigma in zip(c.names, c.uncertainties, strict=True)),
+        *(
+            (f"uncertainty (1 sigma) of {_short(name)}", sigma, px)
+            for name, sigma in zip(c.names, c.uncertainties, strict=True)
+        ),
     ]
     panels = [_panel(c, title, values, scale) for title, values, scale in maps]
     panels.append(_legend(c, px, degrees, panels[0].shape))
     page = np.concatenate([np.concatenate(panels[k : k + 3], axis=1) for k in (0, 3)])
     return np.pad(page, ((0, 0), (0, GAP), (0, 0)), constant_values=BACKGROUND)
+
+
+def _short(name: str) -> str:
+    """Return a name with its middle left out if it is long."""
+    return name if len(name) <= MAX_NAME else f"{name[: MAX_NAME // 2 - 2]}...{name[-MAX_NAME // 2 + 1 :]}"
 
 
 class Scale:
