@@ -21,7 +21,7 @@ def calibrated(tmp_path):
 
 
 PLACEMENT = re.compile(
-    r"^(\d)\. hold the board (?:in the centre|half-way to the [a-z ]+ edge|at the [a-z ]+ edge)"
+    r"^(\d)\. hold the board (?:in the centre|half-way to the [a-z ]+ edge|near the [a-z ]+ edge)"
     r" \(pixel (\d+), (\d+)\), (\S+ (?:m|squares)) \((\d\.\d) board widths\) away, (.*):"
     r" worst-case uncertainty (\d[.\d]*) px -> (\d[.\d]*) px$",
     re.MULTILINE,
