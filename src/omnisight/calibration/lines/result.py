@@ -99,7 +99,7 @@ class LinesCalibration(Displayed):
             covariance=uncertainty.covariance,
             provenance=provenance,
         )
-        warnings = _warnings(estimate, rms, sigma, len(line_of_arc))
+        warnings = _warnings(estimate, rms, sigma, len(line_of_arc), observations.size)
         return cls(camera, estimate, observations.arcs, line_of_arc, is_xi_fixed, sigma, rms, warnings)
 
     @property
@@ -139,11 +139,16 @@ def _bearing_sigma(estimate: LineEstimate, pixels: Array, is_xi_fixed: bool) -> 
     return float(np.linalg.norm(parts))
 
 
-def _warnings(estimate: LineEstimate, rms: float, sigma: float, arcs: int) -> tuple[str, ...]:
+def _warnings(estimate: LineEstimate, rms: float, sigma: float, arcs: int, size: tuple[int, int]) -> tuple[str, ...]:
     """Return the reasons to doubt the result, each with what to do."""
     name, lines = estimate.model.name, len(estimate.consensus.lines)
     inflation, model_error = estimate.uncertainty.inflation, estimate.model_error
     conditions = (
+        (
+            size[0] == 2 * size[1],
+            f"The image is {size[0]}x{size[1]} px, twice as wide as high: equirectangular images need no calibration"
+            " (omnisight view, without --camera), and no camera of this command describes them.",
+        ),
         (
             estimate.is_scale_fixed,
             f"Lines do not determine the scale of tan(theta) of {name}, because its radial profile is free. It is fixed"
