@@ -38,6 +38,8 @@ def print_report(result: CompassResult) -> None:
         )
     for reason in result.failed.values():
         print(f"left out  {reason}")
-    sigma = float(np.median([each.sigma_deg for each in result.headings]))
+    # Without --reference, the first image is the reference of all, and its own heading is zero by definition.
+    sigmas = [each.sigma_deg for each in result.headings if each.name != each.nearest]
+    sigma = float(np.median(sigmas)) if sigmas else 0.0
     references = "1 reference" if result.references == 1 else f"{result.references} references"
     print(f"headings  {len(result.headings)}, {references}, ± {sigma:.2f}° (1σ, median)")
