@@ -54,7 +54,7 @@ def test_the_table_and_the_first_image_as_reference(run, folders):
     rows = [line.split() for line in out.splitlines()]
     assert rows[0] == ["image", "nearest", "heading", "sigma", "similarity"]
     assert [row[:3] for row in rows[1:3]] == [["q0.png", "q0.png", "+0.0°"], ["q1.png", "q0.png", "+21.0°"]]
-    assert out.splitlines()[-1].startswith("headings  3, 1 references")
+    assert out.splitlines()[-1].startswith("headings  3, 1 reference,")
 
 
 def test_an_image_is_not_its_own_reference(run, folders):
