@@ -40,7 +40,7 @@ def test_report_has_all_dimensions(design, tmp_path):
         "lens       focal length 4.847 mm, 40.0 degrees across the mirror; entrance pupil 63.65 mm from",
         "viewpoint  7.858 mm above the vertex, single",
         "field      from 20.0 degrees above the horizon to 60.0 below it, 360 around",
-        "blind spot 30.0 degrees around straight down, 86 px: the hole of the mirror",
+        "blind spot 30.0 degrees around straight down, 171 px across: the hole of the mirror",
         "image      941 px across, 98 % of the shorter side; sensor 1280x960 px of 3.75 um",
         "tolerances axial position ±2.6 mm, lateral position ±0.57 mm, tilt ±0.42°, surface slope ±0.81′",
         "model      unified, xi 0.96997, gamma 314.35 px",

@@ -182,7 +182,7 @@ def test_impossible_views_are_rejected_and_write_nothing(refuses, photo, camera_
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("v", "cannot write extension ''. Supported: png jpg"),
+        ("v", "v: has no extension: name an image file, such as v.png"),
         ("v.xyz", "v.xyz: cannot write extension '.xyz'"),
         ("missing/v.png", "the folder"),
     ],

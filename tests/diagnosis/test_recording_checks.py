@@ -21,7 +21,7 @@ def test_a_good_recording_has_no_warning(walk):
     assert {name for name, finding in found.items() if finding.level > Level.OK} == {"rolling shutter"}
     assert "190° field of view" in found["calibration"].figure
     assert "32 examined" in found["images"].figure
-    assert "unknown" in found["rolling shutter"].figure
+    assert "must turn faster" in found["rolling shutter"].figure
 
 
 def test_without_a_camera_only_calibration_fails_and_what_needs_it_is_unknown(walk):
