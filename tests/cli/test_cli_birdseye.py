@@ -131,7 +131,10 @@ def test_invalid_input(run, folder):
         ((front, *rest, *rig, "-o", folder / "top.gif"), "cannot write extension '.gif'"),
         ((front, *rest, *rig, *output, "--save-rig", folder / "rig.txt"), "rig.txt: .txt is the suffix of"),
         ((front, *rest, *rig, *output, "--ground", folder / "empty.json"), 'neither "marks"'),
-        ((front, *rest, *rig, *output, "--ground", folder / "few.json"), "front: marks on the ground: 1 found, 4 needed"),
+        (
+            (front, *rest, *rig, *output, "--ground", folder / "few.json"),
+            "front: marks on the ground: 1 found, 4 needed",
+        ),
         ((front, *rest, *rig, *output, "--ground", folder / "bad.json"), "marks must be"),
         ((front, *rest, *rig, *output, "--ground", folder / "none.json"), "cannot be read"),
         ((front, *rest, *rig, *output, "--pixel", "1um"), "px per side"),
