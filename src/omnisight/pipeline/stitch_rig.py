@@ -103,8 +103,10 @@ def head_rig(
     allowed = tuple(_in_circle(field, mask) for field, mask in zip(fields, masks, strict=True))
     pairs = [(frame[0], frame[1]) for frame in samples]
     found = calibrate_head(pairs, fields, (allowed[0], allowed[1]))
-    first, second = (_with_field(camera, mask) for camera, mask in zip(found.cameras, allowed, strict=True))
-    return _estimated(replace(found, cameras=(first, second)), allowed)
+    if found:
+        first, second = (_with_field(camera, mask) for camera, mask in zip(found.cameras, allowed, strict=True))
+        found = replace(found, cameras=(first, second))
+    return _estimated(found, allowed)
 
 
 def _with_field(camera: Camera, shown: Mask) -> Camera:

@@ -16,7 +16,7 @@ from torch import Tensor
 from omnisight.models import CameraModel
 from omnisight.torch.domain_constants import CACHED_CAMERAS, flattened
 from omnisight.torch.formulas import BoundFormula, Bounds, Formula
-from omnisight.torch.sampling import constant
+from omnisight.torch.tensor_functions import constant
 
 # Oldest GPU that Triton supports.
 MIN_CAPABILITY = (7, 0)
