@@ -118,7 +118,7 @@ def test_missing_or_invalid_exif_orientation_is_upright():
     ("name", "image", "message"),
     [
         ("x.xyz", GRADIENT, r"cannot write extension '\.xyz'"),
-        ("x", GRADIENT, "cannot write extension ''"),
+        ("x", GRADIENT, "x: has no extension: name an image file, such as x.png"),
         ("x.jpg", GRADIENT.astype(np.uint16), "8 bits per channel"),
         ("x.jpg", np.zeros((4, 4, 4), np.uint8), "no transparency"),
         ("x.pgm", COLOURS, "gray images only"),
