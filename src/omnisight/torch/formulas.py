@@ -51,7 +51,8 @@ class Formula:
     """
 
     def __init__(self, method: Method, model: CameraModel) -> None:
-        self.method, self.model = method, type(model)
+        self.method: Method = method
+        self.model = type(model)
         self.fields = tuple(field.name for field in dataclasses.fields(model))  # pyright: ignore[reportArgumentType]
         parameters, constants = {name: getattr(model, name) for name in self.fields}, domain_constants(model)
         self._shapes = {name: np.shape(value) for name, value in (parameters | constants).items()}

@@ -101,7 +101,7 @@ def gradients_kernel(formula: Formula) -> Callable[..., Any]:
             return formula.values(formula.inside(flat, valid, m), m, formula.model.unrolled_steps)[0]
 
         with torch.enable_grad():
-            _, products = torch.func.vjp(inside, flat, vector)
+            products = torch.func.vjp(inside, flat, vector)[1]
         return products(torch.where(valid[:, None], gradient, 0.0))
 
     return torch.compile(compute, dynamic=True)
