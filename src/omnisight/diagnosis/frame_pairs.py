@@ -100,6 +100,11 @@ class PatchTracking:
         self.runs: list[list[SeenFrame]] = []
         self.steps: list[list[Motion]] = []
 
+    @property
+    def cells(self) -> int:
+        """Number of cells of the view, in each of which a patch can start."""
+        return self._tracker.cells
+
     def start(self, index: int, seconds: float, gray: Bytes, *, continues: bool) -> int:
         """Start a run with an image (H, W), which may continue the motion; return its number of patches."""
         tracker = self._tracker

@@ -145,6 +145,11 @@ class Tracker:
             if len(pixels):
                 self.patches = self.patches.joined(self._start(sensor, pixels, rig_from_world))
 
+    @property
+    def cells(self) -> int:
+        """Number of cells of equal solid angle, in each of which a patch can start."""
+        return sum(cells.used for cells in self._cells)
+
     def texture(self, images: Sequence[Bytes]) -> int:
         """Return the number of cells in which images show a corner."""
         nothing = np.zeros((0, 2))

@@ -3,7 +3,6 @@
 import numpy as np
 
 from omnisight.diagnosis.finding import Finding, Level
-from omnisight.diagnosis.frame_pairs import PATCHES
 from omnisight.diagnosis.recording import Recording
 
 PRIORITY = 40
@@ -14,11 +13,10 @@ MIN_PATCHES, FEW_PATCHES = 50, 100
 
 def check(recording: Recording) -> Finding:
     """Check in how many cells of equal solid angle there is a corner."""
-    if not recording.corners:
+    if recording.tracking is None or not recording.corners:
         return Finding("texture", Level.UNKNOWN, "not measured without a calibrated camera")
-    # The grid of cells has a few more than the patches that are tracked.
-    median, least = min(int(np.median(recording.corners)), PATCHES), min(*recording.corners, PATCHES)
-    figure = f"corners in {median} of {PATCHES} cells of the view (median), at least {least}"
+    median, least = int(np.median(recording.corners)), min(recording.corners)
+    figure = f"corners in {median} of {recording.tracking.cells} cells of the view (median), at least {least}"
     if median < MIN_PATCHES:
         return Finding("texture", Level.FAILED, figure, "light the scene, clean the lens, or focus: too few corners")
     if least < FEW_PATCHES:
