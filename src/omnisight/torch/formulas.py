@@ -78,10 +78,11 @@ class Formula:
         traced = any(map(is_traced, (array, *parameters)))
         iterations = self.model.unrolled_steps if traced else MAX_ITERATIONS
         by_parameters = traced or any(map(has_derivative, parameters))
-        m = self.values_of(self.vector(array, parameters)) if by_parameters else self._numbers(array, parameters)
         # Numbers are cheaper: each operation on a tensor of one parameter runs on the device.
+        numbers = None if traced else self._numbers(array, parameters)
+        m = self.values_of(self.vector(array, parameters)) if by_parameters or numbers is None else numbers
         with torch.no_grad():
-            values, valid = self.values(array, m if traced else self._numbers(array, parameters), iterations)
+            values, valid = self.values(array, m if numbers is None else numbers, iterations)
         if by_parameters or has_derivative(array):
             values, _ = self.values(self.inside(array, valid, m), m, iterations)
         return torch.where(valid[..., None], values, torch.nan), valid
