@@ -7,6 +7,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.formats import load
+from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.camera_sources import AnyCameraSource
 from omnisight.pipeline.central_camera import central_approximation, fit_camera
 from omnisight.pipeline.compare_options import CompareOptions
@@ -61,11 +62,10 @@ def _central(source: AnyCameraSource, name: str | None, options: CompareOptions,
 
 
 def _names(sources: tuple[AnyCameraSource, AnyCameraSource], cameras: tuple[str | None, str | None]) -> tuple[str, str]:
-    """Return the names of two files with those of the cameras in them, preceded by the folder if they are equal."""
-    found: list[tuple[str, str]] = []
-    for source, camera, default in zip(sources, cameras, "ab", strict=True):
-        path = Path(source) if isinstance(source, str | PathLike) else Path(default)
-        suffix = f" ({camera})" if camera else ""
-        found.append((path.name + suffix, f"{path.parent.name}/{path.name}{suffix}"))
-    (a, longer_a), (b, longer_b) = found
-    return (a, b) if a != b else (longer_a, longer_b)
+    """Return the names of two files and of the cameras in them, with folders if they are equal, or "a" and "b"."""
+    paths = [Path(s) if isinstance(s, str | PathLike) else Path(name) for s, name in zip(sources, "ab", strict=True)]
+    suffixes = [f" ({camera})" if camera else "" for camera in cameras]
+    a, b = (path.name + suffix for path, suffix in zip(paths, suffixes, strict=True))
+    if a == b:
+        a, b = (label + suffix for label, suffix in zip(image_labels(paths), suffixes, strict=True))
+    return a, b
