@@ -5,6 +5,7 @@ folder, or in the folder of temporary files if it does not exist.
 """
 
 import argparse
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -70,13 +71,18 @@ def render(sequence: RenderedSequence) -> Path:
     return folder
 
 
+def track(folder: Path, *, loops: bool) -> om.OdometryResult:
+    """Return the odometry of a rendered sequence, in which loops are closed on request."""
+    rig, options = folder / "rig.json", om.OdometryOptions(loops=loops)
+    if rig.exists():
+        return om.odometry(folder, rig=rig, options=options)
+    return om.odometry(folder / "images", folder / "camera.json", options=options)
+
+
 def row(sequence: RenderedSequence) -> str:
     """Return the row of a sequence in the table."""
     folder = render(sequence)
-    if sequence.camera == "rig":
-        result = om.odometry(folder, rig=folder / "rig.json")
-    else:
-        result = om.odometry(folder / "images", folder / "camera.json")
+    result = track(folder, loops=True)
     true = read_trajectory(folder / "poses.txt").poses
     found = [pose.rig_from_world.inverse() for pose in result.trajectory]
     score = errors(found, [true[pose.frame] for pose in result.trajectory])
@@ -98,8 +104,12 @@ def compare_colmap(sequences: Sequence[RenderedSequence]) -> None:
     print(motion_colmap.HEADER)
     for sequence in sequences:
         folder = render(sequence)
-        true = read_trajectory(folder / "poses.txt").poses
-        motion_colmap.print_comparison(f"{sequence.scene}, {sequence.camera}", folder, true)
+        true, start = read_trajectory(folder / "poses.txt").poses, time.perf_counter()
+        found = track(folder, loops=False).trajectory
+        seconds, label = time.perf_counter() - start, f"{sequence.scene}, {sequence.camera}"
+        poses = {pose.frame: pose.rig_from_world for pose in found}
+        print(motion_colmap.row(label, "omnisight", poses, true, seconds), flush=True)
+        print(motion_colmap.colmap_row(label, folder, sequence.camera, true), flush=True)
 
 
 def main(arguments: list[str]) -> None:

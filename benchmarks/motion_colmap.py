@@ -9,11 +9,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-import omnisight as om
 from benchmarks.motion_score import errors
 from benchmarks.own_process import run_module
+from benchmarks.sfm_methods import printed_poses
 from omnisight.geometry.pose import Pose
 
 HEADER = (
@@ -21,29 +19,16 @@ HEADER = (
 )
 
 
-def print_comparison(label: str, folder: Path, true: Sequence[Pose]) -> None:
-    """Print the rows of both methods on a rendered sequence."""
-    start = time.perf_counter()
-    rig = folder / "rig.json"
-    options = om.OdometryOptions(loops=False)
-    is_rig = rig.exists()
-    result = (
-        om.odometry(folder, rig=rig, options=options)
-        if is_rig
-        else om.odometry(folder / "images", folder / "camera.json", options=options)
-    )
-    seconds = time.perf_counter() - start
-    print(row(label, "omnisight", {p.frame: p.rig_from_world for p in result.trajectory}, true, seconds), flush=True)
-    is_sphere = not is_rig and om.load(folder / "camera.json").model.name == "equirectangular"
-    method = f"pycolmap {'360' if is_sphere else 'cube rig'}, incremental"
+def colmap_row(label: str, folder: Path, camera: str, true: Sequence[Pose]) -> str:
+    """Return the row of pycolmap on a rendered sequence of a kind of camera."""
+    method = f"pycolmap {'360' if camera == 'sphere' else 'cube rig'}, incremental"
     start = time.perf_counter()
     try:
         rows = run_module("benchmarks.sfm_methods", [method, str(folder)])
     except RuntimeError as error:
-        print(f"| {label} | {method} | failed: {str(error).splitlines()[-1]} | | | | |", flush=True)
-        return
-    poses = {int(r[1]): Pose.of_matrix(np.array(r[2:], float).reshape(3, 4)) for r in rows if r[0] == "pose"}
-    print(row(label, method, poses, true, time.perf_counter() - start), flush=True)
+        return f"| {label} | {method} | failed: {str(error).splitlines()[-1]} | | | | |"
+    poses = {frame: Pose.of_matrix(matrix) for frame, matrix in printed_poses(rows).items()}
+    return row(label, method, poses, true, time.perf_counter() - start)
 
 
 def row(label: str, method: str, rig_from_world: dict[int, Pose], true: Sequence[Pose], seconds: float) -> str:

@@ -23,7 +23,7 @@ import omnisight as om
 from benchmarks.features_pairs import cameras
 from benchmarks.own_process import run_module
 from benchmarks.rendered_images import image_cache
-from benchmarks.sfm_methods import METHODS, frame_count
+from benchmarks.sfm_methods import METHODS, frame_count, printed_poses
 from benchmarks.sfm_score import PoseErrors, pose_errors
 from omnisight.geometry.pose import Pose
 from omnisight.simulation.example_rigs import back_to_back
@@ -120,7 +120,7 @@ def run(method: str, folder: Path) -> Score | str:
         rows = run_module("benchmarks.sfm_methods", [method, str(folder)])
     except RuntimeError as error:
         return str(error).splitlines()[-1]
-    poses = {int(row[1]): np.array(row[2:], float).reshape(3, 4) for row in rows if row[0] == "pose"}
+    poses = printed_poses(rows)
     points, *values = next(row[1:] for row in rows if row[0] == "result")
     return Score(len(poses), errors(folder, poses), int(points), *(float(value) for value in values))
 

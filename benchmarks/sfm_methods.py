@@ -7,7 +7,7 @@ of points, the rms of the residuals, px, the time, seconds, and the peak memory,
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -192,6 +192,11 @@ METHODS: dict[str, Callable[[Path], Model]] = {
     "pycolmap cube rig, incremental": lambda folder: colmap_views(folder, "incremental"),
     "pycolmap cube rig, global": lambda folder: colmap_views(folder, "global"),
 }
+
+
+def printed_poses(rows: Sequence[Sequence[str]]) -> dict[int, Array]:
+    """Return the poses rig_from_world (3, 4) of frames that `main` printed, of the words of its lines."""
+    return {int(row[1]): np.array(row[2:], float).reshape(3, 4) for row in rows if row[0] == "pose"}
 
 
 def main(method: str, folder: str) -> None:
