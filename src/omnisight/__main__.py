@@ -1,5 +1,5 @@
 """`python -m omnisight` is the command line."""
 
-from omnisight.cli import main
+from omnisight.cli import run
 
-main()
+run()

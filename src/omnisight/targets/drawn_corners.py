@@ -29,7 +29,9 @@ def has_drawn_corners(image: NDArray[Any], pixels: NDArray[np.float64]) -> bool:
     height, width = bgr.shape[:2]
     x, y = np.clip(np.rint(pixels).astype(int), 0, [width - 1, height - 1]).T
     neighbourhood = np.ones((2 * RADIUS + 1, 2 * RADIUS + 1), np.uint8)
-    vivid = (bgr.max(axis=2) - bgr.min(axis=2) > MIN_CHROMA).astype(np.uint8)
+    blue, green, red = cv2.split(bgr)
+    chroma = cv2.max(cv2.max(blue, green), red) - cv2.min(cv2.min(blue, green), red)
+    vivid = (chroma > MIN_CHROMA).astype(np.uint8)
     if cv2.dilate(vivid, neighbourhood)[y, x].mean() < MIN_CORNER_SHARE:
         return False
     near = np.zeros((height, width), np.uint8)
