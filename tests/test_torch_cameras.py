@@ -26,7 +26,9 @@ def code(request, monkeypatch):
     if request.param == "kernels":
         monkeypatch.setattr("omnisight.torch.camera.fast_code", lambda *_: fused_kernels)
         monkeypatch.setattr(torch, "compile", lambda function, **_: function)
-        for kernel in (fused_kernels.values_kernel, fused_kernels.gradients_kernel, fused_kernels.map_kernel):
+        monkeypatch.setattr(fused_kernels, "EXAMPLES", 4)
+        kernels = "values_kernel", "gradients_kernel", "map_kernel"
+        for kernel in map(fused_kernels.__dict__.get, kernels):
             monkeypatch.setattr(fused_kernels, kernel.__name__, kernel.__wrapped__)
 
 

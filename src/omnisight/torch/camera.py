@@ -210,6 +210,8 @@ class Camera(nn.Module):
         code = fast_code(self._is_fused, array, *function.parameters)
         if code is None:
             return function.evaluate(array)
+        if not (torch.is_grad_enabled() and any(x.requires_grad for x in (array, *function.parameters))):
+            return code.values(function, array)
         return Evaluation.apply(code, function, array, *function.parameters)
 
 

@@ -12,12 +12,12 @@ from torch import Tensor
 
 from omnisight.torch import compiled_loops, fused_kernels
 from omnisight.torch.formulas import BoundFormula
-from omnisight.torch.tensor_functions import has_forward_derivative, is_traced
+from omnisight.torch.tensor_functions import is_transformed
 
 
 def fast_code(fused: bool, *tensors: Tensor) -> Any:
     """Return the module that evaluates functions of these inputs, or None for the formulas; `fused` allows kernels."""
-    if any(is_traced(x) or has_forward_derivative(x) for x in tensors):
+    if is_transformed():
         return None
     devices = {x.device.type for x in tensors}
     if devices == {"cpu"}:

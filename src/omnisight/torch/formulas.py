@@ -48,6 +48,10 @@ class Formula:
         The class of the model.
     fields
         Names of its parameters.
+    parameter_count, vector_length
+        Number of values of the parameters, and of these and the constants.
+    has_tables
+        Whether some of these are vectors.
     """
 
     def __init__(self, method: Method, model: CameraModel) -> None:
@@ -57,7 +61,8 @@ class Formula:
         parameters, constants = {name: getattr(model, name) for name in self.fields}, domain_constants(model)
         self._shapes = {name: np.shape(value) for name, value in (parameters | constants).items()}
         self._counts = [int(np.prod(shape)) for shape in self._shapes.values()]
-        self._constant_count = sum(self._counts[len(self.fields) :])
+        self.parameter_count, self.vector_length = sum(self._counts[: len(self.fields)]), sum(self._counts)
+        self.has_tables = any(self._shapes.values())
         # Compiled loops take tuples as they are, unless their kernel has arrays in their place.
         taken = self.model.kernel_type._fields
         self._unbound = [name for name in self.fields if name in taken and isinstance(getattr(model, name), tuple)]
@@ -99,7 +104,9 @@ class Formula:
 
     def vector(self, array: Tensor, parameters: Sequence[Tensor]) -> Tensor:
         """Return the parameters and the constants in one vector of the type of an array."""
-        constants = constants_vector([p.detach() for p in parameters], self.model.name, self._constant_count)
+        constants = constants_vector(
+            [p.detach() for p in parameters], self.model.name, self.vector_length - self.parameter_count
+        )
         parts = *(parameter.reshape(-1) for parameter in parameters), constants
         return torch.cat([part.to(array.dtype) for part in parts])
 

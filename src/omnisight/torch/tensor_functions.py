@@ -18,6 +18,13 @@ def is_traced(x: Any) -> bool:
     return torch.compiler.is_compiling() or functorch.is_functorch_wrapped_tensor(x)
 
 
+def is_transformed() -> bool:
+    """Return whether `torch.compile`, `torch.func` or `torch.autograd.forward_ad` is at work on any tensors."""
+    functorch: Any = torch._C._functorch  # pyright: ignore[reportPrivateUsage, reportAttributeAccessIssue]
+    level = forward_ad._current_level  # pyright: ignore[reportPrivateUsage]
+    return torch.compiler.is_compiling() or level >= 0 or functorch.peek_interpreter_stack() is not None
+
+
 def has_forward_derivative(x: torch.Tensor) -> bool:
     """Return whether a tensor has a tangent of `torch.autograd.forward_ad`."""
     return forward_ad.unpack_dual(x).tangent is not None
