@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from omnisight.geometry.rotation import exp
-from omnisight.sfm.position_averaging import EdgeDistances, RelativePositions, average_log_scales, average_positions
+from omnisight.sfm.position_averaging import RelativePositions, average_positions
 from omnisight.sfm.rotation_averaging import RelativeRotations, average_rotations
+from omnisight.sfm.scale_averaging import DistanceTable, EdgeDistances, average_log_scales
 from sfm.worlds import circle_of_poses, unit
 
 
@@ -59,6 +60,11 @@ def test_edges_that_agree_with_each_other_do_not_outvote_one_with_more_support()
     assert not np.allclose(equal.rig_from_world, true, atol=0.1)
 
 
+def edge_distances(keypoints, log_distances):
+    sigma = np.full(len(keypoints), 0.02, np.float32)
+    return EdgeDistances(keypoints.astype(np.int32), log_distances.astype(np.float32), sigma)
+
+
 def test_relative_scales_of_a_straight_path_follow_from_common_points():
     """Four cameras on a line: the directions of the edges do not determine the lengths."""
     rng, positions = np.random.default_rng(0), np.array([0.0, 1.0, 1.5, 3.5])
@@ -69,10 +75,9 @@ def test_relative_scales_of_a_straight_path_follow_from_common_points():
         length = positions[b] - positions[a]
         from_both = np.linalg.norm(points - centers[:, None], axis=2) / length
         from_both[:, :20] *= 3  # wrong matches
-        index = np.tile(np.arange(200), 2)
-        camera = np.repeat([a, b], 200)
-        distances.append(EdgeDistances(camera, index, np.log(from_both).ravel(), np.full(400, 0.02)))
-    log_scales, _, component = average_log_scales(distances)
+        keypoints = np.concatenate([200 * a + np.arange(200), 200 * b + np.arange(200)])
+        distances.append(edge_distances(keypoints, np.log(from_both).ravel()))
+    log_scales, _, component = average_log_scales(DistanceTable.of(distances, 800))
     lengths = np.array([positions[b] - positions[a] for a, b in ends])
     np.testing.assert_allclose(np.exp(log_scales), lengths / lengths[0], rtol=1e-6)
     assert component.tolist() == [0, 0, 0, 0]
@@ -80,10 +85,11 @@ def test_relative_scales_of_a_straight_path_follow_from_common_points():
 
 def test_edges_without_a_common_point_are_in_different_components():
     def edge(a, b, keypoints):
-        one = np.ones(2 * len(keypoints))
-        return EdgeDistances(np.repeat([a, b], len(keypoints)), np.tile(keypoints, 2), 0 * one, 0.02 * one)
+        both = np.concatenate([10 * a + np.array(keypoints), 10 * b + np.array(keypoints)])
+        return edge_distances(both, np.zeros(len(both)))
 
-    component = average_log_scales([edge(0, 1, [1, 2]), edge(1, 2, [3, 4]), edge(2, 3, [4, 5])])[2]
+    edges = [edge(0, 1, [1, 2]), edge(1, 2, [3, 4]), edge(2, 3, [4, 5])]
+    component = average_log_scales(DistanceTable.of(edges, 40))[2]
     assert component[1] == component[2] != component[0]
 
 

@@ -18,8 +18,8 @@ from omnisight.sfm.missing_matches import (
     predicted_matches,
     predicted_matches_of_edges,
 )
-from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.scale_averaging import PointDistances
 from omnisight.sfm.view_graph import match_pairs
 from sfm.worlds import observe, similarity_errors, unit
 

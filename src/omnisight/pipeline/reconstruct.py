@@ -32,10 +32,10 @@ from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.mapping import Map, map_images, refine_with_ray_cameras
-from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction, covariances
 from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.scale_averaging import PointDistances
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph, match_pairs, overlapping_pairs
 
 Pairs = list[tuple[int, int]]

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from omnisight.parallel import parallel_map
 from omnisight.sfm.missing_matches import missing_matches, predicted_matches_of_edges, supporting_matches
-from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.scale_averaging import PointDistances
 from omnisight.sfm.view_graph import Edge, ViewGraph, match_pair
 
 Indices = NDArray[np.intp]

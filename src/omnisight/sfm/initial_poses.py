@@ -20,16 +20,10 @@ from omnisight.sfm.missing_matches import (
     missing_matches,
     predicted_matches,
 )
-from omnisight.sfm.position_averaging import (
-    MIN_DIRECTION_SIGMA,
-    MIN_LOG_SIGMA,
-    PointDistances,
-    RelativePositions,
-    average_log_scales,
-    average_positions,
-)
+from omnisight.sfm.position_averaging import MIN_DIRECTION_SIGMA, RelativePositions, average_positions
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.rotation_averaging import RelativeRotations, average_rotations
+from omnisight.sfm.scale_averaging import MIN_LOG_SIGMA, PointDistances, average_log_scales
 from omnisight.sfm.view_graph import Edge, ViewGraph
 from omnisight.twoview.motion_model import largest_sigma_deg
 
@@ -151,8 +145,8 @@ def _place(
 ) -> _Placement:
     """Average the positions of the largest part of a view graph whose rotations (F, 3, 3) are known."""
     _, edges = largest_component(graph.edges, images)
-    distances = points.of(edges)
-    log_scales, log_sigma, component = average_log_scales(distances)
+    distances, table = points.of(edges), points.table(edges)
+    log_scales, log_sigma, component = average_log_scales(table)
     use = np.flatnonzero(component == np.bincount(component).argmax())
     placed, _ = largest_component([edges[i] for i in use], images)
     use = use[np.isin(images.frame[[edges[i].a for i in use]], placed)]
@@ -164,7 +158,9 @@ def _place(
     gap = positions[relative.b] - positions[relative.a] + relative.arm - relative.displacement / unit
     far = np.exp([np.median(each.log_distance) + scale for each, scale in zip(distances, log_scales[use], strict=True)])
     agrees = np.linalg.norm(gap, axis=1) <= AGREEING_GAP * far / unit
-    known = known_points(distances, log_scales[use] - np.log(unit), points.keypoints)
+    of_placed = np.full(len(log_scales), np.nan)
+    of_placed[use] = log_scales[use] - np.log(unit)
+    known = known_points(points, table.medians(of_placed))
     translations = -np.einsum("nij,nj->ni", of_frame, positions)
     poses = np.concatenate([of_frame, translations[:, :, None]], axis=2)
     return _Placement(placed, poses, _select(edges, agrees), known)

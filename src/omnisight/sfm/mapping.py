@@ -18,9 +18,9 @@ from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
-from omnisight.sfm.position_averaging import PointDistances
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.scale_averaging import PointDistances
 from omnisight.sfm.tracks import Tracks, build_tracks
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph
 

@@ -6,7 +6,7 @@ Zach et al., What can missing correspondences tell us about 3D structure and mot
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple, Self
 
@@ -17,8 +17,8 @@ from scipy.spatial import KDTree
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.parallel import parallel_map
-from omnisight.sfm.incidence import grouped, spanning_tree, unique_edges
-from omnisight.sfm.position_averaging import EdgeDistances, PointDistances, average_log_scales, edge_distances
+from omnisight.sfm.incidence import spanning_tree, unique_edges
+from omnisight.sfm.scale_averaging import PointDistances, average_log_scales
 from omnisight.sfm.spanning_forest import SpanningForest
 from omnisight.sfm.view_graph import Edge
 
@@ -125,9 +125,9 @@ def predicted_matches_of_edges(edges: Sequence[Edge], points: PointDistances) ->
     """Return the matches that the relative poses of edges with a translation predict."""
     if not edges:
         return []
-    distances = points.of(edges)
-    log_scales, _, _ = average_log_scales(distances)
-    known = known_points(distances, log_scales, points.keypoints)
+    table = points.table(edges)
+    log_scales, _, _ = average_log_scales(table)
+    known = known_points(points, table.medians(log_scales))
 
     def predict(edge: Edge, scale: float) -> PredictedMatches:
         b_from_a = Pose(edge.b_from_a.rotation, scale * edge.b_from_a.translation)
@@ -151,10 +151,13 @@ def predicted_matches_of_edge(edge: Edge, keypoints: Sequence[Keypoints]) -> Pre
 
     All points are at infinity if the direction of its translation or all distances are unknown.
     """
-    if edge.has_translation and len((distances := edge_distances(edge, keypoints)).camera):
-        known = known_points([distances], np.zeros(1), keypoints)
-        return predicted_matches(known[edge.a], known[edge.b], edge.b_from_a, edge.pairs)
-    a, b = (KnownPoints.at_infinity(keypoints[image].bearings) for image in edge.images)
+    ends = [keypoints[image] for image in edge.images]
+    moving = replace(edge, a=0, b=1)
+    points = PointDistances(ends)
+    if edge.has_translation and points.of([moving])[0].keypoint.size:
+        of_a, of_b = known_points(points, points.table([moving]).medians(np.zeros(1)))
+        return predicted_matches(of_a, of_b, edge.b_from_a, edge.pairs)
+    a, b = (KnownPoints.at_infinity(each.bearings) for each in ends)
     return predicted_matches(a, b, Pose(edge.b_from_a.rotation), edge.pairs)
 
 
@@ -219,20 +222,15 @@ def contradicted_links(count: int, links: Links, missing: Links) -> NDArray[np.b
     return forest.separates(worst, links.a, links.b) & (ratio[worst] > 1.0)
 
 
-def known_points(
-    distances: Sequence[EdgeDistances], log_scales: Array, keypoints: Sequence[Keypoints]
-) -> list[KnownPoints | None]:
-    """Return the keypoints of each image with the medians of their distances from all edges; None without any."""
-    image, keypoint = (np.concatenate([getattr(each, name) for each in distances]) for name in ("camera", "keypoint"))
-    logarithm = np.concatenate([each.log_distance + scale for each, scale in zip(distances, log_scales, strict=True)])
-    order = np.lexsort((logarithm, keypoint, image))
-    image, keypoint, logarithm = image[order], keypoint[order], logarithm[order]
-    starts = np.flatnonzero(np.append(True, (np.diff(image) != 0) | (np.diff(keypoint) != 0)))
-    middle = (starts + np.append(starts[1:], len(image))) // 2
-    found: list[KnownPoints | None] = [None] * len(keypoints)
-    for i, use in grouped(image[starts]):
-        found[i] = KnownPoints.of(keypoints[i].bearings, keypoint[starts[use]], np.exp(logarithm[middle[use]]))
-    return found
+def known_points(points: PointDistances, log_distances: Array) -> list[KnownPoints | None]:
+    """Return the keypoints of each image with known logarithms of distances, NaN if unknown; None without any."""
+
+    def of_image(image: int) -> KnownPoints | None:
+        distances = np.exp(log_distances[points.offsets[image] : points.offsets[image + 1]])
+        known = np.flatnonzero(np.isfinite(distances))
+        return KnownPoints.of(points.keypoints[image].bearings, known, distances[known]) if len(known) else None
+
+    return parallel_map(of_image, range(len(points.keypoints)))
 
 
 def _cell(directions: Array) -> Indices:

@@ -1,28 +1,15 @@
-"""Positions of cameras with known orientations from the directions and the relative scales of pairs of images.
+"""Positions of cameras with known orientations from the directions and the relative scales of pairs of images."""
 
-The distance of a point from a camera is known up to the scale of each pair that triangulates it. Pairs that share a
-camera and keypoints thus have known relative scales, also along a straight path, where directions alone do not
-determine positions.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array, hstack, kron
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array, diags_array, hstack, kron
 from scipy.sparse.linalg import spsolve
 
-from omnisight.features import Keypoints
-from omnisight.geometry.pose import Pose
-from omnisight.optim.block_matrix import BlockPattern
-from omnisight.optim.multifrontal import MultifrontalFactor, fronts_of
-from omnisight.parallel import parallel_map
 from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
-from omnisight.sfm.view_graph import Edge
-from omnisight.twoview.triangulation import triangulate
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,115 +21,8 @@ ROUNDS = 15
 SCALES, OUTSIDE_TREE = (*(100.0 * 0.5**k for k in range(5)), *[5.0] * 3), 1e-6
 # Gap of a triangle of correct displacements, relative to its longest side.
 MAX_TRIANGLE_GAP = 0.1
-# Standard deviation of the logarithm of a distance above which it is not Gaussian, and its mean is wrong.
-MAX_LOG_SIGMA = 0.3
-# Noise of a logarithm of a scale or distance besides that of triangulation, and of a direction, radians.
-MIN_LOG_SIGMA, MIN_DIRECTION_SIGMA = 0.02, 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class EdgeDistances:
-    """Distances of the points that an edge triangulates with a baseline of length 1.
-
-    Attributes
-    ----------
-    camera, keypoint
-        (D,) indices of the camera from which the distance is, and of its keypoint.
-    log_distance, sigma
-        (D,) logarithm, and its standard deviation.
-    """
-
-    camera: Indices
-    keypoint: Indices
-    log_distance: Array
-    sigma: Array
-
-
-class PointDistances:
-    """Distances of the points of edges. Each edge is triangulated once.
-
-    Attributes
-    ----------
-    keypoints
-        Keypoints of all images.
-    """
-
-    def __init__(self, keypoints: Sequence[Keypoints]) -> None:
-        self.keypoints = keypoints
-        self._known: dict[Edge, EdgeDistances] = {}
-
-    def of(self, edges: Sequence[Edge]) -> list[EdgeDistances]:
-        """Return the distances of the points of each edge."""
-        new = [edge for edge in edges if edge not in self._known]
-        self._known |= zip(new, parallel_map(lambda edge: edge_distances(edge, self.keypoints), new), strict=True)
-        return [self._known[edge] for edge in edges]
-
-
-def edge_distances(edge: Edge, keypoints: Sequence[Keypoints]) -> EdgeDistances:
-    """Triangulate the inliers of an edge, and return the well-known distances from both cameras."""
-    ends = (keypoints[edge.a], edge.pairs[:, 0]), (keypoints[edge.b], edge.pairs[:, 1])
-    poses = [Pose(), edge.b_from_a]
-    bearings, covariance = (np.stack([getattr(k, name)[i] for k, i in ends]) for name in ("bearings", "covariance"))
-    found = triangulate(poses, bearings, covariance)
-    use = np.flatnonzero(found.valid)
-    parts: list[tuple[Indices, Indices, Array, Array]] = []
-    for side, (image, pose) in enumerate(zip((edge.a, edge.b), poses, strict=True)):
-        points = pose @ found.points[use]
-        distance = np.linalg.norm(points, axis=1)
-        along = (points / distance[:, None]) @ pose.rotation
-        variance = np.einsum("ni,nij,nj->n", along, found.covariance[use], along)
-        sigma = np.sqrt(np.maximum(variance, 0.0)) / distance
-        known = sigma <= MAX_LOG_SIGMA
-        keypoint, sigma = edge.pairs[use[known], side], np.hypot(sigma[known], MIN_LOG_SIGMA)
-        parts.append((np.full(len(keypoint), image, np.intp), keypoint, np.log(distance[known]), sigma))
-    return EdgeDistances(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-
-
-def average_log_scales(distances: Sequence[EdgeDistances]) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Return the logarithms (E,) of the scales of edges, their standard deviations, and the component of each edge.
-
-    Minimize the sum of |log d + log s_e - log D_k| / sigma over all distances d of the keypoints k, whose true
-    distances D are eliminated. Edges without a common keypoint are in different components; in each, the first has the
-    scale 1.
-    """
-    from omnisight.optim._multifrontal_kernel import add_deviations
-
-    edge = np.repeat(np.arange(len(distances)), [len(d.camera) for d in distances])
-    camera, keypoint, values, sigma = (
-        np.concatenate([getattr(d, name) for d in distances])
-        for name in ("camera", "keypoint", "log_distance", "sigma")
-    )
-    _, node = np.unique(camera * (keypoint.max(initial=0) + 1) + keypoint, return_inverse=True)
-    order, edges = np.argsort(node, kind="stable"), len(distances)
-    edge, node, values, sigma = edge[order], node[order], values[order], sigma[order]
-    starts = np.searchsorted(node, np.arange(int(node.max(initial=-1)) + 2))
-    incidence = csr_array((np.ones(len(edge), bool), edge, starts), shape=(len(starts) - 1, edges))
-    pattern = BlockPattern.of_incidence(np.arange(edges + 1), incidence)
-    linked = coo_array((np.ones(len(pattern.row), bool), (pattern.row, pattern.column)), shape=(edges, edges))
-    component = connected_components(linked, directed=False)[1]
-    anchors, fronts = np.unique(component, return_index=True)[1], fronts_of(pattern)
-    by_edge = np.concatenate([[0], np.cumsum(np.bincount(edge, minlength=edges))]), np.argsort(edge, kind="stable")
-
-    def mean(weights: Array, quantity: Array) -> Array:
-        """Return the weighted mean of a quantity (D,) of the distances of the same keypoint."""
-        total = np.add.reduceat(weights, starts[:-1])
-        return (np.add.reduceat(weights * quantity, starts[:-1]) / total)[node]
-
-    def solve(weights: Array) -> tuple[Array, Array]:
-        """Return scales (E,) and residuals (D,)."""
-        matrix, fixing = pattern.zeros(), np.zeros(edges)
-        add_deviations(matrix.values, pattern.row_starts, pattern.column, starts, edge, weights, *by_edge, node)
-        # Only differences of scales are determined, so that any weight of the anchors makes their scales zero.
-        fixing[anchors] = 1.0 + np.bincount(edge, weights, minlength=edges)[anchors]
-        matrix.add_diagonal(fixing)
-        right = np.asarray(np.bincount(edge, weights * (mean(weights, values) - values), minlength=edges), float)
-        scales = MultifrontalFactor.of(matrix, fronts).solve(right)
-        shifted = values + scales[edge]
-        return scales, shifted - mean(weights, shifted)
-
-    scales, _, weights = _reweighted(solve, 1 / sigma**2, sigma)
-    information = np.bincount(edge, weights, minlength=edges)
-    return scales, 1 / np.sqrt(np.maximum(information, 1e-300)), component.astype(np.intp)
+# Noise of a direction besides that of the relative pose, radians.
+MIN_DIRECTION_SIGMA = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
