@@ -79,6 +79,7 @@ def design(
     from omnisight.cli._size import parse_size
     from omnisight.pipeline.design import DesignOptions
     from omnisight.pipeline.design import design as design_camera
+    from omnisight.targets.length import parse_length
 
     if hfov != 360:
         raise ValueError(
@@ -96,12 +97,12 @@ def design(
         up,
         down,
         parse_size(sensor, "--sensor"),
-        _length("--pixel", pixel),
-        focal=None if focal is None else _length("--focal", focal),
-        diameter=None if diameter is None else _length("--diameter", diameter),
-        distance=None if distance is None else _length("--distance", distance),
-        body=_length("--body", body),
-        working_distance=_length("--working-distance", working_distance),
+        parse_length(pixel, "--pixel"),
+        focal=None if focal is None else parse_length(focal, "--focal"),
+        diameter=None if diameter is None else parse_length(diameter, "--diameter"),
+        distance=None if distance is None else parse_length(distance, "--distance"),
+        body=parse_length(body, "--body"),
+        working_distance=parse_length(working_distance, "--working-distance"),
     )
     result = design_camera(options)
     written: list[Path] = []
@@ -122,12 +123,3 @@ def design(
         print_json(result)
     else:
         print_report(result, written)
-
-
-def _length(option: str, text: str) -> float:
-    from omnisight.targets.length import parse_length
-
-    try:
-        return parse_length(text)
-    except ValueError as error:
-        raise ValueError(f"{option}: {error}") from None

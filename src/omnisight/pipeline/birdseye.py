@@ -158,7 +158,7 @@ def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions
     given = load_masks(options.masks, rig.names, sizes)
     masks = [_used(image, rig, k, given[k]) for k, image in enumerate(images)]
     hidden = vehicle_occlusion(calibration.rig, view, options.vehicle)
-    feather = parse_length(options.blend) / view.meters_per_pixel
+    feather = parse_length(options.blend, "--blend") / view.meters_per_pixel
     remapper = SurroundRemapper(calibration.rig, view.points(), feather_px=feather, hidden=hidden, masks=masks)
     for name, seen in zip(rig.names, remapper.maps, strict=True):
         if not seen.visible.any():
@@ -172,13 +172,15 @@ def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions
 def ground_view(rig: Rig, options: BirdseyeOptions) -> GroundView:
     """Return the view of a rig in the ground frame: the rectangle of its cameras and a margin."""
     left, right, back, front = camera_rectangle(rig)
-    margin = parse_length(options.margin)
+    margin = parse_length(options.margin, "--margin")
     bowl = None
     if options.bowl is not None:
-        flat = parse_length(options.bowl)
+        flat = parse_length(options.bowl, "--bowl")
         half = max(-left, right) + flat, max(-back, front) + flat
         bowl = Bowl(half, flat)
-    return GroundView(parse_length(options.pixel), (left - margin, right + margin, back - margin, front + margin), bowl)
+    return GroundView(
+        parse_length(options.pixel, "--pixel"), (left - margin, right + margin, back - margin, front + margin), bowl
+    )
 
 
 def load_images(images: ImageSources, rig: Rig, options: BirdseyeOptions) -> list[Image]:

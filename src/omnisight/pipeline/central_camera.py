@@ -116,7 +116,7 @@ def _parse_distance(text: str, unit: str) -> float:
     if unit == "m":
         from omnisight.targets.length import parse_length  # takes 0.3 s to import
 
-        return parse_length(text)
+        return parse_length(text, "--distance")
     match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*(squares?)?\s*", text)
     if match is None or not float(match[1]) > 0:
         raise ValueError(f"--distance {text}: the lengths of this camera are in squares of its board: 20squares")

@@ -60,7 +60,7 @@ def ground_rig(rig: Rig, images: Sequence[NDArray[Any]], options: BirdseyeOption
         board = DetectOptions(pattern=options.pattern, square=options.square, target=options.target)
         return _checked(rig_on_board(rig, options.ground_board, board), options)
     if options.height is not None:
-        rig = _at_height(rig, parse_length(options.height), options.pitch, options.roll)
+        rig = _at_height(rig, parse_length(options.height, "--height"), options.pitch, options.roll)
     return _checked(GroundCalibration(rig, {}, {}), options)
 
 

@@ -45,7 +45,7 @@ class ImageOptions(Displayed):
         if self.pattern is not None and self.squares is not None:
             raise ValueError("specify either --pattern, the inner corners, or --squares, one more each way")
         if self.square is not None:
-            parse_length(self.square)
+            parse_length(self.square, "--square")
         if self.squares is not None:
             return Checkerboard.of_squares(self.squares, square=self.square)
         return None if self.pattern is None else Checkerboard.parse(self.pattern, square=self.square)
@@ -55,7 +55,7 @@ class ImageOptions(Displayed):
         """Side of a square, metres."""
         from omnisight.targets import parse_length
 
-        return None if self.square is None else parse_length(self.square)
+        return None if self.square is None else parse_length(self.square, "--square")
 
     def check_one_board(self) -> None:
         """Raise `ValueError` if a pattern or square is specified besides a target."""

@@ -45,7 +45,7 @@ class MetricWorld:
         if sources.has_scale:
             raise ValueError("the distances between the cameras of the rig determine the scale: leave scale out")
         a, b, length = options.scale
-        return cls(distance=(image_named(files, a), image_named(files, b), parse_length(length)))
+        return cls(distance=(image_named(files, a), image_named(files, b), parse_length(length, "--scale")))
 
     @property
     def is_known(self) -> bool:

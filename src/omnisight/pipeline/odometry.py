@@ -227,7 +227,7 @@ def _run(
 ) -> OdometryResult:
     """Track the frames of a sequence, close loops, and determine the scale."""
     start = time.perf_counter()
-    known = ScaleSources.of(options)
+    known = ScaleSources.of(options, len(sequence.files))
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
     started, frames = start, 0
     with ExitStack() as stack:

@@ -74,16 +74,25 @@ class ScaleSources:
     _heights: list[GroundHeight] = field(default_factory=list[GroundHeight], repr=False)
 
     @classmethod
-    def of(cls, options: OdometryOptions) -> Self:
-        """Read the files of the options; raise ValueError if one cannot be read, or a length has no unit."""
+    def of(cls, options: OdometryOptions, images: int = 0) -> Self:
+        """Read the files of the options, given the number of images, 0 if unknown.
+
+        Raises
+        ------
+        ValueError
+            If a file cannot be read, a length has no unit, or there is no image of a number.
+        """
         x, y, z = (look(up=options.up).T @ np.array([0.0, 1.0, 0.0])).tolist()
         pair = options.distance
+        if pair is not None and (pair[0] == pair[1] or not all(0 <= n < (images or np.inf) for n in pair[:2])):
+            numbers = f"0 to {images - 1}" if images else "from 0"
+            raise ValueError(f"--distance {' '.join(map(str, pair))}: specify two images by their numbers, {numbers}")
         return cls(
-            None if options.height is None else parse_length(options.height),
+            None if options.height is None else parse_length(options.height, "--height"),
             (x, y, z),
             None if options.wheels is None else read_wheels(options.wheels),
             None if options.imu is None else read_imu(options.imu),
-            None if pair is None else (pair[0], pair[1], parse_length(pair[2])),
+            None if pair is None else (pair[0], pair[1], parse_length(pair[2], "--distance")),
         )
 
     def observe(self, result: FrameResult, tracking: Odometry) -> None:

@@ -84,7 +84,7 @@ def plan_frames(
 def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:
     """Return the samplers for the specified or estimated distance, and that distance."""
     if at not in ("auto", "inf"):
-        distance = parse_length(at)
+        distance = parse_length(at, "--at")
         return [dataclasses.replace(s, distance=distance) for s in samplers], distance
     baseline = max(float(np.linalg.norm(s.sensor_from_rig.translation)) for s in samplers)
     if at == "inf" or baseline == 0:

@@ -45,7 +45,7 @@ def vehicle_occlusion(rig: Rig, view: GroundView, vehicle: str) -> list[Mask] | 
     rectangle = camera_rectangle(rig)
     size = re.fullmatch(r"\s*([\d.]+\s*[a-z]+)\s*x\s*([\d.]+\s*[a-z]+)\s*", vehicle.lower())
     if size is not None:
-        rectangle = _centred(rectangle, parse_length(size[1]), parse_length(size[2]))
+        rectangle = _centred(rectangle, parse_length(size[1], "--vehicle"), parse_length(size[2], "--vehicle"))
     elif vehicle != "auto":
         if not Path(vehicle).is_file():
             raise ValueError(

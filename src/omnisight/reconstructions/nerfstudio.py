@@ -47,5 +47,6 @@ def _camera(reconstruction: Reconstruction, sensor: int) -> dict[str, Any]:
     try:
         fields = json.loads(serialize(camera)[0])
     except ValueError as error:
-        raise ValueError(f"camera {name}: nerfstudio {error}; or export --to splat") from error
+        model = camera.model.name
+        raise ValueError(f"camera {name}: nerfstudio cannot represent {model}: --to splat exports views") from error
     return {key: value for key, value in fields.items() if key not in ("frames", *camera.extra)}

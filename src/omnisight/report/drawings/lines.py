@@ -52,7 +52,7 @@ def _draw(calibration: LinesCalibration, image_id: int, image: Any) -> ImageCanv
     for arc in np.flatnonzero(arcs.image_ids == image_id):
         color = GREEN if calibration.line_of_arc[arc] >= 0 else RED
         canvas.polyline(arcs.pixels[arcs.groups[arc]], color, 2)
-    canvas.caption(f"{len(in_image)} lines, rms {calibration.rms:.3f} px")
+    canvas.caption(f"{len(in_image)} lines, rms {calibration.rms:.3f} px; red rejected, blue great circles")
     return canvas
 
 
