@@ -144,11 +144,13 @@ class LinearizedBundle:
 
         cameras, parts = self.cameras, list[ReducedSystem]()
         indices = self.starts, cameras.columns, cameras.groups, cameras.parts
+        terms = int(np.diff(self.starts).max(initial=0)), 3, cameras.columns.shape[1]
 
         def work(first: int, last: int) -> None:
             part = ReducedSystem(cameras.pattern.zeros(), np.zeros(self.count), np.zeros(self.count))
             into = cameras.layout, part.matrix.values, part.right, part.diagonal
-            reduce_points(*indices, *self._jacobian, damping, first, last, *into)
+            memory = np.empty((3, 3)), np.empty(3), np.empty(terms), np.empty(terms)
+            reduce_points(*indices, *self._jacobian, damping, first, last, *into, *memory)
             parts.append(part)
 
         parallel_for(work, len(self.starts) - 1, POINTS_PER_TASK)
