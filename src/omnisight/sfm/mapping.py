@@ -31,6 +31,11 @@ Watch = Callable[[int], None]
 
 # Residuals of inliers in standard deviations. The noise is measured on inliers, so that lower thresholds shrink it.
 MAX_RESIDUAL_SIGMA = 5.0
+# Observations beyond which a track is divided. Matches follow a texture whose keypoint changes with the viewpoint, so
+# that a long chain drifts from its point; and each track connects all its frames in the normal equations. Errors of
+# positions and rotations in 1000 rendered images of a town were 0.013 % and 0.07 degrees without a limit, 0.008 % and
+# 0.09 degrees with 80, and 0.014 % and 0.11 degrees with 40; bundle adjustment took 186, 141 and 88 s.
+MAX_TRACK_LENGTH = 80
 # Least parallax of a point: below, its distance is hardly known, and its covariance not symmetric.
 MIN_PARALLAX_RAD = float(np.radians(0.5))
 # Standard deviation of the residuals of the averaged poses in units of that of the keypoints.
@@ -283,8 +288,11 @@ def _triangulated(current: Map, tracks: Tracks) -> Map:
     """Return the map with the points of all tracks that agree with its poses."""
     from omnisight.sfm._track_kernel import triangulate_tracks
 
+    of_frame = current.rig_from_world[current.row_of_image]
+    centers = -np.einsum("iba,ib->ia", of_frame[:, :, :3], of_frame[:, :, 3])
+    tracks = tracks.divided(centers[tracks.image], MAX_TRACK_LENGTH)
     images, which = current.images, current.images.keypoints(tracks)
-    of_frame = current.rig_from_world[current.row_of_image[tracks.image]]
+    of_frame = of_frame[tracks.image]
     of_sensor = current.sensor_from_rig[images.sensor[tracks.image]]
     rotations = of_sensor[:, :, :3] @ of_frame[:, :, :3]
     translations = np.einsum("mij,mj->mi", of_sensor[:, :, :3], of_frame[:, :, 3]) + of_sensor[:, :, 3]

@@ -45,6 +45,23 @@ class Tracks:
         kept, renumbered = np.unique(track[keep], return_inverse=True)
         return Tracks(renumbered, image[keep], keypoint[keep]), kept
 
+    def divided(self, positions: NDArray[np.float64], longest: int) -> "Tracks":
+        """Divide tracks of more than `longest` observations along the main axis of the positions (M, 3) of cameras."""
+        starts, lengths = self.starts, np.diff(self.starts)
+        if lengths.max(initial=0) <= longest:
+            return self
+        mean = np.add.reduceat(positions, starts[:-1]) / lengths[:, None]
+        offsets = positions - mean[self.track]
+        spread = np.add.reduceat(offsets[:, :, None] * offsets[:, None, :], starts[:-1])
+        axis = np.linalg.eigh(spread)[1][:, :, -1]
+        place = np.empty(len(self.track), np.intp)
+        place[np.lexsort((np.einsum("mi,mi->m", offsets, axis[self.track]), self.track))] = np.arange(len(place))
+        pieces = -(-lengths // longest)
+        piece = (place - starts[self.track]) * pieces[self.track] // lengths[self.track]
+        track = (np.cumsum(pieces) - pieces)[self.track] + piece
+        order = np.lexsort((self.image, track))
+        return Tracks(track[order], self.image[order], self.keypoint[order])
+
 
 def build_tracks(edges: Sequence[Edge], counts: Sequence[int]) -> Tracks:
     """Join the matches of all edges.
