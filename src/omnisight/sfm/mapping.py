@@ -34,7 +34,7 @@ MAX_RESIDUAL_SIGMA = 5.0
 # Observations beyond which a track is divided. Matches follow a texture whose keypoint changes with the viewpoint, so
 # that a long chain drifts from its point; and each track connects all its frames in the normal equations. Errors of
 # positions and rotations in 1000 rendered images of a town were 0.013 % and 0.07 degrees without a limit, 0.008 % and
-# 0.09 degrees with 80, and 0.014 % and 0.11 degrees with 40; bundle adjustment took 186, 141 and 88 s.
+# 0.09 degrees with 80, and 0.014 % and 0.11 degrees with 40, where bundle adjustment took 88 s instead of 141 s.
 MAX_TRACK_LENGTH = 80
 # Least parallax of a point: below, its distance is hardly known, and its covariance not symmetric.
 MIN_PARALLAX_RAD = float(np.radians(0.5))
