@@ -102,7 +102,7 @@ class PatchTracking:
 
     @property
     def cells(self) -> int:
-        """Number of cells of the view, in each of which a patch can start."""
+        """Number of cells of the view; a patch can start in each."""
         return self._tracker.cells
 
     def start(self, index: int, seconds: float, gray: Bytes, *, continues: bool) -> int:

@@ -10,12 +10,11 @@ from scipy.sparse import csr_array, diags_array, hstack, kron
 from scipy.sparse.linalg import spsolve
 
 from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
+from omnisight.sfm.scale_averaging import ROUNDS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Rounds of reweighting: the least sum of lengths (L1) is close after ten.
-ROUNDS = 15
 # Scales of the Geman-McClure loss of positions in standard deviations (graduated non-convexity; A. Blake, A. Zisserman,
 # Visual reconstruction, 1987), and weight of the edges outside the spanning tree at the start.
 SCALES, OUTSIDE_TREE = (*(100.0 * 0.5**k for k in range(5)), *[5.0] * 3), 1e-6
@@ -97,7 +96,7 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
 
     weights = support = edges.support / edges.support.mean()
     # The edges outside the tree determine the unit of the rig, so that wrong ones must not count.
-    outside = _reweighted(solve, support, np.ones(len(along)))[2] if has_arms else support
+    outside = _reweighted(solve, support) if has_arms else support
     solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * outside))
     for scale in SCALES:
         weights = support * (scale**2 / (scale**2 + residuals**2)) ** 2
@@ -138,13 +137,9 @@ def _block_diagonal(blocks: Array) -> csr_array:
     return csr_array((blocks.ravel(), indices.ravel(), np.arange(0, 9 * count + 1, 3)), shape=(3 * count, 3 * count))
 
 
-def _reweighted(
-    solve: Callable[[Array], tuple[Array, Array]], weights: Array, sigma: Array
-) -> tuple[Array, Array, Array]:
-    """Minimize the sum of lengths of residuals over their standard deviations; return solution, residuals, weights."""
-    solution, residuals = solve(weights)
+def _reweighted(solve: Callable[[Array], tuple[Array, Array]], weights: Array) -> Array:
+    """Return the weights that minimize the sum of weighted lengths of residuals, beyond one standard deviation."""
     used = weights
     for _ in range(ROUNDS):
-        used = weights / np.maximum(np.abs(residuals) / sigma, 1.0)
-        solution, residuals = solve(used)
-    return solution, residuals, used
+        used = weights / np.maximum(solve(used)[1], 1.0)
+    return used

@@ -40,7 +40,7 @@ class EdgeDistances:
     Attributes
     ----------
     keypoint
-        (D,) int32 indices among the keypoints of all images.
+        (D,) int32, different indices among the keypoints of all images.
     log_distance, sigma
         (D,) float32, logarithm, and its standard deviation.
     """

@@ -81,10 +81,7 @@ def view_map(
     project: BoundFormula, unproject: BoundFormula, rotation: Tensor, size: tuple[int, int], bounds: Bounds
 ) -> tuple[Tensor, Tensor]:
     """Return the pixels of a source that the pixels of a view show; see `compiled_loops.view_map`."""
-    matrices, vectors = (
-        rotation.detach().reshape(-1, 3, 3),
-        [_vector(function, rotation) for function in (project, unproject)],
-    )
+    matrices, vectors = rotation.detach().reshape(-1, 3, 3), (_vector(project, rotation), _vector(unproject, rotation))
     with torch.no_grad():
         kernel = map_kernel(project.formula, unproject.formula)
         pixels, valid, seen = kernel(matrices, *vectors, constant(bounds, rotation), *size)
@@ -165,8 +162,7 @@ def _compiled(formula: Formula, function: Callable[..., Any], *examples: Tensor)
     if formula.has_tables:
         return torch.compile(function, dynamic=True)
     # What is compiled is kept by the code of a function, and functions of all formulas have the same.
-    code, names = function.__code__.replace(), (function.__globals__, function.__name__)
-    own = FunctionType(code, *names, function.__defaults__, function.__closure__)
+    own = FunctionType(function.__code__.replace(), function.__globals__, closure=function.__closure__)
     kernel = torch.compile(own, dynamic=True, options={"guard_filter_fn": lambda guards: [False] * len(guards)})
     with torch.no_grad():
         kernel(*examples)

@@ -147,7 +147,7 @@ class Tracker:
 
     @property
     def cells(self) -> int:
-        """Number of cells of equal solid angle, in each of which a patch can start."""
+        """Number of cells of equal solid angle; a patch can start in each."""
         return sum(cells.used for cells in self._cells)
 
     def texture(self, images: Sequence[Bytes]) -> int:

@@ -169,11 +169,8 @@ def _field_value(value: Any, target_field: Field[Any], types: tuple[type, ...], 
     if target_field.metadata.get("length") and not relative:
         expected = "a length in quotes with its unit, such as '30mm'"
         if isinstance(value, str) and len(value) <= MAX_TEXT_LENGTH:
-            try:
-                # 18 * 1e-3 is not 0.018: a board must equal the one that was written.
-                return round(parse_length(value), 12)
-            except ValueError as error:
-                raise ValueError(f"{target_field.name}: {error}") from None
+            # 18 * 1e-3 is not 0.018: a board must equal the one that was written.
+            return round(parse_length(value, target_field.name), 12)
     elif bool in types:
         expected = "true or false"
         if isinstance(value, bool):
