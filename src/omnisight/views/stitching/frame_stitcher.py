@@ -10,9 +10,9 @@ from omnisight.images.planes import Yuv
 from omnisight.parallel import parallel_for
 from omnisight.views.frame_remapper import packed_map, pyramid_map
 from omnisight.views.stitching.blending import REDUCTION, Blender
-from omnisight.views.stitching.photometry import DISPLAY_GAMMA, POWERS
+from omnisight.views.stitching.photometry import DISPLAY_GAMMA
 from omnisight.views.stitching.sampling import Mask, Sampler
-from omnisight.views.stitching.stitcher import Stitcher, label_map, relative_radius
+from omnisight.views.stitching.stitcher import Stitcher, label_map
 
 Floats = NDArray[np.float32]
 
@@ -105,10 +105,8 @@ class FrameStitcher:
 
     def _falloff(self, camera: int, u: Floats, v: Floats) -> Floats:
         sampler = self._plan.samplers[camera]
-        pixels = np.nan_to_num(np.stack([u, v], -1).astype(float))
-        radius = np.minimum(relative_radius(sampler, pixels), 1.0)
-        powers = sum(c * radius**p for c, p in zip(self._plan.photometry.vignetting, POWERS, strict=True))
-        return np.exp(-np.asarray(powers) / DISPLAY_GAMMA).astype(np.float32)
+        radius = np.minimum(sampler.relative_radius(np.nan_to_num(np.stack([u, v], -1))), 1.0)
+        return self._plan.photometry.falloff(radius)
 
     def _single_camera(self) -> NDArray[np.uint8]:
         """Return the camera that shows each block of 2x2 pixels alone, or MIXED."""

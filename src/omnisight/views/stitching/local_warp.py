@@ -58,19 +58,24 @@ class SeamWarp:
     share: float
 
     def __call__(self, bearings: Array) -> Array:
-        grid = self.seam.grid
-        theta, column = grid.coordinates(bearings)
+        grid, limits = self.seam.grid, self.seam.theta
+        cosine = bearings @ grid.rig_from_axis[:, 2]
+        low, high = np.clip([limits.min() - FADE_RAD, limits.max() + FADE_RAD], 0.0, np.pi)
+        near = (cosine <= np.cos(low)) & (cosine >= np.cos(high))
+        theta, column = grid.coordinates(bearings[near])
         columns = np.arange(grid.columns)
         across, along, limit = (
             np.interp(column, columns, values, period=grid.columns)
-            for values in (self.flow[:, 1], self.flow[:, 0], self.seam.theta)
+            for values in (self.flow[:, 1], self.flow[:, 0], limits)
         )
         t = np.clip(np.abs(theta - limit) / FADE_RAD, 0, 1)
         fade = self.share * (1 - t * t * (3 - 2 * t)) / grid.px_per_rad
         theta = theta + fade * across
         phi = (column + 0.5) / grid.px_per_rad + fade * along
         local = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
-        return local @ grid.rig_from_axis.T
+        warped = bearings.copy()
+        warped[near] = local @ grid.rig_from_axis.T
+        return warped
 
 
 def measure_disparity(seam: Seam, inner: NDArray[Any], outer: NDArray[Any], overlap: Mask) -> Disparity:

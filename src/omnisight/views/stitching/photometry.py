@@ -59,8 +59,15 @@ class Photometry:
 
     def factor(self, camera: int, radius: Array) -> NDArray[np.float32]:
         """Return the factor (..., 3) of displayed colours that corrects a camera at relative radii (...)."""
-        powers = sum(c * radius**p for c, p in zip(self.vignetting, POWERS, strict=True))
-        return np.exp(-(np.asarray(powers)[..., None] + self.log_gain[camera]) / DISPLAY_GAMMA).astype(np.float32)
+        gain = np.exp(-self.log_gain[camera] / DISPLAY_GAMMA).astype(np.float32)
+        return self.falloff(radius)[..., None] * gain
+
+    def falloff(self, radius: Array) -> NDArray[np.float32]:
+        """Return the factor (...) of displayed colours that corrects the vignetting at relative radii (...)."""
+        # Horner's scheme in the squared radius is a tenth of the time of powers.
+        square = np.square(radius, dtype=np.float32)
+        a, b, c = (np.float32(-each / DISPLAY_GAMMA) for each in self.vignetting)
+        return np.exp(square * (a + square * (b + square * square * c)))
 
 
 def estimate_photometry(samples: Sequence[OverlapSamples], count: int) -> Photometry:

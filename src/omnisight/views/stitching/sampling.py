@@ -1,6 +1,7 @@
 """Sampling of the image of one camera of a rig at directions of the rig."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
+from omnisight.parallel import parallel_map
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -17,6 +19,8 @@ Mask = NDArray[np.bool_]
 OUTSIDE_PX = -9999.0
 # Rows of directions held in double precision at a time.
 CHUNK_ROWS = 64
+# Step between the pixels of which the farthest from the principal point is searched.
+RADIUS_STEP_PX = 8
 
 
 class Warp(Protocol):
@@ -54,33 +58,48 @@ class Sampler:
         """Direction (3,) of the optical axis in the rig frame."""
         return self.sensor_from_rig.rotation[2]
 
+    def relative_radius(self, pixels: NDArray[Any]) -> Array:
+        """Return distances of pixels (..., 2) from the principal point, relative to the farthest allowed pixel."""
+        return np.hypot(pixels[..., 0] - self._centre[0], pixels[..., 1] - self._centre[1]) / self._largest_radius
+
+    @cached_property
+    def _centre(self) -> tuple[float, float]:
+        model: Any = self.camera.model
+        width, height = self.camera.size
+        return getattr(model, "cx", (width - 1) / 2), getattr(model, "cy", (height - 1) / 2)
+
+    @cached_property
+    def _largest_radius(self) -> float:
+        rows, columns = RADIUS_STEP_PX * np.array(np.nonzero(self.allowed[::RADIUS_STEP_PX, ::RADIUS_STEP_PX]))
+        radii = np.hypot(columns - self._centre[0], rows - self._centre[1])
+        return float(radii.max(initial=0)) or max(self.camera.size) / 2
+
     def map(self, bearings: NDArray[Any]) -> tuple[Floats, Floats, Mask]:
         """Return the pixels u, v (H, W) of directions (H, W, 3), and which of them are seen and allowed."""
         import cv2
 
         shape = bearings.shape[:2]
         u, v = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        for start in range(0, shape[0], CHUNK_ROWS):
+
+        def work(start: int) -> None:
             rows = slice(start, start + CHUNK_ROWS)
-            directions = np.asarray(bearings[rows], float)
-            for warp in self.warps:
-                directions = warp(directions)
-            points = directions @ self.sensor_from_rig.rotation.T
-            if np.isfinite(self.distance):
-                points = self.distance * points + self.sensor_from_rig.translation
-            pixels, valid = self.camera.project(points)
-            seen = valid & self.camera.in_image(pixels) & self.camera.calibrated(points)
-            pixels = np.where(seen[..., None], pixels, OUTSIDE_PX)
+            pixels = self._pixels(np.asarray(bearings[rows], float))
             u[rows], v[rows] = pixels[..., 0], pixels[..., 1]
+
+        parallel_map(work, range(0, shape[0], CHUNK_ROWS))
         allowed = np.asarray(self.allowed, np.uint8)
         return u, v, cv2.remap(allowed, u, v, cv2.INTER_NEAREST, borderValue=(0.0,)) > 0
 
-    def sample(self, image: NDArray[Any], bearings: NDArray[Any]) -> tuple[NDArray[Any], Mask]:
-        """Return the image at directions (H, W, 3), and which of them are seen."""
-        import cv2
-
-        u, v, seen = self.map(bearings)
-        return cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), seen
+    def _pixels(self, directions: Array) -> Array:
+        """Return the pixels (..., 2) of directions (..., 3); OUTSIDE_PX where the camera does not see them."""
+        for warp in self.warps:
+            directions = warp(directions)
+        points = directions @ self.sensor_from_rig.rotation.T
+        if np.isfinite(self.distance):
+            points = self.distance * points + self.sensor_from_rig.translation
+        pixels, valid = self.camera.project(points)
+        seen = valid & self.camera.in_image(pixels) & self.camera.calibrated(points)
+        return np.where(seen[..., None], pixels, OUTSIDE_PX)
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,30 +83,10 @@ def seam_cost(inner: NDArray[Any], outer: NDArray[Any], overlap: Mask) -> Array:
     return np.where(overlap, smooth + EDGE_COST * away**2 + np.where(away > 0.9, 20.0, 0.0), NO_OVERLAP_COST)
 
 
-def _least_path(cost: Array, start: int | None = None) -> NDArray[np.intp]:
-    """Return the row (C,) of each column of the path of least cost from left to right; it ends where it starts."""
-    rows, columns = cost.shape
-    total = cost[:, 0].copy()
-    if start is not None:
-        total[np.arange(rows) != start] = np.inf
-    came = np.zeros((columns, rows), np.int8)
-    steps = range(-MAX_STEP_ROWS, MAX_STEP_ROWS + 1)
-    padded = np.full(rows + 2 * MAX_STEP_ROWS, np.inf)
-    for column in range(1, columns):
-        padded[MAX_STEP_ROWS:-MAX_STEP_ROWS] = total
-        # Oblique steps are longer.
-        options = np.stack(
-            [padded[MAX_STEP_ROWS + s : MAX_STEP_ROWS + s + rows] + 0.5 * abs(s) * cost[:, column] for s in steps]
-        )
-        best = options.argmin(0)
-        came[column] = best - MAX_STEP_ROWS
-        total = options[best, np.arange(rows)] + cost[:, column]
-    path = np.empty(columns, np.intp)
-    end = int(total.argmin())
-    if start is not None:  # closed up to the largest step
-        near = np.arange(max(0, start - MAX_STEP_ROWS), min(rows, start + MAX_STEP_ROWS + 1))
-        end = int(near[total[near].argmin()])
-    path[-1] = end
-    for column in range(columns - 1, 0, -1):
-        path[column - 1] = path[column] + came[column, path[column]]
+def _least_path(cost: Array, start: int = -1) -> NDArray[np.intp]:
+    """Return the row (C,) of each column of the path of least cost, which ends where it starts if that is specified."""
+    from omnisight.views.stitching._seam_kernel import least_path
+
+    path = np.empty(cost.shape[1], np.intp)
+    least_path(cost, MAX_STEP_ROWS, start, path)
     return path

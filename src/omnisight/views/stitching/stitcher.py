@@ -92,7 +92,7 @@ class Stitcher:
         for k, sampler in enumerate(self.samplers):
             u, v, mask = sampler.map(bearings)
             seen.append(mask)
-            factor = correction_of(sampler, self.photometry, k)
+            factor = self.photometry.factor(k, np.minimum(sampler.relative_radius(np.stack([u, v], -1)), 1.0))
             is_small = float(np.abs(factor - 1).max()) < MIN_CORRECTION
             self._factors.append(None if is_small else factor)
             self._maps.append(cv2.convertMaps(u, v, cv2.CV_16SC2))
@@ -105,8 +105,8 @@ class Stitcher:
 
         layers: list[Any] = []
         for image, (first, second), factor in zip(images, self._maps, self._factors, strict=True):
-            corrected = image if factor is None else cv2.multiply(image, factor, dtype=cv2.CV_8U)
-            layers.append(cv2.remap(corrected, first, second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+            layer = cv2.remap(image, first, second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            layers.append(layer if factor is None else cv2.multiply(layer, factor, dtype=cv2.CV_8U))
         return self._blender(layers)
 
 
@@ -125,29 +125,18 @@ def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int
         Whether to warp locally where that reduces the disparity along a seam.
     """
     photometry = estimate_photometry(_overlap_samples(samplers, images), len(samplers))
-    corrected = [
-        _corrected(image, correction_of(s, photometry, k))
-        for k, (s, image) in enumerate(zip(samplers, images, strict=True))
-    ]
     current, seams, quality = list(samplers), list[Seam](), list[SeamQuality]()
     for k in range(1, len(current)):
-        seam, before, disparity, _ = _fit_seam(current, corrected, seams, k, width)
+        seam, before, disparity = _fit_seam(current, images, photometry, seams, width)
         if warp and disparity.median_px > 0:
             warped = _warped(current, k, seam, disparity)
-            trial = _fit_seam(warped, corrected, seams, k, width)
-            if trial[1].disparity_deg < before.disparity_deg:
-                seam, after, _, _ = trial
-                current, before = warped, dataclasses.replace(after, unwarped_deg=before.disparity_deg)
+            closer, after, _ = _fit_seam(warped, images, photometry, seams, width)
+            if after.disparity_deg < before.disparity_deg:
+                seam, current = closer, warped
+                before = dataclasses.replace(after, unwarped_deg=before.disparity_deg)
         seams.append(seam)
         quality.append(before)
     return Stitcher(current, photometry, seams, quality)
-
-
-def correction_of(sampler: Sampler, photometry: Photometry, camera: int) -> NDArray[np.float32]:
-    """Return the factors (H, W, 3) that correct the colours of an image of a camera."""
-    width, height = sampler.camera.size
-    grid = np.stack(np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float)), -1)
-    return photometry.factor(camera, np.minimum(relative_radius(sampler, grid), 1.0))
 
 
 def label_map(seams: Sequence[Seam], seen: Sequence[Mask], bearings: NDArray[Any]) -> NDArray[np.intp]:
@@ -161,20 +150,32 @@ def label_map(seams: Sequence[Seam], seen: Sequence[Mask], bearings: NDArray[Any
 
 
 def _fit_seam(
-    samplers: Sequence[Sampler], images: Sequence[Bytes], seams: Sequence[Seam], k: int, width: int
-) -> tuple[Seam, SeamQuality, Disparity, PolarGrid]:
-    """Find the seam of camera k against all before it, and measure it."""
-    columns = min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS)
+    samplers: Sequence[Sampler], images: Sequence[Bytes], photometry: Photometry, seams: Sequence[Seam], width: int
+) -> tuple[Seam, SeamQuality, Disparity]:
+    """Find the seam of the first camera that has none against all before it, and measure it."""
+    k, columns = len(seams) + 1, min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS)
     grid = _overlap_grid(samplers, k, columns)
     bearings = grid.bearings()
-    layers = [sampler.sample(image, bearings) for sampler, image in zip(samplers[: k + 1], images, strict=False)]
+    layers = [_corrected_layer(samplers[i], images[i], photometry, i, bearings) for i in range(k + 1)]
     seen = [mask for _, mask in layers]
     labels = label_map(seams, seen[:k], bearings)
     outer = np.take_along_axis(np.stack([i for i, _ in layers[:k]]), labels[None, ..., None], 0)[0]
     inner, overlap = layers[k][0], np.logical_or.reduce(seen[:k]) & seen[k]
     seam = find_seam(grid, inner, outer, overlap)
     disparity = measure_disparity(seam, inner, outer, overlap)
-    return seam, _quality(seam, inner, outer, overlap, disparity, width), disparity, grid
+    return seam, _quality(seam, inner, outer, overlap, disparity, width), disparity
+
+
+def _corrected_layer(
+    sampler: Sampler, image: Bytes, photometry: Photometry, camera: int, bearings: NDArray[Any]
+) -> tuple[Bytes, Mask]:
+    """Return an image at directions (H, W, 3) with corrected colours, and which of them are seen."""
+    import cv2
+
+    u, v, seen = sampler.map(bearings)
+    layer = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    factor = photometry.factor(camera, np.minimum(sampler.relative_radius(np.stack([u, v], -1)), 1.0))
+    return np.asarray(cv2.multiply(layer, factor, dtype=cv2.CV_8U), np.uint8), seen
 
 
 def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGrid:
@@ -258,7 +259,7 @@ def _overlap_samples(samplers: Sequence[Sampler], images: Sequence[Bytes]) -> li
         blurred = cv2.GaussianBlur(image, (0, 0), scale)
         u, v, seen = sampler.map(bearings)
         colors = cv2.remap(blurred, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        layers.append((colors, seen, relative_radius(sampler, np.stack([u, v], -1).astype(float))))
+        layers.append((colors, seen, sampler.relative_radius(np.stack([u, v], -1))))
     for i in range(len(layers)):
         for j in range(i):
             both = layers[i][1] & layers[j][1]
@@ -267,20 +268,3 @@ def _overlap_samples(samplers: Sequence[Sampler], images: Sequence[Bytes]) -> li
                 radius = layers[i][2][both], layers[j][2][both]
                 samples.append(OverlapSamples((i, j), colors, radius))
     return samples
-
-
-def relative_radius(sampler: Sampler, pixels: Array) -> Array:
-    """Return distances from the principal point relative to the farthest allowed pixel."""
-    model: Any = sampler.camera.model
-    width, height = sampler.camera.size
-    centre = np.array([getattr(model, "cx", (width - 1) / 2), getattr(model, "cy", (height - 1) / 2)])
-    rows, columns = np.nonzero(sampler.allowed[::8, ::8])
-    used = np.stack([columns, rows], -1) * 8.0 - centre
-    limit = float(np.linalg.norm(used, axis=-1).max()) if len(used) else max(width, height) / 2
-    return np.linalg.norm(pixels - centre, axis=-1) / limit
-
-
-def _corrected(image: Bytes, factor: NDArray[np.float32]) -> Bytes:
-    import cv2
-
-    return np.asarray(cv2.multiply(image, factor, dtype=cv2.CV_8U), np.uint8)
