@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 Codec = Literal["h264", "hevc", "av1", "vp9", "prores"]
 Preset = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
@@ -25,7 +25,7 @@ CODECS_10_BIT = ("hevc", "av1", "prores")
 
 
 @dataclass(frozen=True, kw_only=True)
-class VideoOptions(Displayed):
+class VideoOptions(Options):
     """Options of a written video.
 
     Attributes
@@ -50,6 +50,7 @@ class VideoOptions(Displayed):
     sound: bool = True
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         limit = 63 if self.codec in ("av1", "vp9") else 51
         if self.crf is not None and not 0 <= self.crf <= limit:
             raise ValueError(f"crf is {self.crf}; choose 0 (best) to {limit}")

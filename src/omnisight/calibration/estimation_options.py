@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from omnisight.choices import Options
+
 Loss = Literal["huber", "squared"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimationOptions:
+class EstimationOptions(Options):
     """What is estimated, and how.
 
     Attributes

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.features.detection_views import DetectionView, pixel_grid, tangent_views, valid_region, whole_image
 from omnisight.features.detectors import DETECTORS, Detector
 from omnisight.features.keypoints import Keypoints, concatenate
@@ -22,7 +22,7 @@ WHITE_QUANTILE = 0.995
 
 
 @dataclass(frozen=True)
-class FeatureOptions(Displayed):
+class FeatureOptions(Options):
     """How keypoints are detected.
 
     Attributes
@@ -41,10 +41,7 @@ class FeatureOptions(Displayed):
 
     def __post_init__(self) -> None:
         """Check the names and the number."""
-        if self.kind not in DETECTORS:
-            raise ValueError(f"kind must be one of {', '.join(DETECTORS)}, got {self.kind!r}")
-        if self.surface not in ("views", "image"):
-            raise ValueError(f"surface must be 'views' or 'image', got {self.surface!r}")
+        super().__post_init__()
         if self.max_keypoints < 1:
             raise ValueError(f"max_keypoints must be at least 1, got {self.max_keypoints}")
 

@@ -5,6 +5,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
 
 from omnisight.images.video_files import VIDEO_SUFFIXES
@@ -12,12 +13,12 @@ from omnisight.images.video_files import VIDEO_SUFFIXES
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
 
-def collect_images(inputs: Iterable[str | Path], *, videos: bool = False) -> list[Path]:
+def collect_images(inputs: str | PathLike[str] | Iterable[str | PathLike[str]], *, videos: bool = False) -> list[Path]:
     """List image files.
 
     Parameters
     ----------
-    inputs : iterable of str or Path
+    inputs : path or iterable of paths
         Folders (not searched recursively), files, and glob patterns such as `images/*.png`.
     videos : bool
         Include video files. Those in a folder are included only if the folder has no images.
@@ -35,7 +36,7 @@ def collect_images(inputs: Iterable[str | Path], *, videos: bool = False) -> lis
     ValueError
         If none of the files is an image.
     """
-    inputs = [inputs] if isinstance(inputs, str | Path) else list(inputs)
+    inputs = [inputs] if isinstance(inputs, str | PathLike) else list(inputs)
     files = [path for item in inputs for path in expand_path(item)]
     extensions = (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) if videos else IMAGE_SUFFIXES
     images = [path for path in files if path.suffix.lower() in extensions]
@@ -58,7 +59,7 @@ class MissingFileError(FileNotFoundError, ValueError):
     """An input file or folder does not exist; a `ValueError` too, like every other invalid input."""
 
 
-def expand_path(item: str | Path) -> list[Path]:
+def expand_path(item: str | PathLike[str]) -> list[Path]:
     """List the files of a folder, a file name or a glob pattern; raise `MissingFileError` if there is none."""
     # A file name may contain brackets, so test for a file before expanding patterns.
     path = Path(item).expanduser()

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class RansacOptions(Displayed):
+class RansacOptions(Options):
     """Options of the random search.
 
     Attributes

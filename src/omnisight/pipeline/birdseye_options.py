@@ -6,11 +6,11 @@ This module imports nothing heavy, because the command line imports it for its h
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True, kw_only=True)
-class BirdseyeOptions(Displayed):
+class BirdseyeOptions(Options):
     """Options of `birdseye`. Lengths have a unit: 1cm, 4m.
 
     Attributes
@@ -74,6 +74,7 @@ class BirdseyeOptions(Displayed):
     apply_exif: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if sum(given is not None for given in (self.ground, self.ground_board, self.height)) > 1:
             raise ValueError("specify one of ground, ground_board and height: each determines the ground")
         if self.ground_board is None and (self.pattern or self.square or self.target):

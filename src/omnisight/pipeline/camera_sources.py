@@ -12,11 +12,10 @@ from omnisight.camera import Camera
 from omnisight.formats import load, load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.optics.catadioptric import Catadioptric
-from omnisight.pipeline.central_camera import CameraSource
+from omnisight.pipeline.central_camera import AnyCameraSource, CameraSource
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
-AnyCameraSource = CameraSource | RayCamera
 RigSource = Rig | str | PathLike[str]
 # The name in place of a calibration file with which a camera is estimated from its images.
 AUTO = "auto"

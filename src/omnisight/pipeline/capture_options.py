@@ -25,6 +25,7 @@ class CaptureOptions(DetectOptions):
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        super().__post_init__()
         if self.images < 3:
             raise ValueError(f"--images must be 3 or more, got {self.images}")
         if not 1 <= self.coverage <= 100:

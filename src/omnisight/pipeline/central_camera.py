@@ -12,19 +12,20 @@ from omnisight.views import sphere
 from omnisight.views.remapper import is_resized, size_mismatch
 
 CameraSource = Camera | str | PathLike[str]
+AnyCameraSource = CameraSource | RayCamera
 
 MAX_ERROR_PX = 1.0  # of the central approximation at its distance
 
 
 def central_camera(
-    path: str | PathLike[str], *, name: str | None = None, distance: str | None = None, accepts_distance: bool = True
+    source: AnyCameraSource, *, name: str | None = None, distance: str | None = None, accepts_distance: bool = True
 ) -> Camera:
-    """Read a central camera from a calibration file of any format.
+    """Return a camera, or that of a calibration file of any format, as a central one.
 
     Parameters
     ----------
-    path
-        The file.
+    source
+        The camera, or its file.
     name
         The camera to read if the file holds several.
     distance
@@ -37,8 +38,10 @@ def central_camera(
     ValueError
         If the camera is non-central and `distance` is missing or invalid, or central and `distance` is given.
     """
-    camera = load(Path(path), name=name)
-    where = f"{path}, {name}" if name else str(path)
+    if isinstance(source, Camera | RayCamera):
+        return central_approximation(source, distance, "the camera", accepts_distance=accepts_distance)
+    camera = load(Path(source), name=name)
+    where = f"{source}, {name}" if name else str(source)
     return central_approximation(camera, distance, where, accepts_distance=accepts_distance)
 
 
@@ -88,7 +91,7 @@ def camera_of_image(
                 " its calibration file (--camera)"
             )
         return sphere(size[0])
-    camera = source if isinstance(source, Camera) else central_camera(source, name=name, accepts_distance=False)
+    camera = central_camera(source, name=name, accepts_distance=False)
     return fit_camera(camera, size, image, scale=scale)
 
 

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True)
-class CompareOptions(Displayed):
+class CompareOptions(Options):
     """Options of `compare`.
 
     Attributes
@@ -31,6 +31,7 @@ class CompareOptions(Displayed):
 
     def __post_init__(self) -> None:
         """Check the ranges."""
+        super().__post_init__()
         if not 8 <= self.columns <= 1000:
             raise ValueError(f"--columns must be from 8 to 1000, got {self.columns}")
         if self.max_theta is not None and not 0 < self.max_theta <= 180:

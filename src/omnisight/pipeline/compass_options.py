@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True)
-class CompassOptions(Displayed):
+class CompassOptions(Options):
     """Options of `compass`.
 
     Attributes

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omnisight.camera import Camera
+from omnisight.choices import Options
 from omnisight.conversion import Conversion, convert_model, max_convertible_theta, rank_conversions
-from omnisight.display import Displayed
 from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
 from omnisight.models import model_names
@@ -16,7 +16,7 @@ MAX_SUGGESTIONS = 3  # models in an error message
 
 
 @dataclass(frozen=True)
-class ConvertOptions(Displayed):
+class ConvertOptions(Options):
     """Options of `convert`.
 
     Attributes

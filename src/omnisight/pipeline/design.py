@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.optics.design.mirror_design import MirrorDesign, design_mirror
 from omnisight.optics.design.performance import Performance, evaluate_design
 from omnisight.optics.design.specification import MirrorSpecification
@@ -15,7 +15,7 @@ from omnisight.ray_camera import RayCamera
 
 
 @dataclass(frozen=True)
-class DesignOptions(Displayed):
+class DesignOptions(Options):
     """Options of `design`. Lengths are in metres, angles in degrees.
 
     Two of focal length, diameter and distance determine the third. Without them, the lens sees the mirror within 40

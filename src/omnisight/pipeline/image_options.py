@@ -6,14 +6,14 @@ This module imports nothing heavy, because the command line imports it for its h
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 if TYPE_CHECKING:
     from omnisight.targets import Board
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageOptions(Displayed):
+class ImageOptions(Options):
     """Options that describe a checkerboard and how images are read.
 
     Attributes

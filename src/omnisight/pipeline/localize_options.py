@@ -6,11 +6,11 @@ This module imports nothing heavy, because the command line imports it for its h
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True)
-class LocalizeOptions(Displayed):
+class LocalizeOptions(Options):
     """Options of `localize`.
 
     Attributes

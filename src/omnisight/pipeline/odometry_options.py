@@ -40,8 +40,3 @@ class OdometryOptions(SequenceOptions, MotionOptions):
     wheels: Path | None = None
     imu: Path | None = None
     distance: tuple[int, int, str] | None = None
-
-    def __post_init__(self) -> None:
-        """Check the rate and the numbers."""
-        SequenceOptions.__post_init__(self)
-        MotionOptions.__post_init__(self)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from omnisight.calibration.estimation_options import EstimationOptions
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.image_options import ImageOptions
 
@@ -105,6 +105,7 @@ class CalibrateOptions(SourceOptions, EstimationOptions):
     force: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.model != "auto":  # `omnisight --help` builds the default options, and must not import numpy
             from omnisight.extensions import unknown_name
             from omnisight.models import model_names
@@ -160,6 +161,7 @@ class NextViewOptions(SourceOptions):
     name: str | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 1 <= self.count <= MAX_PROPOSALS:
             raise ValueError(f"count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")
 
@@ -171,7 +173,7 @@ def check_options(options: object, expected: type) -> None:
 
 
 @dataclass(frozen=True)
-class EpipolarOptions(Displayed):
+class EpipolarOptions(Options):
     """Options of `epipolar`.
 
     Attributes
@@ -208,7 +210,7 @@ class EpipolarOptions(Displayed):
 
 
 @dataclass(frozen=True)
-class StereoOptions(Displayed):
+class StereoOptions(Options):
     """Options of `stereo`.
 
     Attributes
@@ -242,6 +244,7 @@ class StereoOptions(Displayed):
     seed: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0 < self.max_sigma <= MAX_RELATIVE_SIGMA:
             raise ValueError(f"max_sigma is {self.max_sigma:g}; choose a value above 0 and up to {MAX_RELATIVE_SIGMA}")
 

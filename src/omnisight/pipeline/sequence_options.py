@@ -5,11 +5,11 @@ This module imports nothing heavy, because the command line imports it for its h
 
 from dataclasses import dataclass
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True, kw_only=True)
-class SequenceOptions(Displayed):
+class SequenceOptions(Options):
     """How a clip or a folder of images is read.
 
     Attributes
@@ -29,5 +29,6 @@ class SequenceOptions(Displayed):
 
     def __post_init__(self) -> None:
         """Check the rate."""
+        super().__post_init__()
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise ValueError(f"--fps must be positive, got {self.fps:g}")

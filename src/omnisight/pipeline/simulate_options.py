@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation.daylight import Weather
 from omnisight.simulation.exports import get_export
@@ -18,7 +18,7 @@ RAYS_PER_PIXEL = (1, 4, 9, 16)
 
 
 @dataclass(frozen=True)
-class Conditions:
+class Conditions(Options):
     """Conditions under which a scene is visited.
 
     Attributes
@@ -43,6 +43,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         """Check the ranges of all values."""
+        super().__post_init__()
         if self.visit < 0:
             raise ValueError(f"--visit must not be negative, got {self.visit}")
         if not 0 <= self.exposure_drift <= MAX_DRIFT_STOPS:
@@ -50,7 +51,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class SimulateOptions(Displayed):
+class SimulateOptions(Options):
     """Options of `simulate`.
 
     Attributes
@@ -127,6 +128,7 @@ class SimulateOptions(Displayed):
 
     def __post_init__(self) -> None:
         """Check the ranges of all values."""
+        super().__post_init__()
         if self.rays not in RAYS_PER_PIXEL:
             raise ValueError(f"--rays must be 1, 4, 9 or 16, got {self.rays}")
         if self.frames is not None and not 1 <= self.frames <= MAX_FRAMES:

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True)
-class StitchOptions(Displayed):
+class StitchOptions(Options):
     """Options of `stitch`.
 
     Attributes
@@ -50,6 +50,7 @@ class StitchOptions(Displayed):
     scale_camera: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.width is not None and not 64 <= self.width <= 32766:
             raise ValueError(f"width is {self.width}; choose 64 to 32766 px")
         if self.width is not None and self.width % 16:

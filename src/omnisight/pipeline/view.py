@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from omnisight.camera import Camera
 from omnisight.formats import save
 from omnisight.images import collect_images, read_image, write_image
 from omnisight.images.output_paths import output_paths, refuse_overwrite
-from omnisight.pipeline.central_camera import camera_of_image, central_camera
+from omnisight.pipeline.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.view_options import ViewOptions
 from omnisight.pipeline.view_renderer import ViewRenderer
 from omnisight.views.maps import visible_fraction
@@ -62,13 +63,13 @@ class ViewResult:
 
 
 def view(
-    images: Sequence[str | Path],
-    camera: Camera | Path | None,
-    output: Path,
+    images: str | PathLike[str] | Sequence[str | PathLike[str]],
+    camera: AnyCameraSource | None,
+    output: str | PathLike[str],
     options: ViewOptions | None = None,
     *,
-    mask: Path | None = None,
-    view_camera: Path | None = None,
+    mask: str | PathLike[str] | None = None,
+    view_camera: str | PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> ViewResult:
     """Turn image files into views and write them.
@@ -76,7 +77,7 @@ def view(
     Parameters
     ----------
     images
-        Image files, folders or patterns; all images are of the same size.
+        Image files, folders or patterns, one or several; all images are of the same size.
     camera
         The camera of the images, or its calibration file of any format; None for equirectangular images of 360° x 180°,
         which are twice as wide as high.
@@ -100,11 +101,10 @@ def view(
     """
     report = progress or (lambda stage, done, total: None)
     options = options or ViewOptions()
-    if isinstance(camera, Path):
-        camera = central_camera(camera, name=options.name, distance=options.distance)
-    paths = collect_images([str(image) for image in images])
-    files = _prepare_output(paths, output, [mask] if mask else [])
-    render = None if camera is None else ViewRenderer(camera, options)
+    central = None if camera is None else central_camera(camera, name=options.name, distance=options.distance)
+    paths = collect_images(images)
+    files = _prepare_output(paths, Path(output), [Path(mask)] if mask else [])
+    render = None if central is None else ViewRenderer(central, options)
     written: list[Path] = []
     errors: list[str] = []
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
@@ -125,10 +125,10 @@ def view(
         raise ValueError(skipped_message(errors, len(paths)))
     source, target, rotations, covered = render.source, render.target, render.rotations, render.covered
     if mask is not None:
-        write_image(mask, covered.astype(np.uint8) * 255)
+        write_image(Path(mask), covered.astype(np.uint8) * 255)
     if view_camera is not None:
         provenance = {"view": True, "target_from_source": rotations[0].tolist()}
-        save(dataclasses.replace(target, provenance=provenance), view_camera)
+        save(dataclasses.replace(target, provenance=provenance), Path(view_camera))
     return ViewResult(
         render.options,
         tuple(written),

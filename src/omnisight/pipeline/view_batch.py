@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from omnisight.camera import Camera
@@ -13,7 +12,7 @@ from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import items_of_images
 from omnisight.pipeline.batch.storage import list_images
 from omnisight.pipeline.batch.task import Item, Process, describe
-from omnisight.pipeline.central_camera import central_camera
+from omnisight.pipeline.central_camera import AnyCameraSource, central_camera
 from omnisight.pipeline.view_options import ViewOptions
 from omnisight.pipeline.view_renderer import ViewRenderer
 from omnisight.pipeline.work_folder import digest
@@ -53,7 +52,7 @@ class ViewTask:
 
 def view_batch(
     images: str,
-    camera: Camera | Path,
+    camera: AnyCameraSource,
     batch: Batch,
     options: ViewOptions | None = None,
 ) -> BatchResult:
@@ -67,7 +66,6 @@ def view_batch(
     options = options or ViewOptions()
     if options.scale_camera:
         raise ValueError("--scale-camera applies to images of one size: convert the camera first, or view them apart")
-    if isinstance(camera, Path):
-        camera = central_camera(camera, name=options.name, distance=options.distance)
+    central = central_camera(camera, name=options.name, distance=options.distance)
     items = items_of_images(list_images(images, batch.output), ".png")
-    return batch.run(ViewTask(camera, options), items, images)
+    return batch.run(ViewTask(central, options), items, images)

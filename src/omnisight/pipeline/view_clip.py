@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.video_writer import VideoWriter
 from omnisight.parallel import prefetch
-from omnisight.pipeline.central_camera import camera_of_image, central_camera
+from omnisight.pipeline.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.view import ViewResult
 from omnisight.pipeline.view_motion import Angles, ViewMotion, moved, stabilization, view_angles
 from omnisight.pipeline.view_options import ViewOptions, view_target
@@ -54,9 +55,9 @@ class ClipViews:
 
 
 def view_clip(
-    clip: str | Path,
-    camera: Camera | Path | None,
-    views: Sequence[tuple[Path, ViewOptions]],
+    clip: str | PathLike[str],
+    camera: AnyCameraSource | None,
+    views: Sequence[tuple[str | PathLike[str], ViewOptions]],
     *,
     motion: ViewMotion = ViewMotion(),
     video: VideoOptions = VideoOptions(),
@@ -90,15 +91,14 @@ def view_clip(
         If a file cannot be written.
     """
     began = time.perf_counter()
-    first = views[0][1]
-    source_clip = Clip.open(clip, upright=first.apply_exif)
-    refuse_overwrite([file for file, _ in views], [source_clip.path])
-    if len({file.resolve() for file, _ in views}) < len(views):
-        raise ValueError(f"{views[0][0]}: two views have the same file; specify one for each")
+    first, files = views[0][1], [Path(file) for file, _ in views]
+    source_clip = Clip.open(Path(clip), upright=first.apply_exif)
+    refuse_overwrite(files, [source_clip.path])
+    if len({file.resolve() for file in files}) < len(views):
+        raise ValueError(f"{files[0]}: two views have the same file; specify one for each")
     of_clip = source_clip.size, source_clip.path.name
-    if isinstance(camera, Path):
-        camera = central_camera(camera, name=first.name, distance=first.distance)
-    source = camera_of_image(camera, *of_clip, name=None, scale=first.scale_camera)
+    central = None if camera is None else central_camera(camera, name=first.name, distance=first.distance)
+    source = camera_of_image(central, *of_clip, name=None, scale=first.scale_camera)
     duration = _last_time(source_clip)
     angles, stable_from_source = view_angles(motion, duration), stabilization(motion, duration)
     rendered = [_ClipView(source, options, motion, angles) for _, options in views]
@@ -106,7 +106,7 @@ def view_clip(
     with ExitStack() as stack:
         writers = [
             stack.enter_context(VideoWriter(file, view.size, source_clip, video))
-            for (file, _), view in zip(views, rendered, strict=True)
+            for file, view in zip(files, rendered, strict=True)
         ]
         for frame in stack.enter_context(closing(prefetch(source_clip.frames(limit=None)))):
             for view, writer in zip(rendered, writers, strict=True):
@@ -114,7 +114,7 @@ def view_clip(
                 writer.write(image, frame.seconds)
             count += 1
             progress("view", count, max(source_clip.declared_frames or 0, count))
-    results = tuple(view.result(file) for (file, _), view in zip(views, rendered, strict=True))
+    results = tuple(view.result(file) for file, view in zip(files, rendered, strict=True))
     return ClipViews(results, source_clip, count, time.perf_counter() - began)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.geometry.rotation import look
 from omnisight.views.cube import CUBE_FACES, cube_rotation
 from omnisight.views.remapper import Interpolation
@@ -36,7 +36,7 @@ MAX_CYLINDER_ELEVATION_DEG = 60.0
 
 
 @dataclass(frozen=True)
-class ViewOptions(Displayed):
+class ViewOptions(Options):
     """Options of `view`. Angles are in degrees: +yaw right, +pitch up, +roll clockwise as seen.
 
     Attributes
@@ -95,6 +95,7 @@ class ViewOptions(Displayed):
 
     def __post_init__(self) -> None:
         """Check that angles are finite and that the field of view is specified in the way of the view type."""
+        super().__post_init__()
         for name, angle in (("yaw", self.yaw), ("pitch", self.pitch or 0.0), ("roll", self.roll)):
             if not math.isfinite(angle):
                 raise ValueError(f"--{name} must be a number of degrees, got {angle}")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.sfm.reconstruction import Reconstruction
 
 # The path of a file relative to the output folder, with "/", and its content.
@@ -13,7 +13,7 @@ OutputFile = tuple[str, bytes]
 
 
 @dataclass(frozen=True)
-class ExportOptions(Displayed):
+class ExportOptions(Options):
     """Options of `export`.
 
     Attributes

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
@@ -40,7 +40,7 @@ MIN_SCALE_PX = 1e-6
 
 
 @dataclass(frozen=True)
-class ReportOptions(Displayed):
+class ReportOptions(Options):
     """Options of `write_report`.
 
     Attributes

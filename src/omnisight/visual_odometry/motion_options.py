@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions(Displayed):
+class MotionOptions(Options):
     """How motion is estimated.
 
     Attributes
@@ -37,6 +37,7 @@ class MotionOptions(Displayed):
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        super().__post_init__()
         if self.patches < 50:
             raise ValueError(f"--patches must be at least 50, got {self.patches}")
         if self.window < 3:

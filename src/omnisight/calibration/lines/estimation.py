@@ -19,7 +19,7 @@ from omnisight.calibration.lines.uncertainty import (
     update_with_border_centre,
     widen_by_split_half_test,
 )
-from omnisight.display import Displayed
+from omnisight.choices import Options
 from omnisight.models import CameraModel, model_class
 
 # Alternations of line selection and refinement: selection is stable after five; without selection, two converge.
@@ -33,7 +33,7 @@ Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class LineEstimationOptions(Displayed):
+class LineEstimationOptions(Options):
     """Options of the estimation from lines.
 
     Attributes
@@ -58,6 +58,7 @@ class LineEstimationOptions(Displayed):
     seed: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         names = model_class(self.model).example().param_names
         if unknown := sorted(set(self.fixed) - set(names)):
             raise ValueError(f"{self.model} has no {', '.join(unknown)}; it has {', '.join(names)}")

@@ -5,11 +5,11 @@ This module imports nothing heavy, because the command line imports it for its h
 
 from dataclasses import dataclass
 
-from omnisight.display import Displayed
+from omnisight.choices import Options
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOptions(Displayed):
+class BatchOptions(Options):
     """Options of a batch.
 
     Attributes
@@ -38,6 +38,7 @@ class BatchOptions(Displayed):
         return self.has_workers or any("://" in file for file in files)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"--workers must be 1 or more, got {self.workers}")
         if self.shard_size is not None and self.shard_size < 1:

@@ -1,0 +1,32 @@
+"""Options whose values are checked: the base class of the options of all commands.
+
+The command line imports such classes for its help, so this module imports nothing heavy.
+"""
+
+import dataclasses
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
+
+from omnisight.display import Displayed
+from omnisight.extensions import unknown_name
+
+
+class Options(Displayed):
+    """A dataclass of options; a field whose type is Literal, or Literal or None, accepts only its choices."""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError if a value is not one of the choices of its field."""
+        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
+            value, choices = getattr(self, field.name), _choices(field.type)
+            if choices and value is not None and value not in choices:
+                raise ValueError(f"--{field.name.replace('_', '-')}: {unknown_name('choice', value, choices)}")
+
+
+def _choices(kind: Any) -> tuple[str, ...]:
+    """Return the choices of a type that is Literal, or Literal or None; none of other types."""
+    parts = [kind] if get_origin(kind) is Literal else [part for part in get_args(kind) if part is not NoneType]
+    return tuple(choice for part in parts for choice in get_args(part)) if _are_literal(parts) else ()
+
+
+def _are_literal(kinds: list[Any]) -> bool:
+    return all(get_origin(kind) is Literal for kind in kinds)
