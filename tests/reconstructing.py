@@ -55,8 +55,8 @@ def independent(names=("equirectangular", "pinhole"), frames=6, seed=2):
 def without_points(made):
     """Return the reconstruction with the poses alone."""
     none = {field.name: getattr(made.points, field.name)[:0] for field in dataclasses.fields(made.points)}
-    unseen = {field.name: getattr(made.observations, field.name)[:0] for field in dataclasses.fields(made.observations)}
-    return dataclasses.replace(made, points=type(made.points)(**none), observations=type(made.observations)(**unseen))
+    unseen = made.observations.select(np.arange(0))
+    return dataclasses.replace(made, points=type(made.points)(**none), observations=unseen)
 
 
 def reconstruct(rig, frames, seed, sensors=None):

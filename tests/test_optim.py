@@ -295,3 +295,25 @@ def test_known_normal_equations_are_not_computed_again():
     known = minimize(Counted(0), {"x": 7.0}, first=Descent(7.0))
     assert Counted.linearizations == linearizations - 1
     assert known.state == plain.state
+
+
+def test_a_problem_whose_steps_are_never_finite_has_not_converged():
+    class Singular:
+        def cost(self, state):
+            return 1.0
+
+        def linearize(self, state):
+            return self
+
+        def move(self, state, step):
+            return state + step
+
+        def solve(self, damping):
+            return np.full(2, np.nan)
+
+        def decrease(self, step):
+            return 1.0
+
+    found = minimize(Singular(), np.zeros(2))
+    assert not found.converged
+    assert "no finite solution" in found.reason

@@ -205,9 +205,9 @@ def test_wrong_sizes_and_options_are_reported():
         detect_features(image, FISHEYE)
     with pytest.raises(ValueError, match="mask is 100x120 px, but the camera 120x100"):
         detect_features(image, om.perspective((120, 100), 60), mask=image.T)
-    with pytest.raises(ValueError, match="--kind: unknown choice .* sift, orb"):
+    with pytest.raises(ValueError, match=r"--kind: unknown choice .* sift, orb"):
         FeatureOptions("surf")
-    with pytest.raises(ValueError, match="--surface: unknown choice .* views, image"):
+    with pytest.raises(ValueError, match=r"--surface: unknown choice .* views, image"):
         FeatureOptions(surface="tiles")
     with pytest.raises(ValueError, match="max_keypoints must be at least 1"):
         FeatureOptions(max_keypoints=0)

@@ -36,6 +36,9 @@ def test_a_reconstruction_reads_back_unchanged(tmp_path, name):
     for part in ("points", "observations"):
         for field in dataclasses.fields(getattr(made, part)):
             ours, theirs = getattr(getattr(again, part), field.name), getattr(getattr(made, part), field.name)
+            if field.name == "keypoint":  # of no use without the keypoints
+                assert ours is None
+                continue
             np.testing.assert_array_equal(ours, theirs)
             assert ours.dtype == theirs.dtype
 

@@ -9,16 +9,18 @@ import pytest
 import omnisight as om
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import exp
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optim.loss import StudentT
 from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
 from omnisight.sfm.calibration_check import focal_length_changes, scaling_basis
 from omnisight.sfm.mapping import map_images
 from omnisight.sfm.pixel_rays import FreeCameras, PixelRays
+from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import match_pairs
 from omnisight.twoview.triangulation import whitening
-from sfm.worlds import circle_of_poses, observe, points_around, unit
+from sfm.worlds import circle_of_poses, observe, points_around, similarity_errors, unit
 
 TRUE = Camera(KannalaBrandt(fx=300.0, fy=300.0, cx=400.0, cy=390.0, k1=0.02, k2=0.0, k3=0.0, k4=0.0), (800, 800))
 GROUPS = {("fx", "fy"): np.inf, ("k1",): np.inf}
@@ -137,3 +139,20 @@ def test_the_covariance_of_a_calibration_is_the_prior_of_its_refinement():
     np.testing.assert_allclose(of_params, covariance, atol=1e-12)
     with pytest.raises(ValueError, match="has no covariance"):
         FreeCameras.of_calibrations([TRUE])
+
+
+def test_images_are_registered_by_the_refined_cameras():
+    start = replace(TRUE, model=replace(TRUE.model, fx=345.0, fy=345.0))
+    poses = [Pose(exp(np.array([0.0, 0.05 * k, 0.0])), -np.array([0.4 * k, 0.1 * k * k, 0.0])) for k in range(6)]
+    keypoints = seen(poses, points_around(600), start, NOISE_PX)
+    free = FreeCameras.of_parameters([start], [GROUPS])
+    images = RigImages.of(keypoints).with_free_cameras(free, keypoints)
+    graph = match_pairs(keypoints, list(combinations(range(6), 2)), lambda *_: None)
+    five = replace(graph, edges=[edge for edge in graph.edges if edge.b != 5])
+    (found,) = map_images(keypoints, images, five, lambda *_: None)
+    assert found.cameras[0].model.fx == pytest.approx(300, abs=5)
+    frames, registered = register_frames(found.frames, found.tracks, found.points, graph.edges, found.images)
+    assert frames.tolist() == [5]
+    order = np.argsort(found.frames)
+    positions, _ = similarity_errors([*found.rig_from_world[order], *registered], poses)
+    assert positions[5] < 0.01

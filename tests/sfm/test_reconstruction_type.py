@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import hat
 from omnisight.sfm.reconstruction import MIN_VERIFIED
 from reconstructing import single, without_points
 
 
 def with_observations(made, keep):
-    chosen = {f.name: getattr(made.observations, f.name)[keep] for f in dataclasses.fields(made.observations)}
-    return dataclasses.replace(made, observations=type(made.observations)(**chosen))
+    return dataclasses.replace(made, observations=made.observations.select(keep))
 
 
 def test_images_with_few_points_that_other_images_share_are_not_verified():
@@ -57,3 +58,21 @@ def test_of_two_parts_that_no_three_images_connect_the_larger_is_verified():
     assert with_observations(made, apart | bridge).unverified == made.names[5:]
     bridge = (image == 4) & (point % 2 == 1)
     assert with_observations(made, apart | bridge).unverified == ()
+
+
+def test_the_uncertainty_of_the_scale_does_not_depend_on_the_origin():
+    made = single(frames=6)
+    sigma = np.repeat([np.radians(0.05), 0.01], 3)
+    covariance = np.array([np.zeros((6, 6)), *[np.diag(sigma**2)] * 5])
+    here = dataclasses.replace(made, pose_covariance=covariance)
+    offset = np.array([1000.0, -2000.0, 50.0])
+    far_poses, far_covariance = list[Pose](), list[np.ndarray]()
+    for pose, of_pose in zip(made.rig_from_world, covariance, strict=True):
+        shift = pose.rotation @ offset
+        far_poses.append(Pose(pose.rotation, pose.translation - shift))
+        # t' = t - R offset, and a rotation by w changes R offset by w x R offset.
+        by_step = np.block([[np.eye(3), np.zeros((3, 3))], [hat(shift), np.eye(3)]])
+        far_covariance.append(by_step @ of_pose @ by_step.T)
+    far = dataclasses.replace(made, rig_from_world=tuple(far_poses), pose_covariance=np.array(far_covariance))
+    assert far.scale_sigma == pytest.approx(here.scale_sigma, rel=1e-6)
+    assert here.scale_sigma > 0

@@ -118,6 +118,26 @@ def test_a_wall_has_two_motions_which_other_points_decide(outliers):
         assert np.linalg.norm(step_between(found.b_from_a, pose)[:3]) < np.radians(1)
 
 
+@pytest.mark.parametrize("error_deg", [0.1, 0.2])
+def test_a_rotation_through_a_slightly_wrong_camera_is_not_a_motion_before_a_plane(error_deg):
+    """A radial error of the calibration has a field of residuals that a homography describes better than a rotation."""
+    rng = np.random.default_rng(0)
+    rotation = exp(np.radians([2.0, 20.0, -3.0]))
+
+    def distorted(x):
+        theta, phi = np.arctan2(np.hypot(x[:, 0], x[:, 1]), x[:, 2]), np.arctan2(x[:, 1], x[:, 0])
+        theta = theta + np.radians(error_deg) * (theta / (np.pi / 2)) ** 3
+        return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+
+    a = unit(rng.normal(size=(3000, 3)) * [1, 1, 0.5] + [0, 0, 0.5])
+    a = a[a[:, 2] > -0.3]
+    b = a @ rotation.T
+    use = b[:, 2] > -0.3
+    a, b = (distorted(x[use]) + rng.normal(0, np.radians(0.05), (int(use.sum()), 3)) for x in (a, b))
+    found = om.relative_pose(a, b)
+    assert found.motion.name in ("rotation only", "insufficient parallax")
+
+
 def test_identical_bearings_are_a_rotation_by_zero():
     a, *_ = Scene().pairs(0)
     found = om.relative_pose(a, a)

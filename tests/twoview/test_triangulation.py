@@ -75,6 +75,24 @@ def test_missing_rays_parallel_rays_and_points_behind_are_not_valid():
     assert found.parallax_deg[:2] == pytest.approx([np.degrees(np.arctan2(1, 3)), 0], abs=1e-6)
 
 
+def test_cameras_that_do_not_see_a_point_change_nothing(points):
+    poses = [om.Pose(translation=[-0.2 * k, 0.0, 0.0]) for k in range(2)]
+    others = [om.Pose(translation=[5.0 + k, 0.0, 0.0]) for k in range(18)]
+    noise = np.random.default_rng(0).normal(0, 1e-3, (2, *points.shape))
+    bearings = np.stack([unit(unit(pose @ points) + e) for pose, e in zip(poses, noise, strict=True)])
+    covariance = np.broadcast_to(1e-6 * np.eye(3), (2, len(points), 3, 3))
+    alone = om.triangulate(poses, bearings, covariance)
+    assert alone.valid.any()
+    for unknown in (np.nan, 0.0):
+        more = np.concatenate([bearings, np.full((18, len(points), 3), np.nan)])
+        of_more = np.concatenate([covariance, np.full((18, len(points), 3, 3), unknown)])
+        found = om.triangulate([*poses, *others], more, of_more)
+        assert (found.valid == alone.valid).all()
+        assert found.covariance == pytest.approx(alone.covariance, rel=1e-6)
+    with pytest.raises(ValueError, match="covariance of a bearing that a camera sees is not finite"):
+        om.triangulate(poses, bearings, np.full_like(covariance, np.nan))
+
+
 def test_arrays_of_other_shapes_are_refused():
     with pytest.raises(
         ValueError, match=r"bearings must have the shape \(V, N, 3\) with V >= 2 poses, got \(1, 5, 3\)"

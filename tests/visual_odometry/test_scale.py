@@ -14,10 +14,11 @@ from omnisight.simulation.motion_sensors import ImuNoise, measure_imu
 from omnisight.simulation.spline_trajectory import SplineTrajectory
 from omnisight.simulation.trajectory import Trajectory
 from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
-from omnisight.visual_odometry.ground_plane import ground_height, scale_from_height
+from omnisight.visual_odometry.ground_plane import GroundHeight, ground_height, scale_from_height
 from omnisight.visual_odometry.gyro_prediction import GyroPrediction
 from omnisight.visual_odometry.imu import ImuSamples
 from omnisight.visual_odometry.imu_scale import scale_from_imu
+from omnisight.visual_odometry.loop_result import Loop
 from omnisight.visual_odometry.scale_estimate import robust_mean
 from omnisight.visual_odometry.wheel_scale import WheelSpeeds, scale_from_wheels
 
@@ -180,6 +181,29 @@ def test_segments_have_scales_of_their_own_and_follow_each_other(motion):
     for part in (slice(0, 60), slice(60, 119)):
         lengths = [np.linalg.norm(np.ptp(rows[part], axis=0)) for rows in (centers, true)]
         assert lengths[0] == pytest.approx(lengths[1], rel=0.12)
+
+
+def test_segments_that_a_loop_joins_keep_their_relative_poses(motion):
+    poses = tracked(motion)
+    lost = [LostSegment(60, 60, "a cut", "new segment")]
+    loop = Loop(3, 90, Pose(), 1.0, 40, 30, 0.8)
+    joined = sources(imu=inertial(motion)).apply(poses, lost, [loop])
+    assert joined.scale
+    ratios = {
+        np.linalg.norm(_step(joined.poses, a, b)) / np.linalg.norm(_step(poses, a, b))
+        for a, b in ((0, 40), (10, 100), (50, 70), (70, 110))
+    }
+    assert max(ratios) == pytest.approx(min(ratios), rel=1e-9)
+    assert min(ratios) == pytest.approx(joined.scale.metres, rel=1e-9)
+
+
+def _step(poses, a, b):
+    return poses[b].rig_from_world.inverse().translation - poses[a].rig_from_world.inverse().translation
+
+
+def test_the_uncertainty_of_a_measured_height_is_part_of_the_scale():
+    same = [GroundHeight(k, 2.0, 100) for k in range(400)]
+    assert scale_from_height(same, 0.5).relative_sigma >= 0.015
 
 
 def test_scales_that_contradict_each_other_are_reported(motion):

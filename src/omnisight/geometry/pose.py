@@ -68,6 +68,17 @@ class Pose(Displayed):
         """Return a_from_b."""
         return type(self)(self.rotation.T, -self.rotation.T @ self.translation)
 
+    def position_covariance(self, covariance: ArrayLike) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of the position of frame b in frame a, -R^T t.
+
+        Parameters
+        ----------
+        covariance
+            (6, 6) of a step (w, v) of `moved`, which changes the position by -R^T (v - w x t).
+        """
+        by_step = -self.rotation.T @ np.hstack([so3.hat(self.translation), np.eye(3)])
+        return by_step @ np.asarray(covariance, float) @ by_step.T
+
     def moved(self, step: ArrayLike) -> Self:
         """Return the pose moved by a step (w, v) (6,), rotation vector and translation: x_b = exp(w) R x_a + t + v."""
         s = np.asarray(step, float)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from omnisight.display import Displayed
 from omnisight.features import Keypoints
-from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.block_jackknife import measured_variance_ratio
 from omnisight.places import PlaceIndex
@@ -124,10 +123,7 @@ class LocalizedImage(Displayed):
         They are root mean squares over the three axes together.
         """
         assert self.cam_from_world is not None
-        rotation, t = self.cam_from_world.rotation, self.cam_from_world.translation
-        # The camera is at c = -R^T t; a step (w, v) moves it by -R^T (v - w x t).
-        by_step = -rotation.T @ np.hstack([so3.hat(t), np.eye(3)])
-        position = by_step @ self.covariance @ by_step.T
+        position = self.cam_from_world.position_covariance(self.covariance)
         return float(np.sqrt(np.trace(self.covariance[:3, :3]))), float(np.sqrt(np.trace(position)))
 
 
@@ -170,7 +166,9 @@ def localize(keypoints: Keypoints, visual_map: VisualMap) -> LocalizedImage:
         reason = f"only {inliers} of {len(pairs)} matches agree with a pose: another place with similar objects"
         return LocalizedImage(None, unknown, len(pairs), inliers, nearest, reason)
     ratio = _variance_ratio(found, points, seen.bearings, noise)
-    return LocalizedImage(found.cam_from_world, ratio * found.covariance, len(pairs), inliers, nearest)
+    are_points_known = np.isfinite(model.points.covariance[pairs[found.inliers, 1]]).all()
+    covariance = ratio * found.covariance if are_points_known else unknown
+    return LocalizedImage(found.cam_from_world, covariance, len(pairs), inliers, nearest)
 
 
 def match_points(descriptors: NDArray[np.float32], of_points: NDArray[np.float32], point: Indices) -> Indices:

@@ -113,12 +113,14 @@ def minimize(
         return Solution(state, cost, False, 0, "the cost of the initial state is not finite")
     for iteration in range(1, iterations + 1):
         linearized = problem.linearize(state) if iteration > 1 or first is None else first
+        had_step = False
         while True:
             step = linearized.solve(damping)
             predicted = linearized.decrease(step) if np.all(np.isfinite(step)) else np.nan
             if predicted <= tolerance * _reference_cost(cost, scale):
                 return Solution(state, cost, True, iteration, "no step decreases the cost")
             finite = np.isfinite(predicted)
+            had_step |= bool(finite)
             moved = problem.move(state, step) if finite else state
             new_cost = problem.cost(moved) if finite else np.inf
             ratio = (cost - new_cost) / predicted
@@ -130,7 +132,8 @@ def minimize(
                 break
             damping, growth = damping * growth, growth * DAMPING_GROWTH
             if damping > MAX_DAMPING:
-                return Solution(state, cost, True, iteration, "no step decreases the cost")
+                reason = "no step decreases the cost" if had_step else "the normal equations have no finite solution"
+                return Solution(state, cost, had_step, iteration, reason)
         damping = max(damping * float(damping_factor(ratio)), MIN_DAMPING)
         growth = DAMPING_GROWTH
         fall = cost - new_cost

@@ -314,13 +314,14 @@ def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> 
         return ScaledTrajectory(closed.trajectory)
     if closed:
         known.correct(tracking.trajectory, closed.trajectory)
-    return known.apply(closed.trajectory, tracking.lost)
+    return known.apply(closed.trajectory, tracking.lost, closed.loops)
 
 
 def _scaled_loops(loops: Sequence[Loop], scaled: ScaledTrajectory) -> tuple[Loop, ...]:
     """Return loops in the unit of the trajectory."""
+    scales = [scaled.metres_of_frame.get(loop.first, 1.0) for loop in loops]
     poses = [loop.first_from_last for loop in loops]
-    moved = [Pose(pose.rotation, scaled.metres * pose.translation) for pose in poses]
+    moved = [Pose(p.rotation, metres * p.translation) for p, metres in zip(poses, scales, strict=True)]
     return tuple(replace(loop, first_from_last=pose) for loop, pose in zip(loops, moved, strict=True))
 
 

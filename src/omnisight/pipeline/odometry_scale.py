@@ -1,11 +1,11 @@
 """The scale of a trajectory from what the user knows besides the images."""
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
@@ -16,9 +16,13 @@ from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, Tra
 from omnisight.visual_odometry.ground_plane import GroundHeight, ground_height, scale_from_height
 from omnisight.visual_odometry.imu import ImuSamples
 from omnisight.visual_odometry.imu_scale import scale_from_imu
+from omnisight.visual_odometry.loop_result import Loop
 from omnisight.visual_odometry.odometry import Odometry
 from omnisight.visual_odometry.scale_estimate import ScaleEstimate
+from omnisight.visual_odometry.segments import trajectory_segments
 from omnisight.visual_odometry.wheel_scale import WheelSpeeds, scale_from_wheels
+
+Array = NDArray[np.float64]
 
 # Uncertainty (metres, one standard deviation) of the end points of a distance that a person measures.
 DISTANCE_SIGMA_M = 0.01
@@ -40,16 +44,48 @@ class ScaledTrajectory:
         The scale of the first segment of the trajectory; None if nothing is known besides the images.
     warnings
         Contradictions, and segments of unknown scale.
+    metres_of_frame
+        Metres per unit of the trajectory before, of each frame; none if it was in metres, or the scale is unknown.
     """
 
     poses: tuple[TrackedPose, ...]
     scale: ScaleEstimate | None = None
     warnings: tuple[str, ...] = ()
+    metres_of_frame: Mapping[int, float] = field(default_factory=dict[int, float])
 
     @property
     def metres(self) -> float:
-        """Metres per unit of the trajectory before; 1 if it was in metres, or the scale is unknown."""
+        """Metres per unit of the trajectory before, of its first segment."""
         return self.scale.metres if self.scale else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class WorldInMetres:
+    """The world of a segment in metres: x_metres = metres * x + shift.
+
+    Attributes
+    ----------
+    metres
+        Per unit.
+    shift
+        (3,) metres.
+    """
+
+    metres: float
+    shift: Array
+
+    @classmethod
+    def starting(cls, first: TrackedPose, metres: float, before: Sequence[TrackedPose]) -> Self:
+        """Return the world in which the first pose of a segment is where the poses before end."""
+        if not before:
+            return cls(metres, np.zeros(3))
+        return cls(metres, _position(before[-1]) - metres * _position(first))
+
+    def __matmul__(self, pose: TrackedPose) -> TrackedPose:
+        """Return a pose in metres."""
+        rotation = pose.rig_from_world.rotation
+        position = self.metres * _position(pose) + self.shift
+        return replace(pose, rig_from_world=Pose(rotation, -rotation @ position))
 
 
 @dataclass(eq=False)
@@ -115,24 +151,35 @@ class ScaleSources:
             if lengths[0] > 0:
                 self._heights[k] = replace(ground, height=ground.height * float(lengths[1] / lengths[0]))
 
-    def apply(self, poses: Sequence[TrackedPose], lost: Sequence[LostSegment]) -> ScaledTrajectory:
-        """Return a trajectory in metres if the scale of one of its segments is known."""
-        segments = _segments(poses, lost)
-        estimates = [self.estimates(segment) for segment in segments]
-        best = [min(filter(None, found), key=lambda each: each.relative_sigma, default=None) for found in estimates]
-        known = [each for each in best if each is not None]
-        if not known:
-            reasons = "; ".join(each.reason for each in (estimates[0] if estimates else ()))
-            scale = ScaleEstimate("", reason=reasons) if reasons else None
-            return ScaledTrajectory(tuple(poses), scale)
-        warnings = [text for found in estimates for text in _contradictions(found)]
-        if len(known) < len(segments):
-            warnings.append(f"the scale of {len(segments) - len(known)} of {len(segments)} segments is extrapolated")
-        last, scaled = known[0], list[TrackedPose]()
-        for segment, estimate in zip(segments, best, strict=True):
-            last = estimate or last
-            scaled += _scaled(segment, last.metres, scaled)
-        return ScaledTrajectory(tuple(scaled), known[0], tuple(warnings))
+    def apply(
+        self, poses: Sequence[TrackedPose], lost: Sequence[LostSegment], loops: Sequence[Loop] = ()
+    ) -> ScaledTrajectory:
+        """Return a trajectory in metres if the scale of one of its segments is known.
+
+        Segments that loops join have one scale, and keep their relative poses.
+        """
+        segments = trajectory_segments(poses, lost, loops)
+        parts = [[pose for pose in poses if part.first <= pose.frame <= part.last] for part in segments]
+        found, worlds = [self.estimates(part) for part in parts], [part.world for part in segments]
+        best = dict[int, ScaleEstimate]()  # by world
+        for world, estimate in ((w, each) for w, of_part in zip(worlds, found, strict=True) for each in of_part):
+            if estimate and (world not in best or estimate.relative_sigma < best[world].relative_sigma):
+                best[world] = estimate
+        if not best:
+            reasons = "; ".join(each.reason for each in (found[0] if found else ()))
+            return ScaledTrajectory(tuple(poses), ScaleEstimate("", reason=reasons) if reasons else None)
+        warnings = [text for of_part in found for text in _contradictions(of_part)]
+        if unknown := len(set(worlds) - set(best)):
+            warnings.append(f"the scale of {unknown} of {len(set(worlds))} segments is extrapolated")
+        first = last = next(best[world] for world in worlds if world in best)
+        frames, scaled = dict[int, WorldInMetres](), list[TrackedPose]()
+        for world, part in zip(worlds, parts, strict=True):
+            if world not in frames:
+                last = best.get(world, last)
+                frames[world] = WorldInMetres.starting(part[0], last.metres, scaled)
+            scaled += [frames[world] @ pose for pose in part]
+        metres = {pose.frame: frames[w].metres for w, part in zip(worlds, parts, strict=True) for pose in part}
+        return ScaledTrajectory(tuple(scaled), first, tuple(warnings), metres)
 
     def estimates(self, poses: Sequence[TrackedPose]) -> list[ScaleEstimate]:
         """Return the scale of one segment from each source."""
@@ -165,24 +212,8 @@ def _scale_from_distance(poses: Sequence[TrackedPose], first: int, last: int, me
     return ScaleEstimate.checked(source, metres / length, DISTANCE_SIGMA_M / metres)
 
 
-def _segments(poses: Sequence[TrackedPose], lost: Sequence[LostSegment]) -> list[list[TrackedPose]]:
-    """Divide a trajectory where a new segment starts, with another scale."""
-    starts = sorted(each.first for each in lost if each.recovery == "new segment")
-    rows = np.searchsorted([pose.frame for pose in poses], starts)
-    edges = [0, *sorted({int(row) for row in rows if 0 < row < len(poses)}), len(poses)]
-    return [list(poses[a:b]) for a, b in itertools.pairwise(edges) if b > a]
-
-
-def _scaled(segment: Sequence[TrackedPose], metres: float, before: Sequence[TrackedPose]) -> list[TrackedPose]:
-    """Return a segment in metres, which starts where the one before ends."""
-    start = segment[0].rig_from_world.inverse().translation
-    origin = before[-1].rig_from_world.inverse().translation if before else metres * start
-    scaled = list[TrackedPose]()
-    for pose in segment:
-        center = origin + metres * (pose.rig_from_world.inverse().translation - start)
-        rotation = pose.rig_from_world.rotation
-        scaled.append(replace(pose, rig_from_world=Pose(rotation, -rotation @ center)))
-    return scaled
+def _position(pose: TrackedPose) -> Array:
+    return pose.rig_from_world.inverse().translation
 
 
 def _contradictions(found: Sequence[ScaleEstimate]) -> list[str]:

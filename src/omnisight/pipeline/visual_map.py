@@ -56,9 +56,8 @@ def build_map(
         for image, name in enumerate(model.names):
             rows = np.flatnonzero(model.observations.image == image)
             keypoints = detected.keypoints[number[name]]
-            at = {pixel: k for k, pixel in enumerate(map(tuple, keypoints.pixels.tolist()))}
-            found = [at[pixel] for pixel in map(tuple, model.observations.pixels[rows].tolist())]
-            descriptors[rows] = keypoints.descriptors[found]
+            assert model.observations.keypoint is not None
+            descriptors[rows] = keypoints.descriptors[model.observations.keypoint[rows]]
     return VisualMap(model, descriptors), result
 
 

@@ -142,7 +142,7 @@ class LinearizedBundle:
         """Return the normal equations of the cameras, from which the points are eliminated."""
         from omnisight.sfm._bundle_kernel import reduce_points
 
-        cameras, parts = self.cameras, list[ReducedSystem]()
+        cameras, parts = self.cameras, dict[int, ReducedSystem]()
         indices = self.starts, cameras.columns, cameras.groups, cameras.parts
         terms = int(np.diff(self.starts).max(initial=0)), 3, cameras.columns.shape[1]
 
@@ -151,11 +151,12 @@ class LinearizedBundle:
             into = cameras.layout, part.matrix.values, part.right, part.diagonal
             memory = np.empty((3, 3)), np.empty(3), np.empty(terms), np.empty(terms)
             reduce_points(*indices, *self._jacobian, damping, first, last, *into, *memory)
-            parts.append(part)
+            parts[first] = part
 
         parallel_for(work, len(self.starts) - 1, POINTS_PER_TASK)
-        matrix, right, diagonal = parts.pop()
-        for part in parts:
+        # In the order of the points, whatever thread was first: sums are rounded in the same way in every run.
+        (matrix, right, diagonal), *others = (parts[first] for first in sorted(parts))
+        for part in others:
             for target, values in ((matrix.values, part.matrix.values), (right, part.right), (diagonal, part.diagonal)):
                 target += values
         residuals, derivatives = self.prior

@@ -160,14 +160,14 @@ def map_images(
         count = 0
         while moving:
             found = _refined(found, _tracks(found, rest), watch)
-            contradicted = _contradicted_frames(found, replace(graph, edges=rest), keypoints)
+            contradicted = _contradicted_frames(found, replace(graph, edges=rest))
             if contradicted.any() and not contradicted.all():
                 found = _with_frames(found, ~contradicted)
                 found = _refined(found, _tracks(found, rest), watch)
             if len(found.frames) <= count:  # the registered frames did not agree with the map
                 break
             count = len(found.frames)
-            added, poses = register_frames(found.frames, found.tracks, found.points, rest, keypoints, found.images)
+            added, poses = register_frames(found.frames, found.tracks, found.points, rest, found.images)
             if not len(added):
                 break
             together = np.concatenate([found.rig_from_world, poses])
@@ -253,7 +253,7 @@ def _with_frames(current: Map, keep: NDArray[np.bool_]) -> Map:
     )
 
 
-def _contradicted_frames(found: Map, graph: ViewGraph, keypoints: Sequence[Keypoints]) -> NDArray[np.bool_]:
+def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
     """Return which frames (F,) are where more matches with the others are missing than agree."""
     images, row, tracks = found.images, found.row_of_image, found.tracks
     known, poses = dict[int, KnownPoints](), dict[int, Pose]()
@@ -261,7 +261,7 @@ def _contradicted_frames(found: Map, graph: ViewGraph, keypoints: Sequence[Keypo
         of_sensor = Pose.of_matrix(found.sensor_from_rig[images.sensor[image]])
         poses[image] = of_sensor @ Pose.of_matrix(found.rig_from_world[row[image]])
         distances = np.linalg.norm(poses[image] @ found.points[tracks.track[seen]], axis=1)
-        known[image] = KnownPoints.of(keypoints[image].bearings, tracks.keypoint[seen], distances)
+        known[image] = KnownPoints.of(images.bearings_of(image), tracks.keypoint[seen], distances)
     matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)
     pairs = [(a, b) for a, b in graph.compared if a in known and b in known and row[a] != row[b]]
 

@@ -1,6 +1,7 @@
 """The result of structure from motion: poses of images, points, and their observations."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,16 +33,24 @@ class Observations:
         (M, 2) in the image.
     residuals
         (M, 2) projected minus observed pixels.
+    keypoint
+        (M,) index among the keypoints of the image; None for observations of a file.
     """
 
     image: Indices
     point: Indices
     pixels: Array
     residuals: Array = field(repr=False)
+    keypoint: Indices | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         """Return the number of observations."""
         return len(self.image)
+
+    def select(self, use: NDArray[Any]) -> "Observations":
+        """Return the observations of a mask (M,) or of indices."""
+        keypoint = None if self.keypoint is None else self.keypoint[use]
+        return Observations(self.image[use], self.point[use], self.pixels[use], self.residuals[use], keypoint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +97,7 @@ class Reconstruction(Displayed):
         Pose of each frame.
     pose_covariance
         (F, 6, 6) covariances of the steps (w, v) of `Pose.moved` of these poses: relative to the first frame, which has
-        none, and to the scale; in the world for known positions. Zero for images without points.
+        none, and to the scale; in the world for known positions. NaN for images without points.
     points
         The points; none in a graph of panoramas that were taken in one place.
     observations
@@ -141,10 +150,10 @@ class Reconstruction(Displayed):
         length = float(np.linalg.norm(baselines[farthest]))
         if not length:
             return float("nan")
-        variance = 0.0
+        along, variance = baselines[farthest] / length, 0.0
         for frame in (0, farthest):
-            along = self.rig_from_world[frame].rotation @ baselines[farthest] / length
-            variance += along @ self.pose_covariance[frame, 3:, 3:] @ along
+            covariance = self.rig_from_world[frame].position_covariance(self.pose_covariance[frame])
+            variance += along @ covariance @ along
         return float(np.sqrt(variance)) / length
 
     @property

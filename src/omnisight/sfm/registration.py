@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import Tracks
@@ -21,7 +20,6 @@ def register_frames(
     tracks: Tracks,
     points: Array,
     edges: Sequence[Edge],
-    keypoints: Sequence[Keypoints],
     images: RigImages,
 ) -> tuple[Indices, Array]:
     """Estimate the poses of the frames that edges connect with a map, each by the image with the most inliers.
@@ -37,8 +35,6 @@ def register_frames(
         Observations of the points (P, 3) of the map.
     edges
         All edges.
-    keypoints
-        Keypoints of all images.
     images
         The images.
 
@@ -49,7 +45,7 @@ def register_frames(
     """
     best = dict[int, tuple[int, Array]]()
     for image, rows in sorted(_matches(frames, tracks, edges, images).items()):
-        pose = resect(points[rows[:, 1]], keypoints[image].bearings[rows[:, 0]])
+        pose = resect(points[rows[:, 1]], images.bearings_of(image)[rows[:, 0]])
         support, frame = int(pose.inliers.sum()), int(images.frame[image])
         if pose.cam_from_world is None or support < MIN_INLIERS or support <= best.get(frame, (0,))[0]:
             continue

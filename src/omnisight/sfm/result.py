@@ -50,6 +50,7 @@ def build_reconstruction(
     seen = np.maximum(np.bincount(tracks.track, minlength=len(found.points)), 1)[:, None]
     mean = np.column_stack([np.bincount(tracks.track, rgb[:, c], minlength=len(found.points)) for c in range(3)]) / seen
     inside = np.flatnonzero(found.row_of_image >= 0)
+    image = np.searchsorted(inside, tracks.image)
     return Reconstruction(
         rig,
         tuple(names[i] for i in inside.tolist()),
@@ -58,7 +59,7 @@ def build_reconstruction(
         tuple(Pose.of_matrix(pose) for pose in found.rig_from_world),
         of_map.poses,
         Points(found.points, of_map.points, np.rint(mean).astype(np.uint8)),
-        Observations(np.searchsorted(inside, tracks.image), tracks.track, pixels, _residuals(found, rig, pixels)),
+        Observations(image, tracks.track, pixels, _residuals(found, rig, pixels), tracks.keypoint),
         has_scale=found.has_scale,
         origin=origin if found.measured is not None else None,
     )
@@ -90,7 +91,7 @@ def covariances(found: Map) -> Covariances:
     """Return the covariances of a map."""
     frames, points, count = len(found.frames), len(found.points), len(found.values)
     if not points:
-        return Covariances(np.zeros((frames, 6, 6)), np.zeros((0, 3, 3)), np.full((count, count), np.nan))
+        return Covariances(np.full((frames, 6, 6), np.nan), np.zeros((0, 3, 3)), np.full((count, count), np.nan))
     bundle = found.bundle
     columns, _, total = bundle.parameters
     try:

@@ -108,6 +108,10 @@ class RigImages:
         used = self.centers[np.unique(self.sensor[np.isin(self.frame, frames)])]
         return self.is_rig_known and bool(np.ptp(used, axis=0).any())
 
+    def bearings_of(self, image: int) -> Array:
+        """Return the bearings (N, 3) of the keypoints of an image, by its refined camera."""
+        return self.bearings[self.offsets[image] : self.offsets[image + 1]]
+
     def keypoints(self, tracks: Tracks) -> Indices:
         """Return the indices (M,) of the keypoints of observations among those of all images."""
         return self.offsets[tracks.image] + tracks.keypoint

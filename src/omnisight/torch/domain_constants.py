@@ -53,7 +53,11 @@ _latest: OrderedDict[tuple[Any, ...], tuple[list[torch.Tensor], CameraModel]] = 
 
 
 def model_by_version(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
-    """Return the NumPy model without reading the parameters unless they changed."""
+    """Return the NumPy model without reading the parameters unless they changed.
+
+    Changes are noticed by the version of a tensor, which in-place changes of `parameter.data` do not count: change the
+    parameters themselves, in `torch.no_grad()`.
+    """
     key = (model, *((parameter.data_ptr(), parameter._version) for parameter in parameters))
     if key not in _latest:
         _latest[key] = [parameter.detach() for parameter in parameters], _model_of_values(parameters, model)

@@ -104,15 +104,15 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
         rotation = found.rotation
         if rotation and rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
             return found
+    parallax = np.sort(squares_of_rotation)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
+    ratio = float(np.sqrt(parallax.mean()))
+    if ratio < MIN_PARALLAX_RATIO:
+        return Selection(MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"))
     if criteria["dominant plane"] < criteria["general"]:
         share = np.mean(squares_of_plane <= THRESHOLDS[2])
         return Selection(
             MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None, homography
         )
-    parallax = np.sort(squares_of_rotation)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
-    ratio = float(np.sqrt(parallax.mean()))
-    if ratio < MIN_PARALLAX_RATIO:
-        return Selection(MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"))
     return Selection(unknown_direction(covariance) or _planar_or_general(general.model, covariance))
 
 

@@ -79,7 +79,7 @@ def triangulate(
     directions_in_cams = np.where(seen[..., None], np.asarray(bearings, float), [0.0, 0.0, 1.0])
     directions_in_cams /= np.linalg.norm(directions_in_cams, axis=-1, keepdims=True)
     known = covariance is not None or sigma_deg is not None
-    across = _whitening(directions_in_cams, covariance, INITIAL_SIGMA_DEG if sigma_deg is None else sigma_deg)
+    across = _whitening(directions_in_cams, covariance, INITIAL_SIGMA_DEG if sigma_deg is None else sigma_deg, seen)
     maps = np.ascontiguousarray(np.einsum("vnkj,vji->nvki", across, rotations))
 
     from omnisight.twoview._triangulation_kernel import angular_optimum, midpoints
@@ -97,7 +97,9 @@ def triangulate(
         angle = 2 * np.arcsin(np.minimum(np.linalg.norm(offset / distance[..., None] - direction, axis=-1) / 2, 1))
         residual = np.sqrt(np.nansum(angle**2, axis=1) / np.maximum(count, 1))
     parallax = _largest_angle(direction)
-    sigma = scale / np.sqrt(np.nanmean((maps**2).sum(-1), axis=(1, 2)))
+    information_of_rays = np.where(seen.T, (maps**2).sum(axis=(2, 3)) / 2, 0.0).sum(axis=1) / np.maximum(count, 1)
+    with np.errstate(divide="ignore"):
+        sigma = scale / np.sqrt(information_of_rays)
     is_ahead = np.where(seen.T, along > 0, True).all(axis=1)
     valid = finite & is_ahead & (parallax > MIN_PARALLAX_SIGMA * np.sqrt(2) * sigma)
     return Triangulation(points, covariances, valid, np.degrees(parallax), np.degrees(residual))
@@ -134,7 +136,7 @@ def whitening(covariance: Array) -> Array:
     return np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]
 
 
-def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) -> Array:
+def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float, seen: NDArray[np.bool_]) -> Array:
     """Return the maps (V, N, 2, 3) of chords in the camera frames to two components of unit variance."""
     views, count = bearings.shape[:2]
     flat = bearings.reshape(-1, 3)
@@ -142,7 +144,9 @@ def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float) 
         given = np.asarray(covariance, float)
         if given.shape != (views, count, 3, 3):
             raise ValueError(f"covariance must have the shape ({views}, {count}, 3, 3), got {given.shape}")
-        covariance = np.where(np.isfinite(given), given, np.eye(3)).reshape(-1, 3, 3)
+        if not np.isfinite(given[seen]).all():
+            raise ValueError("the covariance of a bearing that a camera sees is not finite")
+        covariance = np.where(seen[..., None, None], given, np.eye(3)).reshape(-1, 3, 3)
     return whitening(tangent_covariances(flat, covariance, sigma_deg)).reshape(views, count, 2, 3)
 
 

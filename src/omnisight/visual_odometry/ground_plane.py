@@ -20,6 +20,8 @@ TOLERANCE = 0.04
 MIN_POINTS, SAMPLES, REFINEMENTS = 12, 200, 3
 # Share of the points below the horizon that are below the plane: reflections and wrong points.
 MAX_BELOW_SHARE = 0.25
+# Standard deviation (metres) of the height of a camera that a person measures.
+HEIGHT_SIGMA_M = 0.01
 # Keyframes per independent measurement: those of a window share points.
 BLOCK = 8
 
@@ -86,7 +88,7 @@ def ground_height(frame: int, points: Array, rig_from_world: Pose, down: Array) 
 def scale_from_height(heights: list[GroundHeight], metres: float) -> ScaleEstimate:
     """Return the scale, given the height of the camera in metres.
 
-    Its uncertainty includes that of the height, which changes while a person or a vehicle moves.
+    Its uncertainty includes that of the height, which a person measures, and which differs by the load of a vehicle.
     """
     source = "the height over the ground"
     if len(heights) < MIN_MEASUREMENTS:
@@ -98,4 +100,4 @@ def scale_from_height(heights: list[GroundHeight], metres: float) -> ScaleEstima
         else np.array([h.height for h in heights])
     )
     height, sigma = robust_mean(values)
-    return ScaleEstimate.checked(source, metres / height, sigma / height)
+    return ScaleEstimate.checked(source, metres / height, float(np.hypot(sigma / height, HEIGHT_SIGMA_M / metres)))

@@ -43,9 +43,11 @@ class ScaleEstimate:
     @classmethod
     def checked(cls, source: str, metres: float, relative_sigma: float) -> "ScaleEstimate":
         """Return a scale, unknown if it is not positive or too uncertain."""
-        if metres > 0 and 0 <= relative_sigma < MAX_RELATIVE_SIGMA:
-            return cls(source, metres, relative_sigma)
-        return cls(source, reason=f"the scale from {source} is uncertain by {relative_sigma:.0%} (1σ)")
+        if not abs(relative_sigma) < MAX_RELATIVE_SIGMA:
+            return cls(source, reason=f"the scale from {source} is uncertain by {abs(relative_sigma):.0%} (1σ)")
+        if not metres > 0:
+            return cls(source, reason=f"the scale from {source} would be {metres:.3g}, which is not positive")
+        return cls(source, metres, relative_sigma)
 
 
 def robust_mean(values: Array) -> tuple[float, float]:

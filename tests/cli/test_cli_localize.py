@@ -1,0 +1,76 @@
+"""omnisight localize, on rendered images of a room whose poses are known."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.features import detect_features
+from omnisight.geometry.rotation import exp
+from omnisight.sfm.georeference import robust_similarity
+from omnisight.simulation import Renderer, scene_named
+
+SPHERE, PHONE = om.sphere(640), om.perspective((480, 360), 80)
+POSES = [
+    om.Pose(exp([0, 0.4 * k, 0]), np.array([0.35 * np.sin(1.1 * k), 0.1 * np.cos(k), 0.25 * k - 0.6])) for k in range(6)
+]
+QUERIES = [om.Pose(exp([0.1, turn, 0]), np.array([0.1, 0.0, 0.05])) for turn in (0.3, 2.4)]
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """Return a folder with images, a map of them, and images of a phone."""
+    folder, scene = tmp_path_factory.mktemp("localize"), scene_named("room")
+    for camera, poses, name in ((SPHERE, POSES, "images"), (PHONE, QUERIES, "phone")):
+        (folder / name).mkdir()
+        for k, pose in enumerate(poses):
+            om.write_image(folder / name / f"{k}.png", Renderer(camera, pose, scene, samples=4)().image)
+    om.save(PHONE, folder / "phone.json")
+    visual_map, _ = om.build_map(folder / "images")
+    assert visual_map is not None
+    assert len(visual_map.reconstruction) == len(POSES)
+    om.write_map(folder / "map", visual_map)
+    return folder
+
+
+def test_the_descriptor_of_an_observation_is_that_of_its_keypoint(known):
+    visual_map, _ = om.build_map(known / "images")
+    observations = visual_map.reconstruction.observations
+    for image, name in enumerate(visual_map.reconstruction.names):
+        keypoints = detect_features(om.read_image(known / "images" / name), SPHERE)
+        rows = np.flatnonzero(observations.image == image)
+        assert len(rows) > 50
+        # Several keypoints of other orientations have the same pixel.
+        assert len(np.unique(keypoints.pixels, axis=0)) < len(keypoints)
+        seen = observations.keypoint[rows]
+        assert (keypoints.pixels[seen] == observations.pixels[rows]).all()
+        assert (visual_map.descriptors[rows] == keypoints.descriptors[seen]).all()
+
+
+def test_images_of_another_camera_are_localized_within_their_uncertainty(run, known):
+    poses = known / "poses.csv"
+    arguments = known / "phone", "--map", known / "map", "--camera", known / "phone.json", "-o", poses, "--json"
+    status, out, err = run("localize", *arguments)
+    assert status == 0, err
+    found = json.loads(out)
+    assert found["localized"] == len(QUERIES)
+    model = om.read_reconstruction(known / "map")
+    centers = np.array([model.world_from_cam(k).translation for k in range(len(model))])
+    truth = np.array([POSES[int(name.split(".")[0])].translation for name in model.names])
+    metres_from_map, _ = robust_similarity(centers, truth)
+    for image in found["images"]:
+        query = QUERIES[int(image["name"].split(".")[0])]
+        error = np.linalg.norm(metres_from_map @ np.array([image["position"]])[0] - query.translation)
+        assert error < max(5 * metres_from_map.scale * image["sigma_position"], 0.01)
+    with poses.open(newline="") as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["0.png", "1.png"]
+
+
+def test_images_without_pose_have_a_reason(run, known, tmp_path):
+    om.write_image(tmp_path / "gray.png", np.full((360, 480, 3), 128, np.uint8))
+    status, out, err = run("localize", tmp_path, "--map", known / "map", "--camera", known / "phone.json")
+    assert status == 2
+    assert "another place, or no texture" in out
+    assert "no image was localized" in err
