@@ -11,7 +11,8 @@ import omnisight as om
 from omnisight import cli
 from omnisight.images import read_image
 from omnisight.models import model_class
-from omnisight.quality.camera_comparison import CameraComparison, chi_square_mixture_tail
+from omnisight.quality.camera_comparison import CameraComparison
+from omnisight.quality.difference_test import chi_square_mixture_tail
 
 LENS = model_class("kannala_brandt")(200.0, 199.0, 321.0, 242.0, 0.02, -0.01, 0.003, -0.001)
 # Standard deviations like those of a calibration, with correlations.
@@ -37,13 +38,13 @@ def test_the_tail_of_a_mixture_of_chi_square_variables_is_that_of_samples(weight
 def test_p_values_of_estimates_of_one_camera_are_those_of_chance():
     rng = np.random.default_rng(1)
     comparisons = [CameraComparison.of(drawn(rng), drawn(rng), columns=24) for _ in range(200)]
-    p = np.sort([c.p_value for c in comparisons])
+    p = np.sort([c.test.p_value for c in comparisons])
     # The Kolmogorov-Smirnov statistic exceeds 0.107 once in a hundred times. The smaller of two p-values, doubled, is
     # uniform where it is small, and larger elsewhere.
     assert (p - (np.arange(200) + 0.5) / 200).min() > -0.107
     assert np.mean(p < 0.2) > 0.08
     rms = np.sqrt(np.mean([c.rms**2 for c in comparisons]))
-    assert rms == pytest.approx(np.mean([c.expected_rms for c in comparisons]), rel=0.1)
+    assert rms == pytest.approx(np.mean([c.test.expected_rms for c in comparisons]), rel=0.1)
     assert {c.verdict for c in comparisons} <= {"same", "different"}
     assert np.mean([c.verdict == "same" for c in comparisons]) > 0.95
 
@@ -83,12 +84,47 @@ def test_a_rotation_of_the_frame_is_no_difference():
     assert angle == pytest.approx(45.0, abs=1e-3)
 
 
+def test_a_camera_without_the_mirror_of_the_other_is_compared_after_left_and_right_are_exchanged():
+    flip = np.array([-1.0, *[1.0] * 7])
+    mirrored = dataclasses.replace(
+        FISHEYE, model=LENS.with_params(flip * LENS.params), covariance=FISHEYE.covariance * np.outer(flip, flip)
+    )
+    assert CameraComparison.of(FISHEYE, mirrored, columns=24).verdict == "equal"
+    other = drawn(np.random.default_rng(3))
+    alone = CameraComparison.of(FISHEYE, other, columns=24)
+    found = CameraComparison.of(mirrored, other, columns=24)
+    assert found.is_mirrored
+    assert not alone.is_mirrored
+    assert "after left and right are exchanged" in found.sentence
+    assert found.rms == pytest.approx(alone.rms, rel=1e-6)
+    assert found.test.p_value == pytest.approx(alone.test.p_value, rel=1e-6)
+
+
+def test_the_figures_of_a_difference_are_those_that_decide():
+    """The difference is below the expected rms, but one component of it exceeds its uncertainty."""
+    focal, others = np.array([0.8, 0.8, *[0.0] * 6]), np.diag([0.01, 0.01, 0.01, 0.01, 5e-4, 5e-4, 5e-4, 5e-4])
+    camera = dataclasses.replace(FISHEYE, covariance=np.outer(focal, focal) + others**2)
+    shifted = dataclasses.replace(camera, model=dataclasses.replace(LENS, k1=LENS.k1 + 4e-3))
+    found = CameraComparison.of(camera, shifted, columns=24)
+    assert found.verdict == "different"
+    assert found.rms < found.test.expected_rms
+    assert found.test.is_of_component
+    assert found.test.component_rms > 2 * found.test.component_expected_rms
+    assert f"{found.test.component_rms:.2g} px rms of one component of the uncertainty" in found.sentence
+
+
+def test_a_limit_of_the_angle_does_not_change_the_calibrated_field_of_view():
+    limited = om.compare(FISHEYE, FISHEYE, om.CompareOptions(max_theta=30))
+    assert np.degrees(limited.common_theta_max) <= 30
+    assert limited.a.theta_max == 1.2
+
+
 def test_cameras_of_images_of_other_sizes_are_scaled():
     rng = np.random.default_rng(3)
     other = drawn(rng)
     same, scaled = (om.compare(FISHEYE, b) for b in (other, other.scaled(2.5)))
     assert scaled.rms == pytest.approx(same.rms, rel=1e-6)
-    assert scaled.p_value == pytest.approx(same.p_value, rel=1e-3)
+    assert scaled.test.p_value == pytest.approx(same.test.p_value, rel=1e-3)
     assert om.compare(FISHEYE, FISHEYE.scaled(2.0)).verdict == "equal"
 
 

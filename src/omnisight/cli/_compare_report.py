@@ -22,6 +22,8 @@ def print_report(comparison: CameraComparison, output: Path | None) -> None:
         f"common      {c.common.mean():.0%} of the image, to {np.degrees(c.common_theta_max):.0f}° off-axis, at"
         f" {c.a.width}x{c.a.height}"
     )
+    if c.is_mirrored:
+        print("mirrored    compared after left and right are exchanged: one of the cameras looks into a mirror")
     angle = float(np.degrees(np.linalg.norm(so3.log(c.rotation))))
     print(f"rotation    {angle:.3g}° between the camera frames")
     print(f"difference  {_difference_text(c, c.aligned)}, after the rotation")
@@ -39,8 +41,9 @@ def print_json(comparison: CameraComparison, output: Path | None) -> None:
     data: dict[str, Any] = {
         "verdict": c.verdict,
         "sentence": c.sentence,
-        "p_value": _number(c.p_value),
-        "expected_rms_px": _number(c.expected_rms),
+        "p_value": _number(c.test.p_value),
+        "expected_rms_px": _number(c.test.expected_rms),
+        "mirrored": c.is_mirrored,
         "difference": _figures(c, c.aligned),
         "difference_without_rotation": _figures(c, c.fixed),
         "worst": {

@@ -48,17 +48,15 @@ def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = Co
     if not all(first.size):
         raise ValueError(f"{names[0]} and {names[1]}: have no image size; add it to a file")
     second = fit_camera(second, first.size, f"{names[1]} is compared with {names[0]}", scale=True)
-    return CameraComparison.of(first, second, names, columns=options.columns)
+    max_theta = math.pi if options.max_theta is None else math.radians(options.max_theta)
+    return CameraComparison.of(first, second, names, columns=options.columns, max_theta=max_theta)
 
 
 def _central(source: AnyCameraSource, name: str | None, options: CompareOptions, label: str) -> Camera:
-    """Return a central camera that is calibrated up to the largest angle to compare."""
+    """Return the central camera of a source."""
     camera = source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
     distance = options.distance if isinstance(camera, RayCamera) else None
-    central = central_approximation(camera, distance, label)
-    if options.max_theta is None:
-        return central
-    return dataclasses.replace(central, theta_max=min(central.theta_max or math.pi, math.radians(options.max_theta)))
+    return central_approximation(camera, distance, label)
 
 
 def _names(sources: tuple[AnyCameraSource, AnyCameraSource], cameras: tuple[str | None, str | None]) -> tuple[str, str]:

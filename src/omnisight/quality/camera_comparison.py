@@ -16,6 +16,8 @@ from omnisight.calibration.rotation_alignment import best_rotation
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
+from omnisight.geometry.sphere import angle_from_axis
+from omnisight.quality.difference_test import DifferenceTest
 from omnisight.quality.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
@@ -26,9 +28,8 @@ ComparisonVerdict = Literal["equal", "same", "different", "unknown"]
 MIN_COMMON = 12
 # Differences below this are those of rounding and of conversions between formats, px.
 MAX_EQUAL_PX = 0.01
-# Components of the difference that are tested one by one have at least this share of its expected variance: in smaller
-# ones, the difference of two models exceeds the uncertainty of their parameters.
-MIN_PRINCIPAL_FRACTION = 1e-3
+# Exchanges left and right.
+MIRROR = np.diag([-1.0, 1.0, 1.0])
 SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "top", "upper right")
 
 
@@ -65,18 +66,18 @@ class CameraComparison(Displayed):
     u, v
         (C,) and (R,) columns and rows of the grid of pixels of a.
     rotation
-        (3, 3) best rotation b_from_a between the frames.
+        (3, 3) best rotation b_from_a between the frames, of a mirrored if `is_mirrored`.
+    is_mirrored
+        Whether one camera is compared with the other one after left and right are exchanged. A board whose corners can
+        be read from the other side does not determine whether a camera looks into a mirror.
     aligned, fixed
         The difference after the best rotation, and with equal frames.
     common
         (R, C) whether the pixel is in the calibrated field of view of both cameras.
     uncertainties
         For a and b, the (R, C) projection uncertainty (px of a, 1 sigma) after the best rotation; None if unknown.
-    expected_rms
-        Root mean square of `aligned` that the uncertainties predict for equal cameras, px; NaN if unknown.
-    p_value
-        Probability of at least the difference `aligned` if the cameras are equal and were calibrated from different
-        images; NaN if no uncertainty is known.
+    test
+        The test of the difference `aligned` against the uncertainties.
     """
 
     a: Camera
@@ -85,16 +86,33 @@ class CameraComparison(Displayed):
     u: Array
     v: Array
     rotation: Array
+    is_mirrored: bool
     aligned: DifferenceMap
     fixed: DifferenceMap
     common: Bools
     uncertainties: tuple[Array | None, Array | None]
-    expected_rms: float
-    p_value: float
+    test: DifferenceTest
 
     @classmethod
-    def of(cls, a: Camera, b: Camera, names: tuple[str, str] = ("a", "b"), *, columns: int = 64) -> Self:
-        """Compare two cameras of images of one size on a grid with this number of columns.
+    def of(
+        cls,
+        a: Camera,
+        b: Camera,
+        names: tuple[str, str] = ("a", "b"),
+        *,
+        columns: int = 64,
+        max_theta: float = np.pi,
+    ) -> Self:
+        """Compare two cameras of images of one size.
+
+        Parameters
+        ----------
+        a, b, names
+            The cameras and their names.
+        columns
+            Number of columns of the grid.
+        max_theta
+            Largest angle from the axis of a to compare, radians.
 
         Raises
         ------
@@ -105,15 +123,18 @@ class CameraComparison(Displayed):
         v = np.linspace(0, a.height - 1, max(2, round(columns * a.height / a.width)))
         pixels = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
         bearings, valid = a.unproject(pixels)
-        seen = valid & a.calibrated(bearings)
+        seen = valid & a.calibrated(bearings) & (angle_from_axis(bearings) <= max_theta)
+        is_mirrored = _are_mirrored(b, bearings[seen], pixels[seen])
+        bearings = bearings @ MIRROR if is_mirrored else bearings
         rotation = _common_rotation(b, bearings[seen], pixels[seen], names)
         shape = len(v), len(u)
         aligned, fixed = (_difference(b, bearings @ turn.T, pixels) for turn in (rotation, np.eye(3)))
         common = seen & _sees(b, bearings @ rotation.T) & np.isfinite(aligned).all(0)
         if common.sum() < MIN_COMMON:
             raise ValueError(_nothing_common(names))
-        expected, p_value = _test(a, b, bearings[common], rotation)
-        scale = _uncertainty(a, bearings, common), _uncertainty(b, bearings @ rotation.T, common)
+        of_a = bearings @ MIRROR if is_mirrored else bearings
+        test = DifferenceTest.of(a, b, of_a[common], bearings[common] @ rotation.T)
+        scale = _uncertainty(a, of_a, common), _uncertainty(b, bearings @ rotation.T, common)
         return cls(
             a,
             b,
@@ -121,6 +142,7 @@ class CameraComparison(Displayed):
             u,
             v,
             rotation,
+            is_mirrored,
             DifferenceMap(aligned[0].reshape(shape), aligned[1].reshape(shape)),
             DifferenceMap(fixed[0].reshape(shape), fixed[1].reshape(shape)),
             common.reshape(shape),
@@ -128,8 +150,7 @@ class CameraComparison(Displayed):
                 None if scale[0] is None else scale[0].reshape(shape),
                 None if scale[1] is None else scale[1].reshape(shape),
             ),
-            expected,
-            p_value,
+            test,
         )
 
     @property
@@ -149,28 +170,36 @@ class CameraComparison(Displayed):
         """Whether the cameras are equal, the same within their uncertainties, different, or it is unknown."""
         if self.aligned.pixels[self.worst] < MAX_EQUAL_PX:
             return "equal"
-        if not np.isfinite(self.p_value):
+        if not np.isfinite(self.test.p_value):
             return "unknown"
-        return "same" if self.p_value >= CLAIM_SIGNIFICANCE else "different"
+        return "same" if self.test.p_value >= CLAIM_SIGNIFICANCE else "different"
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence, with its figures."""
         known = [name for name, map in zip(self.names, self.uncertainties, strict=True) if map is not None]
         of = "their uncertainties" if len(known) == 2 else f"the uncertainty of {known[0]}" if known else ""
-        difference = f"{self.rms:.2g} px rms"
-        if self.expected_rms > 0:
-            probability = f"p = {self.p_value:.2g}" if self.p_value >= 1e-6 else "p < 1e-6"
-            difference += f", {self.expected_rms:.2g} px expected, {probability}"
+        test, difference, cameras = self.test, f"{self.rms:.2g} px rms", "the cameras"
+        if self.is_mirrored:
+            cameras += ", after left and right are exchanged,"
+        if test.expected_rms > 0:
+            difference += f", {test.expected_rms:.2g} px expected"
+        probability = f"p = {test.p_value:.2g}" if test.p_value >= 1e-6 else "p < 1e-6"
         match self.verdict:
             case "equal":
-                return f"the cameras are equal to within {MAX_EQUAL_PX:g} px"
+                return f"{cameras} are equal to within {MAX_EQUAL_PX:g} px"
             case "same":
-                return f"the cameras are the same within {of}: {difference}"
+                return f"{cameras} are the same within {of}: {difference}, {probability}"
+            case "different" if test.is_of_component:
+                part = f"{test.component_rms:.2g} px rms of one component of the uncertainty"
+                return (
+                    f"{cameras} differ by more than {of}: {part}, {test.component_expected_rms:.2g} px expected,"
+                    f" {probability} (in all {difference})"
+                )
             case "different":
-                return f"the cameras differ by more than {of}: {difference}"
+                return f"{cameras} differ by more than {of}: {difference}, {probability}"
             case _:
-                return f"the cameras differ by {difference}; their files have no uncertainty to compare it with"
+                return f"{cameras} differ by {difference}; their files have no uncertainty to compare it with"
 
     @property
     def worst_place(self) -> str:
@@ -193,6 +222,12 @@ def _sees(camera: Camera, bearings: Array) -> Bools:
     """Return which bearings (N, 3) are in the image and in the calibrated field of view."""
     pixels, valid = camera.project(bearings)
     return valid & camera.in_image(pixels) & camera.calibrated(bearings)
+
+
+def _are_mirrored(b: Camera, bearings: Array, pixels: Array) -> bool:
+    """Return whether the bearings of equal pixels differ by a reflection, and not by a rotation."""
+    others, valid = b.unproject(pixels)
+    return bool(np.linalg.det(others[valid].T @ bearings[valid]) < 0)
 
 
 def _common_rotation(b: Camera, bearings: Array, pixels: Array, names: tuple[str, str]) -> Array:
@@ -230,64 +265,3 @@ def _uncertainty(camera: Camera, bearings: Array, where: Bools) -> Array | None:
     covariance = Uncertainty.of(camera).projection(bearings[where])
     result[where] = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     return result
-
-
-def _test(a: Camera, b: Camera, bearings: Array, rotation: Array) -> tuple[float, float]:
-    """Return the expected rms (px) of the difference of equal cameras, and the p-value of the difference.
-
-    To first order, the difference at bearing k is d_k = J_bk e_b - J_ak e_a + R_k w with the errors e of the parameters
-    and a rotation w. The best rotation projects the errors onto the complement of the columns of R. The mean of |d_k|^2
-    is then a sum of chi-square variables with the eigenvalues of the covariance as weights. This test alone has little
-    power if one eigenvalue dominates, so the principal components of the difference are tested too.
-    """
-    factors = [
-        _factor(camera, bearings @ turn.T) for camera, turn in ((a, np.eye(3)), (b, rotation)) if _is_known(camera)
-    ]
-    if not factors:
-        return np.nan, np.nan
-    turned = bearings @ rotation.T
-    projected, _, d_point, _ = b.model.project_with_jacobians(turned)
-    difference = (projected - a.project(bearings)[0]).ravel()
-    by_rotation = (-d_point @ so3.hat(turned)).reshape(-1, 3)
-    errors = np.concatenate(factors, axis=1)
-    use = np.isfinite(errors).all(1) & np.isfinite(by_rotation).all(1) & np.isfinite(difference)
-    errors, by_rotation, difference = errors[use], by_rotation[use], difference[use]
-    errors = errors - by_rotation @ np.linalg.lstsq(by_rotation, errors, rcond=None)[0]
-    modes, sizes, _ = np.linalg.svd(errors, full_matrices=False)
-    weights = sizes**2 / (len(errors) / 2)
-    of_mean = chi_square_mixture_tail(float((difference**2).sum() / (len(errors) / 2)), weights)
-    principal = weights > MIN_PRINCIPAL_FRACTION * weights.sum()
-    components = (difference @ modes)[principal] / sizes[principal]
-    of_components = chi_square_tail(float((components**2).sum()), len(components))
-    return float(np.sqrt(weights.sum())), min(1.0, 2 * min(of_mean, of_components))  # Bonferroni
-
-
-def _is_known(camera: Camera) -> bool:
-    return camera.covariance is not None and bool(np.any(camera.covariance))
-
-
-def _factor(camera: Camera, bearings: Array) -> Array:
-    """Return a factor F (2 N, P) of the covariance F F^T of the pixels of bearings (N, 3), with a fixed frame."""
-    assert camera.covariance is not None
-    _, _, _, d_params = camera.model.project_with_jacobians(bearings)
-    values, vectors = np.linalg.eigh(camera.covariance)
-    return (d_params @ (vectors * np.sqrt(np.maximum(values, 0.0)))).reshape(2 * len(bearings), -1)
-
-
-def chi_square_tail(value: float, degrees_of_freedom: float) -> float:
-    """Return the probability that a chi-square variable exceeds a value."""
-    from scipy.special import chdtrc
-
-    return float(chdtrc(degrees_of_freedom, max(value, 0.0)))
-
-
-def chi_square_mixture_tail(value: float, weights: Array) -> float:
-    """Return the probability that a weighted sum of chi-square variables of one degree of freedom exceeds a value.
-
-    Pearson's approximation by a chi-square variable with the same first three moments (Imhof, Computing the
-    distribution of quadratic forms in normal variables, Biometrika 48, 1961, sec. 4).
-    """
-    c1, c2, c3 = (float((weights**k).sum()) for k in (1, 2, 3))
-    degrees_of_freedom = c2**3 / c3**2
-    scaled = (value - c1) * np.sqrt(degrees_of_freedom / c2) + degrees_of_freedom
-    return chi_square_tail(float(scaled), degrees_of_freedom)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.bundle import RigBundle
 from omnisight.geometry.pose import Pose
-from omnisight.geometry.rotation import hat
 from omnisight.pipeline.rig_calibration import RigCalibration, root_mean_square
 from omnisight.report.report_data import ReportOptions
 from omnisight.report.rigs.direction_map import visible_directions
@@ -115,15 +114,11 @@ class RigReportData:
         return self.rig.sensor_from_rig[self.rig.index(camera)].inverse().translation
 
     def centre_covariance(self, camera: str) -> Array:
-        """Return the covariance (3, 3) of the position of a camera in the rig frame.
-
-        The position is c = -R^T t; a step (w, v) of `Pose.moved` changes it by -R^T (v + [t]x w).
-        """
+        """Return the covariance (3, 3) of the position of a camera in the rig frame."""
         k = self.rig.index(camera)
         pose, covariance = self.rig.sensor_from_rig[k], self.rig.covariance
         assert covariance is not None
-        jacobian = -pose.rotation.T @ np.hstack([hat(pose.translation), np.eye(3)])
-        return jacobian @ covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] @ jacobian.T
+        return pose.position_covariance(covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
 
     def rotation_sigmas(self, camera: str) -> Array:
         """Return the standard deviations (3,) of the rotation of a camera about its x, y and z axis, radians."""
