@@ -102,9 +102,9 @@ def test_a_camera_without_the_mirror_of_the_other_is_compared_after_left_and_rig
 
 def test_the_figures_of_a_difference_are_those_that_decide():
     """The difference is below the expected rms, but one component of it exceeds its uncertainty."""
-    focal, others = np.array([0.8, 0.8, *[0.0] * 6]), np.diag([0.01, 0.01, 0.01, 0.01, 5e-4, 5e-4, 5e-4, 5e-4])
+    focal, others = np.array([1.0, 1.0, *[0.0] * 6]), np.diag([0.01, 0.01, 0.01, 0.01, 1e-3, 1e-3, 1e-3, 1e-3])
     camera = dataclasses.replace(FISHEYE, covariance=np.outer(focal, focal) + others**2)
-    shifted = dataclasses.replace(camera, model=dataclasses.replace(LENS, k1=LENS.k1 + 4e-3))
+    shifted = dataclasses.replace(camera, model=dataclasses.replace(LENS, k1=LENS.k1 + 8e-3))
     found = CameraComparison.of(camera, shifted, columns=24)
     assert found.verdict == "different"
     assert found.rms < found.test.expected_rms
