@@ -155,28 +155,33 @@ def map_images(
     while rest:
         first = _first_poses(replace(graph, edges=rest), distances, images)
         rest = [edge for edge in rest if edge.images not in first.contradicted]
-        moving = [edge for edge in rest if edge.has_translation]
-        found = start = _without_points(first, images, refines_sensors)
-        count = 0
-        while moving:
-            found = _refined(found, _tracks(found, rest), watch)
-            contradicted = _contradicted_frames(found, replace(graph, edges=rest))
-            if contradicted.any() and not contradicted.all():
-                found = _with_frames(found, ~contradicted)
-                found = _refined(found, _tracks(found, rest), watch)
-            if len(found.frames) <= count:  # the registered frames did not agree with the map
-                break
-            count = len(found.frames)
-            added, poses = register_frames(found.frames, found.tracks, found.points, rest, found.images)
-            if not len(added):
-                break
-            together = np.concatenate([found.rig_from_world, poses])
-            found = replace(found, frames=np.concatenate([found.frames, added]), rig_from_world=together)
+        start = _without_points(first, images, refines_sensors)
+        is_moving = any(edge.has_translation for edge in rest)
+        found = _grown(start, replace(graph, edges=rest), watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
         maps += [found] if is_map else []
         inside = (found if is_map else start).row_of_image >= 0
         rest = [edge for edge in rest if not inside[edge.a] and not inside[edge.b]]
     return sorted(maps, key=lambda found: -len(found.frames))
+
+
+def _grown(start: Map, graph: ViewGraph, watch: Watch) -> Map:
+    """Refine a map of averaged poses, and register the frames that it lacks, while any agree with it."""
+    found, count = start, 0
+    while True:
+        found = _refined(found, _tracks(found, graph.edges), watch)
+        contradicted = _contradicted_frames(found, graph)
+        if contradicted.any() and not contradicted.all():
+            found = _with_frames(found, ~contradicted)
+            found = _refined(found, _tracks(found, graph.edges), watch)
+        if len(found.frames) <= count:  # the registered frames did not agree with the map
+            return found
+        count = len(found.frames)
+        added, poses = register_frames(found.frames, found.tracks, found.points, graph.edges, found.images)
+        if not len(added):
+            return found
+        together = np.concatenate([found.rig_from_world, poses])
+        found = replace(found, frames=np.concatenate([found.frames, added]), rig_from_world=together)
 
 
 def _first_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -> InitialPoses:

@@ -77,7 +77,7 @@ class KeyframeHistory:
         self.points = np.full((0, 3), np.nan)
         self._row_of = dict[int, int]()
         self._rays: list[tuple[Indices, NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]] = []
-        self._places: list[tuple[int, Future[Keypoints], Rig]] = []
+        self._places: list[tuple[int, Future[list[Keypoints]], Rig]] = []
         self._at_place, self._base, self._segment = np.zeros(0, np.intp), 0, 0
         self._worker = ThreadPoolExecutor(1)
 
@@ -140,32 +140,28 @@ class KeyframeHistory:
         """Return whether a keyframe shows few patches of the last place."""
         return not len(self._at_place) or float(np.isin(self._at_place, number).mean()) < MIN_SHARE
 
-    def _detect(self, images: Sequence[Bytes]) -> Keypoints:
-        """Return the keypoints of all cameras; `scale` holds the number of the camera."""
+    def _detect(self, images: Sequence[Bytes]) -> list[Keypoints]:
+        """Return the keypoints of each camera."""
         options = FeatureOptions(max_keypoints=MAX_KEYPOINTS // len(images))
         found = list[Keypoints]()
         for sensor, camera in enumerate(central_cameras(self._rig)):
             keypoints = detect_features(images[sensor], camera, options, mask=self._masks[sensor])
-            found.append(replace(keypoints, scale=np.full(len(keypoints), float(sensor))))
-        joined = concatenate(found)
-        return replace(joined, descriptors=joined.descriptors.astype(np.float16))
+            found.append(replace(keypoints, descriptors=keypoints.descriptors.astype(np.float16)))
+        return found
 
-    def _place(self, keyframe: int, detected: "Future[Keypoints]", rig: Rig) -> Place:
+    def _place(self, keyframe: int, detected: "Future[list[Keypoints]]", rig: Rig) -> Place:
         """Return a place with rays in the frame of the rig."""
-        keypoints = detected.result()
-        bearings, covariance = keypoints.bearings.copy(), keypoints.covariance.copy()
-        origins = np.zeros_like(bearings)
-        for sensor, pose in enumerate(rig.sensor_from_rig):
-            rows = keypoints.scale == sensor
-            rotation = pose.rotation.T
-            bearings[rows] = bearings[rows] @ rotation.T
-            covariance[rows] = rotation @ covariance[rows] @ rotation.T
-            origins[rows] = pose.inverse().translation
-        descriptors = keypoints.descriptors.astype(np.float32)
+        in_rig, origins = list[Keypoints](), list[Array]()
+        for keypoints, sensor_from_rig in zip(detected.result(), rig.sensor_from_rig, strict=True):
+            rig_from_sensor = sensor_from_rig.inverse()
+            rotation = rig_from_sensor.rotation
+            covariance = rotation @ keypoints.covariance @ rotation.T
+            in_rig.append(replace(keypoints, bearings=keypoints.bearings @ rotation.T, covariance=covariance))
+            origins.append(np.tile(rig_from_sensor.translation, (len(keypoints), 1)))
+        joined = concatenate(in_rig)
+        descriptors = joined.descriptors.astype(np.float32)
         descriptors /= np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-9)
-        return Place(
-            keyframe, replace(keypoints, bearings=bearings, covariance=covariance, descriptors=descriptors), origins
-        )
+        return Place(keyframe, replace(joined, descriptors=descriptors), np.concatenate(origins))
 
     def _reserve(self, count: int) -> None:
         """Make room for the points of a number of patches."""
