@@ -1,5 +1,7 @@
 """Relative pose of a camera on a car, from hypotheses of one pair of bearings."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +32,7 @@ def estimate_car_motion(pairs: BearingPairs, vehicle_from_rig: Array, options: R
 
     Returns
     -------
-    The estimate, whose model is `b_from_a` in the frame of the rig.
+    The estimate, whose model is `b_from_a` in the frame of the rig; its covariance is not known there.
     """
     from omnisight.visual_odometry._circular_motion_kernel import CircularMotionProblem
 
@@ -46,6 +48,4 @@ def estimate_car_motion(pairs: BearingPairs, vehicle_from_rig: Array, options: R
         return found
     axes = Pose(v)
     model = (axes.inverse() @ Pose.of_matrix(found.model) @ axes).matrix
-    return RobustEstimate(
-        model, found.covariance, found.inliers, found.scale, found.score, found.iterations, found.reason
-    )
+    return replace(found, model=model, covariance=np.full_like(found.covariance, np.nan))
