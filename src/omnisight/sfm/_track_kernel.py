@@ -54,6 +54,41 @@ def triangulate_tracks(starts, image, origins, directions, axes, threshold, min_
             inliers[start:end] = False
 
 
+@njit_driver
+def divide_tracks(starts, frame, is_connected, track):
+    """Fill the new track (M,) of each observation: the frames of a track are connected in pairs; return their number.
+
+    Each observation joins the first part of its track whose frames are all connected with its own.
+
+    Parameters
+    ----------
+    starts
+        (T + 1,) first observation of each track.
+    frame
+        (M,) indices.
+    is_connected
+        (F, F) bool.
+    """
+    count = 0
+    for n in range(len(starts) - 1):
+        parts = 0
+        for k in range(starts[n], starts[n + 1]):
+            track[k] = count + parts
+            for part in range(count, count + parts):
+                fits = True
+                for other in range(starts[n], k):
+                    if track[other] == part and not is_connected[frame[k], frame[other]]:
+                        fits = False
+                        break
+                if fits:
+                    track[k] = part
+                    break
+            if track[k] == count + parts:
+                parts += 1
+        count += parts
+    return count
+
+
 @njit_helper
 def _best_pair(image, origins, directions, axes, threshold, min_parallax, start, end, best):
     """Fill the point (3,) of the pair of rays that most observations agree with; it stays NaN without any."""

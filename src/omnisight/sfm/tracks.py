@@ -62,6 +62,25 @@ class Tracks:
         order = np.lexsort((self.image, track))
         return Tracks(track[order], self.image[order], self.keypoint[order])
 
+    def divided_where_few_are_common(self, frame: Indices, least: int) -> "Tracks":
+        """Divide tracks so that any two frames (M,) of a track have at least this number of tracks in common."""
+        from omnisight.sfm._track_kernel import divide_tracks
+
+        if not len(self):
+            return self
+        frames = int(frame.max()) + 1
+        seen = coo_array((np.ones(len(frame), np.int32), (frame, self.track)), shape=(frames, len(self))).tocsr()
+        seen.data[:] = 1  # several images of a frame see a point once
+        common = (seen @ seen.T).tocoo()
+        is_connected, strong = np.eye(frames, dtype=bool), common.data >= least
+        is_connected[common.row[strong], common.col[strong]] = True
+        track = np.empty(len(frame), np.intp)
+        if divide_tracks(self.starts, frame, is_connected, track) == len(self):
+            return self
+        order = np.lexsort((self.image, track))
+        divided = Tracks(track[order], self.image[order], self.keypoint[order])
+        return divided.select(np.ones(len(order), bool))[0]
+
 
 def build_tracks(edges: Sequence[Edge], counts: Sequence[int]) -> Tracks:
     """Join the matches of all edges.
