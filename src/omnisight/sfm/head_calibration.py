@@ -35,6 +35,8 @@ TOLERANCE_RAD = float(np.radians(2.0))
 MIN_OVERLAP_MATCHES = 16
 # Matches between frames used for each pair of frames and lens: more do not change the result.
 MAX_FRAME_MATCHES = 400
+# Scale of the Cauchy loss, in standard deviations: its efficiency with normal errors is above 0.95.
+CAUCHY_SIGMA = 3.0
 # Quotient of the standard deviation and the median of the absolute value of a normal variable.
 SIGMA_OF_MEDIAN = 1.4826
 
@@ -255,7 +257,11 @@ def estimate_head_rotation(
         The lenses.
     """
     keypoints = detect_in_lenses(images, cameras, masks)
-    overlap = match_overlap([(a, b) for a, b in keypoints])
+    return fit_head_rotation(cameras, match_overlap([(a, b) for a, b in keypoints]))
+
+
+def fit_head_rotation(cameras: tuple[Camera, Camera], overlap: OverlapMatches) -> HeadCalibration:
+    """Estimate the relative rotation of two calibrated lenses from matches of simultaneous images."""
     rotation, inliers = _rotation_of(cameras, overlap, np.random.default_rng(0))
     count, unknown = int(inliers.sum()), np.full((13, 13), np.nan)
     if count < MIN_OVERLAP_MATCHES:
@@ -265,13 +271,32 @@ def estimate_head_rotation(
         return HeadCalibration(cameras, rotation, unknown, count, np.nan, (), reason)
     overlap = overlap.select(inliers)
     a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
-    sigma = 0.0
-    for _ in range(20):  # Weiszfeld's algorithm: the geometric median of rotations
+    rotation, sigma, weight = _reweighted_rotation(a, b, rotation)
+    covariance = np.zeros((13, 13))
+    covariance[10:, 10:] = _rotation_covariance(a @ rotation.T, b, weight, sigma) * overlap.correlation
+    return HeadCalibration(cameras, rotation, covariance, count, float(np.degrees(sigma)))
+
+
+def _reweighted_rotation(a: Array, b: Array, rotation: Array) -> tuple[Array, float, Array]:
+    """Return the rotation of bearings a to b (N, 3) with Cauchy weights, their standard deviation and weights (N,)."""
+    sigma, weight = 0.0, np.ones(len(a))
+    for _ in range(20):
         distance = np.linalg.norm(a @ rotation.T - b, axis=1)
         sigma = max(float(np.median(distance) / np.sqrt(2 * np.log(2))), 1e-4)
-        weight = 1 / (1 + (distance / (3 * sigma)) ** 2)
+        weight = 1 / (1 + (distance / (CAUCHY_SIGMA * sigma)) ** 2)
         rotation = so3.nearest((b * weight[:, None]).T @ a)
-    information = (len(a) * np.eye(3) - b.T @ b) / sigma**2
-    covariance = np.zeros((13, 13))
-    covariance[10:, 10:] = np.linalg.inv(information)
-    return HeadCalibration(cameras, rotation, covariance, count, float(np.degrees(sigma)))
+    return rotation, sigma, weight
+
+
+def _rotation_covariance(a: Array, b: Array, weight: Array, sigma: float) -> Array:
+    """Return the covariance (3, 3) of a rotation from independent bearings (N, 3) with Cauchy weights (sandwich).
+
+    `a` are the rotated bearings. The information is the second derivative of the robust cost, which is less than that
+    of a cost with constant weights: 0.7 for 0.84 with normal errors.
+    """
+    gradient = np.cross(a, b) * weight[:, None]
+    scatter = gradient.T @ gradient
+    moment = (b * weight[:, None]).T @ a
+    information = np.trace(moment) * np.eye(3) - (moment + moment.T) / 2 - 2 * scatter / (CAUCHY_SIGMA * sigma) ** 2
+    inverse = np.linalg.inv(information)
+    return np.asarray(inverse @ scatter @ inverse, float)

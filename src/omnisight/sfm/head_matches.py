@@ -20,6 +20,9 @@ MAX_KEYPOINTS = 6000
 ROTATION_SAMPLES = 3000
 # Frames on each side that a frame is matched with.
 NEIGHBOURS = 1
+# Parallax, and errors of the profile, are common to neighbouring matches: the overlap of a frame, and a motion between
+# two frames, have about as many independent ones.
+INDEPENDENT_MATCHES = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,11 @@ class OverlapMatches:
 
     def __len__(self) -> int:
         return len(self.first)
+
+    @property
+    def correlation(self) -> float:
+        """Number of matches for each independent one, by which variances are larger than of independent matches."""
+        return max(1.0, len(self) / (INDEPENDENT_MATCHES * len(np.unique(self.frame))))
 
     def select(self, rows: Any) -> "OverlapMatches":
         """Return some of the matches."""

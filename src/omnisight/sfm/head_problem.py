@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
-from omnisight.sfm.head_matches import OverlapMatches
+from omnisight.sfm.head_matches import INDEPENDENT_MATCHES, OverlapMatches
 
 Array = NDArray[np.float64]
 
@@ -17,9 +17,6 @@ Array = NDArray[np.float64]
 K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
 # Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
 SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
-# Parallax, and errors of the profile, are common to neighbouring matches: the overlap of a frame, and a motion between
-# two frames, have about as many independent ones.
-INDEPENDENT_MATCHES = 30
 # Standard deviation of the principal point about the centre of the image circle, as a share of its radius.
 CENTER_SIGMA = 0.006
 # Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
@@ -53,12 +50,11 @@ class HeadProblem:
         cameras, rotation = self.cameras(x), self.turned(x)
         a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
         parts = [((a @ rotation.T - b) / self.sigma).ravel()]
-        correlation = np.sqrt(max(1.0, len(a) / (INDEPENDENT_MATCHES * len(np.unique(self.overlap.frame)))))
         for k, (turn, shift, lenses) in enumerate(self.motions):
             step = x[13 + 5 * k : 18 + 5 * k]
             parts.append(self.epipolar(so3.exp(step[:3]) @ turn, shifted(shift, step[3:]), lenses, cameras, rotation))
         robust = np.arctan(np.concatenate(parts) / 3) * 3
-        robust[: 3 * len(a)] /= correlation
+        robust[: 3 * len(a)] /= np.sqrt(self.overlap.correlation)
         return np.concatenate([robust, self._priors(x)])
 
     def correlations(self) -> Array:
