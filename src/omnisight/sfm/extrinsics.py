@@ -12,8 +12,10 @@ from omnisight.sfm.mapping import Map
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Rounds of the geometric median of poses.
-ROUNDS = 20
+# Rounds of the geometric median of poses: with three samples, of which one is wrong, its error falls below their noise.
+ROUNDS = 100
+# Distance, radians or units of the map, within which a sample is at the median.
+SAME_SAMPLE = 1e-12
 
 
 def estimate_extrinsics(found: Map, frame: Indices) -> tuple[Array, Indices]:
@@ -56,18 +58,27 @@ def estimate_extrinsics(found: Map, frame: Indices) -> tuple[Array, Indices]:
 
 
 def _median(poses: Sequence[Pose]) -> Pose:
-    """Return the geometric medians of rotations and of translations (Weiszfeld's algorithm)."""
+    """Return the geometric medians of rotations and of translations (Vardi and Zhang 2000)."""
     rotations = np.array([pose.rotation for pose in poses])
     translations = np.array([pose.translation for pose in poses])
-    rotation, translation = rotations[0], translations[0]
+    rotation, translation = so3.nearest(rotations.sum(0)), np.median(translations, axis=0)
     for _ in range(ROUNDS):
-        turns, shifts = so3.log(rotations @ rotation.T), translations - translation
-        rotation = so3.exp(_weighted_mean(turns)) @ rotation
-        translation = translation + _weighted_mean(shifts)
+        rotation = so3.exp(_median_step(so3.log(rotations @ rotation.T))) @ rotation
+        translation = translation + _median_step(translations - translation)
     return Pose(rotation, translation)
 
 
-def _weighted_mean(vectors: Array) -> Array:
-    """Return the mean of vectors (N, 3), weighted by their inverse lengths."""
-    weights = 1 / np.maximum(np.linalg.norm(vectors, axis=1), 1e-9)
-    return weights @ vectors / weights.sum()
+def _median_step(vectors: Array) -> Array:
+    """Return a step (3,) towards the geometric median, from the vectors (N, 3) to all samples.
+
+    Weiszfeld's algorithm stops at any sample that it meets; here it stops there only if the unit vectors to the others
+    sum to less than the number of samples that are met.
+    """
+    lengths = np.linalg.norm(vectors, axis=1)
+    is_met = lengths <= SAME_SAMPLE
+    if is_met.all():
+        return np.zeros(3)
+    weights = 1 / lengths[~is_met]
+    pull = weights @ vectors[~is_met]
+    share = max(0.0, 1 - is_met.sum() / max(float(np.linalg.norm(pull)), np.finfo(float).tiny))
+    return share * pull / weights.sum()
