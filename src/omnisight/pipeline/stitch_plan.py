@@ -91,18 +91,26 @@ def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[
         return samplers, float("inf")
     inverse = np.linspace(0, 1 / (NEAREST_BASELINES * baseline), TRIALS)
     placed = [[dataclasses.replace(s, distance=1 / i if i else np.inf) for s in samplers] for i in inverse]
-    scores = [_overlap_error(trial, images) for trial in placed]
-    best = int(np.argmin(scores))
+    best = _least_disparity(np.array([_seam_disparities(trial, images) for trial in placed]))
     return placed[best], float(1 / inverse[best]) if best else float("inf")
 
 
-def _overlap_error(samplers: list[Sampler], images: Sequence[Bytes]) -> float:
-    """Return the disparity that remains along all seams."""
+def _seam_disparities(samplers: list[Sampler], images: Sequence[Bytes]) -> Array:
+    """Return the disparity (K - 1,) that remains along each seam, degrees; NaN without texture."""
     try:
         plan = plan_stitch(samplers, images, COARSE_WIDTH, warp=False)
     except ValueError:  # a sphere so near that the overlap vanishes
-        return float("inf")
-    return float(np.nan_to_num(np.sum([q.disparity_deg for q in plan.quality]), nan=np.inf))
+        return np.full(len(samplers) - 1, np.inf)
+    return np.array([q.disparity_deg for q in plan.quality])
+
+
+def _least_disparity(disparities: Array) -> int:
+    """Return the trial of least disparity (T, K - 1) on the seams that show texture in all trials with an overlap.
+
+    A seam that shows texture in some trials only would favour those in which it shows none.
+    """
+    has_texture = ~np.isnan(disparities).any(0)
+    return int(np.argmin(disparities[:, has_texture].sum(1)))
 
 
 def _vertical(samplers: list[Sampler], images: Sequence[Bytes], options: StitchOptions) -> Vertical | None:
