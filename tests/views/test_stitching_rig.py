@@ -10,6 +10,10 @@ import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.pipeline.stitch_options import StitchOptions
+from omnisight.pipeline.stitch_plan import sphere_bearings
+from omnisight.views.stitching.image_stitcher import ImageStitcher
+from omnisight.views.stitching.sampling import Sampler
+from omnisight.views.stitching.seam_plan import plan_stitch
 
 SIZE, RADIUS_M, OFFSET_M = 400, 1.0, 0.05
 FOCAL = SIZE / 2 / np.radians(105)
@@ -54,3 +58,16 @@ def test_the_distance_is_that_of_the_scene_even_if_one_camera_shows_no_texture()
     found = om.stitch([first, np.full_like(first, 128), third], RIG, StitchOptions(width=256, warp=False))
     # Trials near the scene: 0.5, 0.55, 0.61 ... 0.92, 1.1 m.
     assert found.distance == pytest.approx(RADIUS_M, rel=0.15)
+
+
+def samplers():
+    return [Sampler(LENS, pose, np.ones((SIZE, SIZE), bool), RADIUS_M) for pose in RIG.sensor_from_rig]
+
+
+def test_stitchers_of_one_plan_are_independent():
+    plan = plan_stitch(samplers(), images(), 128, warp=False)
+    sizes = [(64, 32), (128, 64)]
+    stitchers = [ImageStitcher(plan, sphere_bearings(om.sphere(size[0]), np.eye(3))) for size in sizes]
+    spheres = [stitcher(images()) for stitcher in (*stitchers, stitchers[0])]
+    assert [sphere.shape for sphere in spheres] == [(32, 64, 3), (64, 128, 3), (32, 64, 3)]
+    assert np.array_equal(spheres[0], spheres[2])

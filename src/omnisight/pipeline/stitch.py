@@ -27,7 +27,7 @@ from omnisight.rig import Rig
 from omnisight.sfm.head_result import HeadCalibration
 from omnisight.video_options import VideoOptions
 from omnisight.views.stitching.levelling import Vertical
-from omnisight.views.stitching.stitcher import SeamQuality
+from omnisight.views.stitching.seam_plan import SeamQuality
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -145,7 +145,7 @@ def stitch(
     planned = plan_frames(frames, rig, cameras, options)
     progress("estimate the cameras", 1, 1)
     estimated = time.perf_counter()
-    job = StitchJob(frames, planned.stitcher, planned.bearings, options, target, video)
+    job = StitchJob(frames, planned.seam_plan, planned.bearings, options, target, video)
     done = stitch_clip(job, progress) if frames.is_clip else stitch_images(job, progress)
     seconds = time.perf_counter()
     return stitch_result(planned, done, seconds - start, seconds - estimated)
@@ -159,7 +159,7 @@ def stitch_result(planned: StitchPlan, done: StitchedFrames, seconds: float, sti
         planned.head.rig,
         planned.sphere_from_rig,
         planned.distance,
-        tuple(planned.stitcher.quality),
+        tuple(planned.seam_plan.quality),
         planned.head.calibration,
         planned.vertical,
         float(np.average(done.covered.mean(1), weights=np.cos(latitudes(planned.camera.height)))),

@@ -33,7 +33,8 @@ from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_plan import plan_frames, sphere_bearings
 from omnisight.pipeline.work_folder import digest
 from omnisight.rig import Rig
-from omnisight.views.stitching.stitcher import Stitcher, plan_stitch
+from omnisight.views.stitching.image_stitcher import ImageStitcher
+from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +43,8 @@ class StitchTask:
 
     Attributes
     ----------
-    stitcher
-        Colours and seams of the first frame, without maps.
+    seam_plan
+        Colours, seams and local warps of the first frame.
     camera
         Equirectangular camera of the spheres.
     sphere_from_rig
@@ -52,7 +53,7 @@ class StitchTask:
         Options of the command.
     """
 
-    stitcher: Stitcher
+    seam_plan: SeamPlan
     camera: Camera
     sphere_from_rig: NDArray[np.float64]
     options: StitchOptions
@@ -60,7 +61,7 @@ class StitchTask:
     @property
     def description(self) -> dict[str, Any]:
         """What determines the spheres."""
-        own = self.stitcher
+        own = self.seam_plan
         plan = digest(own.samplers, own.photometry, own.seams, self.camera.size, self.sphere_from_rig)
         return describe("stitch", options=self.options, plan_from_the_first_images=plan)
 
@@ -69,26 +70,23 @@ class StitchTask:
 
         An item of another group than 0 also has the images of the frame from which its seam is estimated.
         """
-        stitchers, count = dict[int, Stitcher](), len(self.stitcher.samplers)
+        stitchers, count = dict[int, ImageStitcher](), len(self.seam_plan.samplers)
 
         def stitch(item: Item, data: Sequence[bytes]) -> list[bytes]:
             images = [rgb8(decode_image(content, name)) for content, name in zip(data, item.names, strict=True)]
             if item.group not in stitchers:
                 stitchers.clear()
-                stitchers[item.group] = self.prepared(images[count:] if item.group else None)
+                stitchers[item.group] = self.stitcher(images[count:] if item.group else None)
             return [encode_sphere(stitchers[item.group](images[:count]), item.outputs[0], self.options)]
 
         return stitch
 
-    def prepared(self, images: Sequence[Bytes] | None) -> Stitcher:
-        """Return a stitcher with maps, with the seam of other images if there are any."""
-        if images is None:
-            stitcher = dataclasses.replace(self.stitcher)
-        else:
-            samplers = self.stitcher.samplers_before_warp
-            stitcher = plan_stitch(samplers, images, self.camera.width, warp=self.options.warp)
-        stitcher.prepare(sphere_bearings(self.camera, self.sphere_from_rig))
-        return stitcher
+    def stitcher(self, images: Sequence[Bytes] | None) -> ImageStitcher:
+        """Return the stitcher of the plan, or of the seams of other images if there are any."""
+        plan = self.seam_plan
+        if images is not None:
+            plan = plan_stitch(plan.samplers_before_warp, images, self.camera.width, warp=self.options.warp)
+        return ImageStitcher(plan, sphere_bearings(self.camera, self.sphere_from_rig))
 
 
 def stitch_batch(
@@ -122,11 +120,11 @@ def stitch_batch(
     folders = [list_images(folder, batch.output) for folder in images]
     frames = _frames(images, folders, rig.names if isinstance(rig, Rig) else HEAD_NAMES)
     planned = plan_frames(frames, rig, cameras, options)
-    task = StitchTask(planned.stitcher, planned.camera, planned.sphere_from_rig, options)
+    task = StitchTask(planned.seam_plan, planned.camera, planned.sphere_from_rig, options)
     estimated = time.perf_counter()
     versions = dict(item for folder in folders for item in folder.items())
     done = batch.run(task, _items(frames, versions, options.every), images[0])
-    own = task.prepared(None)
+    own = task.stitcher(None)
     stitched = StitchedFrames(own(planned.first), own.covered, frames.count, ())
     seconds = time.perf_counter()
     return stitch_result(planned, stitched, seconds - start, seconds - estimated), done

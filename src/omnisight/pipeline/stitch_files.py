@@ -19,7 +19,8 @@ from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.video_options import CONTAINERS, VideoOptions
 from omnisight.views.stitching.frame_stitcher import FrameStitcher
-from omnisight.views.stitching.stitcher import Stitcher, plan_stitch
+from omnisight.views.stitching.image_stitcher import ImageStitcher
+from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
 
 Progress = Callable[[str, int, int], None]
 
@@ -46,7 +47,7 @@ class StitchJob:
     """
 
     frames: HeadFrames
-    plan: Stitcher
+    plan: SeamPlan
     bearings: NDArray[np.float32]
     options: StitchOptions
     target: Path | None
@@ -56,7 +57,7 @@ class StitchJob:
         """Return whether the seam is estimated again for a frame."""
         return bool(self.options.every and count and count % self.options.every == 0)
 
-    def new_plan(self, images: Sequence[Bytes]) -> Stitcher:
+    def new_plan(self, images: Sequence[Bytes]) -> SeamPlan:
         """Return a plan from the images of a frame."""
         return plan_stitch(self.plan.samplers_before_warp, images, self.bearings.shape[1], warp=self.options.warp)
 
@@ -73,12 +74,10 @@ class StitchedFrames:
 
 def stitch_images(job: StitchJob, progress: Progress) -> StitchedFrames:
     """Stitch and write frames of images."""
-    stitcher, first, files = job.plan, np.zeros((0, 0, 3), np.uint8), list[Path]()
-    stitcher.prepare(job.bearings)
+    stitcher, first, files = ImageStitcher(job.plan, job.bearings), np.zeros((0, 0, 3), np.uint8), list[Path]()
     for count, images in enumerate(job.frames):
         if job.needs_plan(count):
-            stitcher = job.new_plan(images)
-            stitcher.prepare(job.bearings)
+            stitcher = ImageStitcher(job.new_plan(images), job.bearings)
         sphere = stitcher(images)
         first = sphere if count == 0 else first
         files += _write_image(job, sphere, count)

@@ -15,9 +15,10 @@ from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_rig import HeadRig, head_rig
 from omnisight.targets.length import parse_length
+from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.levelling import Vertical, estimate_vertical
 from omnisight.views.stitching.sampling import Sampler
-from omnisight.views.stitching.stitcher import Stitcher, plan_stitch
+from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
 from omnisight.views.view_cameras import sphere
 
 Array = NDArray[np.float64]
@@ -46,8 +47,8 @@ class StitchPlan:
         Radius of the sphere on which the scene is assumed; infinite without parallax.
     vertical
         Estimate of the vertical; None without.
-    stitcher
-        Colours and seams of the first frame.
+    seam_plan
+        Colours, seams and local warps of the first frame.
     """
 
     first: list[Bytes]
@@ -56,7 +57,7 @@ class StitchPlan:
     sphere_from_rig: Array
     distance: float
     vertical: Vertical | None
-    stitcher: Stitcher
+    seam_plan: SeamPlan
 
     @property
     def bearings(self) -> NDArray[np.float32]:
@@ -77,8 +78,8 @@ def plan_frames(
     vertical = _vertical(samplers, first, options)
     sphere_from_rig = _orientation(vertical, options)
     camera = sphere(options.width or head.native_width())
-    stitcher = plan_stitch(samplers, first, camera.width, warp=options.warp)
-    return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, stitcher)
+    seam_plan = plan_stitch(samplers, first, camera.width, warp=options.warp)
+    return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, seam_plan)
 
 
 def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:
@@ -120,8 +121,7 @@ def _vertical(samplers: list[Sampler], images: Sequence[Bytes], options: StitchO
     guess = look(0, options.pitch, options.roll).T
     bearings = sphere_bearings(sphere(COARSE_WIDTH), guess)
     coarse = plan_stitch(samplers, images, COARSE_WIDTH, warp=False)
-    coarse.prepare(bearings)
-    return estimate_vertical(coarse(images), bearings, -guess[1])
+    return estimate_vertical(ImageStitcher(coarse, bearings)(images), bearings, -guess[1])
 
 
 def _orientation(vertical: Vertical | None, options: StitchOptions) -> Array:

@@ -12,7 +12,7 @@ from omnisight.views.frame_remapper import packed_map, pyramid_map
 from omnisight.views.stitching.blending import REDUCTION, Blender
 from omnisight.views.stitching.photometry import DISPLAY_GAMMA
 from omnisight.views.stitching.sampling import Mask, Sampler
-from omnisight.views.stitching.stitcher import Stitcher, label_map
+from omnisight.views.stitching.seam_plan import SeamPlan, label_map
 
 Floats = NDArray[np.float32]
 
@@ -34,7 +34,7 @@ class FrameStitcher:
         (H, W) pixels of the sphere that a camera shows.
     """
 
-    def __init__(self, plan: Stitcher, bearings: NDArray[Any]) -> None:
+    def __init__(self, plan: SeamPlan, bearings: NDArray[Any]) -> None:
         """Compute the packed maps, gains and weights of the directions (H, W, 3) of a sphere."""
         self._plan = plan
         self._size = bearings.shape[1], bearings.shape[0]

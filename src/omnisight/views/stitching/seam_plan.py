@@ -1,14 +1,13 @@
-"""The plan of a stitch: computed once from simultaneous images of a rig, and applied to all of its images."""
+"""The plan of a stitch: colours, seams and local warps, estimated once from simultaneous images of a rig."""
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.views.stitching.blending import Blender
 from omnisight.views.stitching.local_warp import Disparity, SeamWarp, measure_disparity
 from omnisight.views.stitching.photometry import OverlapSamples, Photometry, estimate_photometry
 from omnisight.views.stitching.sampling import Mask, PolarGrid, Sampler
@@ -23,8 +22,6 @@ MIN_SEAM_COLUMNS, MAX_SEAM_COLUMNS, MIN_SEAM_ROWS = 1024, 2048, 32
 SAMPLE_COLUMNS = 512
 # Range of angles around the axis of a camera in which a seam can be, radians.
 MIN_THETA, MAX_THETA = np.radians(10.0), np.radians(150.0)
-# Corrections of colours below half a grey level of 255 are not applied.
-MIN_CORRECTION = 0.002
 # Standard deviation, px, of the blur that leaves the photometric step.
 STEP_BLUR_PX = 8.0
 
@@ -55,9 +52,9 @@ class SeamQuality:
     overlap_deg: float
 
 
-@dataclass(eq=False)
-class Stitcher:
-    """Stitches simultaneous images of a rig to a sphere with precomputed maps, colours, seams and weights.
+@dataclass(frozen=True, eq=False)
+class SeamPlan:
+    """Colours, seams and local warps of the images of a rig, which `ImageStitcher` and `FrameStitcher` apply.
 
     Attributes
     ----------
@@ -75,42 +72,14 @@ class Stitcher:
     photometry: Photometry
     seams: list[Seam]
     quality: list[SeamQuality]
-    _maps: list[tuple[Any, Any]] = field(init=False, default_factory=list)
-    _factors: list[Any] = field(init=False, default_factory=list)
-    covered: Mask = field(init=False)
 
     @property
     def samplers_before_warp(self) -> list[Sampler]:
         """The cameras without the warps of this plan."""
         return [dataclasses.replace(sampler, warps=()) for sampler in self.samplers]
 
-    def prepare(self, bearings: NDArray[Any]) -> None:
-        """Compute the maps, factors and weights of the directions (H, W, 3) of a sphere."""
-        import cv2
 
-        seen: list[Mask] = []
-        for k, sampler in enumerate(self.samplers):
-            u, v, mask = sampler.map(bearings)
-            seen.append(mask)
-            factor = self.photometry.factor(k, np.minimum(sampler.relative_radius(np.stack([u, v], -1)), 1.0))
-            is_small = float(np.abs(factor - 1).max()) < MIN_CORRECTION
-            self._factors.append(None if is_small else factor)
-            self._maps.append(cv2.convertMaps(u, v, cv2.CV_16SC2))
-        self.covered = np.logical_or.reduce(seen)
-        self._blender = Blender(label_map(self.seams, seen, bearings), seen)
-
-    def __call__(self, images: Sequence[Bytes]) -> Bytes:
-        """Stitch images (H, W, 3) of all cameras."""
-        import cv2
-
-        layers: list[Any] = []
-        for image, (first, second), factor in zip(images, self._maps, self._factors, strict=True):
-            layer = cv2.remap(image, first, second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            layers.append(layer if factor is None else cv2.multiply(layer, factor, dtype=cv2.CV_8U))
-        return self._blender(layers)
-
-
-def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int, *, warp: bool = True) -> Stitcher:
+def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int, *, warp: bool = True) -> SeamPlan:
     """Estimate colours, seams and local warps from simultaneous images.
 
     Parameters
@@ -136,7 +105,7 @@ def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int
                 before = dataclasses.replace(after, unwarped_deg=before.disparity_deg)
         seams.append(seam)
         quality.append(before)
-    return Stitcher(current, photometry, seams, quality)
+    return SeamPlan(current, photometry, seams, quality)
 
 
 def label_map(seams: Sequence[Seam], seen: Sequence[Mask], bearings: NDArray[Any]) -> NDArray[np.intp]:
