@@ -1,17 +1,22 @@
 """Stitching of a rig of three cameras in a textured sphere of known radius."""
 
+import dataclasses
 from functools import cache
 
+import av
 import cv2
 import numpy as np
 import pytest
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
+from omnisight.images.planes import Yuv
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_plan import sphere_bearings
+from omnisight.views.stitching.frame_stitcher import FrameStitcher
 from omnisight.views.stitching.image_stitcher import ImageStitcher
+from omnisight.views.stitching.photometry import Photometry
 from omnisight.views.stitching.sampling import Sampler
 from omnisight.views.stitching.seam_plan import plan_stitch
 
@@ -71,3 +76,39 @@ def test_stitchers_of_one_plan_are_independent():
     spheres = [stitcher(images()) for stitcher in (*stitchers, stitchers[0])]
     assert [sphere.shape for sphere in spheres] == [(32, 64, 3), (64, 128, 3), (32, 64, 3)]
     assert np.array_equal(spheres[0], spheres[2])
+
+
+def stripes(period):
+    """Return columns of black and white of a period, px, as the image of each camera."""
+    image = np.zeros((SIZE, SIZE, 3), np.uint8)
+    image[:, np.arange(SIZE) % period < period // 2] = 255
+    return [image] * 3
+
+
+def as_clip_frames(shown):
+    return [Yuv.of(av.VideoFrame.from_ndarray(image, format="rgb24"), 8) for image in shown]
+
+
+@pytest.mark.parametrize("width", [256, 192])
+def test_a_smaller_sphere_averages_the_pixels_of_the_images(width):
+    bearings = sphere_bearings(om.sphere(width), np.eye(3))
+    plan = plan_stitch(samplers(), images(), 128, warp=False)
+    plan = dataclasses.replace(plan, photometry=Photometry(np.zeros((3, 3)), np.zeros(3)))
+    fine = stripes(2)
+    sphere = ImageStitcher(plan, bearings)(fine).astype(float)
+    reference = om.remap(fine[0], LENS, om.sphere(width)).astype(float)
+    middle = np.s_[width // 8 : -width // 8, 3 * width // 8 : 5 * width // 8]
+    assert sphere.std() < 12
+    assert np.abs(sphere[middle] - reference[middle]).max() < 8
+    luma = FrameStitcher(plan, bearings)(as_clip_frames(fine)).frame.to_ndarray(format="rgb24").astype(float)
+    assert luma.std() < 12
+    assert np.abs(luma[middle] - reference[middle]).max() < 8
+
+
+def test_a_stitched_clip_equals_the_stitched_images_at_all_scales():
+    plan = plan_stitch(samplers(), images(), 128, warp=False)
+    for width in (256, 512, 1024):
+        bearings = sphere_bearings(om.sphere(width), np.eye(3))
+        sphere = ImageStitcher(plan, bearings)(images()).astype(float)
+        frame = FrameStitcher(plan, bearings)(as_clip_frames(images())).frame.to_ndarray(format="rgb24")
+        assert np.sqrt(np.mean((frame - sphere) ** 2)) < 3

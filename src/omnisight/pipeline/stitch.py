@@ -22,7 +22,7 @@ from omnisight.pipeline.stitch_files import (
 )
 from omnisight.pipeline.stitch_inputs import Bytes, StitchSource, head_frames
 from omnisight.pipeline.stitch_options import StitchOptions
-from omnisight.pipeline.stitch_plan import StitchPlan, latitudes, plan_frames
+from omnisight.pipeline.stitch_plan import StitchPlan, plan_frames
 from omnisight.rig import Rig
 from omnisight.sfm.head_result import HeadCalibration
 from omnisight.video_options import VideoOptions
@@ -162,9 +162,16 @@ def stitch_result(planned: StitchPlan, done: StitchedFrames, seconds: float, sti
         tuple(planned.seam_plan.quality),
         planned.head.calibration,
         planned.vertical,
-        float(np.average(done.covered.mean(1), weights=np.cos(latitudes(planned.camera.height)))),
+        _covered_share(done.covered, planned.camera),
         done.count,
         seconds,
         stitching_seconds / done.count,
         done.files,
     )
+
+
+def _covered_share(covered: NDArray[np.bool_], sphere: Camera) -> float:
+    """Return the share of the solid angle of a sphere whose pixels (H, W) are covered."""
+    rows = np.arange(sphere.height)
+    bearings, _ = sphere.unproject(np.stack([np.zeros_like(rows), rows], -1))
+    return float(np.average(covered.mean(1), weights=np.hypot(bearings[:, 0], bearings[:, 2])))

@@ -15,6 +15,7 @@ from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_rig import HeadRig, head_rig
 from omnisight.targets.length import parse_length
+from omnisight.views.maps import STRIP_ROWS
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.levelling import Vertical, estimate_vertical
 from omnisight.views.stitching.sampling import Sampler
@@ -141,19 +142,9 @@ def _orientation(vertical: Vertical | None, options: StitchOptions) -> Array:
 
 def sphere_bearings(camera: Camera, sphere_from_rig: Array) -> NDArray[np.float32]:
     """Return the directions (H, W, 3) of the pixels of a sphere in the rig frame."""
-    lon = (np.arange(camera.width) + 0.5) * 2 * np.pi / camera.width - np.pi
-    lat = latitudes(camera.height)[:, None]
-    local = np.stack(
-        [
-            np.cos(lat) * np.sin(lon),
-            np.broadcast_to(np.sin(lat), (camera.height, camera.width)),
-            np.cos(lat) * np.cos(lon),
-        ],
-        -1,
-    )
-    return (local @ sphere_from_rig).astype(np.float32)
-
-
-def latitudes(height: int) -> Array:
-    """Return the latitudes (H,) of rows, radians, positive down."""
-    return ((np.arange(height) + 0.5) / height - 0.5) * np.pi
+    bearings = np.empty((camera.height, camera.width, 3), np.float32)
+    for top in range(0, camera.height, STRIP_ROWS):
+        rows = np.arange(camera.height)[top : top + STRIP_ROWS]
+        pixels = np.stack(np.meshgrid(np.arange(camera.width), rows), -1)
+        bearings[rows] = camera.unproject(pixels)[0] @ sphere_from_rig
+    return bearings

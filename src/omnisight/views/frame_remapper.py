@@ -45,7 +45,7 @@ class FrameRemapper:
         u, v = view_map(source, target, target_from_source)
         with np.errstate(invalid="ignore"):
             self.mask = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
-        level = _pyramid_level(source, u, v, self.mask) if antialias and interpolation != "nearest" else None
+        level = pyramid_level(source, u, v, self.mask) if antialias and interpolation != "nearest" else None
         self._luma = _plane_map(u, v, source.size, level, interpolation)
         # A chroma sample is between two rows of luma, in H.264 and its successors in line with their left column.
         half = ((source.width + 1) // 2, (source.height + 1) // 2)
@@ -167,8 +167,11 @@ def _plane_map(
     return KernelMap(size, (maps[0], maps[1]), mask, flag)
 
 
-def _pyramid_level(source: Camera, u: Floats, v: Floats, mask: NDArray[np.bool_]) -> Floats | None:
-    """Return the pyramid level (H, W) of each pixel; None if the view is nowhere much smaller than the source."""
+def pyramid_level(source: Camera, u: Floats, v: Floats, mask: NDArray[np.bool_]) -> Floats | None:
+    """Return the pyramid level (H, W) of each pixel; None if the view is nowhere much smaller than the source.
+
+    Pixels u, v (H, W) outside the mask (H, W) have no effect.
+    """
     import cv2
 
     scale = map_scale(source, u, v, SCALE_STEP_PX)

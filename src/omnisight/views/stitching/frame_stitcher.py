@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images.planes import Yuv
+from omnisight.camera import Camera
+from omnisight.images.planes import Plane, Yuv
 from omnisight.parallel import parallel_for
-from omnisight.views.frame_remapper import packed_map, pyramid_map
+from omnisight.views.frame_remapper import PyramidMap, packed_map, pyramid_level, pyramid_map
 from omnisight.views.stitching.blending import REDUCTION, Blender
 from omnisight.views.stitching.photometry import DISPLAY_GAMMA
 from omnisight.views.stitching.sampling import Mask, Sampler
@@ -23,6 +24,9 @@ MIXED = 255
 # Corrections of coarse bands below this share of a grey level are not added.
 MIN_CORRECTION = 0.02
 GRAIN_ROWS = 8
+# Reduction (log2) from which planes are sampled from a pyramid: below, bilinear interpolation uses every pixel of the
+# image. A sphere at full resolution has 0.65 at 90 degrees from an axis, and a pyramid takes 96 ms instead of 56 ms.
+MIN_REDUCTION_LEVEL = 1.0
 
 
 class FrameStitcher:
@@ -42,16 +46,18 @@ class FrameStitcher:
         seen = [np.isfinite(u) for u, _ in maps]
         self.covered: Mask = np.logical_or.reduce(seen)
         self._blender = Blender(label_map(plan.seams, seen, bearings), seen)
-        self._luma = [packed_map(u, v, s.camera.size) for (u, v), s in zip(maps, plan.samplers, strict=True)]
         halves = [_chroma_map(u, v) for u, v in maps]
-        sizes = [((s.camera.width + 1) // 2, (s.camera.height + 1) // 2) for s in plan.samplers]
-        self._chroma = [packed_map(u, v, size) for (u, v), size in zip(halves, sizes, strict=True)]
+        self._planes = [
+            _PlaneMaps(s.camera, luma, chroma, weight > 0)
+            for s, luma, chroma, weight in zip(plan.samplers, maps, halves, self._blender.weights, strict=True)
+        ]
         self._gain = np.stack([self._vignetting(k, u, v) for k, (u, v) in enumerate(halves)])
         self._weight = np.stack([np.rint(64 * w).astype(np.uint8) for w in self._blender.weights])
         self._kind = self._single_camera()
         self._coarse = [self._coarse_maps(k, u, v) for k, (u, v) in enumerate(maps)]
-        self._index = np.stack([m.index for m in self._luma]), np.stack([m.index for m in self._chroma])
-        self._fraction = np.stack([m.fraction for m in self._luma]), np.stack([m.fraction for m in self._chroma])
+        packed = [[maps.luma for maps in self._planes], [maps.chroma for maps in self._planes]]
+        self._index = [np.stack([m.index for m in of_cameras]) for of_cameras in packed]
+        self._fraction = [np.stack([m.fraction for m in of_cameras]) for of_cameras in packed]
 
     def __call__(self, frames: Sequence[Yuv]) -> Yuv:
         """Stitch simultaneous frames of all cameras; a frame with several cameras side by side is given for each."""
@@ -62,9 +68,10 @@ class FrameStitcher:
         sources: list[Any] = []
         strides: list[int] = []
         for k, frame in enumerate(frames):
-            for plane, offset in zip(frame.planes, self._offsets(k, frames), strict=True):
-                sources.append(plane.ravel()[offset:])
-                strides.append(plane.shape[1])
+            for p, (plane, offset) in enumerate(zip(frame.planes, self._offsets(k, frames), strict=True)):
+                source, stride = self._planes[k].source(p, plane, offset, frame.black[min(p, 1)])
+                sources.append(source)
+                strides.append(stride)
         low = self._correction(frames, colors)
         black, gray = frames[0].black
         limits = np.float32(black), np.float32(gray), np.float32(2 ** frames[0].depth - 1)
@@ -144,6 +151,43 @@ class FrameStitcher:
 
         found = self._blender.correction([reduced(k) for k in range(len(frames))])
         return np.where(np.abs(found) < MIN_CORRECTION, np.float32(0), found)
+
+
+class _PlaneMaps:
+    """Maps of the planes of a camera for the compiled pass.
+
+    Where the sphere is smaller than the image, planes are first sampled from a pyramid at the pixels of the sphere: the
+    maps are then those of equal pixels.
+    """
+
+    def __init__(self, camera: Camera, luma: tuple[Floats, Floats], chroma: tuple[Floats, Floats], shown: Mask) -> None:
+        half = (camera.width + 1) // 2, (camera.height + 1) // 2
+        level = pyramid_level(camera, *luma, np.isfinite(luma[0]))
+        if level is not None and level[shown].max(initial=0) < MIN_REDUCTION_LEVEL:
+            level = None
+        self._pyramids: list[PyramidMap] = []
+        if level is not None:
+            below = np.ascontiguousarray(level[1::2, ::2])
+            self._pyramids = [pyramid_map(*luma, camera.size, level), pyramid_map(*chroma, half, below)]
+            luma, chroma = _equal_pixels(luma[0]), _equal_pixels(chroma[0])
+        sizes = (camera.size, half) if level is None else (luma[0].shape[::-1], chroma[0].shape[::-1])
+        self.luma, self.chroma = packed_map(*luma, sizes[0]), packed_map(*chroma, sizes[1])
+
+    def source(self, index: int, plane: Plane, offset: int, empty: int) -> tuple[Plane, int]:
+        """Return the flat pixels that the maps sample, and the pixels per row, of a plane from a column on."""
+        if not self._pyramids:
+            return plane.ravel()[offset:], plane.shape[1]
+        pyramid = self._pyramids[min(index, 1)]
+        target = np.empty(pyramid.index.shape[:2], plane.dtype)
+        pyramid.sample(plane[:, offset:], pyramid.size, empty, target)
+        return target.ravel(), pyramid.index.shape[1]
+
+
+def _equal_pixels(u: Floats) -> tuple[Floats, Floats]:
+    """Return the map (H, W) of each pixel to itself, NaN where u is."""
+    rows, columns = np.indices(u.shape, np.float32)
+    unseen = np.isnan(u)
+    return np.where(unseen, u, columns), np.where(unseen, u, rows)
 
 
 def _visible_map(sampler: Sampler, bearings: NDArray[Any]) -> tuple[Floats, Floats]:
