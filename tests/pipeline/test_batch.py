@@ -208,9 +208,32 @@ def test_another_task_or_other_images_are_refused(source, tmp_path):
     (source / "0" / "new.png").write_bytes(b"x")
     with pytest.raises(ValueError, match=r"other images of .* \(1 new, 0 missing\)"):
         run(Reverse(), str(source), out, ONE)
-    (tmp_path / "out" / ".omnisight" / "manifest.json").write_text("[]")
-    with pytest.raises(ValueError, match=r"is not a manifest"):
-        run(Reverse(), str(source), out, ONE)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"task": [], "source": "", "items": []}',
+        '{"task": {"options": 3}, "source": "", "items": []}',
+        '{"task": {}, "source": 3, "items": []}',
+        '{"task": {}, "source": "", "items": 3}',
+        '{"task": {}, "source": "", "items": [[1, 2, 3]]}',
+        '{"task": {}, "source": "", "items": [[[["a"]], ["b"], 0]]}',
+        '{"task": {}, "source": "", "items": [[[], [], 0]]}',
+        '{"task": {}, "source": "", "items": [], "more": 1}',
+        "[" * 100_000,
+        b"\xff\xfe\xfd",
+    ],
+)
+def test_a_damaged_manifest_is_named(source, tmp_path, text):
+    path = tmp_path / "out" / ".omnisight" / "manifest.json"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ValueError, match=r"manifest\.json: is not a manifest \(.*delete the folder"):
+        run(Reverse(), str(source), str(tmp_path / "out"), ONE)
 
 
 @pytest.mark.parametrize(

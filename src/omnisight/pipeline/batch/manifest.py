@@ -38,10 +38,33 @@ class Manifest:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
-        """Return the manifest of a file; raise ValueError, KeyError or TypeError if it is none."""
-        values = json.loads(text)
-        items = tuple(Item(tuple(inputs), tuple(outputs), group) for inputs, outputs, group in values["items"])
-        return cls(**values | {"items": items})
+        """Return the manifest of a file.
+
+        Raises
+        ------
+        ValueError
+            If the file is none.
+        """
+        try:
+            values = json.loads(text)
+        except RecursionError:
+            raise ValueError("it is nested too deeply") from None
+        match values:
+            case {"task": {**task}, "source": str(source), "items": [*items]} if len(values) == 3:
+                if not isinstance(task.get("options", {}), dict):
+                    raise ValueError("the options are not an object")
+                return cls(task, source, tuple(_item(item, k) for k, item in enumerate(items)))
+            case _:
+                raise ValueError("it has no task, source and items")
+
+
+def _item(values: Any, index: int) -> Item:
+    """Return an item of a manifest."""
+    match values:
+        case [[*inputs], [*outputs], int(group)] if inputs and all(isinstance(path, str) for path in inputs + outputs):
+            return Item(tuple(inputs), tuple(outputs), group)
+        case _:
+            raise ValueError(f"item {index} has no inputs, outputs and group")
 
 
 def check_manifest(task: Task, items: Sequence[Item], source: str, output: str) -> None:
@@ -59,8 +82,10 @@ def check_manifest(task: Task, items: Sequence[Item], source: str, output: str) 
         return
     try:
         before = Manifest.from_json(stored)
-    except (ValueError, KeyError, TypeError):
-        raise ValueError(f"{output}/{MANIFEST}: is not a manifest; delete the folder {FOLDER} to start again") from None
+    except ValueError as error:
+        raise ValueError(
+            f"{output}/{MANIFEST}: is not a manifest ({error}); delete the folder {FOLDER} to start again"
+        ) from None
     advice = f"choose another output, or delete {output}/{FOLDER} to start again"
     was, now = _flat(before.task), _flat(manifest.task)
     if changed := [name for name in now | was if was.get(name) != now.get(name)]:
