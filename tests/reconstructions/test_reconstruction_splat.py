@@ -93,7 +93,9 @@ def test_the_mask_without_a_calibrated_field_of_view_is_the_image_circle(tmp_pat
         (tmp_path / "images" / name).parent.mkdir(parents=True, exist_ok=True)
         write_image(tmp_path / "images" / name, np.where(lit, 180, 5).astype(np.uint8))
     export_reconstruction(made, tmp_path / "out", ExportOptions("splat", tmp_path / "images", 200))
-    for path in sorted((tmp_path / "out" / "masks").iterdir()):
+    paths = sorted((tmp_path / "out" / "masks").iterdir())
+    assert len(paths) == 5 * len(made.names)
+    for path in paths:
         view, mask = read_image(tmp_path / "out" / "images" / path.name[:-4]), read_image(path) > 0
         assert (view[mask] > 90).mean() > 0.98
         if "front" not in path.name:
