@@ -2,13 +2,14 @@
 
 import dataclasses
 import inspect
+import typing
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 import omnisight as om
-from omnisight.display import MAX_LINES, Displayed, shortened
+from omnisight.display import MAX_LINES, Displayed, named_tuple_text, shortened
 from omnisight.models import model_class, model_names
 
 TYPES = sorted(
@@ -32,6 +33,29 @@ def filled(cls):
     return value
 
 
+def result_types():
+    """Return the types of the package that public functions return and that the fields of results hold."""
+    waiting, found = [], {}
+    for name in om.__all__:
+        value = getattr(om, name)
+        if inspect.isclass(value):
+            waiting.append(value)
+        else:
+            function = inspect.unwrap(value)
+            waiting += [typing.get_type_hints(f)["return"] for f in [function, *typing.get_overloads(function)]]
+    while waiting:
+        hint = waiting.pop()
+        waiting += [part for part in typing.get_args(hint) if not isinstance(part, str | int | float)]
+        if isinstance(hint, type) and hint.__module__.startswith("omnisight.") and hint.__name__ not in found:
+            found[hint.__qualname__] = hint
+            if dataclasses.is_dataclass(hint) or hasattr(hint, "_fields"):
+                waiting += typing.get_type_hints(hint).values()
+    return found
+
+
+RESULT_TYPES = result_types()
+
+
 def assert_short(text):
     assert len(text.splitlines()) <= MAX_LINES
     assert max(map(len, text.splitlines())) <= 120
@@ -52,6 +76,36 @@ def test_every_public_dataclass_has_a_short_text(name):
         # One f-string of figures: arrays are not formatted in it.
         source = inspect.getsource(cls.__repr__)
         assert len(source.splitlines()) < 12
+
+
+@pytest.mark.parametrize("name", sorted(RESULT_TYPES))
+def test_every_type_of_a_result_has_a_short_text(name):
+    cls = RESULT_TYPES[name]
+    if dataclasses.is_dataclass(cls):
+        assert issubclass(cls, Displayed)
+        if cls.__repr__ is Displayed.__repr__ and not inspect.isabstract(cls):
+            assert_short(repr(filled(cls)))
+    elif hasattr(cls, "_fields"):
+        assert cls.__repr__ is named_tuple_text
+        assert_short(repr(cls(*[np.zeros((1000, 3))] * len(cls._fields))))
+    else:
+        assert cls.__repr__ is not object.__repr__ or inspect.isabstract(cls)
+
+
+def test_the_types_of_results_include_those_of_fields():
+    assert {"ViewResult", "DesignResult", "Performance", "Proposal", "Verdict", "State"} <= set(RESULT_TYPES)
+    assert len(RESULT_TYPES) > 150
+
+
+def test_texts_of_named_tuples_and_of_objects():
+    assert repr(om.sphere(512).fov) == "FieldOfView(horizontal=360, vertical=180, diagonal=180)"
+    assert repr(om.PlaceIndex()) == "PlaceIndex(0 images, 0 descriptors)"
+    assert repr(om.Odometry(CAMERA)) == "Odometry(0 frames, 0 poses, 0 keyframes)"
+    comparison = om.compare(CAMERA, CAMERA)
+    assert repr(comparison) == "CameraComparison(a, b: the cameras are equal to within 0.01 px)"
+    diagnosis = om.doctor()
+    assert repr(diagnosis).startswith(f"Diagnosis({diagnosis.level}, {len(diagnosis.findings)} checks")
+    assert_short(repr(diagnosis))
 
 
 @pytest.mark.parametrize("name", [name for name in TYPES if name.endswith("Options")])

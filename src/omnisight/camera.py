@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.array_kinds import like, to_numpy
-from omnisight.display import Displayed
+from omnisight.display import Displayed, named_tuple_text
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, Projector
@@ -33,6 +33,8 @@ class FieldOfView(NamedTuple):
     horizontal: float
     vertical: float
     diagonal: float
+
+    __repr__ = named_tuple_text
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.models import model_class
 
 Array = NDArray[np.float64]
@@ -21,7 +22,7 @@ BISECTIONS = 8  # of the field of view, to a third of a degree
 
 
 @dataclass(frozen=True)
-class Conversion:
+class Conversion(Displayed):
     """A camera fitted to another one.
 
     Attributes

@@ -7,7 +7,8 @@ import dataclasses
 import importlib
 import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from enum import Enum
 from typing import Any
 
 from omnisight.extensions import names_in
@@ -32,8 +33,7 @@ class Displayed:
 
     def __repr__(self) -> str:
         """Return the fields that differ from their default, on at most five lines."""
-        shown = [f"{field.name}={_short(getattr(self, field.name))}" for field in _shown(self)]
-        return shortened(f"{type(self).__name__}({', '.join(shown)})")
+        return _text(self, [field.name for field in _shown(self)])
 
     def _repr_html_(self) -> str | None:
         """Return HTML for notebooks; None if the text is enough."""
@@ -44,6 +44,16 @@ class Displayed:
 def file_name(cls: type) -> str:
     """Return the name of the file for a class, such as relative_pose for RelativePose."""
     return re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+
+def named_tuple_text(self: Any) -> str:
+    """Return the short text of a named tuple, as its `__repr__`: a named tuple cannot derive from `Displayed`."""
+    return _text(self, self._fields)
+
+
+def _text(value: Any, names: Sequence[str]) -> str:
+    """Return the type of a value and some of its attributes."""
+    return shortened(f"{type(value).__name__}({', '.join(f'{name}={_short(getattr(value, name))}' for name in names)})")
 
 
 def shortened(text: str) -> str:
@@ -75,11 +85,13 @@ def _short(value: Any) -> str:
     """Return the text of a value: arrays by their shape, long collections by their length."""
     if hasattr(value, "dtype") and hasattr(value, "shape"):
         return f"<{' x '.join(map(str, value.shape)) or 'scalar'} {value.dtype}>"
+    if isinstance(value, Enum):
+        return value.name
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):
         return f"<{len(value)} entries>" if value else "{}"
-    if isinstance(value, tuple | list):
+    if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
         items = [_short(item) for item in value[:MAX_ITEMS]] if len(value) <= MAX_ITEMS else []
         text = f"({', '.join(items)})"
         return text if items and len(text) <= MAX_VALUE_CHARS else f"<{len(value)} {_kind(value)}>" if value else "()"

@@ -9,6 +9,7 @@ from scipy.special import fdtrc
 
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.geometry.rotation import hat
 from omnisight.targets.observations import Observations
 
@@ -28,7 +29,7 @@ BEND_TERMS = 3
 
 
 @dataclass(frozen=True)
-class BoardBendTest:
+class BoardBendTest(Displayed):
     """How much of the residuals a different bend of the board in each image explains.
 
     Attributes

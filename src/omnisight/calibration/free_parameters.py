@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.models import CameraModel, Projector
 
 Array = NDArray[np.float64]
@@ -16,7 +17,7 @@ SQUARE_STRETCH = {"c": 1.0, "d": 0.0, "e": 0.0}
 
 
 @dataclass(frozen=True)
-class FreeParameters:
+class FreeParameters(Displayed):
     """What a calibration estimates of the parameters that all views share.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
+from omnisight.display import Displayed, named_tuple_text
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import hat
 from omnisight.optim.loss import robust_sigma
@@ -31,7 +32,7 @@ MIN_SIGMA_PX = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class GroundMarks:
+class GroundMarks(Displayed):
     """Markings on the ground that one camera sees.
 
     Attributes
@@ -75,9 +76,11 @@ class CameraFit(NamedTuple):
     height: float
     sigma_height: float
 
+    __repr__ = named_tuple_text
+
 
 @dataclass(frozen=True, eq=False)
-class GroundCalibration:
+class GroundCalibration(Displayed):
     """A rig in the ground frame; false if it was not determined.
 
     Attributes

@@ -15,6 +15,7 @@ from omnisight.calibration.model_averaging import expected_errors, not_rejected,
 from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import MIN_OUTSIDE_COST_PX, State
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
 from omnisight.optim.loss import robust_sigma
@@ -41,7 +42,7 @@ MIN_DOMAIN_MARGIN = 1.03
 
 
 @dataclass(frozen=True)
-class Selection:
+class Selection(Displayed):
     """The selected model among the candidates.
 
     Attributes

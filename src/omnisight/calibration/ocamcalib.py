@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.models.ocam import Ocam
 from omnisight.optim.gauss_newton import gauss_newton
 from omnisight.optim.tolerances import FINAL_TOLERANCE
@@ -26,7 +27,7 @@ MAX_ALTERNATIONS, RMS_TOLERANCE = 100, 1e-6
 
 
 @dataclass(frozen=True)
-class ReprojectionError:
+class ReprojectionError(Displayed):
     """Root mean square and mean residual length over all corners, px."""
 
     rms: float
@@ -40,7 +41,7 @@ class ReprojectionError:
 
 
 @dataclass(frozen=True)
-class OcamCalibResult:
+class OcamCalibResult(Displayed):
     """The result of Scaramuzza's method.
 
     Attributes

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.rotation import look
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import UnreadableImage, read_image, to_gray8
@@ -55,7 +56,7 @@ MAX_SIGMA_PX = 2.0
 
 
 @dataclass(frozen=True)
-class RedetectionStats:
+class RedetectionStats(Displayed):
     """What the re-detection pass added and removed.
 
     Attributes

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.state import State, identity_whitening, residual_lengths
+from omnisight.display import Displayed
 from omnisight.optim.loss import robust_sigma
 from omnisight.targets.observations import Observations
 
@@ -26,7 +27,7 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class ResidualWeights:
+class ResidualWeights(Displayed):
     """Weights of the residuals, estimated at a state.
 
     Attributes

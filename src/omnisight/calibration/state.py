@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration._bundle_kernel import transform_points, whitened_lengths
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.models import CameraModel, Projector
 from omnisight.targets.observations import Observations
@@ -17,7 +18,7 @@ MIN_OUTSIDE_COST_PX = 100.0
 
 
 @dataclass(frozen=True)
-class State:
+class State(Displayed):
     """A camera model, the pose of the board in each view, and the board warp.
 
     Attributes

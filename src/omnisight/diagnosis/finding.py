@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+from omnisight.display import Displayed
+
 
 class Level(IntEnum):
     """What a finding means for the use of a recording or of the installation."""
@@ -17,7 +19,7 @@ class Level(IntEnum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Displayed):
     """The result of a check.
 
     Attributes

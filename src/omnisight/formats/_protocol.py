@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.formats._readers import Reader
 from omnisight.rig import Rig
 
@@ -15,7 +16,7 @@ class FormatError(ValueError):
 
 
 @dataclass(frozen=True)
-class SaveResult:
+class SaveResult(Displayed):
     """A calibration file that was written, and how accurately it reads back.
 
     Attributes

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True)
-class Ellipse:
+class Ellipse(Displayed):
     """An ellipse in pixel coordinates; a circle if both axes are equal.
 
     Parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.images.boundary import detect_inner_boundary, detect_outer_boundary
 from omnisight.images.ellipse import Ellipse
 
@@ -16,7 +17,7 @@ MIN_SIDE_PX = 32
 
 
 @dataclass(frozen=True)
-class ImageField:
+class ImageField(Displayed):
     """The region of a camera's images that the lens or mirror illuminates.
 
     Parameters

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.images.planes import Yuv, rotated
 from omnisight.images.read import UnreadableImage
 from omnisight.images.video_files import avi_frame_count, find_defect
@@ -68,7 +69,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Clip:
+class Clip(Displayed):
     """A video file.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.views.cube import cube_cross
 from omnisight.views.maps import coverage_mask, is_periodic, map_scale, view_map
 from omnisight.views.remapper import SCALE_STEP_PX, Interpolation
@@ -19,7 +20,7 @@ Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class RemapTable:
+class RemapTable(Displayed):
     """The source pixel of every pixel of a view.
 
     Attributes

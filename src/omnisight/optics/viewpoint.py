@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
 from omnisight.optics.mirrors import Mirror
 from omnisight.optics.mirrors.cone import Cone
 from omnisight.optics.mirrors.conic import Conic
@@ -73,7 +74,7 @@ def _foci_positions(mirror: Conic) -> tuple[LensPosition, ...]:
 
 
 @dataclass(frozen=True)
-class Viewpoint:
+class Viewpoint(Displayed):
     """The point nearest to all rays of a camera, and the distances of the rays from it.
 
     Attributes

@@ -52,7 +52,7 @@ class LengthErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class BirdseyeRenderer:
+class BirdseyeRenderer(Displayed):
     """A calibrated view of a rig, for any number of frames.
 
     Attributes

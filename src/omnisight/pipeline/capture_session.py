@@ -19,6 +19,7 @@ from omnisight.calibration.frame_information import (
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.resection import resect
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import downsample, estimate_image_field
 from omnisight.quality.coverage import Coverage
@@ -59,7 +60,7 @@ class Seen:
 
 
 @dataclass(eq=False)
-class CaptureSession:
+class CaptureSession(Displayed):
     """Decides which images to store.
 
     Attributes

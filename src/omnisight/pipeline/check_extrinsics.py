@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.features import Keypoints, detect_features, match_features
 from omnisight.geometry.pose import Pose
 from omnisight.pipeline.central_camera import fit_camera
@@ -28,7 +29,7 @@ MIN_MATCHES = 15
 
 
 @dataclass(frozen=True)
-class PairCheck:
+class PairCheck(Displayed):
     """Matches between the images of two cameras of a rig.
 
     Attributes
@@ -49,7 +50,7 @@ class PairCheck:
 
 
 @dataclass(frozen=True)
-class ExtrinsicsCheck:
+class ExtrinsicsCheck(Displayed):
     """Whether the extrinsics of a rig agree with images.
 
     Attributes

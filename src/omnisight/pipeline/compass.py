@@ -16,7 +16,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Heading:
+class Heading(Displayed):
     """Heading of an image.
 
     Attributes

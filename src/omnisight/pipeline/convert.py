@@ -7,6 +7,7 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.choices import Options
 from omnisight.conversion import Conversion, convert_model, max_convertible_theta, rank_conversions
+from omnisight.display import Displayed
 from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
 from omnisight.models import model_names
@@ -54,7 +55,7 @@ class ConvertOptions(Options):
 
 
 @dataclass(frozen=True)
-class ConvertResult:
+class ConvertResult(Displayed):
     """The result of `convert`.
 
     Attributes

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion
+from omnisight.display import Displayed
 from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.central_camera import central_approximation
@@ -17,7 +18,7 @@ from omnisight.rig import Rig
 
 
 @dataclass(frozen=True)
-class ConvertRigResult:
+class ConvertRigResult(Displayed):
     """The result of `convert_rig`.
 
     Attributes

@@ -7,6 +7,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.choices import Options
+from omnisight.display import Displayed
 from omnisight.optics.design.mirror_design import MirrorDesign, design_mirror
 from omnisight.optics.design.performance import Performance, evaluate_design
 from omnisight.optics.design.specification import MirrorSpecification
@@ -56,7 +57,7 @@ class DesignOptions(Options):
 
 
 @dataclass(frozen=True)
-class DesignResult:
+class DesignResult(Displayed):
     """A designed mirror camera.
 
     Attributes

@@ -13,7 +13,7 @@ from omnisight.camera import Camera
 from omnisight.diagnosis import installation_checks, recording_checks
 from omnisight.diagnosis.finding import Finding, Level
 from omnisight.diagnosis.recording import RUN, Recording
-from omnisight.display import Displayed
+from omnisight.display import Displayed, shortened
 from omnisight.images import to_gray8
 from omnisight.images.mask import read_mask
 from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources
@@ -38,6 +38,11 @@ class Diagnosis(Displayed):
 
     findings: tuple[Finding, ...]
     static_region: NDArray[np.bool_] | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        """Return the worst level, and which checks are not OK."""
+        found = [f"{finding.level}: {finding.name}" for finding in self.findings if finding.level > Level.OK]
+        return shortened(f"Diagnosis({', '.join([f'{self.level}, {len(self.findings)} checks', *found])})")
 
     def __bool__(self) -> bool:
         return self.level < Level.FAILED

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.extensions import did_you_mean
 from omnisight.formats import FormatError, format_names, get_format, load_all
 from omnisight.optics.models.axial import Axial
@@ -19,7 +20,7 @@ MAX_PROFILE_THETA_RAD = 0.999 * np.pi  # opposite to the axis the azimuth is und
 
 
 @dataclass(frozen=True)
-class RadialProfile:
+class RadialProfile(Displayed):
     """Distance from the principal point (px) against the angle from the axis (degrees), averaged over azimuths.
 
     Attributes
@@ -42,7 +43,7 @@ class RadialProfile:
 
 
 @dataclass(frozen=True)
-class ParameterValue:
+class ParameterValue(Displayed):
     """A parameter of a camera model.
 
     Attributes
@@ -63,7 +64,7 @@ class ParameterValue:
 
 
 @dataclass(frozen=True)
-class CameraDescription:
+class CameraDescription(Displayed):
     """What a calibration file holds about one camera.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import named_tuple_text
 from omnisight.images import read_image
 
 ImageSource = str | PathLike[str] | NDArray[Any]
@@ -35,6 +36,8 @@ class Photo(NamedTuple):
     image: NDArray[Any]
     camera: Camera
     mask: NDArray[np.bool_] | None
+
+    __repr__ = named_tuple_text
 
 
 def read_source(source: ImageSource, default_label: str, apply_exif: bool) -> tuple[str, NDArray[Any]]:

@@ -17,6 +17,7 @@ from omnisight.calibration.resection import resect
 from omnisight.calibration.rigs.frame_uncertainty import frame_covariance
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.formats import load
 from omnisight.pipeline.calibrate import calibrate, drop_images
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
@@ -36,7 +37,7 @@ EXCHANGED_RATIO = 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class RigCamera:
+class RigCamera(Displayed):
     """A camera of a rig before the joint refinement.
 
     Attributes

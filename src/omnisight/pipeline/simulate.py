@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnisight
+from omnisight.display import Displayed
 from omnisight.formats import FormatError, load, load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import angle_from_axis
@@ -47,7 +48,7 @@ CIRCLE_SAMPLES = 200
 
 
 @dataclass(frozen=True)
-class SimulatedDataset:
+class SimulatedDataset(Displayed):
     """A data set that was written.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.display import Displayed
+from omnisight.display import Displayed, named_tuple_text
 from omnisight.features import detect_features, match_features
 from omnisight.features.detection import illuminated_region
 from omnisight.geometry import rotation as so3
@@ -72,6 +72,8 @@ class RigCheck(NamedTuple):
     rotation_sigma_deg: float = float("nan")
     rotation_px: float = float("nan")
     reason: str = ""
+
+    __repr__ = named_tuple_text
 
     @property
     def warning(self) -> str:

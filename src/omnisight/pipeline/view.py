@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.formats import save
 from omnisight.images import collect_images, read_image, write_image
 from omnisight.images.output_paths import output_paths, refuse_overwrite
@@ -25,7 +26,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class ViewResult:
+class ViewResult(Displayed):
     """Views that were written.
 
     Attributes

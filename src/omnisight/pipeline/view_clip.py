@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.images import Clip
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
@@ -33,7 +34,7 @@ Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
-class ClipViews:
+class ClipViews(Displayed):
     """Views of a clip that were written.
 
     Attributes

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.stats import rankdata
 
+from omnisight.display import named_tuple_text
+
 Array = NDArray[np.float64]
 
 # Samples of the correlation per column: its maximum is then within the basin of the refinement.
@@ -42,6 +44,8 @@ class CompassRotation(NamedTuple):
     yaw_deg: float
     sigma_deg: float
     similarity: float
+
+    __repr__ = named_tuple_text
 
     def deviation(self, b_from_a: Array, level_from_camera: Array | None = None) -> float:
         """Return the difference from a rotation of bearings, in standard deviations.

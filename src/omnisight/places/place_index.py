@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omnisight.display import named_tuple_text
 from omnisight.features import Keypoints
 from omnisight.parallel import parallel_map
 from omnisight.places.inverted_lists import InvertedLists
@@ -33,6 +34,8 @@ class Place(NamedTuple):
 
     image: int
     score: float
+
+    __repr__ = named_tuple_text
 
 
 class ImageWords(NamedTuple):
@@ -74,6 +77,10 @@ class PlaceIndex:
     def __len__(self) -> int:
         """Return the number of images."""
         return len(self._counts)
+
+    def __repr__(self) -> str:
+        """Return the numbers of images and descriptors."""
+        return f"PlaceIndex({len(self)} images, {sum(self._counts)} descriptors)"
 
     @property
     def nbytes(self) -> int:

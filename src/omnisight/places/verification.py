@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import named_tuple_text
 from omnisight.features import Keypoints, match_features
 from omnisight.optim.ransac import RansacOptions
 from omnisight.twoview.bearing_pairs import BearingPairs
@@ -35,6 +36,8 @@ class PlaceMatch(NamedTuple):
     matches: int
     inliers: int
     directions: float
+
+    __repr__ = named_tuple_text
 
 
 def verify_place(a: Keypoints, b: Keypoints) -> PlaceMatch:

@@ -20,6 +20,7 @@ from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.residual_weights import MIN_SIGMA_PX, ResidualWeights
 from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.images.name_patterns import patterns_by_name
 from omnisight.models import Projector
 from omnisight.quality.image_orientation import find_orientation
@@ -40,7 +41,7 @@ MAX_CHANGE_ERROR_PX = (0.5, 2.0)
 
 
 @dataclass(frozen=True)
-class CameraChange:
+class CameraChange(Displayed):
     """Two cameras that explain the images better than one.
 
     Attributes

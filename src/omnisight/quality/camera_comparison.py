@@ -34,7 +34,7 @@ SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "
 
 
 @dataclass(frozen=True, eq=False)
-class DifferenceMap:
+class DifferenceMap(Displayed):
     """Difference of two cameras on a grid of pixels of the first one.
 
     Attributes
@@ -92,6 +92,10 @@ class CameraComparison(Displayed):
     common: Bools
     uncertainties: tuple[Array | None, Array | None]
     test: DifferenceTest
+
+    def __repr__(self) -> str:
+        """Return the verdict in one sentence."""
+        return f"CameraComparison({', '.join(self.names)}: {self.sentence})"
 
     @classmethod
     def of(

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import polar
@@ -22,7 +23,7 @@ DISTANCES_M, DISTANCES_BOARD_WIDTHS = (0.2, 1.0, 5.0), (1.0, 5.0, 25.0)
 
 
 @dataclass(frozen=True)
-class CentralApproximationError:
+class CentralApproximationError(Displayed):
     """The error of a central camera at several distances, against an axial camera fitted to the same boards.
 
     The central camera is placed where it agrees best with the axial one on the board corners, as a pose estimated with

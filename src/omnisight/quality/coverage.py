@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.images import ImageField
 from omnisight.quality.wording import MAX_NAMED
@@ -27,7 +28,7 @@ SIDES = ("right", "lower right", "bottom", "lower left", "left", "upper left", "
 
 
 @dataclass(frozen=True)
-class Coverage:
+class Coverage(Displayed):
     """Number of corners in each cell of the field of view.
 
     Attributes

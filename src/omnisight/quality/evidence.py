@@ -11,6 +11,7 @@ from omnisight.calibration.board_bend import BoardBendTest
 from omnisight.calibration.candidate import Candidate
 from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.quality.camera_change import MAX_CHANGE_ERROR_PX, CameraChange
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest
@@ -32,7 +33,7 @@ class Level(IntEnum):
 
 
 @dataclass(frozen=True)
-class Check:
+class Check(Displayed):
     """The result of one check.
 
     Attributes

@@ -12,6 +12,7 @@ from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE, gain_p_val
 from omnisight.calibration.noncentral import PUPIL_COEFFICIENTS, fit_axial
 from omnisight.calibration.residual_weights import OUTLIER_SIGMA
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.models import Projector
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.central_error import DISTANCES_BOARD_WIDTHS, DISTANCES_M, CentralApproximationError
@@ -30,7 +31,7 @@ MIN_PRINTED_M = 0.1
 
 
 @dataclass(frozen=True)
-class NonCentralityTest:
+class NonCentralityTest(Displayed):
     """A central camera compared with the same lens and an entrance pupil that shifts along the axis.
 
     Attributes

@@ -14,6 +14,7 @@ from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.model_averaging import averaged_covariance
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.models import CameraModel, Projector
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.camera_change import CameraChange, find_camera_change
@@ -33,7 +34,7 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class QualityReport:
+class QualityReport(Displayed):
     """Uncertainty, coverage, tests and verdict of a calibration.
 
     Attributes

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.model_selection import MAX_RMS_RATIO
 from omnisight.calibration.rigs.board_motion import BoardMotion
 from omnisight.calibration.rigs.consistency import Move
+from omnisight.display import Displayed
 from omnisight.quality.checks.held_out_error import NEGLIGIBLE_PX
 from omnisight.quality.evidence import Check, Level
 from omnisight.quality.verdict import Verdict
@@ -28,7 +29,7 @@ MAX_NAMES = 5
 
 
 @dataclass(frozen=True)
-class PairEvidence:
+class PairEvidence(Displayed):
     """The views that two cameras share.
 
     Attributes

@@ -11,6 +11,7 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.model_selection import MAX_RMS_RATIO, gain_p_value, is_better
 from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optim.tolerances import COMPARISON_TOLERANCE
 from omnisight.targets.observations import Observations
@@ -22,7 +23,7 @@ RINGS = 6
 
 
 @dataclass(frozen=True)
-class SplineBaseline:
+class SplineBaseline(Displayed):
     """The held-out errors of a spline camera and of the selected model on the same corners.
 
     Attributes

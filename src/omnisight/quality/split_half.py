@@ -12,6 +12,7 @@ from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import cap
 from omnisight.models import Projector
 from omnisight.quality.uncertainty import Uncertainty
@@ -26,7 +27,7 @@ RINGS = 12
 
 
 @dataclass(frozen=True)
-class SplitHalfTest:
+class SplitHalfTest(Displayed):
     """The difference between two cameras, each calibrated on every other view.
 
     Their covariances predict the difference that corner noise causes. A much larger one has another cause: a model

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import cap, polar
 from omnisight.images import ImageField
@@ -99,7 +100,7 @@ class Uncertainty:
 
 
 @dataclass(frozen=True)
-class UncertaintyMap:
+class UncertaintyMap(Displayed):
     """`Uncertainty` over angle from the axis and azimuth.
 
     Attributes

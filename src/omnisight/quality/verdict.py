@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from typing import Self
 
+from omnisight.display import Displayed
 from omnisight.quality.checks import all_checks
 from omnisight.quality.evidence import Check, Evidence, Level
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(Displayed):
     """Whether a calibration can be used.
 
     Attributes

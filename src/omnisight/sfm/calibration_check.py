@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.sfm.mapping import Map
 from omnisight.sfm.pixel_rays import FreeCameras
@@ -22,7 +23,7 @@ MAX_SAMPLES, MAX_SCALING_ERROR = 500, 0.05
 
 
 @dataclass(frozen=True)
-class FocalLengthChange:
+class FocalLengthChange(Displayed):
     """Relative difference of the focal length that images agree with best from that of the calibration.
 
     Attributes

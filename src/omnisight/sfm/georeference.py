@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.sfm.mapping import Map, adjust_map
 from omnisight.sfm.measurements import MeasuredDistance, MeasuredPositions, camera_positions
@@ -40,7 +41,7 @@ class Similarity:
 
 
 @dataclass(frozen=True, eq=False)
-class Georeference:
+class Georeference(Displayed):
     """How a map was brought into the world; false if it was not.
 
     Attributes

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class FrameAgreement:
+class FrameAgreement(Displayed):
     """Estimate from the overlap of one frame, against that from all.
 
     Attributes
@@ -32,7 +33,7 @@ class FrameAgreement:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadCalibration:
+class HeadCalibration(Displayed):
     """Lenses and rotation of a head; false if they cannot be estimated.
 
     Attributes

@@ -22,7 +22,7 @@ MIN_VERIFIED = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Observations:
+class Observations(Displayed):
     """Observations of points in images.
 
     Attributes
@@ -54,7 +54,7 @@ class Observations:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class Points(Displayed):
     """Reconstructed points.
 
     Attributes

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.formats import save
 from omnisight.geometry.pose import Pose
 from omnisight.images import write_bytes, write_image
@@ -82,7 +83,7 @@ ROUNDED_FORMATS = (
 
 
 @dataclass(frozen=True)
-class MountedCamera:
+class MountedCamera(Displayed):
     """A camera of the simulated body.
 
     Attributes

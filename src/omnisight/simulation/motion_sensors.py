@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry.geodesy import from_east_north_up
 from omnisight.simulation.random_process import gauss_markov
 from omnisight.simulation.spline_trajectory import SplineTrajectory
@@ -25,7 +26,7 @@ RATES = ("imu", "odometry", "gnss")
 
 
 @dataclass(frozen=True)
-class ImuNoise:
+class ImuNoise(Displayed):
     """Noise of an IMU in the convention of EuRoC and Kalibr. Defaults: ADIS16448, as in EuRoC's sensor.yaml.
 
     Attributes
@@ -51,7 +52,7 @@ class ImuNoise:
 
 
 @dataclass(frozen=True)
-class OdometryNoise:
+class OdometryNoise(Displayed):
     """Noise of wheel odometry, one standard deviation.
 
     Attributes
@@ -68,7 +69,7 @@ class OdometryNoise:
 
 
 @dataclass(frozen=True)
-class GnssNoise:
+class GnssNoise(Displayed):
     """Noise of a GNSS receiver, one standard deviation of each horizontal axis; the vertical one is twice as large.
 
     Attributes
@@ -87,7 +88,7 @@ class GnssNoise:
 
 
 @dataclass(frozen=True)
-class MotionSensors:
+class MotionSensors(Displayed):
     """Sensors of the motion of the body; a rate of 0 is no sensor.
 
     Attributes

@@ -61,7 +61,7 @@ class Detection(Displayed):
 
 
 @dataclass(frozen=True)
-class ImageDetection:
+class ImageDetection(Displayed):
     """Detections in one image file.
 
     Attributes

@@ -6,9 +6,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
+
 
 @dataclass(frozen=True, eq=False)
-class PointTarget:
+class PointTarget(Displayed):
     """Points of a board, or of several in one rigid body, that a file of corners lists.
 
     Attributes

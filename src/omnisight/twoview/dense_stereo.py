@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.twoview.rectification import Rectification
 from omnisight.twoview.triangulation import MIN_PARALLAX_SIGMA
 
@@ -41,7 +42,7 @@ STEPS_PER_PX = 16
 
 
 @dataclass(frozen=True, eq=False)
-class DenseStereo:
+class DenseStereo(Displayed):
     """Distances in the pixels of camera a.
 
     Attributes

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnisight.camera import Camera
+from omnisight.display import named_tuple_text
 from omnisight.geometry.pose import Pose
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class Epipoles(NamedTuple):
 
     pixels: Array
     visible: Mask
+
+    __repr__ = named_tuple_text
 
 
 def epipoles(camera: Camera, cam_from_other: Pose) -> Epipoles:

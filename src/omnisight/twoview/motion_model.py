@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.optim.ransac import RansacOptions, ransac
 from omnisight.optim.refinement import THRESHOLDS
@@ -38,7 +39,7 @@ PLANAR_SIGMA, MAX_PLANAR_SIGMA_DEG = 2.0, 1.0
 
 
 @dataclass(frozen=True)
-class MotionModel:
+class MotionModel(Displayed):
     """The model of the motion between two images.
 
     Attributes

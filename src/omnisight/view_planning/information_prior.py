@@ -15,6 +15,7 @@ from omnisight.calibration.resection import resect
 from omnisight.calibration.residual_weights import MIN_SIGMA_PX, ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.quality.checks.residuals import MAX_MEDIAN_PX
 from omnisight.targets.observations import Observations
@@ -27,7 +28,7 @@ MIN_EIGENVALUE = 1e-11
 
 
 @dataclass(frozen=True)
-class InformationPrior:
+class InformationPrior(Displayed):
     """A camera refined on images, with the information that these images provide.
 
     Attributes

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.images import ImageField
 from omnisight.targets import Board, Detections
@@ -26,7 +27,7 @@ WORST_ERROR_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True)
-class WorstDirection:
+class WorstDirection(Displayed):
     """The visible direction with the largest prediction error.
 
     Attributes
@@ -51,7 +52,7 @@ class WorstDirection:
 
 
 @dataclass(frozen=True)
-class NextView:
+class NextView(Displayed):
     """A proposed image.
 
     Attributes
@@ -74,7 +75,7 @@ class NextView:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class Proposal(Displayed):
     """Proposed images and the errors that they are chosen by.
 
     Attributes

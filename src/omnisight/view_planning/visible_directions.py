@@ -6,6 +6,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis, cap, polar
 from omnisight.images import ImageField
@@ -23,7 +24,7 @@ ANGLE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
-class VisibleDirections:
+class VisibleDirections(Displayed):
     """Directions across the image with the Jacobians of their pixels.
 
     As in `quality.uncertainty.Uncertainty`, errors are those left after the best rotation of the camera frame over the

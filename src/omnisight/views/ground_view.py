@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omnisight.display import Displayed
+
 Array = NDArray[np.float64]
 
 # Sides of a view, px: larger ones are a wrong unit of the lengths.
@@ -12,7 +14,7 @@ MAX_SIDE_PX = 16384
 
 
 @dataclass(frozen=True)
-class Bowl:
+class Bowl(Displayed):
     """A surface that is flat around the vehicle and rises as a parabola further away.
 
     At a distance d from the flat rectangle the height is d^2 / (2 radius): slope 1 at d = radius.
@@ -35,7 +37,7 @@ class Bowl:
 
 
 @dataclass(frozen=True)
-class GroundView:
+class GroundView(Displayed):
     """An orthographic view of the ground from above: forward is up, right is right.
 
     Positions on the ground are (right, forward), metres. In the ground frame (x right, y down, z forward; the ground

@@ -95,6 +95,10 @@ class SurroundRemapper:
         self._first, self._table = self._samples()
         self._overlaps = self._overlap_samples()
 
+    def __repr__(self) -> str:
+        """Return the number of cameras and the size of the view."""
+        return f"SurroundRemapper({len(self.rig)} cameras to {self.shape[1]}x{self.shape[0]})"
+
     def __call__(self, images: Sequence[Image], gains: Floats | None = None) -> Image:
         """Return the view (H, W, 3) of simultaneous images (H, W) or (H, W, 3), in the order of the cameras.
 

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 
 Motion = Literal["general", "rotation only"]
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedPose:
+class TrackedPose(Displayed):
     """A pose of the trajectory.
 
     Attributes
@@ -31,7 +32,7 @@ class TrackedPose:
 
 
 @dataclass(frozen=True)
-class LostSegment:
+class LostSegment(Displayed):
     """Frames whose pose is not known, or a frame after a cut.
 
     Attributes

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass, field
 
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.visual_odometry.frame_result import TrackedPose
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class Loop(Displayed):
     """A place that was seen before.
 
     Attributes

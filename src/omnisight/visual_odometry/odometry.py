@@ -108,6 +108,9 @@ class Odometry:
         self._locator = FrameLocator(options.seed)
         self._gyro = None if imu is None else GyroPrediction(imu)
 
+    def __repr__(self) -> str:
+        return f"Odometry({self._frames} frames, {len(self.trajectory)} poses, {self.keyframes} keyframes)"
+
     @property
     def points(self) -> Array:
         """The points (P, 3) of the last keyframes in the world."""

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
+
 Array = NDArray[np.float64]
 
 # Relative standard deviation above which a scale is unknown.
@@ -17,7 +19,7 @@ MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA = 1.4826, float(np.sqrt(np.pi / 2))
 
 
 @dataclass(frozen=True)
-class ScaleEstimate:
+class ScaleEstimate(Displayed):
     """Metres per unit of a trajectory; false if it is unknown.
 
     Attributes

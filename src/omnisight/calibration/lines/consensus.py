@@ -10,6 +10,7 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.lines.camera_hypotheses import OUTLIER_PX, is_plausible, rank_hypotheses, truncated_cost
 from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.plumb_line import PlumbLineState, fit_line_planes, line_sigma, refine_plumb_lines
+from omnisight.display import Displayed
 from omnisight.models import CameraModel
 from omnisight.models.unified import Unified
 
@@ -33,7 +34,7 @@ LONG_LINE_RAD, MIN_LONG_LINES = np.radians(12.0), 12
 
 
 @dataclass(frozen=True)
-class LineConsensus:
+class LineConsensus(Displayed):
     """The arcs that one camera explains as images of lines.
 
     Attributes

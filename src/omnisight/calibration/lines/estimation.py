@@ -20,6 +20,7 @@ from omnisight.calibration.lines.uncertainty import (
     widen_by_split_half_test,
 )
 from omnisight.choices import Options
+from omnisight.display import Displayed
 from omnisight.models import CameraModel, model_class
 
 # Alternations of line selection and refinement: selection is stable after five; without selection, two converge.
@@ -65,7 +66,7 @@ class LineEstimationOptions(Options):
 
 
 @dataclass(frozen=True)
-class LineEstimate:
+class LineEstimate(Displayed):
     """A camera refined on its lines.
 
     Attributes

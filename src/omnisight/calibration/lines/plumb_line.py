@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.lines.pixel_chains import PixelChains
+from omnisight.display import Displayed
 from omnisight.models import CameraModel
 from omnisight.optim.levenberg_marquardt import Solution, blocked_by_bounds, minimize
 from omnisight.optim.loss import Huber
@@ -29,7 +30,7 @@ NORMAL_MEDIAN = 0.6744897501960817
 
 
 @dataclass(frozen=True)
-class PlumbLineState:
+class PlumbLineState(Displayed):
     """A camera model and the plane of each line.
 
     Attributes

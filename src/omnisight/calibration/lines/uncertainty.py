@@ -14,6 +14,7 @@ from omnisight.calibration.lines.plumb_line import (
     line_sigma,
     refine_plumb_lines,
 )
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
 from omnisight.optim.loss import Huber
@@ -38,7 +39,7 @@ BORDER_CENTRE_SIGMA = 0.009
 
 
 @dataclass(frozen=True)
-class LinesUncertainty:
+class LinesUncertainty(Displayed):
     """Uncertainty of the camera parameters.
 
     Attributes

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.poses import Poses
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.optim.schur import GroupedNormal
 
@@ -23,7 +24,7 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class BoardMotion:
+class BoardMotion(Displayed):
     """Standard deviations of the motion of the boards in each exposure.
 
     Attributes

@@ -16,6 +16,7 @@ from omnisight.calibration.rigs.observations import RigObservations
 from omnisight.calibration.rigs.pose_derivatives import pose_derivatives
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.calibration.rigs.state import RigState
+from omnisight.display import Displayed
 from omnisight.optim.levenberg_marquardt import Solution, blocked_by_bounds, minimize
 from omnisight.optim.schur import GroupedNormal
 from omnisight.optim.tolerances import COMPARISON_TOLERANCE, FINAL_TOLERANCE
@@ -83,7 +84,7 @@ class PartBlocks(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RigBundle:
+class RigBundle(Displayed):
     """The least-squares problem over `RigState`; the board poses are eliminated by the Schur complement.
 
     The residuals of each part are divided by their own standard deviation.

@@ -13,6 +13,7 @@ from omnisight.calibration.rigs.observations import AGREES, RigObservations
 from omnisight.calibration.rigs.pose_steps import POSE_DOF, contradiction_limit, robust_mean, squared_distances
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.state import RigState
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 
@@ -30,7 +31,7 @@ BOARD_RATIO = 1.1
 
 
 @dataclass(frozen=True, eq=False)
-class Deviations:
+class Deviations(Displayed):
     """For the groups that one camera or board shares with others, its pose relative to that of the others.
 
     Attributes
@@ -64,7 +65,7 @@ class Deviations:
 
 
 @dataclass(frozen=True)
-class Move:
+class Move(Displayed):
     """A camera or a board that moved relative to the others between two images.
 
     Attributes

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from omnisight.calibration.covariance import CHANCE_SIGMA, MAX_LEVERAGE
 from omnisight.calibration.rigs.bundle import RigBundle
 from omnisight.calibration.rigs.state import RigState
+from omnisight.display import Displayed
 from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class RigCovariance:
+class RigCovariance(Displayed):
     """Covariance of what a rig calibration estimates besides the board poses.
 
     Attributes

@@ -28,6 +28,7 @@ from omnisight.calibration.rigs.rigid_sets import RigidSets, rigid_sets
 from omnisight.calibration.rigs.sightings import Sightings
 from omnisight.calibration.rigs.state import RigState
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -66,7 +67,7 @@ class Unconnected(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class RigEstimate:
+class RigEstimate(Displayed):
     """An estimated rig.
 
     Attributes

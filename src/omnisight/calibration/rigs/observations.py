@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -19,7 +20,7 @@ AGREES = -1
 
 
 @dataclass(frozen=True, eq=False)
-class RigPart:
+class RigPart(Displayed):
     """All views of one board by one camera.
 
     Attributes
@@ -55,7 +56,7 @@ class RigPart:
 
 
 @dataclass(frozen=True, eq=False)
-class RigObservations:
+class RigObservations(Displayed):
     """Boards that the cameras of a rig observed.
 
     A group is the boards of one rigid set at one time: all views of a group share its pose.

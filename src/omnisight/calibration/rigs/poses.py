@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 
@@ -13,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
+class Poses(Displayed):
     """Rigid motions b_from_a of several frames.
 
     Attributes

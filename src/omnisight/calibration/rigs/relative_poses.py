@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.sightings import Sightings
+from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 
 Array = NDArray[np.float64]
@@ -27,7 +28,7 @@ MAX_PROPOSALS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class RelativePose:
+class RelativePose(Displayed):
     """The relative pose of two cameras.
 
     Attributes

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.rigs.observations import RigPart
+from omnisight.display import Displayed
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class RigFreeParameters:
+class RigFreeParameters(Displayed):
     """What the calibration of a rig estimates besides the board poses.
 
     Attributes

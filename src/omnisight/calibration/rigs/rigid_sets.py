@@ -15,6 +15,7 @@ from omnisight.calibration.rigs.observations import AGREES, RigObservations
 from omnisight.calibration.rigs.pose_steps import POSE_DOF, contradiction_limit, robust_mean, squared_distances
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.targets.observations import Observations
@@ -34,7 +35,7 @@ MAX_INFLATION = 25.0
 
 
 @dataclass(frozen=True, eq=False)
-class BoardRelation:
+class BoardRelation(Displayed):
     """The relative pose of two boards in the images that show both.
 
     Attributes
@@ -68,7 +69,7 @@ class BoardRelation:
 
 
 @dataclass(frozen=True, eq=False)
-class RigidSets:
+class RigidSets(Displayed):
     """Rigidly connected boards.
 
     Attributes

@@ -9,6 +9,7 @@ from omnisight.calibration.rigs.board_motion import with_motion
 from omnisight.calibration.rigs.observations import RigObservations, RigPart
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.state import State
+from omnisight.display import Displayed
 from omnisight.models import Projector
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class RigState:
+class RigState(Displayed):
     """Cameras, extrinsics, board poses, board warps and time offsets.
 
     A view of camera c, group g and board b has cam_from_board = sensor_from_rig[c] @ rig_from_group[g] @

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from omnisight.display import Displayed
 from omnisight.models.pinhole import Pinhole
 from omnisight.models.unified import Unified
 from omnisight.optics.catadioptric import Catadioptric
@@ -28,7 +29,7 @@ MIN_LENS_HALF_ANGLE_RAD, MAX_LENS_HALF_ANGLE_RAD = np.radians(0.2), np.radians(7
 
 
 @dataclass(frozen=True)
-class MirrorDesign:
+class MirrorDesign(Displayed):
     """A mirror and its lens.
 
     Attributes

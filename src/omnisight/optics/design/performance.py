@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from omnisight.display import Displayed
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.design.mirror_design import MirrorDesign
@@ -38,7 +39,7 @@ MISALIGNMENTS = {
 
 
 @dataclass(frozen=True)
-class Resolution:
+class Resolution(Displayed):
     """Angular resolution of the image, from the blind spot outwards to the rim.
 
     Attributes
@@ -67,7 +68,7 @@ class Resolution:
 
 
 @dataclass(frozen=True)
-class BlindSpot:
+class BlindSpot(Displayed):
     """The region below the camera where it sees only itself, or nothing: the hole of the mirror.
 
     Attributes
@@ -83,7 +84,7 @@ class BlindSpot:
 
 
 @dataclass(frozen=True)
-class Misalignment:
+class Misalignment(Displayed):
     """The effect of a misaligned mirror.
 
     Attributes
@@ -107,7 +108,7 @@ class Misalignment:
 
 
 @dataclass(frozen=True)
-class Performance:
+class Performance(Displayed):
     """The performance of a mirror design."""
 
     blind: BlindSpot

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnisight.display import Displayed
 from omnisight.extensions import unknown_name
 from omnisight.optics.design.shapes import KINDS
 
@@ -14,7 +15,7 @@ MAX_LENGTH_M = {"pixel": 1e-4, "focal length": 1.0, "diameter": 10.0, "distance"
 
 
 @dataclass(frozen=True)
-class MirrorSpecification:
+class MirrorSpecification(Displayed):
     """Requirements of a mirror camera. The mirror is above the lens and the axis is vertical.
 
     Attributes

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
+
 Array = NDArray[np.float64]
 
 # The vertical is searched for within this angle of the guess: other directions of a scene are 90 degrees away.
@@ -27,7 +29,7 @@ MAX_SIGMA_DEG, MIN_EDGES = 2.0, 500
 
 
 @dataclass(frozen=True, eq=False)
-class Vertical:
+class Vertical(Displayed):
     """The direction up.
 
     Attributes

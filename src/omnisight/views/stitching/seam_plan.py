@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import Displayed
 from omnisight.views.stitching.local_warp import Disparity, SeamWarp, measure_disparity
 from omnisight.views.stitching.photometry import OverlapSamples, Photometry, estimate_photometry
 from omnisight.views.stitching.sampling import Mask, PolarGrid, Sampler
@@ -27,7 +28,7 @@ STEP_BLUR_PX = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class SeamQuality:
+class SeamQuality(Displayed):
     """Differences of two images in their overlap, after all corrections.
 
     Attributes
